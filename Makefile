@@ -1,0 +1,63 @@
+# Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
+.DEFAULT_GOAL := help
+.PHONY: help install dev demo test check format bench docs lock clean
+VENV   := .venv
+BIN    := $(VENV)/bin
+NATIVE := CMakeLists.txt pyproject.toml $(wildcard native/*)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+help: ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+$(VENV)/.made: tools/venv.sh
+	sh tools/venv.sh $(VENV)
+	@touch $@
+
+$(VENV)/.run: $(VENV)/.made requirements/run.lock
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/run.lock
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.run requirements/dev.lock
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.lock
+	@touch $@
+
+$(VENV)/.native: $(VENV)/.run $(NATIVE)
+	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --editable .
+	@touch $@
+
+install: $(VENV)/.native ## .venv with the beltscape program in .venv/bin
+
+dev: $(VENV)/.dev $(VENV)/.native
+
+demo: install ## the whole chain on a small rig; writes out/demo/report.html
+	$(BIN)/beltscape demo --out out/demo
+
+test: dev ## every test
+	$(BIN)/python -m pytest
+
+check: dev ## format, lint, types, import floors
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/clang-format --dry-run --Werror native/*
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports
+
+format: dev ## put Python and C++ into shape
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+	$(BIN)/clang-format -i native/*
+
+bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md
+	$(BIN)/python benchmarks/run.py
+
+docs: dev ## the manual as a web site in site/
+	$(BIN)/mkdocs build --strict --quiet
+
+lock: dev ## resolve the dependencies anew
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
+	  --no-header --extra build pyproject.toml -o requirements/run.lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
+	  --no-header --extra build --extra dev -c requirements/run.lock pyproject.toml -o requirements/dev.lock
+
+clean: ## back to a fresh clone
+	rm -rf $(VENV) build out site .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,52 @@
+"""The belt's own frame and the surface on it.
+
+Belt frame: origin where the core camera's optical axis meets the empty belt; z up, normal to the flat centre;
+x across, nearest to the core image's +u; y = z × x, along the belt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightMap:
+    """Heights above the belt's flat centre on a square grid in the belt frame; NaN = not measured."""
+
+    height_mm: NDArray[np.float64]
+    """(Ny, Nx) float64: row j is at y = origin_mm[1] + j·cell_mm, column i at x = origin_mm[0] + i·cell_mm."""
+    sigma_mm: NDArray[np.float64]
+    """(Ny, Nx) float64, one standard deviation of it."""
+    origin_mm: tuple[float, float]
+    """(x, y) of the centre of cell (0, 0)."""
+    cell_mm: float
+    """Edge of a cell."""
+
+    @property
+    def x_mm(self) -> NDArray[np.float64]:
+        """(Nx,) centres of the columns."""
+        return self.origin_mm[0] + self.cell_mm * np.arange(self.height_mm.shape[1])
+
+    @property
+    def y_mm(self) -> NDArray[np.float64]:
+        """(Ny,) centres of the rows."""
+        return self.origin_mm[1] + self.cell_mm * np.arange(self.height_mm.shape[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeltProfile:
+    """One cross-section: the load's height over the empty belt along x."""
+
+    y_mm: float
+    """Where along the belt."""
+    x_mm: NDArray[np.float64]
+    """(Nx,) float64, across the belt."""
+    height_mm: NDArray[np.float64]
+    """(Nx,) float64, load above the empty belt."""
+    area_mm2: float
+    """Area of the load's cross-section."""
+    coverage: float
+    """Share of the cross-section that was measured, 0..1."""

@@ -1,0 +1,67 @@
+"""A camera's intrinsics: the pinhole with OpenCV's five distortion coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """Pinhole camera with lens distortion; pixel (0, 0) is the centre of the top-left pixel."""
+
+    name: str
+    size_px: tuple[int, int]
+    """(width, height)."""
+    focal_px: NDArray[np.float64]
+    """(2,) fx, fy."""
+    center_px: NDArray[np.float64]
+    """(2,) cx, cy, the principal point."""
+    distortion: NDArray[np.float64]
+    """(5,) k1, k2, p1, p2, k3 in OpenCV's order and model."""
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(3, 3) intrinsic matrix K."""
+        (fx, fy), (cx, cy) = self.focal_px, self.center_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def project(self, points_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Points (..., 3) in the camera's frame, mm → distorted pixels (..., 2); NaN behind the camera."""
+        points = np.asarray(points_mm, dtype=np.float64)
+        depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
+        return self.distort(points[..., :2] / depth) * self.focal_px + self.center_px
+
+    def distort(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Undistorted image-plane coordinates x/z, y/z (..., 2) → distorted ones."""
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = ideal[..., 0], ideal[..., 1]
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return np.stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            axis=-1,
+        )
+
+    def undistort(self, pixels: NDArray[np.floating], iterations: int = 20) -> NDArray[np.float64]:
+        """Distorted pixels (..., 2) → undistorted image-plane coordinates x/z, y/z (..., 2).
+
+        Fixed-point iteration on the distortion; 20 rounds reach 1e-12 for any lens one would measure with.
+        """
+        seen = (np.asarray(pixels, dtype=np.float64) - self.center_px) / self.focal_px
+        ideal = seen
+        for _ in range(iterations):
+            ideal = ideal + seen - self.distort(ideal)
+        return ideal
+
+    def rays(self) -> NDArray[np.float64]:
+        """(H, W, 2) x/z, y/z of every pixel of the *undistorted* pinhole grid."""
+        width, height = self.size_px
+        u = (np.arange(width) - self.center_px[0]) / self.focal_px[0]
+        v = (np.arange(height) - self.center_px[1]) / self.focal_px[1]
+        return np.stack(np.meshgrid(u, v), axis=-1)

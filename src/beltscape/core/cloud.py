@@ -1,0 +1,24 @@
+"""Points in a named frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points with normals, colour and uncertainty."""
+
+    points_mm: NDArray[np.float32]
+    """(N, 3) float32."""
+    normals: NDArray[np.float32]
+    """(N, 3) float32, unit length, towards the camera; NaN where the neighbourhood gives none."""
+    colors: NDArray[np.uint8]
+    """(N, 3) uint8 RGB."""
+    sigma_mm: NDArray[np.float32]
+    """(N,) float32, one standard deviation of the depth."""
+    frame: str = "core"
+    """The frame the points are in."""

@@ -1,0 +1,37 @@
+"""Depth per pixel of the core camera's undistorted grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthMap:
+    """Depth along the core camera's optical axis on its undistorted pinhole grid; NaN = not measured."""
+
+    depth_mm: NDArray[np.float32]
+    """(H, W) float32."""
+    sigma_mm: NDArray[np.float32]
+    """(H, W) float32, one standard deviation of it."""
+    views: NDArray[np.uint8]
+    """(H, W) uint8: how many auxiliary cameras measured the pixel."""
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(H, W) bool: where there is a depth."""
+        return np.isfinite(self.depth_mm)
+
+    @property
+    def coverage(self) -> float:
+        """Share of pixels with a depth."""
+        return float(self.measured.mean())
+
+    def points_mm(self, camera: Camera) -> NDArray[np.float64]:
+        """(H, W, 3) points in the camera's frame, NaN where not measured (the paper's Eq. 25)."""
+        depth = self.depth_mm.astype(np.float64)[..., None]
+        return np.concatenate([camera.rays() * depth, depth], axis=-1)

@@ -1,0 +1,45 @@
+"""What can go wrong, as a tree.
+
+BeltscapeError
+├── InputError         a file, folder or value given by the user does not fit
+├── OutputError        a result cannot be written where it was asked for
+├── CalibrationError   the images do not determine a rig
+├── ReconstructionError  the frame does not yield a surface
+├── MeasureError       the surface does not yield the quantity
+├── SettingsError      a setting is unknown or out of bounds
+└── KernelError        arrays handed to a kernel do not fit, or no such kernel
+
+Every message is one line that names the file, the value and the mend. Only the CLI turns it into an exit code.
+"""
+
+
+class BeltscapeError(Exception):
+    """Root of everything Beltscape raises on purpose."""
+
+
+class InputError(BeltscapeError):
+    """A file, folder or value given by the user does not fit."""
+
+
+class OutputError(BeltscapeError):
+    """A result cannot be written where it was asked for."""
+
+
+class CalibrationError(BeltscapeError):
+    """The images do not determine a rig."""
+
+
+class ReconstructionError(BeltscapeError):
+    """The frame does not yield a surface."""
+
+
+class MeasureError(BeltscapeError):
+    """The surface does not yield the quantity."""
+
+
+class SettingsError(BeltscapeError):
+    """A setting is unknown or out of bounds."""
+
+
+class KernelError(BeltscapeError):
+    """Arrays handed to a kernel do not fit, or there is no such kernel."""

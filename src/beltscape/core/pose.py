@@ -1,0 +1,90 @@
+"""Rigid transforms named by their frames: ``a_from_c = a_from_b @ b_from_c``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Rigid transform: ``x_b = rotation @ x_a + translation_mm``."""
+
+    rotation: NDArray[np.float64]
+    """(3, 3) float64, orthonormal, determinant +1."""
+    translation_mm: NDArray[np.float64]
+    """(3,) float64, millimetres."""
+
+    @classmethod
+    def of(cls, rotation: ArrayLike, translation_mm: ArrayLike) -> Pose:
+        """Pose from anything array-like; a (3,) rotation is a rotation vector in radians."""
+        matrix = np.array(rotation, dtype=np.float64)
+        if matrix.size == 3:
+            matrix = rotation_from_vector(matrix.reshape(3))
+        return cls(matrix.reshape(3, 3), np.array(translation_mm, dtype=np.float64).reshape(3))
+
+    @classmethod
+    def identity(cls) -> Pose:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """``a_from_b @ b_from_c`` is ``a_from_c``."""
+        return Pose(
+            self.rotation @ other.rotation, self.rotation @ other.translation_mm + self.translation_mm
+        )
+
+    def inverse(self) -> Pose:
+        """The transform back."""
+        return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation_mm)
+
+    def apply(self, points_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Points (..., 3) in mm, brought from frame a to frame b."""
+        return points_mm @ self.rotation.T + self.translation_mm
+
+    @property
+    def rotation_vector(self) -> NDArray[np.float64]:
+        """(3,) axis times angle, radians."""
+        return vector_from_rotation(self.rotation)
+
+    @property
+    def center_mm(self) -> NDArray[np.float64]:
+        """(3,) where frame b's origin lies in frame a: a camera's centre, for a ``cam_from_x``."""
+        return -self.rotation.T @ self.translation_mm
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle of the rotation, degrees."""
+        return float(np.rad2deg(np.linalg.norm(self.rotation_vector)))
+
+
+def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    skew = np.array(
+        [[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]]
+    )
+    if angle < 1e-8:  # series: sin(a)/a and (1 - cos(a))/a² lose their digits here
+        return np.eye(3) + skew + 0.5 * skew @ skew
+    return np.eye(3) + np.sin(angle) / angle * skew + (1 - np.cos(angle)) / angle**2 * skew @ skew
+
+
+def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation vector (3,) in radians of a rotation matrix (3, 3), through the unit quaternion."""
+    r = rotation
+    trace = np.trace(r)
+    # q qᵀ as a symmetric matrix: its column with the largest diagonal is best conditioned
+    k = np.empty((4, 4))
+    k[0, 0] = 1 + trace
+    k[1:, 0] = k[0, 1:] = [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
+    k[1:, 1:] = r + r.T + (1 - trace) * np.eye(3)
+    quaternion = k[:, int(np.argmax(np.diag(k)))]
+    quaternion = quaternion / np.linalg.norm(quaternion)
+    if quaternion[0] < 0:
+        quaternion = -quaternion
+    sine = float(np.linalg.norm(quaternion[1:]))
+    if sine < 1e-12:
+        return 2.0 * quaternion[1:]
+    return quaternion[1:] * (2.0 * np.arctan2(sine, quaternion[0]) / sine)

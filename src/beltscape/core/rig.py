@@ -1,0 +1,47 @@
+"""Cameras and where they stand about the core camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rig:
+    """A calibrated rig; the core camera's ``cam_from_core`` is the identity."""
+
+    core: str
+    cameras: Mapping[str, Camera]
+    """By name."""
+    cam_from_core: Mapping[str, Pose]
+    """By camera name."""
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    """How well the rig was found: plain JSON values, units in the keys."""
+    covariance: Mapping[str, Any] = field(default_factory=dict)
+    """Of the parameters, where it was estimated: plain JSON values."""
+
+    @property
+    def core_camera(self) -> Camera:
+        """The camera in whose frame the result is given."""
+        return self.cameras[self.core]
+
+    @property
+    def auxiliaries(self) -> tuple[str, ...]:
+        """Names of all cameras but the core, in the rig's order."""
+        return tuple(name for name in self.cameras if name != self.core)
+
+    def relative(self, to: str, origin: str) -> Pose:
+        """``to_from_origin`` between any two cameras."""
+        return self.cam_from_core[to] @ self.cam_from_core[origin].inverse()
+
+    def projection(self, name: str) -> NDArray[np.float64]:
+        """(3, 4) projection matrix core frame (mm) → undistorted pixels, the paper's M (Eq. 1)."""
+        pose = self.cam_from_core[name]
+        return self.cameras[name].matrix @ np.column_stack([pose.rotation, pose.translation_mm])

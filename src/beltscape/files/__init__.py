@@ -1,0 +1,1 @@
+"""Reading and writing: every format the product speaks, one file each."""

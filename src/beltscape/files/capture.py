@@ -1,0 +1,86 @@
+"""A capture on disk: ``<capture>/<camera>/<frame>.<ext>``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltscape.core.errors import InputError
+from beltscape.files.images import EXTENSIONS
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """Which image files there are; nothing is read yet."""
+
+    folder: Path
+    files: Mapping[str, Mapping[str, Path]]
+    """camera → frame → file, both in natural order."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Camera folders that hold images."""
+        return tuple(self.files)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Every frame that at least one camera has, in natural order."""
+        return tuple(sorted({frame for files in self.files.values() for frame in files}, key=natural))
+
+    def only(self, cameras: tuple[str, ...]) -> Capture:
+        """The same capture with some of its cameras."""
+        return Capture(self.folder, {name: self.files[name] for name in cameras if name in self.files})
+
+    def gaps(self) -> list[str]:
+        """One line for each camera that lacks frames which another camera has."""
+        lines = []
+        for camera, files in self.files.items():
+            missing = [frame for frame in self.frames if frame not in files]
+            if missing:
+                shown = ", ".join(missing[:4]) + (f" and {len(missing) - 4} more" if len(missing) > 4 else "")
+                lines.append(f"{self.folder / camera}: no image for frame {shown}; going on without")
+        return lines
+
+
+def natural(name: str) -> tuple[tuple[int, int | str], ...]:
+    """Sort key that puts cal2 before cal10."""
+    parts: list[tuple[int, int | str]] = []
+    digits = ""
+    for char in [*name, ""]:
+        if char.isdigit() and char.isascii():
+            digits += char
+            continue
+        if digits:
+            parts.append((0, int(digits)))
+            digits = ""
+        parts.append((1, char))
+    return (*parts, (2, name))
+
+
+def read_capture(folder: Path) -> Capture:
+    """Look at a capture folder, or InputError when it holds no camera folder with images."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; a capture is <capture>/<camera>/<frame>.png")
+    files: dict[str, dict[str, Path]] = {}
+    for camera in sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural(p.name)):
+        images = _images(camera)
+        if images:
+            files[camera.name] = images
+    if not files:
+        raise InputError(
+            f"{folder}: no camera folder with images in it; a capture is <capture>/<camera>/<frame>.png"
+        )
+    return Capture(folder, files)
+
+
+def _images(camera: Path) -> dict[str, Path]:
+    paths = [p for p in camera.iterdir() if p.suffix.lower() in EXTENSIONS and not p.name.startswith(".")]
+    images: dict[str, Path] = {}
+    for path in sorted(paths, key=lambda p: (natural(p.stem), p.suffix)):
+        if path.stem in images:
+            raise InputError(
+                f"{path}: frame {path.stem} is there twice (also {images[path.stem].name}); remove one of them"
+            )
+        images[path.stem] = path
+    return images

@@ -1,0 +1,51 @@
+"""Reading and writing images: PNG, TIFF, JPEG, BMP; 8 or 16 bit, grey or RGB."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.files.atomic import write_bytes
+
+EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+
+
+def read_image(path: Path) -> Image:
+    """(H, W) or (H, W, 3) RGB, uint8 or uint16, or InputError naming the file."""
+    import cv2
+
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if data.size == 0:
+        raise InputError(f"{path}: the file is empty (0 bytes); copy the image again")
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: pixels are {image.dtype}; 8 or 16 bit images are needed")
+    if image.ndim == 2:
+        return image
+    if image.shape[2] < 3:
+        return np.ascontiguousarray(image[..., 0])
+    return np.ascontiguousarray(image[..., 2::-1])
+
+
+def encode_image(image: Image, extension: str = ".png") -> bytes:
+    """Encoded bytes of a grey or RGB image."""
+    import cv2
+
+    bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
+    ok, data = cv2.imencode(extension, bgr)
+    if not ok:
+        raise InputError(f"an image of shape {image.shape} and type {image.dtype} cannot be stored as {extension}")
+    return data.tobytes()
+
+
+def write_image(path: Path, image: Image) -> None:
+    """Write a grey or RGB image, atomically; the extension says the format."""
+    write_bytes(path, encode_image(image, path.suffix))

@@ -1,0 +1,70 @@
+"""cloud.ply: binary little-endian PLY that CloudCompare and MeshLab open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.errors import InputError
+from beltscape.files.atomic import replacing
+
+_VERTEX = np.dtype(
+    [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+    + [(name, "u1") for name in ("red", "green", "blue")]
+    + [("sigma", "<f4")]
+)
+_HEADER = """ply
+format binary_little_endian 1.0
+comment beltscape: frame {frame}, millimetres
+element vertex {count}
+property float x
+property float y
+property float z
+property float nx
+property float ny
+property float nz
+property uchar red
+property uchar green
+property uchar blue
+property float sigma
+end_header
+"""
+
+
+def write_cloud(path: Path, cloud: PointCloud) -> None:
+    """Write a cloud, atomically."""
+    vertices = np.empty(len(cloud.points_mm), _VERTEX)
+    for i, axis in enumerate("xyz"):
+        vertices[axis] = cloud.points_mm[:, i]
+        vertices[f"n{axis}"] = cloud.normals[:, i]
+    for i, channel in enumerate(("red", "green", "blue")):
+        vertices[channel] = cloud.colors[:, i]
+    vertices["sigma"] = cloud.sigma_mm
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(_HEADER.format(frame=cloud.frame, count=len(vertices)).encode("ascii"))
+        file.write(vertices.tobytes())
+
+
+def read_cloud(path: Path) -> PointCloud:
+    """Read a cloud that `write_cloud` wrote, or InputError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    head, marker, body = data.partition(b"end_header\n")
+    lines = head.decode("ascii", "replace").splitlines()
+    counts = [line.split()[2] for line in lines if line.startswith("element vertex ")]
+    frames = [line.split("frame ")[1].split(",")[0] for line in lines if line.startswith("comment beltscape")]
+    count = int(counts[0]) if counts else -1
+    if not marker or not frames or len(body) != count * _VERTEX.itemsize:
+        raise InputError(f"{path}: not a cloud of beltscape reconstruct, or cut short")
+    vertices = np.frombuffer(body, _VERTEX)
+    return PointCloud(
+        points_mm=np.stack([vertices[name] for name in "xyz"], axis=-1),
+        normals=np.stack([vertices[name] for name in ("nx", "ny", "nz")], axis=-1),
+        colors=np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1),
+        sigma_mm=vertices["sigma"].copy(),
+        frame=frames[0],
+    )

@@ -1,0 +1,69 @@
+"""Recorded captures as a frame source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import FrameSet, Image, saturated_fraction
+from beltscape.core.progress import Reporter
+from beltscape.files.capture import Capture
+from beltscape.files.images import read_image
+
+OVEREXPOSED = 0.2
+"""Share of saturated pixels from which a view is called overexposed."""
+
+
+class FolderSource:
+    """The frames of a capture folder; images that cannot be used are named and left out."""
+
+    def __init__(self, capture: Capture, sizes_px: Mapping[str, tuple[int, int]], reporter: Reporter) -> None:
+        """``sizes_px`` is the (width, height) each camera's images must have; other cameras are not read."""
+        self._capture = capture
+        self._sizes_px = sizes_px
+        self._reporter = reporter
+        for name in sizes_px:
+            if name not in capture.files:
+                reporter.warn(f"{capture.folder / name}: no images of camera {name}; going on without it")
+        for line in capture.only(tuple(sizes_px)).gaps():
+            reporter.warn(line)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that have images."""
+        return tuple(name for name in self._sizes_px if name in self._capture.files)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames, in natural order."""
+        return self._capture.only(self.cameras).frames
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        for frame in self.frames:
+            images = {name: self._image(name, frame) for name in self.cameras}
+            yield FrameSet(frame, {name: image for name, image in images.items() if image is not None})
+
+    def _image(self, camera: str, frame: str) -> Image | None:
+        path = self._capture.files[camera].get(frame)
+        if path is None:
+            return None
+        try:
+            image = read_image(path)
+        except InputError as error:
+            self._reporter.warn(f"{error}; going on without this image")
+            return None
+        size = image.shape[1::-1]
+        if size != self._sizes_px[camera]:
+            width, height = self._sizes_px[camera]
+            self._reporter.warn(
+                f"{path}: {size[0]}×{size[1]} px, but the rig's {camera} has {width}×{height}; "
+                "going on without this image"
+            )
+            return None
+        share = saturated_fraction(image)
+        if share > OVEREXPOSED:
+            self._reporter.warn(f"{path}: overexposed, {share:.0%} of the pixels are saturated; lower the exposure")
+        return image

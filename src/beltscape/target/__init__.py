@@ -1,0 +1,1 @@
+"""What one prints or projects."""

@@ -1,0 +1,108 @@
+"""Calibration boards: ChArUco and chessboard, as board.toml describes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.core.errors import InputError
+from beltscape.files.toml_text import read_toml, validated
+
+
+def _known_dictionary(name: str) -> str:
+    import cv2
+
+    if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
+        raise ValueError(f"no ArUco dictionary is called {name}; one is DICT_5X5_100")
+    return name
+
+
+class CharucoBoard(BaseModel):
+    """A chessboard with ArUco markers in its white squares."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    kind: Literal["charuco"] = "charuco"
+    squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
+    square_mm: Annotated[float, Field(gt=0)]
+    marker_mm: Annotated[float, Field(gt=0)]
+    dictionary: Annotated[str, AfterValidator(_known_dictionary)]
+    legacy: bool | None = None
+    inverted: bool | None = None
+
+    @model_validator(mode="after")
+    def _marker_fits(self) -> CharucoBoard:
+        if self.marker_mm >= self.square_mm:
+            raise ValueError(f"marker_mm {self.marker_mm} must be smaller than square_mm {self.square_mm}")
+        return self
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Inner corners (columns, rows)."""
+        return self.squares[0] - 1, self.squares[1] - 1
+
+    def opencv(self, *, legacy: bool) -> Any:
+        """OpenCV's own board object."""
+        import cv2
+
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        try:
+            board = cv2.aruco.CharucoBoard(self.squares, self.square_mm, self.marker_mm, dictionary)
+        except cv2.error as error:
+            raise InputError(f"board: {self.squares} squares do not fit {self.dictionary} ({error.err})") from error
+        board.setLegacyPattern(legacy)
+        return board
+
+    def describe(self) -> str:
+        """The board in a few words."""
+        return f"ChArUco {self.squares[0]}×{self.squares[1]}, {self.dictionary}, square {self.square_mm:g} mm"
+
+
+class Chessboard(BaseModel):
+    """A plain chessboard, given by its inner corners."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    kind: Literal["chessboard"] = "chessboard"
+    corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
+    square_mm: Annotated[float, Field(gt=0)]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Inner corners (columns, rows)."""
+        return self.corners
+
+    def describe(self) -> str:
+        """The board in a few words."""
+        return f"chessboard {self.corners[0]}×{self.corners[1]} inner corners, square {self.square_mm:g} mm"
+
+
+Board = CharucoBoard | Chessboard
+
+
+def corner_points_mm(board: Board) -> NDArray[np.float64]:
+    """(columns·rows, 3) inner corners in the board's frame, row by row from the first; z = 0."""
+    columns, rows = board.grid
+    x, y = np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1))
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1) * board.square_mm
+
+
+def adjacent_corners(board: Board) -> NDArray[np.int64]:
+    """(E, 2) indices of corners one square apart."""
+    columns, rows = board.grid
+    index = np.arange(columns * rows).reshape(rows, columns)
+    across = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=-1)
+    down = np.stack([index[:-1].ravel(), index[1:].ravel()], axis=-1)
+    return np.concatenate([across, down])
+
+
+def read_board(path: Path) -> Board:
+    """Read board.toml, or InputError naming the key that does not fit."""
+    values = read_toml(path)
+    kinds: dict[str, type[Board]] = {"charuco": CharucoBoard, "chessboard": Chessboard}
+    kind = values.get("kind")
+    if kind not in kinds:
+        raise InputError(f'{path}: kind = {kind!r}; "charuco" or "chessboard" is needed')
+    return validated(path, kinds[kind], values)

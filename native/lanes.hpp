@@ -1,4 +1,5 @@
-// Lanes: the number type a kernel is written over. A GCC vector on the CPU, a plain double elsewhere (CUDA, tests).
+// Lanes: the number type a kernel is written over. A GCC vector on the CPU, a plain double elsewhere (CUDA,
+// tests).
 #pragma once
 
 #include <cstddef>

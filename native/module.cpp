@@ -38,6 +38,7 @@ const char* cpu_level() {
 }  // namespace
 
 NB_MODULE(BELTSCAPE_MODULE, m) {
-    m.def("triangulate", &triangulate, nb::arg("projections"), nb::arg("pixels"), nb::arg("out"), nb::arg("threads"));
+    m.def("triangulate", &triangulate, nb::arg("projections"), nb::arg("pixels"), nb::arg("out"),
+          nb::arg("threads"));
     m.def("cpu_level", &cpu_level);
 }

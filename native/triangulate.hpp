@@ -40,7 +40,8 @@ Point<F> solve(const Normal<F>& n) {
     const F adjugate = cxx * cxx + cyy * cyy + czz * czz + 2.0 * (cxy * cxy + cxz * cxz + cyz * cyz);
     return {(cxx * n.bx + cxy * n.by + cxz * n.bz) * inverse_det,
             (cxy * n.bx + cyy * n.by + cyz * n.bz) * inverse_det,
-            (cxz * n.bx + cyz * n.by + czz * n.bz) * inverse_det, norm * adjugate * inverse_det * inverse_det};
+            (cxz * n.bx + cyz * n.by + czz * n.bz) * inverse_det,
+            norm * adjugate * inverse_det * inverse_det};
 }
 
 // projections (cameras, 3, 4), pixels (cameras, points, 2) undistorted, NaN = not seen; out (points, 3).
@@ -60,7 +61,8 @@ void triangulate_lanes(const TriangulateInput& in, std::size_t first, std::size_
         F u{}, v{}, seen{};
         for (std::size_t i = 0; i < count; ++i) {
             if (!std::isfinite(pixel[2 * i]) || !std::isfinite(pixel[2 * i + 1])) continue;
-            Lane<F>::set(u, i, pixel[2 * i]), Lane<F>::set(v, i, pixel[2 * i + 1]), Lane<F>::set(seen, i, 1.0);
+            Lane<F>::set(u, i, pixel[2 * i]), Lane<F>::set(v, i, pixel[2 * i + 1]),
+                Lane<F>::set(seen, i, 1.0);
         }
         views += seen;
         normal.add((u * m[8] - m[0]) * seen, (u * m[9] - m[1]) * seen, (u * m[10] - m[2]) * seen,

@@ -1,0 +1,1 @@
+"""Images of a board → a rig: detect → intrinsics → pairs → network → score."""

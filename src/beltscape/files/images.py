@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
+import cv2
 import numpy as np
 
 from beltscape.core.errors import InputError
@@ -15,8 +17,6 @@ EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 
 def read_image(path: Path) -> Image:
     """(H, W) or (H, W, 3) RGB, uint8 or uint16, or InputError naming the file."""
-    import cv2
-
     try:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
@@ -28,21 +28,19 @@ def read_image(path: Path) -> Image:
         raise InputError(f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: pixels are {image.dtype}; 8 or 16 bit images are needed")
-    if image.ndim == 2:
-        return image
-    if image.shape[2] < 3:
-        return np.ascontiguousarray(image[..., 0])
-    return np.ascontiguousarray(image[..., 2::-1])
+    if image.ndim == 3:
+        image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]
+    return cast(Image, np.ascontiguousarray(image))
 
 
 def encode_image(image: Image, extension: str = ".png") -> bytes:
     """Encoded bytes of a grey or RGB image."""
-    import cv2
-
     bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
     ok, data = cv2.imencode(extension, bgr)
     if not ok:
-        raise InputError(f"an image of shape {image.shape} and type {image.dtype} cannot be stored as {extension}")
+        raise InputError(
+            f"an image of shape {image.shape} and type {image.dtype} cannot be stored as {extension}"
+        )
     return data.tobytes()
 
 

@@ -51,7 +51,9 @@ def read_rig(path: Path) -> Rig:
     document = read_json(path)
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:
-        raise InputError(f"{path}: format is {found!r}, not {FORMAT!r}; give a rig.json of beltscape calibrate")
+        raise InputError(
+            f"{path}: format is {found!r}, not {FORMAT!r}; give a rig.json of beltscape calibrate"
+        )
     try:
         return _rig(path, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -61,7 +63,7 @@ def read_rig(path: Path) -> Rig:
 
 def _rig(path: Path, document: Mapping[str, Any]) -> Rig:
     if document.get("units") != "mm":
-        raise InputError(f"{path}: units are {document.get('units')!r}; only \"mm\" is known")
+        raise InputError(f'{path}: units are {document.get("units")!r}; only "mm" is known')
     entries = document["cameras"]
     core = document["core"]
     if core not in entries:

@@ -49,7 +49,7 @@ class Kernels(Protocol):
 
 @cache
 def load(name: str | None = None) -> Kernels:
-    """Kernels by name: ``native`` (the best level this processor runs), ``v2``, ``v3``, ``v4``, ``reference``.
+    """Kernels by name: ``native`` (the best level of this processor), ``v2``, ``v3``, ``v4``, ``reference``.
 
     Without a name the environment variable BELTSCAPE_KERNELS is asked, then ``native`` is taken.
     """

@@ -1,4 +1,4 @@
-"""The kernels in C++, one module per instruction-set level; the best the processor runs is taken at import."""
+"""The kernels in C++, one module per instruction-set level; the best one is chosen at import."""
 
 from __future__ import annotations
 

@@ -22,12 +22,12 @@ class ReferenceKernels:
         """See `beltscape.kernels.Kernels.triangulate`; ``threads`` is ignored here."""
         del threads
         projections, pixels = triangulation_input(projections, pixels)
-        return np.array([_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]).reshape(-1, 3)
+        return np.array([_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]).reshape(
+            -1, 3
+        )
 
 
-def _triangulate_point(
-    projections: NDArray[np.float64], pixels: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _triangulate_point(projections: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:
     """One point (3,) from projections (n, 3, 4) and pixels (n, 2): Eq. 3 solved by least squares."""
     seen = np.isfinite(pixels).all(axis=1)
     if seen.sum() < 2:

@@ -1,0 +1,1 @@
+"""Depth → belt frame, heights, profiles, volume."""

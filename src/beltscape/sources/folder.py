@@ -65,5 +65,7 @@ class FolderSource:
             return None
         share = saturated_fraction(image)
         if share > OVEREXPOSED:
-            self._reporter.warn(f"{path}: overexposed, {share:.0%} of the pixels are saturated; lower the exposure")
+            self._reporter.warn(
+                f"{path}: overexposed, {share:.0%} of the pixels are saturated; lower the exposure"
+            )
         return image

@@ -52,7 +52,9 @@ class CharucoBoard(BaseModel):
         try:
             board = cv2.aruco.CharucoBoard(self.squares, self.square_mm, self.marker_mm, dictionary)
         except cv2.error as error:
-            raise InputError(f"board: {self.squares} squares do not fit {self.dictionary} ({error.err})") from error
+            raise InputError(
+                f"board: {self.squares} squares do not fit {self.dictionary} ({error.err})"
+            ) from error
         board.setLegacyPattern(legacy)
         return board
 
@@ -86,7 +88,7 @@ def corner_points_mm(board: Board) -> NDArray[np.float64]:
     """(columns·rows, 3) inner corners in the board's frame, row by row from the first; z = 0."""
     columns, rows = board.grid
     x, y = np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1))
-    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1) * board.square_mm
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1).astype(np.float64) * board.square_mm
 
 
 def adjacent_corners(board: Board) -> NDArray[np.int64]:

@@ -1,0 +1,115 @@
+"""The paper's hierarchy as one function: monocular → binocular → association."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import cv2
+
+from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.intrinsics import MIN_VIEWS, Monocular, calibrate_camera
+from beltscape.calibrate.network import Network, associate, choose_core, groups
+from beltscape.calibrate.pairs import Pair, calibrate_pairs
+from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.target.board import Board, corner_points_mm
+
+SKEW_FACTOR, SKEW_PX = 2.0, 0.25
+"""A pair whose RMS exceeds its cameras' own by this factor, and this many px, is not synchronous."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chain:
+    """What each level of the hierarchy found, and the rig that follows."""
+
+    rig: Rig
+    monocular: Mapping[str, Monocular]
+    network: Network
+
+
+def solve(sightings: Sightings, board: Board, core: str | None, reporter: Reporter) -> Chain:
+    """Calibrate a rig from the board's corners.
+
+    A camera with too few views, or without views shared with the rest, is named and left out.
+
+    Raises
+    ------
+    CalibrationError
+        When the core camera, or all but one camera, cannot be calibrated.
+    """
+    board_mm = corner_points_mm(board)
+    with _one_opencv_thread():
+        monocular: dict[str, Monocular] = {}
+        for done, name in enumerate(sightings.cameras, start=1):
+            try:
+                monocular[name] = calibrate_camera(name, sightings, board_mm, min_views=MIN_VIEWS)
+            except CalibrationError as error:
+                _survive(error, name, core, reporter)
+            reporter.step("calibrating cameras", done, len(sightings.cameras))
+        pairs = calibrate_pairs(sightings, monocular, board_mm, reporter)
+    connected = _connected(monocular, pairs, core, reporter)
+    kept = {name: monocular[name] for name in connected}
+    pairs = tuple(pair for pair in pairs if pair.first in kept)
+    core = core or choose_core(sightings.restricted(kept, sightings.frames), pairs)
+    network = associate(core, pairs)
+    order = [core, *(name for name in kept if name != core)]
+    rig = Rig(
+        core=core,
+        cameras={name: kept[name].camera for name in order},
+        cam_from_core={name: network.cam_from_core[name] for name in order},
+    )
+    return Chain(rig, kept, network)
+
+
+@contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    """OpenCV's parallel sums depend on the number of threads in their last digits; one thread does not."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _survive(error: CalibrationError, name: str, core: str | None, reporter: Reporter) -> None:
+    if name == core:
+        raise CalibrationError(f"{error}; it is the core camera: choose another with --core") from error
+    reporter.warn(f"{error}; going on without {name}")
+
+
+def _connected(
+    monocular: Mapping[str, Monocular], pairs: tuple[Pair, ...], core: str | None, reporter: Reporter
+) -> tuple[str, ...]:
+    """The cameras that hang together with the core, or the largest group; the others are named."""
+    if core is not None and core not in monocular:
+        raise CalibrationError(f"core camera {core} is not in the capture; it has {', '.join(monocular)}")
+    parts = groups(monocular, pairs)
+    best = next((part for part in parts if core in part), parts[0] if parts else ())
+    if len(best) < 2:
+        lone = core or ", ".join(monocular) or "no camera"
+        raise CalibrationError(
+            f"{lone}: no view of the board is shared with another camera; "
+            "show the board to two cameras in the same frame"
+        )
+    for part in parts:
+        for name in part:
+            if name not in best:
+                reporter.warn(
+                    f"camera {name} shares no view of the board with {', '.join(best)}; going on without it"
+                )
+    return best
+
+
+def skewed_pairs(chain: Chain) -> list[Pair]:
+    """Pairs that fit far worse than their cameras do alone: unsynchronised, or one of them moved."""
+    return [
+        pair
+        for pair in chain.network.pairs
+        if pair.rms_px > SKEW_PX
+        and pair.rms_px
+        > SKEW_FACTOR * max(chain.monocular[pair.first].rms_px, chain.monocular[pair.second].rms_px)
+    ]

@@ -1,0 +1,72 @@
+"""What calibration works on: the board's corners found in images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corners:
+    """Corners of one board found in one image."""
+
+    ids: NDArray[np.int64]
+    """(n,) which corner of the board, ascending."""
+    pixels: NDArray[np.float64]
+    """(n, 2) where, in the distorted image."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """All corners of a capture, by camera and frame; a view without a usable board is absent."""
+
+    sizes_px: Mapping[str, tuple[int, int]]
+    """camera → (width, height)."""
+    views: Mapping[str, Mapping[str, Corners]]
+    """camera → frame → corners."""
+    images: Mapping[str, int]
+    """camera → how many images were looked at."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """All cameras, with or without views."""
+        return tuple(self.sizes_px)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames in which at least one camera sees the board, in the capture's order."""
+        return tuple(dict.fromkeys(frame for views in self.views.values() for frame in views))
+
+    def restricted(self, cameras: Iterable[str], frames: Iterable[str]) -> Sightings:
+        """Only some cameras and frames."""
+        kept, wanted = tuple(cameras), set(frames)
+        return Sightings(
+            {name: self.sizes_px[name] for name in kept},
+            {name: {f: c for f, c in self.views[name].items() if f in wanted} for name in kept},
+            {name: self.images[name] for name in kept},
+        )
+
+    def common(self, first: str, second: str) -> dict[str, NDArray[np.int64]]:
+        """Frame → corner ids that both cameras see."""
+        shared: dict[str, NDArray[np.int64]] = {}
+        for frame, corners in self.views[first].items():
+            other = self.views[second].get(frame)
+            if other is not None:
+                ids = np.intersect1d(corners.ids, other.ids)
+                if ids.size:
+                    shared[frame] = ids
+        return shared
+
+
+def spread_in_two_directions(points: NDArray[np.float64]) -> bool:
+    """Whether points (n, 2) do not lie (nearly) on one line, as a pose needs."""
+    if len(points) < 4:
+        return False
+    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(singular[1] > 0.05 * singular[0])

@@ -1,0 +1,155 @@
+"""Finding the board's corners in one image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.corners import Corners, spread_in_two_directions
+from beltscape.core.frames import Image, grey
+from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
+
+MIN_CORNERS = 8
+"""A view with fewer corners says more about noise than about the camera."""
+
+Detector = Callable[[NDArray[np.uint8]], Corners | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """How a ChArUco board was printed."""
+
+    legacy: bool = False
+    inverted: bool = False
+
+    def describe(self) -> str:
+        """In the words of board.toml."""
+        return f"legacy = {str(self.legacy).lower()}, inverted = {str(self.inverted).lower()}"
+
+
+def detector(board: Board, variant: Variant) -> Detector:
+    """A function image (H, W) uint8 → corners, or None where the board is not usable."""
+    if isinstance(board, Chessboard):
+        return lambda image: _usable(board, find_chessboard(image, board.corners))
+    return lambda image: _usable(board, _find_charuco(image, board, variant))
+
+
+def to_8_bit(image: Image) -> NDArray[np.uint8]:
+    """(H, W) uint8 luminance; 16-bit images are scaled by their own brightest counts."""
+    luminance = grey(image)
+    if image.dtype == np.uint16:
+        luminance = luminance * (255.0 / max(float(np.quantile(luminance, 0.999)), 1.0))
+    return np.clip(np.rint(luminance), 0, 255).astype(np.uint8)
+
+
+@cache
+def _charuco_detector(board: CharucoBoard, legacy: bool) -> cv2.aruco.CharucoDetector:
+    charuco = cv2.aruco.CharucoParameters()
+    charuco.tryRefineMarkers = True
+    markers = cv2.aruco.DetectorParameters()
+    markers.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
+    return cv2.aruco.CharucoDetector(board.opencv(legacy=legacy), charuco, markers)
+
+
+def _find_charuco(image: NDArray[np.uint8], board: CharucoBoard, variant: Variant) -> Corners | None:
+    if variant.inverted:
+        image = cv2.bitwise_not(image)
+    pixels, ids, _, _ = _charuco_detector(board, variant.legacy).detectBoard(image)
+    if ids is None or len(ids) == 0:
+        return None
+    order = np.argsort(ids.ravel(), kind="stable")
+    corners = Corners(ids.ravel()[order].astype(np.int64), pixels.reshape(-1, 2)[order].astype(np.float64))
+    return _refined(image, board, corners)
+
+
+def _refined(image: NDArray[np.uint8], board: CharucoBoard, corners: Corners) -> Corners:
+    """Each corner once more, in the largest window that stays clear of the markers beside it.
+
+    On rendered boards this halves the error of OpenCV's own windows (RMS 0.044 → 0.025 px per axis).
+    """
+    if len(corners) < MIN_CORNERS:
+        return corners
+    on_board = corner_points_mm(board)[corners.ids, :2]
+    homography, _ = cv2.findHomography(on_board, corners.pixels)
+    if homography is None:
+        return corners
+    gap_mm = (board.square_mm - board.marker_mm) / 2
+    diagonals = gap_mm * np.array([[1, 1], [1, -1]])
+    reach = [
+        _mapped(homography, on_board + diagonal) - _mapped(homography, on_board) for diagonal in diagonals
+    ]
+    gap_px = np.min([np.abs(r).max(axis=1) for r in reach], axis=0)
+    halves = np.minimum((0.9 * gap_px).astype(int), 15)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
+    pixels = corners.pixels.copy()
+    for half in np.unique(halves[halves >= 2]):
+        chosen = halves == half
+        start = pixels[chosen].astype(np.float32).reshape(-1, 1, 2)
+        moved = cv2.cornerSubPix(image, start, (int(half), int(half)), (-1, -1), criteria).reshape(-1, 2)
+        near = np.linalg.norm(moved - pixels[chosen], axis=1) < 0.4  # farther, it ran off to something else
+        pixels[chosen] = np.where(near[:, None], moved, pixels[chosen])
+    return Corners(corners.ids, pixels)
+
+
+def _mapped(homography: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 2) through a homography (3, 3)."""
+    return cv2.perspectiveTransform(points.reshape(-1, 1, 2), homography).reshape(-1, 2)
+
+
+def find_chessboard(image: NDArray[np.uint8], grid: tuple[int, int]) -> Corners | None:
+    """Inner corners of a plain chessboard: two detectors are tried, then refined to sub-pixel."""
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, pixels = cv2.findChessboardCorners(image, grid, flags=flags | cv2.CALIB_CB_FAST_CHECK)
+    if not found:
+        found, pixels = cv2.findChessboardCornersSB(image, grid, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not found:
+        found, pixels = cv2.findChessboardCorners(image, grid, flags=flags)
+    if not found:
+        return None
+    pixels = pixels.reshape(-1, 2).astype(np.float32)
+    spacing = np.linalg.norm(np.diff(pixels.reshape(grid[1], grid[0], 2), axis=1), axis=-1).min()
+    half = int(np.clip(spacing / 3, 2, 11))  # the window must not reach the next corner
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
+    pixels = cv2.cornerSubPix(image, pixels, (half, half), (-1, -1), criteria)
+    ordered = _same_start(image, pixels.astype(np.float64), grid)
+    return Corners(np.arange(len(ordered), dtype=np.int64), ordered)
+
+
+def _same_start(
+    image: NDArray[np.uint8], pixels: NDArray[np.float64], grid: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Number the corners from the same end in every camera: from the end whose first inner square is dark.
+
+    A board whose sides are both even or both odd looks the same upside down; it stays as it was found.
+    """
+    columns, rows = grid
+    if (columns + rows) % 2 == 0:
+        return pixels
+    corners = pixels.reshape(rows, columns, 2)
+    squares = (corners[:-1, :-1] + corners[1:, 1:] + corners[:-1, 1:] + corners[1:, :-1]) / 4
+    u, v = np.rint(squares).astype(int).clip(0, np.array(image.shape[::-1]) - 1).transpose(2, 0, 1)
+    values = image[v, u].astype(np.float64)
+    parity = np.indices(values.shape).sum(axis=0) % 2
+    return pixels if values[parity == 0].mean() < values[parity == 1].mean() else pixels[::-1].copy()
+
+
+def _usable(board: Board, corners: Corners | None) -> Corners | None:
+    """Corners that lie where a plane seen by a lens can put them, if enough of them do."""
+    if corners is None or len(corners) < MIN_CORNERS:
+        return None
+    on_board = corner_points_mm(board)[corners.ids, :2]
+    if not spread_in_two_directions(on_board):
+        return None
+    tolerance = 0.03 * float(np.linalg.norm(np.ptp(corners.pixels, axis=0)))  # leaves room for distortion
+    homography, inlier = cv2.findHomography(on_board, corners.pixels, cv2.RANSAC, tolerance)
+    if homography is None:
+        return None
+    good = inlier.ravel().astype(bool)
+    if good.sum() < max(MIN_CORNERS, 0.6 * len(corners)) or not spread_in_two_directions(on_board[good]):
+        return None
+    return Corners(corners.ids[good], corners.pixels[good])

@@ -1,0 +1,107 @@
+"""What the images show when they do not show the board one was told of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.detect import find_chessboard
+from beltscape.target.board import Board, Chessboard
+
+_FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
+_SIZES = (50, 100, 250, 1000)
+
+Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
+"""One (ids (n,), centres (n, 2) px) per image."""
+
+
+def describe_what_is_there(images: Iterable[NDArray[np.uint8]], board: Board) -> str:
+    """One clause that says what board the images (H, W) uint8 show, as far as one can tell."""
+    images = list(images)
+    inverted = [cv2.bitwise_not(image) for image in images]
+    found = [(_markers(views, family), family, note) for family in _FAMILIES
+             for views, note in ((images, ""), (inverted, ", inverted"))]  # fmt: skip
+    markers, family, note = max(found, key=lambda item: sum(len(ids) for ids, _ in item[0]))
+    if sum(len(ids) for ids, _ in markers) >= 6:
+        top = max(int(ids.max()) for ids, _ in markers)
+        columns = _columns(markers)
+        squares = f" on a board of {columns} columns" if columns else ""
+        return f"they show markers {_dictionary(family, top)} with ids up to {top}{squares}{note}"
+    grid = _chessboard_grid(images)
+    if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
+        return f"they show a chessboard of {grid[0]}×{grid[1]} inner corners"
+    return "they show neither ArUco markers nor a chessboard"
+
+
+def _markers(images: list[NDArray[np.uint8]], family: str) -> Markers:
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family))
+    detector = cv2.aruco.ArucoDetector(dictionary)
+    found: Markers = []
+    for image in images:
+        corners, ids, _ = detector.detectMarkers(image)
+        if ids is not None and len(ids) >= 3:
+            found.append((ids.ravel().astype(np.int64), np.array(corners).reshape(-1, 4, 2).mean(axis=1)))
+    return found
+
+
+def _dictionary(family: str, top: int) -> str:
+    """The smallest dictionary of a family that has the id ``top``."""
+    if not family.endswith("_1000"):
+        return family
+    size = next(size for size in _SIZES if top < size)
+    return family.removesuffix("1000") + str(size)
+
+
+def _columns(markers: Markers) -> int | None:
+    """How many squares a ChArUco row has: the number under which the markers lie in a plane grid."""
+    votes: Counter[int] = Counter()
+    for ids, centers in markers:
+        if len(ids) >= 6:
+            fits = {columns: _misfit(ids, centers, columns) for columns in range(3, 31)}
+            best = min(fits, key=lambda columns: fits[columns])
+            if fits[best] < 0.25:
+                votes[best] += 1
+    return votes.most_common(1)[0][0] if votes else None
+
+
+def _misfit(ids: NDArray[np.int64], centers: NDArray[np.float64], columns: int) -> float:
+    """Median residual in squares when markers (n,) are laid row by row on ``columns`` squares.
+
+    OpenCV starts a row with a black square, legacy boards of an even number of rows with a marker.
+    """
+    return min(_grid_misfit(_grid(ids, columns, first), centers) for first in (1, 0))
+
+
+def _grid(ids: NDArray[np.int64], columns: int, first: int) -> NDArray[np.float64]:
+    """(n, 2) column and row of each marker when the first one stands in column ``first``."""
+    upper = (columns - first + 1) // 2  # markers in an even row
+    pair, rest = np.divmod(ids, columns)
+    lower = rest >= upper
+    column = np.where(lower, 2 * (rest - upper) + (1 - first), 2 * rest + first)
+    return np.stack([column, 2 * pair + lower], axis=-1).astype(np.float64)
+
+
+def _grid_misfit(grid: NDArray[np.float64], centers: NDArray[np.float64]) -> float:
+    if min(np.ptp(grid, axis=0)) == 0:
+        return np.inf
+    homography, _ = cv2.findHomography(centers, grid, cv2.RANSAC, 0.3)
+    if homography is None:
+        return np.inf
+    mapped = cv2.perspectiveTransform(centers.reshape(-1, 1, 2), homography).reshape(-1, 2)
+    return float(np.median(np.linalg.norm(mapped - grid, axis=1)))
+
+
+def _chessboard_grid(images: list[NDArray[np.uint8]]) -> tuple[int, int] | None:
+    """The largest chessboard grid that an image shows."""
+    sizes = sorted(((c, r) for c in range(3, 15) for r in range(3, c + 1)), key=lambda g: -g[0] * g[1])
+    for image in images[:3]:
+        scale = min(1.0, 640 / max(image.shape))
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        for grid in sizes:
+            if cv2.checkChessboard(small, grid) and find_chessboard(small, grid) is not None:
+                return grid
+    return None

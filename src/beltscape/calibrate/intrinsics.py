@@ -1,0 +1,134 @@
+"""Monocular calibration: Zhang's method, one camera at a time (the paper's Section 2.2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.corners import Corners, Sightings
+from beltscape.core.camera import Camera
+from beltscape.core.errors import CalibrationError
+from beltscape.core.pose import Pose
+
+MIN_VIEWS = 3
+"""Zhang's equations need three views in general position."""
+OUTLIER_FACTOR = 3.5
+"""A view whose RMS exceeds the median view's by this factor is left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Monocular:
+    """One camera, calibrated by itself."""
+
+    camera: Camera
+    sigma: Mapping[str, float]
+    """One standard deviation of fx, fy, cx, cy (px) and k1, k2, p1, p2, k3; 0 for one that was held."""
+    rms_px: float
+    """Reprojection RMS over the views used (they are the ones it was found from)."""
+    cam_from_board: Mapping[str, Pose]
+    """By frame, for the views used."""
+    view_rms_px: Mapping[str, float]
+    """By frame, for the views used."""
+    rejected: Mapping[str, str] = field(default_factory=dict)
+    """Frame → why it was left out."""
+    held: tuple[str, ...] = ()
+    """Parameters that the images do not determine, held at their default."""
+
+
+def calibrate_camera(
+    name: str, sightings: Sightings, board_mm: NDArray[np.float64], *, min_views: int = MIN_VIEWS
+) -> Monocular:
+    """Intrinsics and distortion of one camera from board points (n, 3) in mm.
+
+    Views that fit far worse than the others are left out and named; k3 is held at 0 unless the images say
+    more than three standard deviations about it.
+
+    Raises
+    ------
+    CalibrationError
+        When too few views show the board.
+
+    References
+    ----------
+    Zhang, IEEE TPAMI 22(11), 2000, doi:10.1109/34.888718.
+    """
+    views, size = dict(sightings.views[name]), sightings.sizes_px[name]
+    rejected: dict[str, str] = {}
+    if len(views) < min_views:
+        raise CalibrationError(
+            f"camera {name} sees the board in {len(views)} of {sightings.images[name]} images; "
+            f"at least {min_views} tilted views are needed"
+        )
+    solution = _solve(name, views, size, board_mm)
+    for _ in range(3):
+        limit = max(OUTLIER_FACTOR * float(np.median(list(solution.view_rms_px.values()))), 0.3)
+        bad = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
+        if not bad or len(views) - len(bad) < max(min_views, len(views) // 2):
+            break
+        for frame, rms in bad.items():
+            rejected[frame] = (
+                f"reprojection RMS {rms:.2f} px, the median view has {limit / OUTLIER_FACTOR:.2f} px"
+            )
+            del views[frame]
+        solution = _solve(name, views, size, board_mm)
+    return Monocular(
+        solution.camera, solution.sigma, solution.rms_px, solution.cam_from_board, solution.view_rms_px, rejected,
+        solution.held,
+    )  # fmt: skip
+
+
+_PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+
+def _solve(
+    name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
+) -> Monocular:
+    free = _run(name, views, size, board_mm, flags=0)
+    k3 = float(free.camera.distortion[4])
+    if abs(k3) > 3 * free.sigma["k3"]:
+        return free
+    return _run(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+
+
+def _run(
+    name: str,
+    views: Mapping[str, Corners],
+    size: tuple[int, int],
+    board_mm: NDArray[np.float64],
+    *,
+    flags: int,
+) -> Monocular:
+    objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
+    pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
+    try:
+        rms, matrix, distortion, rotations, translations, sigmas, _, per_view = cv2.calibrateCameraExtended(
+            objects, pixels, size, None, None, flags=flags, criteria=criteria
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            f"camera {name}: its {len(views)} views do not determine the intrinsics; add views at other tilts"
+        ) from error
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f"camera {name}: its views do not determine the intrinsics; add tilted views")
+    camera = Camera(
+        name,
+        size,
+        np.array([matrix[0, 0], matrix[1, 1]]),
+        matrix[:2, 2].copy(),
+        distortion.ravel()[:5].copy(),
+    )
+    return Monocular(
+        camera=camera,
+        sigma=dict(zip(_PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
+        rms_px=float(rms),
+        cam_from_board={
+            frame: Pose.of(r, t) for frame, r, t in zip(views, rotations, translations, strict=True)
+        },
+        view_rms_px={frame: float(e) for frame, e in zip(views, per_view.ravel(), strict=True)},
+        held=("k3",) if flags else (),
+    )

@@ -1,0 +1,178 @@
+"""How good a rig is on board views: in pixels, and in millimetres on the board itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from beltscape.calibrate.corners import Corners, Sightings
+from beltscape.core.errors import CalibrationError
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.kernels import Kernels
+from beltscape.target.board import Board, adjacent_corners, corner_points_mm
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """A rig's score on board views; only the board's pose in each frame was fitted to them."""
+
+    views: int
+    frames: int
+    corners: int
+    rms_px: float
+    """RMS length of the reprojection errors."""
+    median_px: float
+    """Median length of the reprojection errors."""
+    square_bias_mm: float
+    """Mean of triangulated square edge minus the true one."""
+    square_rms_mm: float
+    """RMS of triangulated square edge minus the true one."""
+    planarity_rms_mm: float
+    """RMS distance of triangulated corners from their frame's best plane."""
+
+    def document(self) -> dict[str, float]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Reprojection errors of one view."""
+
+    pixels: NDArray[np.float64]
+    """(n, 2) where the corners were found."""
+    errors_px: NDArray[np.float64]
+    """(n, 2) found minus projected."""
+
+    @property
+    def rms_px(self) -> float:
+        """RMS length of the errors."""
+        return float(np.sqrt((self.errors_px**2).sum(axis=1).mean()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What a rig does to board views, before it is summed up."""
+
+    residuals: Mapping[str, Mapping[str, Residuals]]
+    """By camera and frame."""
+    frames: int
+    edge_errors_mm: NDArray[np.float64]
+    """(e,) triangulated minus true square edges."""
+    plane_distances_mm: NDArray[np.float64]
+    """(p,) triangulated corners from their frame's best plane."""
+
+    def errors_px(self) -> NDArray[np.float64]:
+        """(n, 2) all reprojection errors."""
+        return np.concatenate([v.errors_px for views in self.residuals.values() for v in views.values()])
+
+
+def examine(rig: Rig, sightings: Sightings, board: Board, kernels: Kernels) -> Evidence:
+    """Hold a rig against the frames that at least two of its cameras see.
+
+    Raises
+    ------
+    CalibrationError
+        When no frame shows the board to two cameras of the rig.
+    """
+    board_mm = corner_points_mm(board)
+    names = [name for name in rig.cameras if name in sightings.cameras]
+    residuals: dict[str, dict[str, Residuals]] = {name: {} for name in names}
+    edges: list[NDArray[np.float64]] = []
+    heights: list[NDArray[np.float64]] = []
+    for frame in sightings.frames:
+        views = {name: sightings.views[name][frame] for name in names if frame in sightings.views[name]}
+        if len(views) < 2:
+            continue
+        core_from_board = _board_pose(rig, views, board_mm)
+        for name, corners in views.items():
+            predicted = _project(rig, name, core_from_board, board_mm[corners.ids])
+            residuals[name][frame] = Residuals(corners.pixels, corners.pixels - predicted)
+        points = _triangulated(rig, views, len(board_mm), kernels)
+        edges.append(_edge_errors(points, board))
+        heights.append(_plane_distances(points))
+    if not edges:
+        raise CalibrationError(
+            "no frame shows the board to two cameras of the rig; take views that they share"
+        )
+    return Evidence(residuals, len(edges), np.concatenate(edges), np.concatenate(heights))
+
+
+def score(*evidence: Evidence) -> Score:
+    """Sum up one or several folds of evidence."""
+    lengths = np.linalg.norm(np.concatenate([e.errors_px() for e in evidence]), axis=1)
+    edges = np.concatenate([e.edge_errors_mm for e in evidence])
+    heights = np.concatenate([e.plane_distances_mm for e in evidence])
+    return Score(
+        views=sum(len(views) for e in evidence for views in e.residuals.values()),
+        frames=sum(e.frames for e in evidence),
+        corners=len(lengths),
+        rms_px=_rms(lengths),
+        median_px=float(np.median(lengths)),
+        square_bias_mm=float(edges.mean()) if edges.size else float("nan"),
+        square_rms_mm=_rms(edges),
+        planarity_rms_mm=_rms(heights),
+    )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt((values**2).mean())) if values.size else float("nan")
+
+
+def _project(
+    rig: Rig, name: str, core_from_board: Pose, points_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
+
+
+def _board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: NDArray[np.float64]) -> Pose:
+    """The board's pose that fits all cameras of one frame best, reprojection errors weighted alike."""
+    name = max(views, key=lambda n: len(views[n]))
+    corners, camera = views[name], rig.cameras[name]
+    ideal = camera.undistort(corners.pixels)
+    _, rotation, translation = cv2.solvePnP(
+        board_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    start = rig.cam_from_core[name].inverse() @ Pose.of(rotation, translation)
+
+    def errors(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        pose = Pose.of(x[:3], x[3:])
+        parts = [_project(rig, n, pose, board_mm[c.ids]) - c.pixels for n, c in views.items()]
+        return np.nan_to_num(
+            np.concatenate(parts).ravel(), nan=1e3
+        )  # behind a camera: far off, not undefined
+
+    x0 = np.concatenate([start.rotation_vector, start.translation_mm])
+    x = least_squares(errors, x0, method="lm", x_scale=np.repeat([1e-3, 1.0], 3)).x
+    return Pose.of(x[:3], x[3:])
+
+
+def _triangulated(
+    rig: Rig, views: Mapping[str, Corners], count: int, kernels: Kernels
+) -> NDArray[np.float64]:
+    """(count, 3) corners in the core frame, mm; NaN where fewer than two cameras see one (Eqs. 2-3)."""
+    pixels = np.full((len(views), count, 2), np.nan)
+    for i, (name, corners) in enumerate(views.items()):
+        camera = rig.cameras[name]
+        pixels[i, corners.ids] = camera.undistort(corners.pixels) * camera.focal_px + camera.center_px
+    return kernels.triangulate(np.stack([rig.projection(name) for name in views]), pixels, threads=1)
+
+
+def _edge_errors(points_mm: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
+    first, second = adjacent_corners(board).T
+    lengths = np.linalg.norm(points_mm[first] - points_mm[second], axis=1)
+    return lengths[np.isfinite(lengths)] - board.square_mm
+
+
+def _plane_distances(points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    points = points_mm[np.isfinite(points_mm).all(axis=1)]
+    if len(points) < 8:
+        return np.empty(0)
+    centered = points - points.mean(axis=0)
+    return centered @ np.linalg.svd(centered, full_matrices=False)[2][2]

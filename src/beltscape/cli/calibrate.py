@@ -1,0 +1,57 @@
+"""``beltscape calibrate CAPTURE --board board.toml [--core cam0] --out DIR``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of board views")
+    parser.add_argument("--board", type=Path, required=True, help="board.toml")
+    parser.add_argument("--core", help="core camera (default: the most central one)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for rig.json and the report")
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Calibrate and write rig.json, calibration.json, report.html."""
+    from beltscape.files.atomic import output_folder, write_text
+    from beltscape.files.json_text import write_json
+    from beltscape.files.rig_json import write_rig
+    from beltscape.pipeline.calibration import calibrate, calibration_document
+    from beltscape.report.calibration import calibration_page
+    from beltscape.target.board import read_board
+
+    board = read_board(arguments.board)
+    out = output_folder(arguments.out)
+    calibration = calibrate(arguments.capture, board, arguments.core, reporter)
+    document = calibration_document(calibration)
+    warnings = list(getattr(reporter, "warnings", []))
+    write_rig(out / "rig.json", calibration.rig)
+    write_json(out / "calibration.json", {**document, "warnings": warnings})
+    page = calibration_page(
+        calibration.chain,
+        calibration.evidence,
+        calibration.board,
+        held_out=calibration.held_out,
+        training=calibration.training,
+        warnings=warnings,
+    )
+    write_text(out / "report.html", page)
+    return {**document, "rig": out / "rig.json", "report": out / "report.html"}
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
+    return (
+        f"{len(result['cameras'])} cameras about {result['core']}; {kind}: {score['rms_px']:.3f} px RMS, "
+        f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+.4f} mm, "
+        f"RMS {score['square_rms_mm']:.4f} mm\n"
+        f"rig     {result['rig']}\nreport  {result['report']}"
+    )

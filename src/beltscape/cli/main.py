@@ -1,0 +1,115 @@
+"""The program: finds the command, runs it, and turns what goes wrong into one line and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any, NoReturn, Protocol
+
+from beltscape import __version__
+from beltscape.core.errors import BeltscapeError
+from beltscape.core.progress import Reporter
+
+COMMANDS = {
+    "demo": "the whole chain on a small rig that ships with Beltscape, ending in a report",
+    "calibrate": "images of a board → rig.json, calibration.json, report.html",
+    "check": "score a rig on board views it has never seen, in px and in mm",
+    "rectify": "epipolar rectification about the core camera, with the check picture",
+    "reconstruct": "images → depth, its uncertainty and a point cloud, frame by frame",
+    "measure": "volume between loaded and empty surface, cross-section profiles",
+}
+"""Command → what it does. Each lives in the module of its name and is imported only when it is asked for."""
+
+
+class Command(Protocol):
+    """What a command's module offers."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Declare the command's arguments."""
+
+    def run(self, arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+        """Do it; the result is what ``--json`` prints."""
+        ...
+
+    def summary(self, result: Mapping[str, Any]) -> str:
+        """The result in a few lines for people."""
+        ...
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A usage error is one line that says the mend."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print it and leave with 2."""
+        print(f"{self.prog}: {message}; see: {self.prog} --help", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; 0 on success, 2 on a usage or input error, 130 when interrupted."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    name = words[0] if words else ""
+    if name not in COMMANDS:
+        return _top_level(words)
+    command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
+    parser = OneLineParser(prog=f"beltscape {name}", description=COMMANDS[name])
+    command.add_arguments(parser)
+    _add_json(parser)
+    arguments = parser.parse_args(words[1:])
+    try:
+        return _run(command, arguments)
+    except BeltscapeError as error:
+        print(f"beltscape: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("beltscape: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _run(command: Command, arguments: argparse.Namespace) -> int:
+    from beltscape.cli.terminal import Terminal
+    from beltscape.files.json_text import to_json
+
+    with Terminal() as terminal:
+        result = {**command.run(arguments, terminal), "warnings": terminal.warnings}
+    text = to_json(result) if arguments.json else command.summary(result) + "\n"
+    sys.stdout.write(text)
+    sys.stdout.flush()
+    return 0
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for child in action.choices.values():
+                _add_json(child)
+            return
+    parser.add_argument("--json", action="store_true", help="print the result as one JSON document")
+
+
+def _top_level(words: Sequence[str]) -> int:
+    lines = "\n".join(f"  {name:<12} {what}" for name, what in COMMANDS.items())
+    parser = OneLineParser(
+        prog="beltscape",
+        usage="beltscape COMMAND [...]",
+        description="Cameras over a conveyor belt become a 3-D sensor for bulk material.",
+        epilog=f"commands:\n{lines}\n\nbeltscape COMMAND --help tells a command's arguments.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"beltscape {__version__}")
+    parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
+    arguments, _ = parser.parse_known_args(words)
+    if arguments.command is not None:
+        from difflib import get_close_matches
+
+        near = get_close_matches(arguments.command, COMMANDS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+        parser.error(f"no command {arguments.command!r}; {hint}")
+    parser.print_help()
+    return 0 if not words else 2

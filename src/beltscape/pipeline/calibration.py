@@ -1,0 +1,164 @@
+"""Capture and board → rig, scores and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from beltscape.calibrate.chain import Chain, skewed_pairs, solve
+from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.detect import Variant
+from beltscape.calibrate.heldout import held_out_score
+from beltscape.calibrate.score import Evidence, Score, examine, score
+from beltscape.calibrate.sightings import find_board
+from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.capture import read_capture
+from beltscape.kernels import load
+from beltscape.target.board import Board
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """Everything that calibrating a capture gave."""
+
+    board: Board
+    variant: Variant
+    sightings: Sightings
+    chain: Chain
+    evidence: Evidence
+    training: Score
+    """On the very views the rig was found from: it flatters."""
+    held_out: Score | None
+    """On views the rig was not found from: the headline. None where half of the views is too little."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig found."""
+        return self.chain.rig
+
+
+def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) -> Calibration:
+    """Calibrate the rig of a capture of board views.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        With one line that names what is wrong and the mend.
+    """
+    capture = read_capture(folder)
+    if len(capture.cameras) < 2:
+        raise InputError(
+            f"{folder}: only camera {', '.join(capture.cameras)} has images; a rig needs at least two cameras"
+        )
+    if core is not None and core not in capture.cameras:
+        raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
+    sightings, variant = find_board(capture, board, reporter)
+    chain = solve(sightings, board, core, reporter)
+    for pair in skewed_pairs(chain):
+        alone = max(chain.monocular[name].rms_px for name in (pair.first, pair.second))
+        reporter.warn(
+            f"cameras {pair.first} and {pair.second} agree to {pair.rms_px:.2f} px only, each alone to {alone:.2f} px: "
+            "they are not triggered at the same instant, or one of them moved"
+        )
+    kernels = load()
+    own = sightings.restricted(chain.rig.cameras, sightings.frames)
+    evidence = examine(chain.rig, own, board, kernels)
+    reporter.step("scoring on held-out views", 0, 1)
+    held_out = held_out_score(own, board, chain.rig.core, kernels)
+    reporter.step("scoring on held-out views", 1, 1)
+    training = score(evidence)
+    quality = {
+        "held_out": held_out.document() if held_out else None,
+        "training": training.document(),
+        "board": board.model_dump(),
+    }
+    chain = replace(chain, rig=replace(chain.rig, quality=quality))
+    return Calibration(board, variant, sightings, chain, evidence, training, held_out)
+
+
+def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> tuple[Score, Evidence]:
+    """Score a rig on board views it has never seen.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        With one line that names what is wrong and the mend.
+    """
+    capture = read_capture(folder)
+    for name in rig.cameras:
+        if name not in capture.cameras:
+            reporter.warn(f"{folder / name}: no images of camera {name}; going on without it")
+    known = capture.only(tuple(rig.cameras))
+    if len(known.cameras) < 2:
+        raise InputError(
+            f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}; "
+            "at least two of them must be the same"
+        )
+    sightings, _ = find_board(known, board, reporter)
+    for name, size in sightings.sizes_px.items():
+        if size != rig.cameras[name].size_px:
+            width, height = rig.cameras[name].size_px
+            raise InputError(
+                f"{folder / name}: images are {size[0]}×{size[1]} px, the rig's {name} has {width}×{height}; "
+                "check with images of the size the rig was calibrated with"
+            )
+    try:
+        evidence = examine(rig, sightings, board, load())
+    except CalibrationError as error:
+        raise CalibrationError(f"{folder}: {error}") from error
+    return score(evidence), evidence
+
+
+def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
+    """calibration.json: what each level of the hierarchy found."""
+    chain, sightings = calibration.chain, calibration.sightings
+    return {
+        "format": "beltscape-calibration/1",
+        "core": chain.rig.core,
+        "board": {
+            **calibration.board.model_dump(),
+            **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
+        },
+        "held_out": calibration.held_out.document() if calibration.held_out else None,
+        "training": calibration.training.document(),
+        "cameras": {
+            name: {
+                "images": sightings.images[name],
+                "board_seen": len(sightings.views[name]),
+                "views_used": len(camera.cam_from_board),
+                "rms_px": camera.rms_px,
+                "focal_px": camera.camera.focal_px,
+                "center_px": camera.camera.center_px,
+                "distortion": camera.camera.distortion,
+                "sigma": camera.sigma,
+                "held": camera.held,
+                "rejected": camera.rejected,
+                "path_from_core": chain.network.paths[name],
+            }
+            for name, camera in chain.monocular.items()
+        },
+        "pairs": [
+            {
+                "cameras": [pair.first, pair.second],
+                "frames": len(pair.frames),
+                "corners": pair.corners,
+                "rms_px": pair.rms_px,
+                "rotation": pair.second_from_first.rotation,
+                "translation_mm": pair.second_from_first.translation_mm,
+                "rejected": pair.rejected,
+            }
+            for pair in chain.network.pairs
+        ],
+        "path_errors": [
+            {"cameras": e.pair, "rotation_deg": e.rotation_deg, "translation_mm": e.translation_mm}
+            for e in chain.network.path_errors
+        ],
+    }
+
+
+def _variant_document(variant: Variant) -> dict[str, bool]:
+    return {"legacy": variant.legacy, "inverted": variant.inverted}

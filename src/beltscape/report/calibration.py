@@ -1,0 +1,215 @@
+"""The calibration's report: verdict first, then where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.chain import Chain
+from beltscape.calibrate.score import Evidence, Score
+from beltscape.core.camera import Camera
+from beltscape.report.page import Figure, Item, Lines, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.plots import panels, to_png
+from beltscape.report.scene import Scene, rig_scene
+from beltscape.target.board import Board, corner_points_mm
+
+
+def calibration_page(
+    chain: Chain,
+    evidence: Evidence,
+    board: Board,
+    *,
+    held_out: Score | None,
+    training: Score,
+    warnings: Sequence[str],
+) -> str:
+    """report.html of a calibration."""
+    score = held_out or training
+    kind = (
+        "views the rig was not found from"
+        if held_out
+        else "the views the rig was found from (too few for halves)"
+    )
+    verdict = (
+        f"{len(chain.rig.cameras)} cameras about {chain.rig.core}. On {kind}, corners are met within "
+        f"{score.median_px:.3f} px (median), and a {board.square_mm:g} mm square measures "
+        f"{board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
+    )
+    sections = [
+        Section(
+            "How good it is", f"Board: {board.describe()}.", [_tiles(score), _scores(held_out, training)]
+        ),
+        Section(
+            "The rig",
+            "Cameras as calibrated, with the outline of the board in every frame.",
+            [Turnable(_scene(chain, board), "Core camera in orange, auxiliaries in blue."), _cameras(chain)],
+        ),
+        Section(
+            "Coverage",
+            "Where the board was seen in each image. Empty corners leave the distortion there to guesswork.",
+            [
+                Figure.png(
+                    _coverage(chain, evidence), "Corners by camera; darker is a larger reprojection error."
+                )
+            ],
+        ),
+        Section(
+            "Residuals",
+            "Arrows from projected to found corners, magnified. A pattern means that the model does not fit; "
+            "an even scatter is noise.",
+            [Figure.png(*_residuals(chain, evidence))],
+        ),
+        Section(
+            "Pairs and paths",
+            "Every pair that shares views, calibrated by itself; where the pair is not part of a path to the core, "
+            "how far it disagrees with the way through the core (Eq. 16).",
+            [_pairs(chain)],
+        ),
+    ]
+    rejected = _rejected(chain)
+    if rejected:
+        sections.append(Section("Left out", "Views that fit far worse than the rest.", [Lines(rejected)]))
+    return render("Calibration", verdict, sections, warnings=warnings)
+
+
+def _tiles(score: Score) -> Tiles:
+    return Tiles(
+        [
+            Tile("reprojection error, RMS", f"{score.rms_px:.3f}", "px", f"median {score.median_px:.3f} px"),
+            Tile(
+                "square edge, RMS error",
+                f"{score.square_rms_mm:.3f}",
+                "mm",
+                f"bias {score.square_bias_mm:+.4f} mm",
+            ),
+            Tile("board planarity, RMS", f"{score.planarity_rms_mm:.3f}", "mm", "board's own warp included"),
+            Tile("evidence", f"{score.corners}", "corners", f"{score.views} views in {score.frames} frames"),
+        ]
+    )
+
+
+def _scores(held_out: Score | None, training: Score) -> Table:
+    rows = [("held out", held_out), ("training", training)]
+    return Table(
+        ["", "RMS px", "median px", "square bias mm", "square RMS mm", "planarity RMS mm", "views", "corners"],
+        [
+            [name, f"{s.rms_px:.4f}", f"{s.median_px:.4f}", f"{s.square_bias_mm:+.4f}", f"{s.square_rms_mm:.4f}",
+             f"{s.planarity_rms_mm:.4f}", f"{s.views}", f"{s.corners}"]
+            for name, s in rows if s is not None
+        ],
+        "Held out: each half of the frames judged by the rig found from the other half; training flatters.",
+    )  # fmt: skip
+
+
+def _scene(chain: Chain, board: Board) -> Scene:
+    columns, rows = board.grid
+    grid = corner_points_mm(board).reshape(rows, columns, 3)
+    outline = np.stack([grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0], grid[0, 0]])
+    boards: dict[str, NDArray[np.float64]] = {}
+    for name, camera in chain.monocular.items():
+        core_from_cam = chain.rig.cam_from_core[name].inverse()
+        for frame, cam_from_board in camera.cam_from_board.items():
+            boards.setdefault(frame, (core_from_cam @ cam_from_board).apply(outline))
+    depths = np.array([np.linalg.norm(outline.mean(axis=0)) for outline in boards.values()])
+    return rig_scene(chain.rig, length_mm=0.3 * float(np.median(depths)), boards_mm=boards)
+
+
+def _cameras(chain: Chain) -> Table:
+    rows = []
+    for name, camera in chain.monocular.items():
+        c, s = camera.camera, camera.sigma
+        baseline = np.linalg.norm(chain.rig.cam_from_core[name].center_mm)
+        rows.append(
+            [
+                name + (" (core)" if name == chain.rig.core else ""),
+                f"{len(camera.cam_from_board)}", f"{camera.rms_px:.3f}",
+                f"{c.focal_px[0]:.2f} ± {s['fx']:.2f}", f"{c.focal_px[1]:.2f} ± {s['fy']:.2f}",
+                f"{c.center_px[0]:.2f} ± {s['cx']:.2f}", f"{c.center_px[1]:.2f} ± {s['cy']:.2f}",
+                f"{baseline:.2f}", " → ".join(chain.network.paths[name]), ", ".join(camera.held) or "none",
+            ]
+        )  # fmt: skip
+    names = ["camera", "views", "RMS px", "fx px", "fy px", "cx px", "cy px", "from core mm", "path", "held"]
+    return Table(names, rows, "Monocular calibration (Zhang) with one standard deviation each.")
+
+
+def _frame_axes(axis, camera: Camera, title: str) -> None:  # noqa: ANN001
+    width, height = camera.size_px
+    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
+    axis.spines[["top", "right"]].set_visible(True)
+    axis.set_xticks([0, width - 1])
+    axis.set_yticks([0, height - 1])
+
+
+def _coverage(chain: Chain, evidence: Evidence) -> bytes:
+    cameras = chain.rig.cameras
+    top = float(np.quantile(np.linalg.norm(evidence.errors_px(), axis=1), 0.98))
+    figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
+    scatter = None
+    for axis, (name, camera) in zip(axes, cameras.items(), strict=True):
+        views = evidence.residuals[name].values()
+        pixels = np.concatenate([np.empty((0, 2)), *(v.pixels for v in views)])
+        errors = np.concatenate([np.empty((0, 2)), *(v.errors_px for v in views)])
+        scatter = axis.scatter(
+            pixels[:, 0],
+            pixels[:, 1],
+            c=np.linalg.norm(errors, axis=1),
+            s=4,
+            cmap="viridis_r",
+            vmin=0,
+            vmax=top,
+        )
+        _frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
+    if scatter is not None:
+        figure.colorbar(scatter, ax=axes, label="reprojection error, px", shrink=0.6)
+    return to_png(figure)
+
+
+def _residuals(chain: Chain, evidence: Evidence) -> tuple[bytes, str]:
+    cameras = chain.rig.cameras
+    median = float(np.median(np.linalg.norm(evidence.errors_px(), axis=1)))
+    magnify = 0.02 * max(max(c.size_px) for c in cameras.values()) / max(median, 1e-6)
+    figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
+    for axis, (name, camera) in zip(axes, cameras.items(), strict=True):
+        views = evidence.residuals[name].values()
+        pixels = np.concatenate([np.empty((0, 2)), *(v.pixels for v in views)])
+        errors = np.concatenate([np.empty((0, 2)), *(v.errors_px for v in views)])
+        axis.quiver(
+            pixels[:, 0], pixels[:, 1], errors[:, 0], errors[:, 1], angles="xy", scale_units="xy",
+            scale=1 / magnify, width=0.0022, color="#1864ab",
+        )  # fmt: skip
+        rms = float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")
+        _frame_axes(axis, camera, f"{name}: RMS {rms:.3f} px")
+    return to_png(figure), f"Residuals, magnified {magnify:.0f} times."
+
+
+def _pairs(chain: Chain) -> Item:
+    errors = {frozenset(e.pair): e for e in chain.network.path_errors}
+    rows = []
+    for pair in chain.network.pairs:
+        error = errors.get(frozenset((pair.first, pair.second)))
+        rows.append(
+            [
+                f"{pair.first} – {pair.second}", f"{len(pair.frames)}", f"{pair.corners}", f"{pair.rms_px:.3f}",
+                f"{np.linalg.norm(pair.second_from_first.translation_mm):.2f}",
+                f"{pair.second_from_first.angle_deg:.3f}",
+                f"{error.rotation_deg:.4f}" if error else "on the path",
+                f"{error.translation_mm:.3f}" if error else "on the path",
+            ]
+        )  # fmt: skip
+    names = ["pair", "frames", "corners", "RMS px", "baseline mm", "angle °", "path error °", "path error mm"]
+    return Table(names, rows)
+
+
+def _rejected(chain: Chain) -> list[str]:
+    lines = [
+        f"{name}, frame {frame}: {why}"
+        for name, camera in chain.monocular.items()
+        for frame, why in camera.rejected.items()
+    ]
+    return lines + [
+        f"{pair.first} – {pair.second}, frame {frame}: {why}"
+        for pair in chain.network.pairs
+        for frame, why in pair.rejected.items()
+    ]

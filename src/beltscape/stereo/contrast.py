@@ -1,0 +1,30 @@
+"""Images made alike before matching: local contrast, not brightness, is what two cameras share."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import Image, grey
+
+_FLOOR = 0.15
+"""Contrast of the square root of the counts (8 bit) that is taken for noise: shot and read noise of a few counts."""
+_GAIN = 50.0
+
+
+def square_root(image: Image) -> NDArray[np.float32]:
+    """(H, W) float32 square root of the luminance in 8-bit counts.
+
+    The root makes noise alike in dark and bright parts: a belt of a few counts beside a bright module.
+    """
+    counts = grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max)
+    return np.sqrt(counts + np.float32(1.0))
+
+
+def equal_contrast(root: NDArray[np.float32], radius_px: float) -> NDArray[np.uint8]:
+    """(H, W) uint8: local mean 128, local contrast equal, over a Gaussian neighbourhood."""
+    mean = cv2.GaussianBlur(root, (0, 0), radius_px)
+    variance = cv2.GaussianBlur(root * root, (0, 0), radius_px) - mean * mean
+    scale = _GAIN / (np.sqrt(np.maximum(variance, 0)) + _FLOOR)
+    return np.clip(128.5 + scale * (root - mean), 0, 255).astype(np.uint8)

@@ -1,0 +1,214 @@
+"""Multi-epipolar rectification about the core camera: any pair becomes horizontal rows (the paper's 2.3.1, Eq. 21).
+
+Bouguet's alignment with all the freedom spent on the core: its new optical axis is its old one made orthogonal
+to the baseline, its new x axis is the baseline, from the core to the auxiliary. So the core is always the left
+image, disparity is positive whichever way the baseline points, and the core's image is turned, hardly bent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+
+_STEP = 16
+"""OpenCV's SGBM counts disparities in steps of 16."""
+_BORDER_SAMPLES = 33
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedPair:
+    """A core and an auxiliary view whose corresponding points lie on the same row."""
+
+    core: str
+    auxiliary: str
+    rectified_from_core: Pose
+    """Core frame → rectified frame at the core's centre: a rotation only."""
+    rectified_from_aux: Pose
+    """Auxiliary frame → parallel frame at the auxiliary's centre: a rotation only."""
+    focal_px: float
+    """Of both rectified views, in u and v."""
+    core_center_px: tuple[float, float]
+    """(cu, cv) of the rectified core view."""
+    aux_center_px: tuple[float, float]
+    """(cu, cv) of the rectified auxiliary view: shifted in u so that disparity starts near 0."""
+    size_px: tuple[int, int]
+    """(width, height) of both rectified views."""
+    baseline_mm: float
+    disparities: int
+    """How many disparities from 0 on cover the depth range; a multiple of 16."""
+    core_map: NDArray[np.float32]
+    """(H, W, 2) float32: where each rectified core pixel lies in the distorted core image."""
+    aux_map: NDArray[np.float32]
+    """(H, W, 2) float32: where each rectified auxiliary pixel lies in the distorted auxiliary image."""
+
+    @property
+    def offset_px(self) -> float:
+        """What the shift of the auxiliary's centre takes off the disparity."""
+        return self.aux_center_px[0] - self.core_center_px[0]
+
+    def disparity_from_depth(self, depth_mm: NDArray[np.floating] | float) -> NDArray[np.float64]:
+        """Depth along the rectified axis, mm → disparity u_core − u_aux, px (Eqs. 22-23)."""
+        return self.focal_px * self.baseline_mm / np.asarray(depth_mm, np.float64) - self.offset_px
+
+    def depth_from_disparity(self, disparity_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
+        """Disparity, px → depth along the rectified axis, mm (Eq. 23)."""
+        return self.focal_px * self.baseline_mm / (np.asarray(disparity_px, np.float64) + self.offset_px)
+
+    def core_pixels(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Core rays x/z, y/z (..., 2) → rectified pixels (..., 2) and rectified depth per core depth (...)."""
+        turned = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ _turn(
+            self.rectified_from_core
+        )
+        return turned[..., :2] / turned[..., 2:] * self.focal_px + self.core_center_px, turned[..., 2]
+
+
+def rectify_pair(rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float]) -> RectifiedPair:
+    """Rectify the core and one auxiliary for surfaces within a depth range.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    auxiliary
+        Name of the auxiliary camera.
+    depth_range_mm
+        (near, far) along the core's optical axis.
+
+    Raises
+    ------
+    ReconstructionError
+        When the range is empty or the two cameras have no common field of view in it.
+
+    References
+    ----------
+    Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, section 2.3.1, Eq. 21.
+    """
+    near_mm, far_mm = depth_range_mm
+    if not 0 < near_mm < far_mm < np.inf:
+        raise ReconstructionError(f"depth range {near_mm:g} … {far_mm:g} mm is empty; give 0 < near < far")
+    core, aux = rig.core_camera, rig.cameras[auxiliary]
+    to_core, to_aux, baseline_mm = _rotations(rig, auxiliary)
+    focal_px = float(np.mean(core.focal_px))
+    box, low_mm, high_mm = _common_view(rig, auxiliary, to_core, focal_px, depth_range_mm)
+    offset_px = focal_px * baseline_mm / high_mm - 1.0
+    span_px = focal_px * baseline_mm / low_mm + 1.0 - offset_px
+    disparities = _STEP * int(np.ceil(span_px / _STEP))
+    # SGBM leaves the first `disparities` columns empty: let the view start behind them
+    core_center = (disparities - box[0], -box[1])
+    aux_center = (core_center[0] + offset_px, core_center[1])
+    size = (disparities + int(np.ceil(box[2] - box[0])) + 1, int(np.ceil(box[3] - box[1])) + 1)
+    return RectifiedPair(
+        core=rig.core,
+        auxiliary=auxiliary,
+        rectified_from_core=to_core,
+        rectified_from_aux=to_aux,
+        focal_px=focal_px,
+        core_center_px=core_center,
+        aux_center_px=aux_center,
+        size_px=size,
+        baseline_mm=baseline_mm,
+        disparities=disparities,
+        core_map=_source_map(core, to_core, focal_px, core_center, size),
+        aux_map=_source_map(aux, to_aux, focal_px, aux_center, size),
+    )
+
+
+def upright_turns(pair: RectifiedPair) -> int:
+    """Quarter turns, counter-clockwise (as `numpy.rot90` counts), that show the pair's images upright.
+
+    0, 1, 2 or 3; a pair rectified along a vertical baseline lies on its side until it is turned.
+    """
+    right, down = pair.rectified_from_core.rotation[:2, 0]
+    # the core's +u axis, seen in the rectified image, is to point right again
+    return int(np.round(np.arctan2(down, right) / (np.pi / 2))) % 4
+
+
+def _turn(pose: Pose) -> NDArray[np.float64]:
+    return pose.rotation.T
+
+
+def _rotations(rig: Rig, auxiliary: str) -> tuple[Pose, Pose, float]:
+    """rectified_from_core, rectified_from_aux (rotations) and the baseline, mm."""
+    pose = rig.cam_from_core[auxiliary]
+    baseline = pose.center_mm
+    length = float(np.linalg.norm(baseline))
+    if length == 0:
+        raise ReconstructionError(f"cameras {rig.core} and {auxiliary} stand on one spot; no depth from them")
+    x = baseline / length
+    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
+    if np.linalg.norm(z) < 0.1:
+        raise ReconstructionError(
+            f"camera {auxiliary} stands on the optical axis of {rig.core}; this pair cannot be rectified"
+        )
+    z /= np.linalg.norm(z)
+    rotation = np.stack([x, np.cross(z, x), z])
+    return Pose.of(rotation, np.zeros(3)), Pose.of(rotation @ pose.rotation.T, np.zeros(3)), length
+
+
+def _common_view(
+    rig: Rig, auxiliary: str, to_core: Pose, focal_px: float, depth_range_mm: tuple[float, float]
+) -> tuple[tuple[float, float, float, float], float, float]:
+    """Box (u0, v0, u1, v1) about the principal point that both cameras see, and rectified near and far, mm."""
+    core_rays = _border_rays(rig.core_camera, distorted=False) @ _turn(to_core)
+    if core_rays[:, 2].min() < 0.05:
+        raise ReconstructionError(f"camera {auxiliary} stands nearly in the view of {rig.core}; leave it out")
+    core_from_aux = rig.cam_from_core[auxiliary].inverse()
+    aux_rays = core_from_aux.rotation @ _border_rays(rig.cameras[auxiliary], distorted=True).T
+    seen = []
+    for depth in depth_range_mm:
+        scale = (depth - core_from_aux.translation_mm[2]) / aux_rays[2]
+        points = core_from_aux.translation_mm + (aux_rays * np.where(scale > 0, scale, np.nan)).T
+        seen.append(points @ _turn(to_core))
+    aux_pixels = np.concatenate([focal_px * p[:, :2] / p[:, 2:] for p in seen])
+    core_pixels = focal_px * core_rays[:, :2] / core_rays[:, 2:]
+    low, high = core_pixels.min(axis=0), core_pixels.max(axis=0)
+    if np.isfinite(aux_pixels).all():  # else the auxiliary looks past the plane: take all the core sees
+        low, high = np.maximum(low, aux_pixels.min(axis=0)), np.minimum(high, aux_pixels.max(axis=0))
+    if not (high - low > 16).all():
+        raise ReconstructionError(
+            f"cameras {rig.core} and {auxiliary} share no view between {depth_range_mm[0]:.0f} and "
+            f"{depth_range_mm[1]:.0f} mm; check the rig or the depth range"
+        )
+    reach = core_rays[:, 2]
+    near_mm, far_mm = depth_range_mm[0] * float(reach.min()), depth_range_mm[1] * float(reach.max())
+    return (float(low[0]), float(low[1]), float(high[0]), float(high[1])), near_mm, far_mm
+
+
+def _border_rays(camera: Camera, *, distorted: bool) -> NDArray[np.float64]:
+    """(N, 3) rays with z = 1 along the border of the image, or of the undistorted pinhole grid."""
+    width, height = camera.size_px
+    u, v = np.linspace(0, width - 1, _BORDER_SAMPLES), np.linspace(0, height - 1, _BORDER_SAMPLES)
+    border = np.concatenate(
+        [
+            np.stack([u, np.zeros_like(u)], axis=-1),
+            np.stack([u, np.full_like(u, height - 1)], axis=-1),
+            np.stack([np.zeros_like(v), v], axis=-1),
+            np.stack([np.full_like(v, width - 1), v], axis=-1),
+        ]
+    )
+    ideal = camera.undistort(border) if distorted else (border - camera.center_px) / camera.focal_px
+    return np.concatenate([ideal, np.ones((len(ideal), 1))], axis=1)
+
+
+def _source_map(
+    camera: Camera, turn: Pose, focal_px: float, center_px: tuple[float, float], size_px: tuple[int, int]
+) -> NDArray[np.float32]:
+    """(H, W, 2) float32 distorted pixel of each rectified pixel: one interpolation straight from the image."""
+    u, v = np.meshgrid(np.arange(size_px[0]) - center_px[0], np.arange(size_px[1]) - center_px[1])
+    rays = np.stack([u / focal_px, v / focal_px, np.ones_like(u)], axis=-1) @ turn.rotation
+    behind = rays[..., 2] < 0.05
+    ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
+    pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
+    # far outside the image the distortion polynomial turns back; those rays are not the image's
+    outside = behind | (
+        np.abs(ideal) > 1.15 * np.abs(_border_rays(camera, distorted=True)[:, :2]).max(axis=0)
+    ).any(-1)
+    pixels[outside] = -1e4
+    return pixels.astype(np.float32)

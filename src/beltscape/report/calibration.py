@@ -134,7 +134,7 @@ def _cameras(chain: Chain) -> Table:
     return Table(names, rows, "Monocular calibration (Zhang) with one standard deviation each.")
 
 
-def _frame_axes(axis, camera: Camera, title: str) -> None:  # noqa: ANN001
+def _frame_axes(axis, camera: Camera, title: str) -> None:
     width, height = camera.size_px
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
     axis.spines[["top", "right"]].set_visible(True)

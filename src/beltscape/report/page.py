@@ -98,7 +98,7 @@ def render(title: str, verdict: str, sections: Sequence[Section], *, warnings: S
 
 
 @cache
-def _template():  # noqa: ANN202  (jinja2 is imported here only)
+def _template():
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     assets = files("beltscape.report") / "assets"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image, saturated_fraction
@@ -41,10 +42,20 @@ class FolderSource:
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def folder(self) -> Path:
+        """Where the capture lies."""
+        return self._capture.folder
+
     def __iter__(self) -> Iterator[FrameSet]:
+        return self.only(self.frames)
+
+    def only(self, wanted: Collection[str]) -> Iterator[FrameSet]:
+        """Some of the frames, in natural order."""
         for frame in self.frames:
-            images = {name: self._image(name, frame) for name in self.cameras}
-            yield FrameSet(frame, {name: image for name, image in images.items() if image is not None})
+            if frame in wanted:
+                images = {name: self._image(name, frame) for name in self.cameras}
+                yield FrameSet(frame, {name: image for name, image in images.items() if image is not None})
 
     def _image(self, camera: str, frame: str) -> Image | None:
         path = self._capture.files[camera].get(frame)

@@ -1,0 +1,69 @@
+"""A reconstruction on disk: ``DIR/rig.json`` and one folder ``DIR/<frame>/`` per frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.core.rig import Rig
+from beltscape.files.atomic import output_folder
+from beltscape.files.depth_tiff import read_float_tiff, write_float_tiff
+from beltscape.files.images import read_image, write_image
+from beltscape.files.ply import write_cloud
+from beltscape.files.rig_json import read_rig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameResult:
+    """One reconstructed frame as it was read back."""
+
+    folder: Path
+    rig: Rig
+    depth: DepthMap
+
+
+def write_frame(folder: Path, depth: DepthMap, cloud: PointCloud, preview: Image) -> None:
+    """depth.tiff, sigma.tiff, views.png, cloud.ply and preview.png of one frame."""
+    output_folder(folder)
+    write_float_tiff(folder / "depth.tiff", depth.depth_mm)
+    write_float_tiff(folder / "sigma.tiff", depth.sigma_mm)
+    write_image(folder / "views.png", depth.views)
+    write_cloud(folder / "cloud.ply", cloud)
+    write_image(folder / "preview.png", preview)
+
+
+def read_frame(folder: Path) -> FrameResult:
+    """Read a frame folder and the rig beside it.
+
+    Raises
+    ------
+    InputError
+        When a file is missing, unreadable, or does not fit the rig.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give a frame folder of beltscape reconstruct")
+    rig = read_rig(folder.parent / "rig.json")
+    depth, sigma = read_float_tiff(folder / "depth.tiff"), read_float_tiff(folder / "sigma.tiff")
+    width, height = rig.core_camera.size_px
+    for name, values in (("depth.tiff", depth), ("sigma.tiff", sigma)):
+        if values.shape != (height, width):
+            raise InputError(
+                f"{folder / name}: {values.shape[1]}×{values.shape[0]} px, but the rig's core camera {rig.core} "
+                f"has {width}×{height}; the rig.json beside the frame is another rig's"
+            )
+    return FrameResult(folder, rig, DepthMap(depth, sigma, _views(folder / "views.png", depth)))
+
+
+def _views(path: Path, depth: np.ndarray) -> np.ndarray:
+    """How many auxiliaries measured each pixel; at least one where there is a depth, if nobody wrote it down."""
+    if path.is_file():
+        views = read_image(path)
+        if views.shape == depth.shape and views.dtype == np.uint8:
+            return views
+    return np.isfinite(depth).astype(np.uint8)

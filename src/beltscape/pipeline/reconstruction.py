@@ -1,0 +1,123 @@
+"""Capture and rig → depth maps, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError, ReconstructionError, SettingsError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.capture import read_capture
+from beltscape.sources.folder import FolderSource
+from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.search import find_depth_range
+from beltscape.stereo.settings import PairwiseSettings
+
+METHODS = ("pairwise", "binocular")
+"""What `reconstruct` can do; ``multiview`` joins them when its matcher exists."""
+LOOKS = 5
+"""Frames of a sequence in which the depth range is looked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One reconstructed frame."""
+
+    frame_set: FrameSet
+    depth: DepthMap
+
+
+def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
+    """The frames of a capture as the rig's cameras saw them.
+
+    Raises
+    ------
+    InputError
+        When the capture has no images of the core camera, or of no other camera of the rig.
+    """
+    capture = read_capture(folder)
+    if rig.core not in capture.cameras:
+        raise InputError(
+            f"{folder / rig.core}: no images of the core camera {rig.core}; the capture has "
+            f"{', '.join(capture.cameras)}"
+        )
+    if not set(capture.cameras) & set(rig.auxiliaries):
+        raise InputError(
+            f"{folder}: no images of an auxiliary camera of the rig ({', '.join(rig.auxiliaries)}); "
+            "depth needs a second view"
+        )
+    return FolderSource(capture, {name: camera.size_px for name, camera in rig.cameras.items()}, reporter)
+
+
+def auxiliaries_for(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
+    """Which auxiliary cameras a method uses.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such method, or no such camera.
+    """
+    if method == "multiview":
+        raise SettingsError(
+            "method multiview: the matcher that uses all views at once is not in this version; "
+            f"use --method {' or '.join(METHODS)}"
+        )
+    if method not in METHODS:
+        raise SettingsError(f"method {method}: unknown; use --method {' or '.join(METHODS)}")
+    if pair is not None and (method != "binocular" or pair not in rig.auxiliaries):
+        raise SettingsError(
+            f"pair {pair}: --method binocular pairs {rig.core} with one of {', '.join(rig.auxiliaries)}"
+        )
+    return rig.auxiliaries if method == "pairwise" else (pair or horizontal_auxiliary(rig),)
+
+
+def depth_range(source: FolderSource, rig: Rig, settings: PairwiseSettings, reporter: Reporter) -> tuple[float, float]:
+    """Near and far end (mm) of what a few frames, spread over the capture, show."""
+    chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, LOOKS).astype(int))}
+    ranges: list[tuple[float, float]] = []
+    failure: ReconstructionError | None = None
+    for frame_set in source.only(chosen):
+        try:
+            ranges.append(find_depth_range(rig, frame_set, settings, reporter))
+        except ReconstructionError as error:
+            failure = error
+    if not ranges:
+        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
+    return min(near for near, _ in ranges), max(far for _, far in ranges)
+
+
+def reconstruct(
+    source: FolderSource,
+    rig: Rig,
+    auxiliaries: tuple[str, ...],
+    depth_range_mm: tuple[float, float],
+    settings: PairwiseSettings,
+    reporter: Reporter,
+) -> Iterator[Frame]:
+    """Depth of every frame that can be measured; the others are named.
+
+    Raises
+    ------
+    ReconstructionError
+        When not a single frame can be measured.
+    """
+    usable = tuple(name for name in auxiliaries if name in source.cameras)
+    matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=usable)
+    done, failure = 0, None
+    for frame_set in source:
+        try:
+            depth = matcher.reconstruct(frame_set, reporter)
+        except ReconstructionError as error:
+            failure = error
+            reporter.warn(f"{error}; going on without this frame")
+            continue
+        done += 1
+        yield Frame(frame_set, depth)
+    if not done:
+        raise failure or ReconstructionError(f"{source.folder}: no frame in it")

@@ -20,29 +20,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Calibrate and write rig.json, calibration.json, report.html."""
-    from beltscape.files.atomic import output_folder, write_text
-    from beltscape.files.json_text import write_json
-    from beltscape.files.rig_json import write_rig
-    from beltscape.pipeline.calibration import calibrate, calibration_document
-    from beltscape.report.calibration import calibration_page
+    from beltscape.files.atomic import output_folder
+    from beltscape.pipeline.calibration import calibrate, calibration_document, write_calibration
     from beltscape.target.board import read_board
 
     board = read_board(arguments.board)
     out = output_folder(arguments.out)
     calibration = calibrate(arguments.capture, board, arguments.core, reporter)
+    write_calibration(out, calibration)
     document = calibration_document(calibration)
-    warnings = list(getattr(reporter, "warnings", []))
-    write_rig(out / "rig.json", calibration.rig)
-    write_json(out / "calibration.json", {**document, "warnings": warnings})
-    page = calibration_page(
-        calibration.chain,
-        calibration.evidence,
-        calibration.board,
-        held_out=calibration.held_out,
-        training=calibration.training,
-        warnings=warnings,
-    )
-    write_text(out / "report.html", page)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}
 
 

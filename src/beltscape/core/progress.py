@@ -27,3 +27,21 @@ class Silent:
     def warn(self, message: str) -> None:
         """Keep it."""
         self.warnings.append(message)
+
+
+class Recording:
+    """Reporter that passes everything on and keeps the warnings of one piece of work."""
+
+    def __init__(self, to: Reporter) -> None:
+        self._to = to
+        self.warnings: list[str] = []
+
+    def step(self, stage: str, done: int, total: int) -> None:
+        """Pass it on."""
+        self._to.step(stage, done, total)
+
+    def warn(self, message: str) -> None:
+        """Keep it once and pass it on."""
+        if message not in self.warnings:
+            self.warnings.append(message)
+            self._to.warn(message)

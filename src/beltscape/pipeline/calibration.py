@@ -14,10 +14,14 @@ from beltscape.calibrate.heldout import held_out_score
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.core.errors import CalibrationError, InputError
-from beltscape.core.progress import Reporter
+from beltscape.core.progress import Recording, Reporter
 from beltscape.core.rig import Rig
+from beltscape.files.atomic import write_text
 from beltscape.files.capture import read_capture
+from beltscape.files.json_text import write_json
+from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
+from beltscape.report.calibration import calibration_page
 from beltscape.target.board import Board
 
 
@@ -34,6 +38,7 @@ class Calibration:
     """On the very views the rig was found from: it flatters."""
     held_out: Score | None
     """On views the rig was not found from: the headline. None where half of the views is too little."""
+    warnings: tuple[str, ...]
 
     @property
     def rig(self) -> Rig:
@@ -49,6 +54,7 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
     InputError, CalibrationError
         With one line that names what is wrong and the mend.
     """
+    reporter = Recording(reporter)
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
         raise InputError(
@@ -61,8 +67,8 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
     for pair in skewed_pairs(chain):
         alone = max(chain.monocular[name].rms_px for name in (pair.first, pair.second))
         reporter.warn(
-            f"cameras {pair.first} and {pair.second} agree to {pair.rms_px:.2f} px only, each alone to {alone:.2f} px: "
-            "they are not triggered at the same instant, or one of them moved"
+            f"cameras {pair.first} and {pair.second} agree to {pair.rms_px:.2f} px only, "
+            f"each alone to {alone:.2f} px: they are not triggered at the same instant, or one of them moved"
         )
     kernels = load()
     own = sightings.restricted(chain.rig.cameras, sightings.frames)
@@ -77,7 +83,24 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
         "board": board.model_dump(),
     }
     chain = replace(chain, rig=replace(chain.rig, quality=quality))
-    return Calibration(board, variant, sightings, chain, evidence, training, held_out)
+    return Calibration(
+        board, variant, sightings, chain, evidence, training, held_out, tuple(reporter.warnings)
+    )
+
+
+def write_calibration(out: Path, calibration: Calibration) -> None:
+    """rig.json, calibration.json and report.html."""
+    write_rig(out / "rig.json", calibration.rig)
+    write_json(out / "calibration.json", calibration_document(calibration))
+    page = calibration_page(
+        calibration.chain,
+        calibration.evidence,
+        calibration.board,
+        held_out=calibration.held_out,
+        training=calibration.training,
+        warnings=calibration.warnings,
+    )
+    write_text(out / "report.html", page)
 
 
 def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> tuple[Score, Evidence]:
@@ -157,6 +180,7 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             {"cameras": e.pair, "rotation_deg": e.rotation_deg, "translation_mm": e.translation_mm}
             for e in chain.network.path_errors
         ],
+        "warnings": calibration.warnings,
     }
 
 

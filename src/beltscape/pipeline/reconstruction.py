@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,13 @@ from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
+from beltscape.files.atomic import output_folder
 from beltscape.files.capture import read_capture
+from beltscape.files.reconstruction import write_frame
+from beltscape.files.rig_json import write_rig
+from beltscape.report.pictures import preview
 from beltscape.sources.folder import FolderSource
+from beltscape.stereo.cloud import cloud_from_depth, undistorted
 from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
 from beltscape.stereo.search import find_depth_range
 from beltscape.stereo.settings import PairwiseSettings
@@ -31,6 +37,61 @@ class Frame:
 
     frame_set: FrameSet
     depth: DepthMap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reconstruction:
+    """What was written."""
+
+    auxiliaries: tuple[str, ...]
+    depth_range_mm: tuple[float, float]
+    frames: tuple[Mapping[str, Any], ...]
+    """Per frame: plain values for JSON."""
+
+
+def reconstruct_capture(
+    capture: Path,
+    rig: Rig,
+    out: Path,
+    reporter: Reporter,
+    *,
+    method: str = "pairwise",
+    pair: str | None = None,
+    depth_range_mm: tuple[float, float] | None = None,
+    settings: PairwiseSettings | None = None,
+) -> Reconstruction:
+    """Reconstruct every frame of a capture into ``out``: rig.json and a folder per frame.
+
+    Raises
+    ------
+    InputError, SettingsError, ReconstructionError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    settings = settings or PairwiseSettings()
+    auxiliaries = auxiliaries_for(method, rig, pair)
+    source = open_capture(capture, rig, reporter)
+    output_folder(out)
+    near_far = depth_range_mm or depth_range(source, rig, settings, reporter)
+    write_rig(out / "rig.json", rig)
+    documents: list[Mapping[str, Any]] = []
+    for frame in reconstruct(source, rig, auxiliaries, near_far, settings, reporter):
+        documents.append(_write(out / frame.frame_set.frame, frame, rig))
+        reporter.step("reconstructing", len(documents), len(source))
+    return Reconstruction(auxiliaries, near_far, tuple(documents))
+
+
+def _write(folder: Path, frame: Frame, rig: Rig) -> Mapping[str, Any]:
+    depth, camera, image = frame.depth, rig.core_camera, frame.frame_set.images[rig.core]
+    cloud = cloud_from_depth(depth, camera, image)
+    write_frame(folder, depth, cloud, preview(depth, undistorted(image, camera)))
+    measured = depth.measured.any()
+    return {
+        "frame": frame.frame_set.frame,
+        "folder": folder,
+        "coverage": depth.coverage,
+        "median_depth_mm": float(np.nanmedian(depth.depth_mm)) if measured else float("nan"),
+        "median_sigma_mm": float(np.nanmedian(depth.sigma_mm)) if measured else float("nan"),
+    }
 
 
 def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
@@ -77,7 +138,9 @@ def auxiliaries_for(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
     return rig.auxiliaries if method == "pairwise" else (pair or horizontal_auxiliary(rig),)
 
 
-def depth_range(source: FolderSource, rig: Rig, settings: PairwiseSettings, reporter: Reporter) -> tuple[float, float]:
+def depth_range(
+    source: FolderSource, rig: Rig, settings: PairwiseSettings, reporter: Reporter
+) -> tuple[float, float]:
     """Near and far end (mm) of what a few frames, spread over the capture, show."""
     chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, LOOKS).astype(int))}
     ranges: list[tuple[float, float]] = []

@@ -17,13 +17,11 @@ _INK = (235, 238, 241)
 _PANEL_PX = 760
 
 
-def colored(
-    values: NDArray[np.floating], low: float, high: float, colormap: int = cv2.COLORMAP_TURBO
-) -> Rgb:
+def colored(values: NDArray[np.floating], low: float, high: float, colormap: int = cv2.COLORMAP_TURBO) -> Rgb:
     """(H, W) values → (H, W, 3) RGB between ``low`` and ``high``; NaN dark grey."""
     scaled = np.clip((values - low) / max(high - low, 1e-9), 0, 1)
     eight = np.rint(255 * np.nan_to_num(scaled)).astype(np.uint8)
-    image = cv2.applyColorMap(eight, colormap)[..., ::-1].copy()
+    image = np.asarray(cv2.applyColorMap(eight, colormap)[..., ::-1], np.uint8).copy()
     image[~np.isfinite(values)] = GROUND
     return image
 
@@ -37,7 +35,9 @@ def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, flo
     return float(low), float(max(high, low + 1e-6))
 
 
-def panel(image: Rgb, title: str, scale: tuple[float, float, str] | None = None, colormap: int = cv2.COLORMAP_TURBO) -> Rgb:
+def panel(
+    image: Rgb, title: str, scale: tuple[float, float, str] | None = None, colormap: int = cv2.COLORMAP_TURBO
+) -> Rgb:
     """One picture with its title and, where given, a colour scale (low, high, unit) below."""
     factor = _PANEL_PX / image.shape[1]
     interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
@@ -53,7 +53,7 @@ def panel(image: Rgb, title: str, scale: tuple[float, float, str] | None = None,
             text = f"{low + position * (high - low):.4g} {unit}"
             width = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
             _write(foot, text, (int(10 + position * (_PANEL_PX - 20 - width)), 34), 0.45)
-    return np.concatenate([head, body, foot])
+    return np.concatenate([head, np.asarray(body, np.uint8), foot])
 
 
 def beside(panels: list[Rgb]) -> Rgb:

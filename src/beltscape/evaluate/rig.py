@@ -1,0 +1,59 @@
+"""A rig against the true one: what its errors do to points in the working volume."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.rig import Rig
+from beltscape.kernels import Kernels
+
+WORKING_VOLUME_MM = ((-300.0, 300.0), (-240.0, 240.0), (600.0, 760.0))
+"""x, y, z in the core camera's frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class RigScore:
+    """How far a rig is from the true one."""
+
+    depth_rms_mm: float
+    """Of points projected with the true rig and triangulated with the found one."""
+    depth_max_mm: float
+    rotation_deg: Mapping[str, float]
+    """By camera, about the core."""
+    center_mm: Mapping[str, float]
+    """By camera: distance of its centre from the true one, in the core frame."""
+
+
+def score_rig_against_truth(found: Rig, truth: Rig, kernels: Kernels) -> RigScore:
+    """Project a grid of the working volume with the true rig, triangulate it with the found one."""
+    axes = [np.linspace(low, high, 9) for low, high in WORKING_VOLUME_MM]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    names = [name for name in truth.cameras if name in found.cameras]
+    pixels = np.stack([_seen_by(truth, found, name, points) for name in names])
+    measured = kernels.triangulate(np.stack([found.projection(name) for name in names]), pixels)
+    error = measured[:, 2] - points[:, 2]
+    error = error[np.isfinite(error)]
+    differences = {name: found.cam_from_core[name] @ truth.cam_from_core[name].inverse() for name in names}
+    centers = {
+        name: found.cam_from_core[name].center_mm - truth.cam_from_core[name].center_mm for name in names
+    }
+    return RigScore(
+        depth_rms_mm=float(np.sqrt((error**2).mean())) if error.size else float("nan"),
+        depth_max_mm=float(np.abs(error).max()) if error.size else float("nan"),
+        rotation_deg={name: pose.angle_deg for name, pose in differences.items()},
+        center_mm={name: float(np.linalg.norm(offset)) for name, offset in centers.items()},
+    )
+
+
+def _seen_by(truth: Rig, found: Rig, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 2) the pixels of points as the found camera undistorts them; NaN outside the image."""
+    camera = truth.cameras[name]
+    pixels = camera.project(truth.cam_from_core[name].apply(points_mm))
+    outside = ((pixels < -0.5) | (pixels > np.array(camera.size_px) - 0.5)).any(axis=1)
+    ideal = found.cameras[name].undistort(np.nan_to_num(pixels))
+    ideal[outside | ~np.isfinite(pixels).all(axis=1)] = np.nan
+    return ideal * found.cameras[name].focal_px + found.cameras[name].center_px

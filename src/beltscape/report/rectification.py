@@ -1,0 +1,82 @@
+"""The check picture of a rectification, as in the paper's Fig. 6: epipolar lines before and after."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.rig import Rig
+from beltscape.report.pictures import Rgb, beside, panel, to_rgb
+from beltscape.stereo.rectified import RectifiedImages
+from beltscape.stereo.rectify import upright_turns
+
+LINES = 9
+_COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 149, 237), (238, 130, 238)]
+
+
+def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> Rgb:
+    """One row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
+
+    Corresponding points lie on lines of one colour. Pairs about a vertical baseline are shown upright, so that
+    their rows stand on end.
+    """
+    rows = []
+    for images in pairs:
+        name, pair = images.pair.auxiliary, images.pair
+        before_core, before_aux = _before(rig, frame_set, images)
+        after_core, after_aux = _after(images)
+        off = (
+            f"rows met within {images.rows.rms_px:.2f} px"
+            if np.isfinite(images.rows.rms_px)
+            else "rows not measured"
+        )
+        rows.append(
+            beside(
+                [
+                    panel(before_core, f"before: {pair.core}"),
+                    panel(before_aux, f"before: {name}"),
+                    panel(after_core, f"after: {pair.core}"),
+                    panel(after_aux, f"after: {name}, {off} ({images.rows.points} points)"),
+                ]
+            )
+        )
+    return np.concatenate(rows)
+
+
+def _after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
+    turns = upright_turns(images.pair)
+    width, height = images.pair.size_px
+    shown = []
+    for image in (images.core, images.auxiliary):
+        rgb = to_rgb(image)
+        for i, v in enumerate(_line_rows(height)):
+            cv2.line(rgb, (0, v), (width - 1, v), _COLORS[i % len(_COLORS)], 2, cv2.LINE_AA)
+        shown.append(np.ascontiguousarray(np.rot90(rgb, turns)))
+    return shown[0], shown[1]
+
+
+def _before(rig: Rig, frame_set: FrameSet, images: RectifiedImages) -> tuple[Rgb, Rgb]:
+    """The same lines in the images as they were taken: where each rectified row came from."""
+    shown = []
+    for name, source in (
+        (images.pair.core, images.pair.core_map),
+        (images.pair.auxiliary, images.pair.aux_map),
+    ):
+        rgb = to_rgb(frame_set.images[name])
+        for i, v in enumerate(_line_rows(images.pair.size_px[1])):
+            _draw_inside(rgb, source[v], rig.cameras[name].size_px, _COLORS[i % len(_COLORS)])
+        shown.append(rgb)
+    return shown[0], shown[1]
+
+
+def _line_rows(height: int) -> list[int]:
+    return [int(v) for v in np.linspace(0, height - 1, LINES + 2)[1:-1]]
+
+
+def _draw_inside(
+    rgb: Rgb, points: NDArray[np.float32], size_px: tuple[int, int], color: tuple[int, int, int]
+) -> None:
+    inside = ((points > -0.5) & (points < np.array(size_px) - 0.5)).all(axis=1)
+    cv2.polylines(rgb, [np.rint(points[inside]).astype(np.int32)], False, color, 2, cv2.LINE_AA)

@@ -1,0 +1,69 @@
+"""Local planes of a depth map: one robust plane per block of pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.depth import DepthMap
+
+_MIN_SHARE = 0.5
+"""A block with fewer measured pixels than this gives no plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockPlanes:
+    """Planes of the blocks that have one, in the camera's frame."""
+
+    normals: NDArray[np.float64]
+    """(M, 3) unit normals towards the camera."""
+    centers_mm: NDArray[np.float64]
+    """(M, 3) points of the planes at the blocks' centres."""
+    rms_mm: NDArray[np.float64]
+    """(M,) robust scatter of the pixels about their plane, along the ray."""
+
+
+def block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlanes:
+    """Robust planes of ``side_px`` × ``side_px`` blocks.
+
+    A plane is exactly affine in inverse depth over the image, so each block is one linear fit of
+    three numbers, repeated with Tukey weights.
+    """
+    height, width = (n // side_px * side_px for n in depth.depth_mm.shape)
+    inverse = _cut(1.0 / depth.depth_mm[:height, :width].astype(np.float64), side_px)
+    rays = camera.rays()[:height, :width]
+    design = np.stack([_cut(rays[..., 0], side_px), _cut(rays[..., 1], side_px), np.ones_like(inverse)], -1)
+    enough = np.isfinite(inverse).mean(axis=1) >= _MIN_SHARE
+    inverse, design = inverse[enough], design[enough]
+    if not len(inverse):
+        return BlockPlanes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+    middle = design.mean(axis=1)
+    local = design.copy()
+    local[..., :2] -= middle[:, None, :2]
+    weight = np.isfinite(inverse).astype(np.float64)
+    filled = np.where(weight > 0, inverse, 0.0)
+    plane, scale = np.zeros((len(inverse), 3)), np.zeros(len(inverse))
+    for _ in range(4):
+        weighted = local * weight[..., None]
+        normal_matrix = weighted.transpose(0, 2, 1) @ local
+        normal_matrix += 1e-12 * np.trace(normal_matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        plane = np.linalg.solve(normal_matrix, weighted.transpose(0, 2, 1) @ filled[..., None])[..., 0]
+        residual = np.where(np.isfinite(inverse), inverse - (local @ plane[..., None])[..., 0], np.nan)
+        scale = 1.4826 * np.nanmedian(np.abs(residual), axis=1) + 1e-12
+        ratio = np.nan_to_num(residual / (4.685 * scale[:, None]), nan=1.0)
+        weight = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+    # w = a·x/z + b·y/z + c is the plane a·X + b·Y + c·Z = 1
+    normal = plane.copy()
+    normal[:, 2] -= np.sum(plane[:, :2] * middle[:, :2], axis=1)
+    normal *= -1.0 / np.linalg.norm(normal, axis=1, keepdims=True)
+    z = 1.0 / plane[:, 2]
+    return BlockPlanes(normal, middle * z[:, None], scale * z**2)
+
+
+def _cut(plane: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """(H, W) → (blocks, side²)."""
+    rows, columns = plane.shape[0] // side, plane.shape[1] // side
+    return plane.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, side * side)

@@ -1,0 +1,106 @@
+"""A flat belt's direction from its edges: straight steps down to the floor or up to a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeYaw:
+    """Direction of the belt in the plane given."""
+
+    angle_rad: float
+    """Of the edges against the plane's second axis: positive turns it towards minus the first."""
+    sigma_rad: float
+    """One standard deviation of it."""
+
+
+def edge_yaw(
+    plane_mm: NDArray[np.float64], off_mm: NDArray[np.float64], tolerance_mm: float
+) -> EdgeYaw | None:
+    """Direction of the straight steps that bound a plane; None where no long one is seen.
+
+    ``plane_mm`` (H, W, 2) and ``off_mm`` (H, W) are each pixel's place in the plane and its height off it. Only
+    borders with something else measured nearby count: the border of the light is none.
+    """
+    points = _border(off_mm, tolerance_mm)
+    points = plane_mm[points]
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 40:
+        return None
+    bin_mm = 2 * float(np.nanmedian(np.abs(np.diff(plane_mm[..., 0], axis=1))))
+    angle, offsets = _sharpest(points, bin_mm)
+    length = float(np.nanmax(plane_mm[..., 1]) - np.nanmin(plane_mm[..., 1]))
+    lines = [
+        line
+        for offset in offsets
+        if np.ptp((line := points[np.abs(_across(points, angle) - offset) < 2 * bin_mm])[:, 1]) > 0
+        and len(line) >= 40
+    ]
+    fits = [fit for line in lines if (fit := _line(line, angle, 0.3 * length)) is not None]
+    if not fits:
+        return None
+    weights = np.array([1 / sigma**2 for _, sigma in fits])
+    mean = float(np.average([a for a, _ in fits], weights=weights))
+    return EdgeYaw(mean, float(np.sqrt(1 / weights.sum())))
+
+
+def _border(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np.bool_]:
+    """(H, W) pixels of the plane next to a step."""
+    measured = np.isfinite(off_mm)
+    on = ndimage.binary_closing(measured & (np.abs(off_mm) < tolerance_mm), iterations=3)
+    on = np.asarray(ndimage.binary_opening(on, iterations=3), bool)
+    other = measured & (np.abs(off_mm) > 2 * tolerance_mm)
+    other = np.asarray(ndimage.binary_opening(other, iterations=3), bool)
+    if not other.any():
+        return np.zeros_like(on)
+    near = np.asarray(ndimage.distance_transform_edt(~other)) < 0.05 * off_mm.shape[1]
+    border = on & ~np.asarray(ndimage.binary_erosion(on, border_value=1), bool)
+    return border & near
+
+
+def _across(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    return points[:, 0] * np.cos(angle) + points[:, 1] * np.sin(angle)
+
+
+def _sharpest(points: NDArray[np.float64], bin_mm: float) -> tuple[float, list[float]]:
+    """Direction in which the points fall into the fewest lines, and the offsets of up to two of them."""
+    best, best_score, best_counts, best_start = 0.0, -1.0, np.zeros(1), 0.0
+    for angle in np.deg2rad(np.arange(-90, 90, 0.25)):
+        across = _across(points, angle)
+        start = float(across.min())
+        counts = np.bincount(((across - start) / bin_mm).astype(np.intp)).astype(np.float64)
+        score = float(np.sum(counts**2))
+        if score > best_score:
+            best, best_score, best_counts, best_start = float(angle), score, counts, start
+    first = int(np.argmax(best_counts))
+    offsets = [best_start + (first + 0.5) * bin_mm]
+    apart = np.abs(np.arange(len(best_counts)) - first) * bin_mm > 0.2 * len(best_counts) * bin_mm
+    rest = np.where(apart, best_counts, 0)
+    if rest.max() > 0.3 * best_counts[first]:
+        offsets.append(best_start + (int(np.argmax(rest)) + 0.5) * bin_mm)
+    return best, offsets
+
+
+def _line(points: NDArray[np.float64], angle: float, least_mm: float) -> tuple[float, float] | None:
+    """Angle (rad) of the line through the points and its standard deviation; None where it is short."""
+    across = _across(points, angle)
+    along = -points[:, 0] * np.sin(angle) + points[:, 1] * np.cos(angle)
+    if np.ptp(along) < least_mm:
+        return None
+    design = np.column_stack([np.ones_like(along), along - along.mean()])
+    weight = np.ones_like(along)
+    slope, noise = 0.0, 0.0
+    for _ in range(5):
+        weighted = design * weight[:, None]
+        offset, slope = np.linalg.solve(weighted.T @ design, weighted.T @ across)
+        residual = across - offset - design[:, 1] * slope
+        noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-6
+        weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
+    # neighbouring border pixels err together: ten of them count as one
+    sigma = noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10)
+    return float(angle - np.arctan(slope)), float(sigma)

@@ -1,0 +1,90 @@
+"""The middle of a belt's cross-section: its reach, its flat, or its line of symmetry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LEAST_SHARE = 0.12
+"""A straight piece shorter than this share of the belt is no flat centre."""
+_MOST_TILT = np.deg2rad(12.0)
+"""A flat centre leans no further than this from the camera's image plane."""
+_STEEPEST = 2.0
+"""A belt's surface climbs no steeper than this; what does is a step to the floor or a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Middle:
+    """What stands upright on the cross-section."""
+
+    slope_rad: float
+    """Angle of the flat against the section's x; where there is no flat, of the line of symmetry's normal."""
+    flat_mm: tuple[float, float] | None
+    """The flat's ends in x, or None."""
+
+
+def reach(
+    x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], noise_mm: float, at_mm: float
+) -> slice | None:
+    """Nodes of the unbroken surface that passes through ``at_mm``; None where nothing was measured there."""
+    known = np.flatnonzero(np.isfinite(z_mm))
+    if len(known) < 3:
+        return None
+    climb = np.abs(np.diff(z_mm[known])) > _STEEPEST * np.diff(x_mm[known]) + 6 * noise_mm
+    piece = np.r_[0, np.cumsum(climb)]
+    nearest = int(np.argmin(np.abs(x_mm[known] - at_mm)))
+    own = known[piece == piece[nearest]]
+    if len(own) < 3 or abs(x_mm[known[nearest]] - at_mm) > 0.1 * (x_mm[-1] - x_mm[0]):
+        return None
+    return slice(int(own[0]), int(own[-1]) + 1)
+
+
+def find_middle(x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], tolerance_mm: float) -> Middle:
+    """Flat centre of a belt's cross-section (K,), or its symmetry where it has no flat.
+
+    The flat is the line through any two nodes that most nodes lie on, among the lines that lean little;
+    the belt's wings lean more.
+    """
+    known = np.isfinite(z_mm)
+    x, z = x_mm[known], z_mm[known]
+    first, second = np.triu_indices(len(x), k=max(3, len(x) // 40))
+    angle = np.arctan2(z[second] - z[first], x[second] - x[first])
+    keep = np.abs(angle) < _MOST_TILT
+    first, second, angle = first[keep], second[keep], angle[keep]
+    if len(first):
+        off = z[None] - z[first, None] - np.tan(angle)[:, None] * (x[None] - x[first, None])
+        score = np.clip(1 - (off / tolerance_mm) ** 2, 0, None).sum(axis=1)
+        # of lines equally good the one that leans least
+        best = int(np.argmax(score - 0.02 * len(x) * np.abs(angle) / _MOST_TILT))
+        on = _longest_run(np.abs(off[best]) < tolerance_mm)
+        if on is not None and on.stop - on.start >= _LEAST_SHARE * len(x):
+            slope = np.polyfit(x[on], z[on], 1)[0]
+            return Middle(float(np.arctan(slope)), (float(x[on][0]), float(x[on][-1])))
+    return Middle(_symmetry(x, z), None)
+
+
+def _longest_run(flags: NDArray[np.bool_]) -> slice | None:
+    """Longest run of True, gaps of two forgiven."""
+    on = np.flatnonzero(flags)
+    if not len(on):
+        return None
+    breaks = np.flatnonzero(np.diff(on) > 3)
+    starts, stops = np.r_[0, breaks + 1], np.r_[breaks, len(on) - 1]
+    longest = int(np.argmax(on[stops] - on[starts]))
+    return slice(int(on[starts[longest]]), int(on[stops[longest]]) + 1)
+
+
+def _symmetry(x: NDArray[np.float64], z: NDArray[np.float64]) -> float:
+    """Turn (rad) that makes both sides of the lowest point climb equally."""
+    turn = 0.0
+    angles = np.arctan2(np.diff(z), np.diff(x))
+    for _ in range(20):
+        low = int(np.argmin(np.cos(turn) * z - np.sin(turn) * x))
+        low = min(max(low, 2), len(x) - 3)
+        half = 0.5 * float(np.median(angles[:low]) + np.median(angles[low:]))
+        if abs(half - turn) < 1e-9:
+            break
+        turn = half
+    return turn

@@ -1,0 +1,104 @@
+"""First guess of the belt's frame: from the normals of small blocks, or from the plane of a flat belt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import MeasureError
+from beltscape.measure.blocks import BlockPlanes, block_planes
+from beltscape.measure.edges import EdgeYaw, edge_yaw
+
+_FANNED = np.deg2rad(4.0)
+"""Normals that lean further than this from the middle ones belong to a wing."""
+_LEAST_FANNED = 0.04
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A frame within a few degrees of the belt's."""
+
+    rotation: NDArray[np.float64]
+    """(3, 3) start_from_camera; rows are x across, y along, z up."""
+    troughed: bool
+    """Whether the surface bends, so that it shows its direction."""
+    edges: EdgeYaw | None
+    """What the edges of a flat belt tell."""
+
+
+def find_start(depth: DepthMap, camera: Camera, points_mm: NDArray[np.float64]) -> Start:
+    """Frame of the surface from its blocks; ``points_mm`` (N, 3) are a sample of it in the camera's frame."""
+    planes = _sound(block_planes(depth, camera, max(8, camera.size_px[0] // 38)))
+    along = _least_direction(planes.normals)
+    rotation = frame_along(along, np.median(planes.normals, axis=0))
+    angle = np.arctan2(planes.normals @ rotation[0], planes.normals @ rotation[2])
+    scatter = 1.4826 * float(np.median(np.abs(planes.normals @ along)))
+    fanned = np.abs(angle - np.median(angle)) > max(_FANNED, 4 * scatter)
+    if fanned.mean() > _LEAST_FANNED:
+        return Start(rotation, True, None)
+    return _flat_start(depth, camera, points_mm, planes)
+
+
+def frame_along(along: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) rows x, y, z: y on the line ``along``, z nearest to ``up``, x towards the core image's +u."""
+    along = along / np.linalg.norm(along)
+    up = up - (up @ along) * along
+    up = up / np.linalg.norm(up)
+    across = np.cross(along, up)
+    # a belt that runs along u leaves the sign open: then +v
+    facing = across[0] if abs(across[0]) > 1e-3 else across[1]
+    return np.stack([across, along, up]) * np.where([[True], [True], [False]], np.sign(facing), 1.0)
+
+
+def _sound(planes: BlockPlanes) -> BlockPlanes:
+    """Planes of blocks that hold one surface."""
+    if len(planes.rms_mm) < 30:
+        raise MeasureError("empty belt: too few measured patches; project speckle or give a better frame")
+    good = planes.rms_mm <= 3 * np.median(planes.rms_mm)
+    return BlockPlanes(planes.normals[good], planes.centers_mm[good], planes.rms_mm[good])
+
+
+def _least_direction(normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) direction that most normals are square to, Cauchy-weighted."""
+    weight = np.ones(len(normals))
+    along = np.zeros(3)
+    for _ in range(20):
+        along = np.linalg.eigh((normals * weight[:, None]).T @ normals)[1][:, 0]
+        lean = np.abs(normals @ along)
+        weight = 1 / (1 + (lean / (2 * np.median(lean) + 1e-6)) ** 2)
+    return along
+
+
+def _flat_start(
+    depth: DepthMap, camera: Camera, points_mm: NDArray[np.float64], planes: BlockPlanes
+) -> Start:
+    off_axis = np.linalg.norm(planes.centers_mm[:, :2], axis=1) / planes.centers_mm[:, 2]
+    nearest = np.argsort(off_axis)[: max(5, len(off_axis) // 50)]
+    normal = np.median(planes.normals, axis=0)
+    normal /= np.linalg.norm(normal)
+    offset = float(np.median(planes.centers_mm[nearest] @ normal))
+    noise = 0.01 * abs(offset)  # wide enough for the first normal's error, too narrow for the floor
+    for _ in range(12):
+        off = points_mm @ normal - offset
+        near = points_mm[np.abs(off) < 4 * noise]
+        if len(near) < 0.02 * len(points_mm):
+            raise MeasureError(
+                "empty belt: no even surface under the optical axis; give an empty belt's frame"
+            )
+        middle = near.mean(axis=0)
+        normal = np.linalg.eigh((near - middle).T @ (near - middle))[1][:, 0]
+        normal *= -np.sign(normal[2])
+        offset = float(middle @ normal)
+        noise = max(1.4826 * float(np.median(np.abs((near - middle) @ normal))), 1e-4)
+    x_axis = np.array([1.0, 0.0, 0.0])
+    rotation = frame_along(np.cross(normal, x_axis), normal)
+    pixels = depth.points_mm(camera)[::2, ::2] @ rotation.T
+    edges = edge_yaw(pixels[..., :2], pixels[..., 2] - offset, 6 * noise)
+    if edges is not None:
+        across = np.cos(edges.angle_rad) * rotation[0] + np.sin(edges.angle_rad) * rotation[1]
+        rotation = frame_along(np.cross(normal, across), normal)
+    return Start(rotation, False, edges)

@@ -1,0 +1,21 @@
+from __future__ import annotations
+
+import inspect
+
+from beltscape.core import errors
+
+TREE = {
+    "InputError", "OutputError", "CalibrationError", "ReconstructionError", "MeasureError", "SettingsError",
+    "KernelError",
+}  # fmt: skip
+
+
+def test_the_tree_is_the_one_drawn_at_the_top_of_its_file():
+    classes = {name for name, kind in vars(errors).items() if inspect.isclass(kind)} - {"BeltscapeError"}
+    assert classes == TREE
+    drawn = {line.split()[1] for line in (errors.__doc__ or "").splitlines() if line[:1] in "├└" and line}
+    assert drawn == TREE
+
+
+def test_one_except_catches_all_that_is_raised_on_purpose():
+    assert all(issubclass(getattr(errors, name), errors.BeltscapeError) for name in TREE)

@@ -1,0 +1,66 @@
+"""The names a user may rely on, and what importing them must not cost."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+import beltscape
+
+PUBLIC = [
+    "BeltProfile", "BeltscapeError", "Camera", "DepthMap", "FrameSet", "HeightMap", "PointCloud", "Pose", "Rig",
+]  # fmt: skip
+
+HEAVY = ["cv2", "scipy", "pydantic", "matplotlib", "rich", "jinja2", "tifffile"]
+
+
+def modules_after(code: str) -> set[str]:
+    """Top-level names in sys.modules of a fresh interpreter after ``code``."""
+    ending = "\nimport sys\nprint('\\n'.join(sys.modules), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code + ending], capture_output=True, text=True, check=True)
+    return {line.split(".")[0] for line in done.stderr.splitlines()}
+
+
+def test_the_public_names_are_pinned():
+    assert sorted(beltscape.__all__) == PUBLIC
+    assert dir(beltscape) == sorted(beltscape.__all__)
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_name_is_there_and_says_what_it_is(name):
+    thing = getattr(beltscape, name)
+    assert thing.__name__ == name
+    assert thing.__doc__
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match=r"module 'beltscape' has no attribute 'Rigg'"):
+        beltscape.Rigg  # noqa: B018
+
+
+def test_the_version_is_a_version():
+    assert re.fullmatch(r"\d+\.\d+\.\d+", beltscape.__version__)
+
+
+def test_importing_beltscape_imports_nothing_but_the_standard_library():
+    loaded = modules_after("import beltscape")
+    assert "beltscape" in loaded
+    assert loaded.isdisjoint([*HEAVY, "numpy"])
+
+
+def test_the_vocabulary_imports_numpy_only():
+    loaded = modules_after("import beltscape\nfor name in beltscape.__all__: getattr(beltscape, name)")
+    assert "numpy" in loaded
+    assert loaded.isdisjoint(HEAVY)
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["calibrate", "--help"], ["check", "--help"]])
+def test_asking_for_help_imports_nothing_heavy(words):
+    loaded = modules_after(
+        f"from beltscape.cli.main import main\ntry:\n    main({words!r})\nexcept SystemExit:\n    pass"
+    )
+    assert "beltscape" in loaded
+    assert loaded.isdisjoint([*HEAVY, "numpy"])

@@ -24,48 +24,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Rectify every frame; write images, geometry and the check picture."""
-    from beltscape.files.atomic import output_folder
-    from beltscape.files.images import write_image
-    from beltscape.files.json_text import write_json
     from beltscape.files.rig_json import read_rig
-    from beltscape.pipeline.reconstruction import depth_range, open_capture
-    from beltscape.pipeline.rectification import rectify
-    from beltscape.report.rectification import check_picture
-    from beltscape.stereo.settings import PairwiseSettings
+    from beltscape.pipeline.rectification import rectify_capture
 
     rig = read_rig(arguments.rig)
     given = positive_range("--depth-range", arguments.depth_range)
-    source = open_capture(arguments.capture, rig, reporter)
-    out = output_folder(arguments.out)
-    near_far = given or depth_range(source, rig, PairwiseSettings(), reporter)
-    frames = []
-    for frame_set, pairs in rectify(source, rig, near_far, reporter):
-        folder = out / frame_set.frame
-        for images in pairs:
-            write_image(folder / images.pair.auxiliary / "core.png", images.core)
-            write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
-        write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs))
-        document = {"frame": frame_set.frame, "pairs": [_document(images) for images in pairs]}
-        write_json(folder / "rectification.json", document)
-        frames.append({**document, "folder": folder})
+    near_far, frames = rectify_capture(arguments.capture, rig, arguments.out, reporter, depth_range_mm=given)
     return {"depth_range_mm": near_far, "frames": frames}
-
-
-def _document(images: Any) -> Mapping[str, Any]:
-    pair, rows = images.pair, images.rows
-    return {
-        "core": pair.core,
-        "auxiliary": pair.auxiliary,
-        "size_px": pair.size_px,
-        "focal_px": pair.focal_px,
-        "core_center_px": pair.core_center_px,
-        "auxiliary_center_px": pair.aux_center_px,
-        "baseline_mm": pair.baseline_mm,
-        "disparities": pair.disparities,
-        "rectified_from_core": pair.rectified_from_core.rotation,
-        "rectified_from_auxiliary": pair.rectified_from_aux.rotation,
-        "row_error": {"points": rows.points, "median_px": rows.median_px, "rms_px": rows.rms_px},
-    }
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -2,19 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
+from beltscape.files.atomic import output_folder
+from beltscape.files.images import write_image
+from beltscape.files.json_text import write_json
+from beltscape.pipeline.reconstruction import depth_range, open_capture
+from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.pairwise import usable_auxiliaries
 from beltscape.stereo.rectified import RectifiedImages, rectify_images
 from beltscape.stereo.rectify import rectify_pair
+from beltscape.stereo.settings import PairwiseSettings
 
 WARN_ROWS_PX = 0.5
 """Matches farther than this off their rows mean that the rig is not the one that took the images."""
+
+
+def rectify_capture(
+    capture: Path,
+    rig: Rig,
+    out: Path,
+    reporter: Reporter,
+    *,
+    depth_range_mm: tuple[float, float] | None = None,
+) -> tuple[tuple[float, float], list[Mapping[str, Any]]]:
+    """Rectify every frame into ``out``: images, geometry and the check picture; depth range used, and per frame.
+
+    Raises
+    ------
+    InputError, ReconstructionError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    source = open_capture(capture, rig, reporter)
+    output_folder(out)
+    near_far = depth_range_mm or depth_range(source, rig, PairwiseSettings(), reporter)
+    frames: list[Mapping[str, Any]] = []
+    for frame_set, pairs in rectify(source, rig, near_far, reporter):
+        folder = out / frame_set.frame
+        for images in pairs:
+            write_image(folder / images.pair.auxiliary / "core.png", images.core)
+            write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
+        write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs))
+        document = {"frame": frame_set.frame, "pairs": [_document(images) for images in pairs]}
+        write_json(folder / "rectification.json", document)
+        frames.append({**document, "folder": folder})
+    return near_far, frames
+
+
+def _document(images: RectifiedImages) -> Mapping[str, Any]:
+    pair, rows = images.pair, images.rows
+    return {
+        "core": pair.core,
+        "auxiliary": pair.auxiliary,
+        "size_px": pair.size_px,
+        "focal_px": pair.focal_px,
+        "core_center_px": pair.core_center_px,
+        "auxiliary_center_px": pair.aux_center_px,
+        "baseline_mm": pair.baseline_mm,
+        "disparities": pair.disparities,
+        "rectified_from_core": pair.rectified_from_core.rotation,
+        "rectified_from_auxiliary": pair.rectified_from_aux.rotation,
+        "row_error": {"points": rows.points, "median_px": rows.median_px, "rms_px": rows.rms_px},
+    }
 
 
 def rectify(
@@ -35,7 +91,8 @@ def rectify(
             if each.rows.rms_px > WARN_ROWS_PX:
                 reporter.warn(
                     f"frame {frame_set.frame}: {rig.core} and {each.pair.auxiliary} are "
-                    f"{each.rows.rms_px:.2f} px off their common rows; the camera moved or the rig is another's: calibrate again"
+                    f"{each.rows.rms_px:.2f} px off their common rows; "
+                    "the camera moved or the rig is another's: calibrate again"
                 )
         reporter.step("rectifying", done, len(source))
         yield frame_set, images

@@ -1,0 +1,160 @@
+"""The whole chain on the small rendered capture that ships with Beltscape, held against its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import beltscape
+from beltscape.core.pose import Pose
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.evaluate.depth import DepthScore, score_depth
+from beltscape.evaluate.rig import RigScore, score_rig_against_truth
+from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.files.json_text import read_json
+from beltscape.files.reconstruction import read_frame
+from beltscape.files.rig_json import read_rig
+from beltscape.kernels import load
+from beltscape.measure.settings import VolumeSettings
+from beltscape.measure.volume import Volume
+from beltscape.pipeline.calibration import Calibration, calibrate, write_calibration
+from beltscape.pipeline.reconstruction import reconstruct_capture
+from beltscape.pipeline.rectification import rectify_capture
+from beltscape.pipeline.volume import volume_of_frames, write_volume
+from beltscape.target.board import read_board
+
+SCENES = ("belt_empty", "belt_loaded", "module")
+METHODS = ("pairwise", "binocular")
+EVALUATE_WITHIN_MM = 240.0
+"""Along the belt: the projector lights little more."""
+ALONG_MM = (-200.0, 200.0)
+"""Stretch of belt whose volume is compared, in the true belt frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneResult:
+    """A scene by both methods against its truth."""
+
+    folder: Path
+    depth: Mapping[str, DepthScore]
+    """By method."""
+    error_mm: NDArray[np.float64]
+    """(H, W) measured minus true depth of the pairwise method; NaN where either is missing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VolumeResult:
+    """A measured volume and the true one of the same box."""
+
+    volume: Volume
+    true_mm3: float
+
+    @property
+    def error(self) -> float:
+        """Relative error."""
+        return self.volume.volume_mm3 / self.true_mm3 - 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Demo:
+    """Everything the demo found."""
+
+    out: Path
+    calibration: Calibration
+    rig: RigScore
+    scenes: Mapping[str, SceneResult]
+    volumes: Mapping[str, VolumeResult]
+    warnings: tuple[str, ...]
+
+
+def run_demo(out: Path, reporter: Reporter) -> Demo:
+    """Calibrate, rectify, reconstruct and measure; every step is the one its command runs."""
+    data = Path(beltscape.__file__).parent / "data" / "demo"
+    truth = read_rig(data / "truth" / "rig.json")
+    calibration = calibrate(data / "calibration", read_board(data / "board.toml"), "cam0", reporter)
+    write_calibration(out / "calibration", calibration)
+    rig = calibration.rig
+    rectify_capture(data / "belt_loaded", rig, out / "rectified", reporter)
+    scenes = {scene: _scene(data, scene, rig, truth, out, reporter) for scene in SCENES}
+    volumes = {scene: _volume(data, scene, out, reporter) for scene in SCENES if scene != "belt_empty"}
+    return Demo(
+        out, calibration, score_rig_against_truth(rig, truth, load()), scenes, volumes, calibration.warnings
+    )
+
+
+def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter) -> SceneResult:
+    true_mm = _on_grid_of(rig, truth, read_float_tiff(data / "truth" / f"{scene}_depth.tiff"))
+    region = _lit(data, true_mm, rig)
+    scores, error = {}, np.empty(0)
+    for method in METHODS:
+        folder = out / (scene if method == "pairwise" else f"{scene}_{method}")
+        reconstruct_capture(data / scene, rig, folder, reporter, method=method)
+        depth = read_frame(folder / "000").depth
+        scores[method] = score_depth(depth, true_mm, region)
+        if method == "pairwise":
+            error = np.where(region, depth.depth_mm - true_mm, np.nan)
+    return SceneResult(out / scene / "000", scores, error)
+
+
+def _on_grid_of(rig: Rig, truth: Rig, true_mm: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The true depth where the pixels of the found core camera look: nearest pixel, so that no steps are mixed."""
+    true_camera = truth.core_camera
+    pixels = rig.core_camera.rays() * true_camera.focal_px + true_camera.center_px
+    u, v = np.rint(pixels).astype(int).transpose(2, 0, 1)
+    height, width = true_mm.shape
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    sampled = true_mm[v.clip(0, height - 1), u.clip(0, width - 1)].astype(np.float64)
+    return np.where(inside, sampled, np.nan)
+
+
+def _true_belt_from_core(data: Path) -> Pose:
+    entry = read_json(data / "truth" / "volume.json")["belt_from_core"]
+    return Pose.of(entry["rotation"], entry["translation_mm"])
+
+
+def _lit(data: Path, true_mm: NDArray[np.float64], rig: Rig) -> NDArray[np.bool_]:
+    points = np.concatenate([rig.core_camera.rays() * true_mm[..., None], true_mm[..., None]], axis=-1)
+    along = _true_belt_from_core(data).apply(points)[..., 1]
+    return np.abs(along) <= EVALUATE_WITHIN_MM
+
+
+def _volume(data: Path, scene: str, out: Path, reporter: Reporter) -> VolumeResult:
+    truth = read_json(data / "truth" / "volume.json")["scenes"][scene]
+    volume = volume_of_frames(
+        out / scene / "000", out / "belt_empty" / "000", VolumeSettings(), across_mm=None, along_mm=ALONG_MM
+    )
+    write_volume(out / f"volume_{scene}", volume)
+    reporter.step(f"measuring {scene}", 1, 1)
+    edges = truth["first_y_mm"] + np.arange(len(truth["area_mm2"]) + 1)
+    cumulated = np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])
+    low, high = np.interp(ALONG_MM, edges, cumulated)
+    return VolumeResult(volume, float(high - low))
+
+
+def demo_document(demo: Demo) -> Mapping[str, Any]:
+    """The demo's numbers for JSON."""
+    held_out = demo.calibration.held_out
+    return {
+        "report": demo.out / "report.html",
+        "held_out": held_out.document() if held_out else None,
+        "rig_against_truth": asdict(demo.rig),
+        "depth_against_truth": {
+            scene: {method: asdict(score) for method, score in result.depth.items()}
+            for scene, result in demo.scenes.items()
+        },
+        "volume_against_truth": {
+            scene: {
+                "volume_mm3": result.volume.volume_mm3,
+                "sigma_mm3": result.volume.sigma_mm3,
+                "true_mm3": result.true_mm3,
+                "coverage": result.volume.coverage,
+            }
+            for scene, result in demo.volumes.items()
+        },
+    }

@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import beltscape
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import Image
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import DepthScore, score_depth
 from beltscape.evaluate.rig import RigScore, score_rig_against_truth
 from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig
@@ -27,6 +30,7 @@ from beltscape.pipeline.calibration import Calibration, calibrate, write_calibra
 from beltscape.pipeline.reconstruction import reconstruct_capture
 from beltscape.pipeline.rectification import rectify_capture
 from beltscape.pipeline.volume import volume_of_frames, write_volume
+from beltscape.stereo.cloud import undistorted
 from beltscape.target.board import read_board
 
 SCENES = ("belt_empty", "belt_loaded", "module")
@@ -42,6 +46,10 @@ class SceneResult:
     """A scene by both methods against its truth."""
 
     folder: Path
+    depth_map: DepthMap
+    """Of the pairwise method."""
+    core_image: Image
+    """On the depth map's grid."""
     depth: Mapping[str, DepthScore]
     """By method."""
     error_mm: NDArray[np.float64]
@@ -91,15 +99,19 @@ def run_demo(out: Path, reporter: Reporter) -> Demo:
 def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter) -> SceneResult:
     true_mm = _on_grid_of(rig, truth, read_float_tiff(data / "truth" / f"{scene}_depth.tiff"))
     region = _lit(data, true_mm, rig)
-    scores, error = {}, np.empty(0)
+    depths = {}
     for method in METHODS:
         folder = out / (scene if method == "pairwise" else f"{scene}_{method}")
         reconstruct_capture(data / scene, rig, folder, reporter, method=method)
-        depth = read_frame(folder / "000").depth
-        scores[method] = score_depth(depth, true_mm, region)
-        if method == "pairwise":
-            error = np.where(region, depth.depth_mm - true_mm, np.nan)
-    return SceneResult(out / scene / "000", scores, error)
+        depths[method] = read_frame(folder / "000").depth
+    image = undistorted(read_image(data / scene / rig.core / "000.png"), rig.core_camera)
+    return SceneResult(
+        folder=out / scene / "000",
+        depth_map=depths["pairwise"],
+        core_image=image,
+        depth={method: score_depth(depth, true_mm, region) for method, depth in depths.items()},
+        error_mm=np.where(region, depths["pairwise"].depth_mm - true_mm, np.nan),
+    )
 
 
 def _on_grid_of(rig: Rig, truth: Rig, true_mm: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -73,23 +73,24 @@ def to_rgb(image: Image) -> Rgb:
 
 def preview(depth: DepthMap, core_image: Image) -> Rgb:
     """preview.png: what the core camera saw, its depth and the depth's standard deviation."""
-    near_far = span(depth.depth_mm)
+    return beside(list(preview_panels(depth, core_image)))
+
+
+def preview_panels(depth: DepthMap, core_image: Image) -> tuple[Rgb, Rgb, Rgb]:
+    """The three pictures of a preview: core image (undistorted), depth, σ."""
+    near, far = span(depth.depth_mm)
     sigma_top = span(depth.sigma_mm, 0.02)[1]
-    return beside(
-        [
-            panel(to_rgb(core_image), "core camera, undistorted"),
-            panel(
-                colored(-depth.depth_mm, -near_far[1], -near_far[0]),
-                f"depth: {depth.coverage:.1%} measured",
-                (near_far[1], near_far[0], "mm"),
-            ),
-            panel(
-                colored(depth.sigma_mm, 0, sigma_top, cv2.COLORMAP_VIRIDIS),
-                "one standard deviation of the depth",
-                (0, sigma_top, "mm"),
-                cv2.COLORMAP_VIRIDIS,
-            ),
-        ]
+    return (
+        panel(to_rgb(core_image), "core camera, undistorted"),
+        panel(
+            colored(-depth.depth_mm, -far, -near), f"depth: {depth.coverage:.1%} measured", (far, near, "mm")
+        ),
+        panel(
+            colored(depth.sigma_mm, 0, sigma_top, cv2.COLORMAP_VIRIDIS),
+            "one standard deviation of the depth",
+            (0, sigma_top, "mm"),
+            cv2.COLORMAP_VIRIDIS,
+        ),
     )
 
 

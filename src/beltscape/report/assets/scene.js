@@ -6,13 +6,26 @@ for (const canvas of document.querySelectorAll("canvas.scene")) {
   const high = [0, 1, 2].map(i => all.reduce((m, p) => Math.max(m, p[i]), -Infinity));
   const middle = low.map((l, i) => (l + high[i]) / 2);
   const reach = Math.hypot(...low.map((l, i) => high[i] - l)) / 2;
-  let turn = 0.6, tilt = 1.15, zoom = 1.6;
+  let turn = 0.6, tilt = 1.05, zoom = 0;
+
+  // The largest zoom at which everything is in the picture as it is first shown.
+  const fit = (width, height) => {
+    const [ct, st, cp, sp] = [Math.cos(turn), Math.sin(turn), Math.cos(tilt), Math.sin(tilt)];
+    let wide = 1e-9, high = 1e-9;
+    for (const p of all) {
+      const [x, y, z] = p.map((v, i) => v - middle[i]);
+      wide = Math.max(wide, Math.abs(x * ct + y * st));
+      high = Math.max(high, Math.abs(z * sp + (-x * st + y * ct) * cp));
+    }
+    return 0.86 * Math.min(width / wide, height / high) * reach / Math.min(width, height);
+  };
 
   const draw = () => {
     const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio;
     const g = canvas.getContext("2d");
     g.scale(ratio, ratio);
+    if (!zoom) zoom = fit(width, height);
     const scale = zoom * Math.min(width, height) / 2 / reach;
     const [ct, st, cp, sp] = [Math.cos(turn), Math.sin(turn), Math.cos(tilt), Math.sin(tilt)];
     // camera axes (y down, z forward) are drawn with the scene's z downwards: the belt lies below the cameras

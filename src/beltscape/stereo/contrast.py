@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import Image, grey
 
-_FLOOR = 0.15
+_FLOOR = 0.2
 """Contrast of the square root of the counts (8 bit) that is taken for noise: shot and read noise of a few counts."""
-_GAIN = 50.0
+_GAIN = 25.0
+"""Counts per unit of contrast: as much as SGBM's clip of the gradient lets through unclipped."""
 
 
 def square_root(image: Image) -> NDArray[np.float32]:

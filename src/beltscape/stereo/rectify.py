@@ -69,7 +69,9 @@ class RectifiedPair:
         return turned[..., :2] / turned[..., 2:] * self.focal_px + self.core_center_px, turned[..., 2]
 
 
-def rectify_pair(rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float]) -> RectifiedPair:
+def rectify_pair(
+    rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float], *, oversampling: float = 1.0
+) -> RectifiedPair:
     """Rectify the core and one auxiliary for surfaces within a depth range.
 
     Parameters
@@ -80,6 +82,8 @@ def rectify_pair(rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float]) 
         Name of the auxiliary camera.
     depth_range_mm
         (near, far) along the core's optical axis.
+    oversampling
+        Focal length of the rectified views over the core's: more pixels than the images have.
 
     Raises
     ------
@@ -95,7 +99,7 @@ def rectify_pair(rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float]) 
         raise ReconstructionError(f"depth range {near_mm:g} … {far_mm:g} mm is empty; give 0 < near < far")
     core, aux = rig.core_camera, rig.cameras[auxiliary]
     to_core, to_aux, baseline_mm = _rotations(rig, auxiliary)
-    focal_px = float(np.mean(core.focal_px))
+    focal_px = oversampling * float(np.mean(core.focal_px))
     box, low_mm, high_mm = _common_view(rig, auxiliary, to_core, focal_px, depth_range_mm)
     offset_px = focal_px * baseline_mm / high_mm - 1.0
     span_px = focal_px * baseline_mm / low_mm + 1.0 - offset_px

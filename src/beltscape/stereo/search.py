@@ -53,13 +53,14 @@ def find_depth_range(
     if rig.core not in frame_set.images or not names:
         raise ReconstructionError(f"frame {frame_set.frame}: depth needs the core's image and one more")
     wide = search_range(rig, names)
+    plain = settings.model_copy(update={"oversampling": 1.0})
     halvings = max(0, int(np.log2(rig.core_camera.size_px[0] / COARSE_WIDTH_PX)))
     coarse_rig = scaled_rig(rig, halvings)
     roots = {name: square_root(_halved(frame_set.images[name], halvings)) for name in (rig.core, *names)}
 
     def look(name: str) -> NDArray[np.float32] | None:
         try:
-            matcher = pair_matcher(coarse_rig, name, wide, settings)
+            matcher = pair_matcher(coarse_rig, name, wide, plain)
         except ReconstructionError as error:
             reporter.warn(f"{error}; going on without this pair")
             return None

@@ -5,6 +5,10 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
+_MATCHED_WIDTH_PX = 1536
+_MOST_OVERSAMPLING = 1.5
+
+
 class PairwiseSettings(BaseModel):
     """Semi-global matching of each rectified pair, and the mean over the pairs."""
 
@@ -12,10 +16,10 @@ class PairwiseSettings(BaseModel):
 
     block_px: int = Field(3, ge=1, le=9, description="edge of the matching block, odd")
     step_penalty: float = Field(
-        6, ge=0, le=200, description="SGBM's P1 per pixel of the block: a step of 1 px"
+        5, ge=0, le=200, description="SGBM's P1 per pixel of the block: a step of 1 px"
     )
     jump_penalty: float = Field(
-        36, ge=1, le=200, description="SGBM's P2 per pixel of the block: a larger step"
+        40, ge=1, le=200, description="SGBM's P2 per pixel of the block: a larger step"
     )
     gradient_cap: int = Field(
         127, ge=15, le=127, description="SGBM's clip of the horizontal gradient, counts"
@@ -25,17 +29,26 @@ class PairwiseSettings(BaseModel):
     speckle_area_px: int = Field(100, ge=0, le=10_000, description="smaller islands of disparity are removed")
     speckle_step_px: int = Field(2, ge=1, le=16, description="an island ends where disparity steps by more")
     contrast_radius_px: float = Field(
-        8, ge=1, le=64, description="sigma of the neighbourhood whose contrast is made equal"
+        16, ge=1, le=64, description="sigma of the neighbourhood whose contrast is made equal"
+    )
+    oversampling: float | None = Field(
+        None, ge=0.5, le=3, description="rectified over original sampling; null: finer for small images"
     )
     agreement_px: float | None = Field(
-        1.5,
+        4.0,
         gt=0,
         le=64,
-        description="pairs farther apart than this are not averaged; null: Eq. 24 as it stands",
+        description="rectified px; pairs farther apart are not averaged; null: Eq. 24 as it stands",
     )
     threads: int = Field(
         0, ge=0, le=256, description="pairs matched at a time; 0: as many as there are cores"
     )
+
+    def sampling(self, width_px: int) -> float:
+        """Oversampling for images of this width: dots of one or two pixels are matched better on a finer grid."""
+        if self.oversampling is not None:
+            return self.oversampling
+        return min(max(_MATCHED_WIDTH_PX / width_px, 1.0), _MOST_OVERSAMPLING)
 
     @model_validator(mode="after")
     def _fits(self) -> PairwiseSettings:

@@ -1,4 +1,7 @@
-"""How uncertain the mean over the pairs is, from what the pairs themselves say."""
+"""How uncertain the mean over the pairs is, from what the pairs themselves say.
+
+Everything is reckoned in px of rectified disparity, where SGBM's errors are alike at any distance.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,30 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.fusion import Fused
 
-_WINDOW_PX = 15
-_PAIR_SIGMA_PX = 0.12
-"""One pair's disparity error where there is nothing to learn from: SGBM's pixel locking and matching noise."""
-_PRIOR_WEIGHT = 10.0
-"""How many degrees of freedom that knowledge counts for."""
-_SHARED_SIGMA_PX = 0.03
-"""The part that all pairs share and that no mean takes away."""
+_WINDOW_PX = 11
+"""Edge of the window over which the spread between pairs is pooled."""
+_FLOOR_PX = 0.09
+"""One pair on a smooth, well lit surface: SGBM's pixel locking and steps of 1/16 px. Differs from pair to pair."""
+_SHARED = 0.3
+"""Of the variance beyond that floor (shape smoothed away, noise of the core's image) this part is common to all."""
+_CORRELATION = -0.05
+"""Of two pairs' errors on a smooth surface: pixel locking pulls pairs on opposite sides apart."""
+_ROUGHNESS = 0.5
+"""One pair's error per px of local relief, where there is no second pair to compare with."""
+_PRIOR_PIXELS = 5.0
+"""How many compared pixels that guess counts for."""
+_LOCAL_FREEDOM = 4.0
+"""How many degrees of freedom the neighbourhood's spread counts for beside the pixel's own."""
+_RELIEF_RADIUS_PX = 3.0
+_MEAN_OF_ROOT = (0.798, 0.886, 0.921, 0.940, 0.952, 0.959, 0.965)
+"""E[s]/σ of a standard deviation with 1, 2, … degrees of freedom (c4)."""
 
 
 def depth_sigma(fused: Fused, scale_mm_px: float) -> NDArray[np.float32]:
     """(H, W) float32 standard deviation of the mean depth, mm; NaN where there is none.
 
-    The variance between the pairs, in px of disparity and pooled over a window, is divided by the number of
-    pairs in the mean; what all pairs have in common is added.
+    The variance between the pairs (of the neighbourhood and of the pixel) is divided by the number of pairs in
+    the mean; what all pairs have in common, and no mean takes away, is added.
 
     Parameters
     ----------
@@ -30,14 +43,46 @@ def depth_sigma(fused: Fused, scale_mm_px: float) -> NDArray[np.float32]:
     scale_mm_px
         Focal length times baseline (mean over the pairs), px·mm: a disparity error e makes e·Z²/scale of depth.
     """
-    depth = fused.depth_mm
     measured = fused.views > 0
-    mm_per_px = np.where(measured, depth, 1.0) ** 2 / np.float32(scale_mm_px)
-    scatter_px2 = fused.scatter_mm2 / mm_per_px**2
-    freedom = np.where(measured, fused.views.astype(np.float32) - 1.0, 0.0).astype(np.float32)
-    window = (_WINDOW_PX, _WINDOW_PX)
-    pooled = cv2.boxFilter(np.where(measured, scatter_px2, 0).astype(np.float32), -1, window, normalize=False)
-    total = cv2.boxFilter(freedom, -1, window, normalize=False)
-    pair = (_PRIOR_WEIGHT * _PAIR_SIGMA_PX**2 + pooled) / (_PRIOR_WEIGHT + total)
-    variance = pair / np.maximum(fused.views, 1) + _SHARED_SIGMA_PX**2
+    mm_per_px = np.where(measured, fused.depth_mm, 1.0) ** 2 / np.float32(scale_mm_px)
+    scatter = np.where(measured, fused.scatter_mm2 / mm_per_px**2, 0).astype(np.float32)
+    freedom = np.maximum(fused.views.astype(np.float32) - 1.0, 0.0)
+    local = _local_spread(scatter, fused.views, _single_pair(fused, mm_per_px))
+    single = (_LOCAL_FREEDOM * local**2 + scatter) / (_LOCAL_FREEDOM + freedom)
+    shared = _SHARED * np.maximum(single - _FLOOR_PX**2, 0.0)
+    mean = single * (1.0 + _CORRELATION * freedom) / (1.0 + freedom)
+    variance = mean + shared
     return np.where(measured, np.sqrt(variance) * mm_per_px, np.nan).astype(np.float32)
+
+
+def _local_spread(
+    scatter: NDArray[np.float32], views: NDArray[np.uint8], guess: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """(H, W) standard deviation of one pair, px: the window's mean, drawn to the guess where little is compared.
+
+    The mean of deviations, not of their squares: a few gross ones do not speak for the whole window.
+    """
+    root_mean = np.array((1.0, 1.0, *_MEAN_OF_ROOT), np.float32)[np.minimum(views, len(_MEAN_OF_ROOT) + 1)]
+    compared = views > 1
+    freedom = np.maximum(views.astype(np.float32) - 1.0, 1.0)
+    spread = np.where(compared, np.sqrt(scatter / freedom) / root_mean, 0).astype(np.float32)
+    total = _window_sum(spread) + _PRIOR_PIXELS * guess
+    return total / (_window_sum(compared.astype(np.float32)) + _PRIOR_PIXELS)
+
+
+def _single_pair(fused: Fused, mm_per_px: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) guess of one pair's standard deviation, px, from the relief about each pixel."""
+    measured = np.isfinite(fused.depth_mm)
+    weight = np.maximum(_blur(measured.astype(np.float32)), 1e-3)
+    smooth = _blur(np.where(measured, fused.depth_mm, 0)) / weight
+    relief = np.where(measured, np.minimum(np.abs(fused.depth_mm - smooth) / mm_per_px, 1.0), 0)
+    return np.hypot(_FLOOR_PX, _ROUGHNESS * _blur(relief.astype(np.float32)) / weight).astype(np.float32)
+
+
+def _blur(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), _RELIEF_RADIUS_PX), np.float32)
+
+
+def _window_sum(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    total = cv2.boxFilter(values, -1, (_WINDOW_PX, _WINDOW_PX), normalize=False)
+    return np.maximum(np.asarray(total, np.float32), 0)  # running sums may end a rounding error below zero

@@ -14,6 +14,9 @@ from beltscape.files.atomic import write_bytes
 
 EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 
+# what OpenCV would print about a damaged image is said by InputError, in one line
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
 
 def read_image(path: Path) -> Image:
     """(H, W) or (H, W, 3) RGB, uint8 or uint16, or InputError naming the file."""
@@ -34,14 +37,14 @@ def read_image(path: Path) -> Image:
 
 
 def encode_image(image: Image, extension: str = ".png") -> bytes:
-    """Encoded bytes of a grey or RGB image."""
+    """Encoded bytes of a grey or RGB image, or InputError where the format cannot hold it."""
+    known = (
+        EXTENSIONS if image.dtype == np.uint8 else EXTENSIONS[:3]
+    )  # JPEG and BMP would drop the lower bits
+    if extension.lower() not in known:
+        raise InputError(f"{image.dtype} images cannot be stored as {extension!r}; use {', '.join(known)}")
     bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
-    ok, data = cv2.imencode(extension, bgr)
-    if not ok:
-        raise InputError(
-            f"an image of shape {image.shape} and type {image.dtype} cannot be stored as {extension}"
-        )
-    return data.tobytes()
+    return cv2.imencode(extension, bgr)[1].tobytes()
 
 
 def write_image(path: Path, image: Image) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
@@ -55,56 +56,76 @@ def read_rig(path: Path) -> Rig:
             f"{path}: format is {found!r}, not {FORMAT!r}; give a rig.json of beltscape calibrate"
         )
     try:
-        return _rig(path, document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
-        raise InputError(f"{path}: not a complete rig ({what})") from error
+        return _rig(document)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; give a rig.json of beltscape calibrate") from error
 
 
-def _rig(path: Path, document: Mapping[str, Any]) -> Rig:
-    if document.get("units") != "mm":
-        raise InputError(f'{path}: units are {document.get("units")!r}; only "mm" is known')
-    entries = document["cameras"]
-    core = document["core"]
+def _rig(document: Mapping[str, Any]) -> Rig:
+    """The rig, or ValueError in words."""
+    units = _value(document, "units")
+    if units != "mm":
+        raise ValueError(f'units = {units!r}: only "mm" is known')
+    entries, core = _value(document, "cameras"), _value(document, "core")
+    if not isinstance(entries, dict) or not entries:
+        raise ValueError("cameras must be a table of cameras by name")
     if core not in entries:
-        raise InputError(f"{path}: core camera {core!r} is not among the cameras {', '.join(entries)}")
-    poses = {name: _pose(path, name, entry["cam_from_core"]) for name, entry in entries.items()}
-    if not np.allclose(poses[core].rotation, np.eye(3), atol=1e-6) or np.any(
-        np.abs(poses[core].translation_mm) > 1e-6
-    ):
-        raise InputError(f"{path}: cam_from_core of the core camera {core!r} must be the identity")
+        raise ValueError(f"core = {core!r} is not among the cameras {', '.join(entries)}")
+    cameras = {name: _camera(name, f"cameras.{name}", entry) for name, entry in entries.items()}
+    poses = {
+        name: _pose(f"cameras.{name}.cam_from_core", entry["cam_from_core"])
+        for name, entry in entries.items()
+    }
+    at_core = np.column_stack([poses[core].rotation, poses[core].translation_mm])
+    if not np.allclose(at_core, np.eye(3, 4), rtol=0, atol=1e-6):
+        raise ValueError(f"cam_from_core of the core camera {core} must be the identity")
     return Rig(
         core=core,
-        cameras={name: _camera(name, entry) for name, entry in entries.items()},
+        cameras=cameras,
         cam_from_core=poses,
         quality=document.get("quality") or {},
         covariance=document.get("covariance") or {},
     )
 
 
-def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
-    width, height = (int(n) for n in entry["size_px"])
-    camera = Camera(
+def _camera(name: str, place: str, entry: Any) -> Camera:
+    size = _numbers(place, entry, "size_px", (2,))
+    focal = _numbers(place, entry, "focal_px", (2,))
+    if size.min() < 1 or (size % 1).any():
+        raise ValueError(f"{place}.size_px = {entry['size_px']}: must be two positive whole numbers")
+    if focal.min() <= 0:
+        raise ValueError(f"{place}.focal_px = {entry['focal_px']}: must be positive")
+    _value(entry, "cam_from_core", place)
+    return Camera(
         name=name,
-        size_px=(width, height),
-        focal_px=_vector(name, "focal_px", entry["focal_px"], 2),
-        center_px=_vector(name, "center_px", entry["center_px"], 2),
-        distortion=_vector(name, "distortion", entry["distortion"], 5),
+        size_px=(int(size[0]), int(size[1])),
+        focal_px=focal,
+        center_px=_numbers(place, entry, "center_px", (2,)),
+        distortion=_numbers(place, entry, "distortion", (5,)),
     )
-    if min(camera.size_px) <= 0 or camera.focal_px.min() <= 0:
-        raise ValueError(f"{name}: size_px and focal_px must be positive")
-    return camera
 
 
-def _vector(name: str, key: str, value: Any, size: int) -> np.ndarray:
-    vector = np.asarray(value, dtype=np.float64)
-    if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise ValueError(f"{name}: {key} must be {size} numbers, not {value}")
-    return vector
+def _pose(place: str, entry: Any) -> Pose:
+    rotation = _numbers(place, entry, "rotation", (3, 3))
+    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(rotation) < 0:
+        raise ValueError(f"{place}.rotation is not a rotation (orthonormal, determinant +1)")
+    return Pose(rotation, _numbers(place, entry, "translation_mm", (3,)))
 
 
-def _pose(path: Path, name: str, entry: Mapping[str, Any]) -> Pose:
-    rotation = np.asarray(entry["rotation"], dtype=np.float64)
-    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
-        raise InputError(f"{path}: rotation of {name} is not an orthonormal 3×3 matrix")
-    return Pose(rotation, _vector(name, "translation_mm", entry["translation_mm"], 3))
+def _numbers(place: str, entry: Any, key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    value = _value(entry, key, place)
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.full(shape, np.nan)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ValueError(f"{place}.{key} must be {'×'.join(map(str, shape))} numbers")
+    return numbers
+
+
+def _value(entry: Any, key: str, place: str = "") -> Any:
+    if not isinstance(entry, dict):
+        raise ValueError(f"{place} must be a table")
+    if key not in entry:
+        raise ValueError(f"{place}.{key} is missing".removeprefix("."))
+    return entry[key]

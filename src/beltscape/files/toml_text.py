@@ -17,29 +17,46 @@ if TYPE_CHECKING:
 def read_toml(path: Path) -> dict[str, Any]:
     """Parse a TOML file, or InputError naming the place."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML ({error})") from error
 
 
 def validated(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
     """``values`` as ``model``, or InputError with the first thing that does not fit, in words."""
-    from difflib import get_close_matches
-
     from pydantic import ValidationError
 
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        if first["type"] == "extra_forbidden":
-            near = get_close_matches(key, list(model.model_fields), n=1)
-            hint = f"; did you mean {near[0]}?" if near else f"; known: {', '.join(model.model_fields)}"
-            raise InputError(f"{path}: unknown key {key}{hint}") from error
-        value = "" if first["type"] == "missing" else f" = {first['input']!r}"
-        raise InputError(f"{path}: {key}{value}: {first['msg'][:1].lower()}{first['msg'][1:]}") from error
+        # a misspelt key is also a missing one: the misspelling comes first
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        raise InputError(f"{path}: {_in_words(first, list(model.model_fields))}") from error
+
+
+def _in_words(error: Any, known: list[str]) -> str:
+    """One of pydantic's errors as one would say it."""
+    from difflib import get_close_matches
+
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"])[1:]
+    if error["type"] == "extra_forbidden":
+        near = get_close_matches(key, known, n=1)
+        return f"unknown key {key}; " + (f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}")
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    if error["type"] == "value_error":
+        text = str(error["ctx"]["error"])
+        return f"{key} = {error['input']!r}: {text}" if key else text
+    if error["type"] == "tuple_type":
+        text = "must be a list"
+    elif error["type"] == "too_long":
+        text = f"must have {error['ctx']['max_length']} values, not {error['ctx']['actual_length']}"
+    else:
+        text = error["msg"].replace("Input should", "must", 1)
+    return f"{key} = {error['input']!r}: {text}"

@@ -21,14 +21,20 @@ def _known_dictionary(name: str) -> str:
     return name
 
 
+def _dictionary(name: str) -> Any:
+    import cv2
+
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
 class CharucoBoard(BaseModel):
     """A chessboard with ArUco markers in its white squares."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
-    square_mm: Annotated[float, Field(gt=0)]
-    marker_mm: Annotated[float, Field(gt=0)]
+    square_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    marker_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     dictionary: Annotated[str, AfterValidator(_known_dictionary)]
     legacy: bool | None = None
     inverted: bool | None = None
@@ -36,7 +42,19 @@ class CharucoBoard(BaseModel):
     @model_validator(mode="after")
     def _marker_fits(self) -> CharucoBoard:
         if self.marker_mm >= self.square_mm:
-            raise ValueError(f"marker_mm {self.marker_mm} must be smaller than square_mm {self.square_mm}")
+            raise ValueError(
+                f"marker_mm = {self.marker_mm:g} must be smaller than square_mm = {self.square_mm:g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _enough_markers(self) -> CharucoBoard:
+        (columns, rows), there = self.squares, len(_dictionary(self.dictionary).bytesList)
+        if columns * rows // 2 > there:
+            raise ValueError(
+                f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, {self.dictionary} has {there}; "
+                "correct squares or dictionary"
+            )
         return self
 
     @property
@@ -48,13 +66,8 @@ class CharucoBoard(BaseModel):
         """OpenCV's own board object."""
         import cv2
 
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        try:
-            board = cv2.aruco.CharucoBoard(self.squares, self.square_mm, self.marker_mm, dictionary)
-        except cv2.error as error:
-            raise InputError(
-                f"board: {self.squares} squares do not fit {self.dictionary} ({error.err})"
-            ) from error
+        dictionary = _dictionary(self.dictionary)
+        board = cv2.aruco.CharucoBoard(self.squares, self.square_mm, self.marker_mm, dictionary)
         board.setLegacyPattern(legacy)
         return board
 
@@ -69,7 +82,7 @@ class Chessboard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["chessboard"] = "chessboard"
     corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
-    square_mm: Annotated[float, Field(gt=0)]
+    square_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -104,7 +117,9 @@ def read_board(path: Path) -> Board:
     """Read board.toml, or InputError naming the key that does not fit."""
     values = read_toml(path)
     kinds: dict[str, type[Board]] = {"charuco": CharucoBoard, "chessboard": Chessboard}
-    kind = values.get("kind")
-    if kind not in kinds:
-        raise InputError(f'{path}: kind = {kind!r}; "charuco" or "chessboard" is needed')
+    if "kind" not in values:
+        raise InputError(f'{path}: kind is missing; write kind = "charuco" or kind = "chessboard"')
+    kind = values["kind"]
+    if kind not in ("charuco", "chessboard"):
+        raise InputError(f'{path}: kind = {kind!r}: must be "charuco" or "chessboard"')
     return validated(path, kinds[kind], values)

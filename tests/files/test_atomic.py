@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import pytest
+
+from beltscape.core.errors import OutputError
+from beltscape.files.atomic import output_folder, replacing, write_bytes, write_text
+
+
+def test_text_is_utf_8_with_plain_line_ends(tmp_path):
+    write_text(tmp_path / "a" / "b.txt", "σ\n")
+    assert (tmp_path / "a" / "b.txt").read_bytes() == "σ\n".encode()
+
+
+def test_a_file_is_replaced_whole(tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_bytes(b"old" * 100)
+    write_bytes(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert [p.name for p in tmp_path.iterdir()] == ["rig.json"]
+
+
+@pytest.mark.parametrize("error", [ValueError("broke"), KeyboardInterrupt()])
+def test_when_the_body_raises_the_old_file_stays_and_nothing_else(tmp_path, error):
+    path = tmp_path / "rig.json"
+    path.write_text("old")
+    with pytest.raises(type(error)), replacing(path) as temporary:
+        temporary.write_text("half")
+        raise error
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["rig.json"]
+
+
+def test_a_full_disk_is_told_in_one_line(tmp_path):
+    with pytest.raises(OutputError) as error, replacing(tmp_path / "cloud.ply") as temporary:
+        temporary.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert str(error.value) == (
+        f"{tmp_path}/cloud.ply: cannot be written (No space left on device); choose another output folder"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("below", ["rig.json", "deep/er/rig.json"])
+def test_a_file_where_a_folder_is_needed_is_named(tmp_path, below):
+    (tmp_path / "file").write_text("here")
+    path = tmp_path / "file" / below
+    with pytest.raises(OutputError) as error:
+        write_text(path, "text")
+    assert str(error.value) == (
+        f"{path}: cannot be written ({tmp_path}/file is a file, not a folder); choose another output folder"
+    )
+    assert (tmp_path / "file").read_text() == "here"
+
+
+@pytest.mark.parametrize("below", [".", "deeper"])
+def test_an_output_folder_is_tried_before_the_work(tmp_path, below):
+    (tmp_path / "file").write_text("here")
+    path = tmp_path / "file" / below
+    with pytest.raises(OutputError) as error:
+        output_folder(path)
+    assert str(error.value) == (
+        f"{path}: cannot be written ({tmp_path}/file is a file, not a folder); choose another output folder"
+    )
+
+
+def test_an_output_folder_is_made_and_left_empty(tmp_path):
+    assert output_folder(tmp_path / "a" / "b") == tmp_path / "a" / "b"
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+    output_folder(tmp_path / "a" / "b")

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import PIL.Image
+import pytest
+
+from beltscape.core.errors import InputError
+from beltscape.files.images import encode_image, read_image, write_image
+
+RED, BLUE = (255, 0, 0), (0, 128, 255)
+
+
+def noise(dtype, *shape: int) -> np.ndarray:
+    return np.random.default_rng(1).integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
+
+
+def two_colours() -> PIL.Image.Image:
+    pixels = np.empty((8, 10, 3), np.uint8)
+    pixels[:, :5], pixels[:, 5:] = RED, BLUE
+    return PIL.Image.fromarray(pixels)
+
+
+@pytest.mark.parametrize("extension", [".png", ".tif", ".tiff", ".PNG"])
+@pytest.mark.parametrize("shape", [(13, 17), (13, 17, 3)], ids=["grey", "rgb"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_images_survive_writing_and_reading(tmp_path, extension, shape, dtype):
+    image = noise(dtype, *shape)
+    write_image(tmp_path / f"a{extension}", image)
+    back = read_image(tmp_path / f"a{extension}")
+    assert back.dtype == dtype
+    assert back.flags.c_contiguous
+    np.testing.assert_array_equal(back, image)
+
+
+def test_bmp_survives_and_jpeg_nearly(tmp_path):
+    image = cv2.GaussianBlur(noise(np.uint8, 40, 40, 3), (0, 0), 8)
+    write_image(tmp_path / "a.bmp", image)
+    write_image(tmp_path / "a.jpg", image)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.bmp"), image)
+    assert np.abs(read_image(tmp_path / "a.jpg").astype(int) - image).max() < 16
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "P"])
+@pytest.mark.parametrize("extension", [".png", ".tif"])
+def test_colours_are_rgb_whoever_wrote_them(tmp_path, mode, extension):
+    two_colours().convert(mode, palette=PIL.Image.Palette.ADAPTIVE).save(tmp_path / f"a{extension}")
+    image = read_image(tmp_path / f"a{extension}")
+    assert image.shape == (8, 10, 3)
+    assert (tuple(image[0, 0]), tuple(image[-1, -1])) == (RED, BLUE)
+
+
+def test_one_bit_images_are_read_as_black_and_white(tmp_path):
+    PIL.Image.fromarray(np.eye(9, dtype=np.uint8) * 255).convert("1").save(tmp_path / "a.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), np.eye(9) * 255)
+
+
+def test_a_16_bit_tiff_of_another_program_keeps_its_counts(tmp_path):
+    import tifffile
+
+    image = noise(np.uint16, 12, 9)
+    tifffile.imwrite(tmp_path / "a.tif", image, compression="zlib")
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), image)
+
+
+def test_an_empty_file_is_named(tmp_path):
+    (tmp_path / "a.png").touch()
+    with pytest.raises(InputError) as error:
+        read_image(tmp_path / "a.png")
+    assert str(error.value) == f"{tmp_path}/a.png: the file is empty (0 bytes); copy the image again"
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.99])
+@pytest.mark.parametrize("extension", [".png", ".tif", ".jpg", ".bmp"])
+def test_a_truncated_image_is_refused_not_half_read(tmp_path, capfd, extension, share):
+    data = encode_image(noise(np.uint8, 64, 64), extension)
+    path = tmp_path / f"a{extension}"
+    path.write_bytes(data[: int(len(data) * share)])
+    with pytest.raises(InputError) as error:
+        read_image(path)
+    assert str(error.value) == f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known"
+    assert capfd.readouterr() == ("", "")  # nor does OpenCV say a word
+
+
+def test_text_named_png_is_refused(tmp_path):
+    (tmp_path / "a.png").write_text("hello")
+    with pytest.raises(InputError) as error:
+        read_image(tmp_path / "a.png")
+    assert str(error.value) == f"{tmp_path}/a.png: not a readable image; PNG, TIFF, JPEG and BMP are known"
+
+
+def test_a_missing_file_or_a_folder_is_named(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(InputError) as folder:
+        read_image(tmp_path / "a.png")
+    with pytest.raises(InputError) as missing:
+        read_image(tmp_path / "b.png")
+    assert str(folder.value) == f"{tmp_path}/a.png: cannot be read (Is a directory)"
+    assert str(missing.value) == f"{tmp_path}/b.png: cannot be read (No such file or directory)"
+
+
+def test_float_images_are_refused(tmp_path):
+    import tifffile
+
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((4, 4), np.float32))
+    with pytest.raises(InputError) as error:
+        read_image(tmp_path / "a.tif")
+    assert str(error.value) == f"{tmp_path}/a.tif: pixels are float32; 8 or 16 bit images are needed"
+
+
+@pytest.mark.parametrize(
+    ("dtype", "extension", "message"),
+    [
+        (np.uint16, ".jpg", "uint16 images cannot be stored as '.jpg'; use .png, .tif, .tiff"),
+        (np.uint16, ".bmp", "uint16 images cannot be stored as '.bmp'; use .png, .tif, .tiff"),
+        (
+            np.uint8,
+            ".xyz",
+            "uint8 images cannot be stored as '.xyz'; use .png, .tif, .tiff, .jpg, .jpeg, .bmp",
+        ),
+    ],
+)
+def test_no_format_drops_bits_in_silence(dtype, extension, message):
+    with pytest.raises(InputError) as error:
+        encode_image(np.zeros((4, 4), dtype), extension)
+    assert str(error.value) == message

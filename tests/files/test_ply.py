@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.errors import InputError
+from beltscape.files.ply import read_cloud, write_cloud
+
+TYPES = {"float": "<f4", "uchar": "u1"}
+PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma"]
+
+
+def cloud(count: int) -> PointCloud:
+    rng = np.random.default_rng(count)
+    normals = rng.normal(size=(count, 3)).astype(np.float32)
+    normals[: count // 3] = np.nan
+    return PointCloud(
+        points_mm=rng.uniform(-500, 500, (count, 3)).astype(np.float32),
+        normals=normals,
+        colors=rng.integers(0, 256, (count, 3), dtype=np.uint8),
+        sigma_mm=rng.uniform(0, 1, count).astype(np.float32),
+        frame="core",
+    )
+
+
+def parsed(data: bytes) -> np.ndarray:
+    """The vertices, read by nothing but the header's own words."""
+    head, body = data.split(b"end_header\n", 1)
+    lines = head.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    words = [line.split() for line in lines]
+    (count,) = [int(w[2]) for w in words if w[:2] == ["element", "vertex"]]
+    fields = [(w[2], TYPES[w[1]]) for w in words if w[0] == "property"]
+    vertices = np.frombuffer(body, np.dtype(fields))
+    assert len(vertices) == count
+    return vertices
+
+
+@pytest.mark.parametrize("count", [0, 1, 100])
+def test_the_header_says_what_follows_it(tmp_path, count):
+    expected = cloud(count)
+    write_cloud(tmp_path / "cloud.ply", expected)
+    vertices = parsed((tmp_path / "cloud.ply").read_bytes())
+    assert list(vertices.dtype.names or ()) == PROPERTIES
+    np.testing.assert_array_equal(np.stack([vertices[n] for n in "xyz"], -1), expected.points_mm)
+    np.testing.assert_array_equal(np.stack([vertices[n] for n in ("nx", "ny", "nz")], -1), expected.normals)
+    colors = np.stack([vertices[n] for n in ("red", "green", "blue")], -1)
+    np.testing.assert_array_equal(colors, expected.colors)
+    np.testing.assert_array_equal(vertices["sigma"], expected.sigma_mm)
+
+
+@pytest.mark.parametrize("count", [0, 1, 100])
+def test_clouds_survive_writing_and_reading(tmp_path, count):
+    expected = cloud(count)
+    write_cloud(tmp_path / "cloud.ply", expected)
+    back = read_cloud(tmp_path / "cloud.ply")
+    for key in ("points_mm", "normals", "colors", "sigma_mm"):
+        value = getattr(back, key)
+        assert value.dtype == getattr(expected, key).dtype
+        np.testing.assert_array_equal(value, getattr(expected, key))
+    assert back.frame == "core"
+
+
+def test_a_cloud_cut_short_is_refused(tmp_path):
+    path = tmp_path / "cloud.ply"
+    write_cloud(path, cloud(10))
+    for data in (path.read_bytes()[:-1], b"ply\n", b"", b"\xff" * 50):
+        path.write_bytes(data)
+        with pytest.raises(InputError) as error:
+            read_cloud(path)
+        assert str(error.value) == f"{path}: not a cloud of beltscape reconstruct, or cut short"
+
+
+def test_a_missing_cloud_is_named(tmp_path):
+    with pytest.raises(InputError) as error:
+        read_cloud(tmp_path / "cloud.ply")
+    assert str(error.value) == f"{tmp_path}/cloud.ply: cannot be read (No such file or directory)"

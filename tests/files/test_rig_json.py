@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from beltscape.core.errors import InputError
+from beltscape.core.rig import Rig
+from beltscape.files.json_text import to_json
+from beltscape.files.rig_json import read_rig, rig_document, write_rig
+from strategies import rigs
+
+
+@given(rigs())
+def test_the_round_trip_is_exact_and_stable_to_the_byte(tmp_path_factory, rig):
+    folder = tmp_path_factory.getbasetemp()
+    write_rig(folder / "a.json", rig)
+    back = read_rig(folder / "a.json")
+    write_rig(folder / "b.json", back)
+    assert (folder / "a.json").read_bytes() == (folder / "b.json").read_bytes()
+    assert (back.core, list(back.cameras)) == (rig.core, list(rig.cameras))
+    for name, camera in rig.cameras.items():
+        read, pose = back.cameras[name], back.cam_from_core[name]
+        assert (read.name, read.size_px) == (name, camera.size_px)
+        for key in ("focal_px", "center_px", "distortion"):
+            np.testing.assert_array_equal(getattr(read, key), getattr(camera, key))
+        np.testing.assert_array_equal(pose.rotation, rig.cam_from_core[name].rotation)
+        np.testing.assert_array_equal(pose.translation_mm, rig.cam_from_core[name].translation_mm)
+
+
+def document() -> dict:
+    """A rig.json of two cameras as another program might have written it."""
+    camera = {
+        "size_px": [640, 480],
+        "focal_px": [800.0, 801.0],
+        "center_px": [320.0, 240.0],
+        "distortion": [-0.1, 0.01, 0.0, 0.0, 0.0],
+        "cam_from_core": {
+            "rotation": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            "translation_mm": [0.0, 0.0, 0.0],
+        },
+    }
+    other = copy.deepcopy(camera)
+    other["cam_from_core"]["translation_mm"] = [-100.0, 0.0, 0.0]
+    return {
+        "format": "beltscape-rig/1",
+        "core": "cam0",
+        "units": "mm",
+        "cameras": {"cam0": camera, "cam1": other},
+        "quality": {"held_out": {"rms_px": 0.1}},
+        "covariance": {},
+    }
+
+
+def test_the_keys_are_those_of_the_contract_in_their_order(tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(document()))
+    again = json.loads(to_json(rig_document(read_rig(path))))
+    assert again == document()
+    assert list(again) == ["format", "core", "units", "cameras", "quality", "covariance"]
+    assert list(again["cameras"]["cam0"]) == list(document()["cameras"]["cam0"])
+
+
+def test_quality_and_covariance_may_be_absent(tmp_path):
+    values = document()
+    del values["quality"], values["covariance"]
+    (tmp_path / "rig.json").write_text(json.dumps(values))
+    rig = read_rig(tmp_path / "rig.json")
+    assert isinstance(rig, Rig)
+    assert (rig.quality, rig.covariance) == ({}, {})
+
+
+def test_not_measured_is_null(tmp_path):
+    assert to_json({"a": [np.nan, np.inf, np.float64(1.5), np.int64(2)], "b": np.bool_(True)}) == (
+        '{\n "a": [\n  null,\n  null,\n  1.5,\n  2\n ],\n "b": true\n}\n'
+    )
+
+
+GONE = object()
+TURNED = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+MIRRORED = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+SHEARED = [[1.0, 0.001, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+MEND = "; give a rig.json of beltscape calibrate"
+POSE = "cameras.cam1.cam_from_core"
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "message"),
+    [
+        ("format", "kalibr/1", f"format is 'kalibr/1', not 'beltscape-rig/1'{MEND}"),
+        ("format", GONE, f"format is None, not 'beltscape-rig/1'{MEND}"),
+        ("units", "m", f"units = 'm': only \"mm\" is known{MEND}"),
+        ("units", GONE, f"units is missing{MEND}"),
+        ("core", GONE, f"core is missing{MEND}"),
+        ("core", "cam9", f"core = 'cam9' is not among the cameras cam0, cam1{MEND}"),
+        ("core", "cam1", f"cam_from_core of the core camera cam1 must be the identity{MEND}"),
+        ("cameras", GONE, f"cameras is missing{MEND}"),
+        ("cameras", [], f"cameras must be a table of cameras by name{MEND}"),
+        ("cameras.cam1", 3, f"cameras.cam1 must be a table{MEND}"),
+        ("cameras.cam1.focal_px", GONE, f"cameras.cam1.focal_px is missing{MEND}"),
+        ("cameras.cam1.focal_px", [800, 0], f"cameras.cam1.focal_px = [800, 0]: must be positive{MEND}"),
+        ("cameras.cam1.focal_px", 800, f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
+        ("cameras.cam1.focal_px", [800, "x"], f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
+        ("cameras.cam1.distortion", [0, 0, 0, 0], f"cameras.cam1.distortion must be 5 numbers{MEND}"),
+        ("cameras.cam1.distortion", [0, 0, 0, 0, None], f"cameras.cam1.distortion must be 5 numbers{MEND}"),
+        (
+            "cameras.cam1.size_px",
+            [640.5, 480],
+            f"cameras.cam1.size_px = [640.5, 480]: must be two positive whole numbers{MEND}",
+        ),
+        ("cameras.cam1.cam_from_core", GONE, f"{POSE} is missing{MEND}"),
+        (f"{POSE}.rotation", [1, 0, 0], f"{POSE}.rotation must be 3×3 numbers{MEND}"),
+        (
+            f"{POSE}.rotation",
+            SHEARED,
+            f"{POSE}.rotation is not a rotation (orthonormal, determinant +1){MEND}",
+        ),
+        (
+            f"{POSE}.rotation",
+            MIRRORED,
+            f"{POSE}.rotation is not a rotation (orthonormal, determinant +1){MEND}",
+        ),
+        (f"{POSE}.translation_mm", GONE, f"{POSE}.translation_mm is missing{MEND}"),
+        (
+            "cameras.cam0.cam_from_core.rotation",
+            TURNED,
+            f"cam_from_core of the core camera cam0 must be the identity{MEND}",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_named_by_its_place(tmp_path, where, value, message):
+    values = document()
+    *parents, last = where.split(".")
+    target = values
+    for key in parents:
+        target = target[key]
+    if value is GONE:
+        del target[last]
+    else:
+        target[last] = value
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(values))
+    with pytest.raises(InputError) as error:
+        read_rig(path)
+    assert str(error.value) == f"{path}: {message}"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"[1, 2]", "format is None, not 'beltscape-rig/1'; give a rig.json of beltscape calibrate"),
+        (b'{"format": ', "not JSON (line 1, column 12: Expecting value)"),
+        (b"\xff\xfe\x00", "not UTF-8 text"),
+        (b"", "not JSON (line 1, column 1: Expecting value)"),
+    ],
+)
+def test_what_is_no_rig_at_all_is_said(tmp_path, data, message):
+    (tmp_path / "rig.json").write_bytes(data)
+    with pytest.raises(InputError) as error:
+        read_rig(tmp_path / "rig.json")
+    assert str(error.value) == f"{tmp_path}/rig.json: {message}"
+
+
+def test_a_missing_file_and_a_folder_are_said(tmp_path):
+    with pytest.raises(InputError) as missing:
+        read_rig(tmp_path / "rig.json")
+    with pytest.raises(InputError) as folder:
+        read_rig(tmp_path)
+    assert str(missing.value) == f"{tmp_path}/rig.json: no such file"
+    assert str(folder.value) == f"{tmp_path}: cannot be read (Is a directory)"
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    (tmp_path / "rig.json").write_bytes(b"\xef\xbb\xbf" + json.dumps(document()).encode())
+    assert read_rig(tmp_path / "rig.json").core == "cam0"

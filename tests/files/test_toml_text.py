@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import pytest
+from pydantic import BaseModel, ConfigDict, Field
+
+from beltscape.core.errors import InputError
+from beltscape.files.toml_text import read_toml, validated
+
+
+class Ring(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    diameter_mm: float = Field(gt=0)
+
+
+class Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    width_mm: float
+    count: int = 3
+    size_px: tuple[int, int] = (1, 1)
+    ring: Ring | None = None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "width_mm is missing"),
+        ("width_mn = 3", "unknown key width_mn; did you mean width_mm?"),
+        ("width_mm = 3\ncolour = 1", "unknown key colour; known: width_mm, count, size_px, ring"),
+        (
+            'width_mm = "wide"',
+            "width_mm = 'wide': must be a valid number, unable to parse string as a number",
+        ),
+        (
+            "width_mm = 3\ncount = 1.5",
+            "count = 1.5: must be a valid integer, got a number with a fractional part",
+        ),
+        ("width_mm = 3\nsize_px = 4", "size_px = 4: must be a list"),
+        ("width_mm = 3\nsize_px = [4]", "size_px[1] is missing"),
+        ("width_mm = 3\nsize_px = [4, 5, 6]", "size_px = [4, 5, 6]: must have 2 values, not 3"),
+        ("width_mm = 3\n[ring]\ndiameter_mm = -1", "ring.diameter_mm = -1: must be greater than 0"),
+    ],
+)
+def test_the_first_thing_that_does_not_fit_is_named(tmp_path, text, message):
+    path = tmp_path / "project.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        validated(path, Settings, read_toml(path))
+    assert str(error.value) == f"{path}: {message}"
+
+
+def test_what_fits_is_returned(tmp_path):
+    path = tmp_path / "project.toml"
+    path.write_bytes(b"\xef\xbb\xbfwidth_mm = 3\n[ring]\ndiameter_mm = 2.5\n")
+    assert validated(path, Settings, read_toml(path)) == Settings(width_mm=3, ring=Ring(diameter_mm=2.5))
+
+
+def test_what_is_no_toml_is_named_with_its_place(tmp_path):
+    path = tmp_path / "board.toml"
+    path.write_text('kind = "charuco"\nsquares = [5, 4\n')
+    with pytest.raises(InputError) as error:
+        read_toml(path)
+    assert str(error.value) == f"{path}: not TOML (Unclosed array (at end of document))"
+
+
+def test_missing_files_folders_and_other_encodings_are_said(tmp_path):
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
+    for path, message in [
+        (tmp_path / "none.toml", "no such file"),
+        (tmp_path, "cannot be read (Is a directory)"),
+        (tmp_path / "latin.toml", "not UTF-8 text"),
+    ]:
+        with pytest.raises(InputError) as error:
+            read_toml(path)
+        assert str(error.value) == f"{path}: {message}"

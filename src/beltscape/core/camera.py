@@ -60,7 +60,10 @@ class Camera:
                 xx, xy, yy = self._distort_slope(ideal)
                 dx, dy = np.moveaxis(seen - self.distort(ideal), -1, 0)
                 step = np.stack([yy * dx - xy * dy, xx * dy - xy * dx], axis=-1)
-                ideal = ideal + step / (xx * yy - xy * xy)[..., None]
+                step /= (xx * yy - xy * xy)[..., None]
+                ideal = ideal + step
+                if not (np.abs(step) > 1e-15).any():
+                    break
             xx, xy, yy = self._distort_slope(ideal)
             error = np.abs(self.distort(ideal) - seen).max(axis=-1)
             good = (error < 1e-9) & (xx * yy > xy * xy) & (xx + yy > 0)

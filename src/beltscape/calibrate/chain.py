@@ -19,6 +19,8 @@ from beltscape.target.board import Board, corner_points_mm
 
 SKEW_FACTOR, SKEW_PX = 2.0, 0.25
 """A pair whose RMS exceeds its cameras' own by this factor, and this many px, is not synchronous."""
+WEAK = 0.05
+"""A camera whose focal length or principal point has a larger standard deviation, over the focal length, is named."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +48,7 @@ def solve(sightings: Sightings, board: Board, core: str | None, reporter: Report
         for done, name in enumerate(sightings.cameras, start=1):
             try:
                 monocular[name] = calibrate_camera(name, sightings, board_mm, min_views=MIN_VIEWS)
+                _tell_if_weak(monocular[name], reporter)
             except CalibrationError as error:
                 _survive(error, name, core, reporter)
             reporter.step("calibrating cameras", done, len(sightings.cameras))
@@ -73,6 +76,15 @@ def _one_opencv_thread() -> Iterator[None]:
         yield
     finally:
         cv2.setNumThreads(before)
+
+
+def _tell_if_weak(found: Monocular, reporter: Reporter) -> None:
+    worst = max(found.sigma[name] for name in ("fx", "fy", "cx", "cy"))
+    if worst > WEAK * found.camera.focal_px.mean():
+        reporter.warn(
+            f"camera {found.camera.name}: its {len(found.cam_from_board)} views leave the focal length or the "
+            f"principal point uncertain by {worst:.0f} px; add views with the board tilted about 30° to every side"
+        )
 
 
 def _survive(error: CalibrationError, name: str, core: str | None, reporter: Reporter) -> None:

@@ -48,7 +48,7 @@ def seconds(work: Callable[[], object], runs: int = 5) -> float:
 def triangulation() -> list[str]:
     """Points per second of every kernel level, against OpenCV's two-view one and the reference."""
     rng = np.random.default_rng(1)
-    points = rng.uniform(-300, 300, (200_000, 3)) + [0, 0, 700]
+    points = rng.uniform(-300, 300, (200_000, 3)) + np.array([0, 0, 700])
     poses = [np.column_stack([np.eye(3), rng.uniform(-300, 300, 3) * [1, 1, 0]]) for _ in range(5)]
     projections = np.diag([1160.0, 1160.0, 1.0]) @ np.stack(poses)
     pixels = np.einsum("cij,nj->cni", projections, np.column_stack([points, np.ones(len(points))]))
@@ -84,7 +84,8 @@ def bare_sgbm(scene: Scene, depth_range_mm: tuple[float, float]) -> float:
 def whole_frames(scenes: list[Scene]) -> list[str]:
     """Accuracy and time of each method on each scene, and the volume of the loaded ones."""
     rows = [
-        "| scene | size | method | < 1 mm | < 0.25 mm | median mm | gross | measured | actual/predicted σ | s | × SGBM |",
+        "| scene | size | method | < 1 mm | < 0.25 mm | median mm | gross | measured | actual/predicted σ | s "
+        "| × SGBM |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     volumes = [

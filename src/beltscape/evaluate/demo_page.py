@@ -11,7 +11,7 @@ from beltscape.evaluate.depth import DepthScore
 from beltscape.files.images import read_image
 from beltscape.files.ply import read_cloud
 from beltscape.report.page import Figure, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import GROUND, Rgb, beside, colored, panel
+from beltscape.report.pictures import GROUND, Rgb, beside, colored, panel, preview_panels
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.report.volume import height_plot, litres, profiles_plot
 

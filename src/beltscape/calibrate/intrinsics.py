@@ -65,14 +65,13 @@ def calibrate_camera(
         )
     solution = _solve(name, views, size, board_mm)
     for _ in range(3):
-        limit = max(OUTLIER_FACTOR * float(np.median(list(solution.view_rms_px.values()))), 0.3)
+        median = float(np.median(list(solution.view_rms_px.values())))
+        limit = max(OUTLIER_FACTOR * median, 0.3)
         bad = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
         if not bad or len(views) - len(bad) < max(min_views, len(views) // 2):
             break
         for frame, rms in bad.items():
-            rejected[frame] = (
-                f"reprojection RMS {rms:.2f} px, the median view has {limit / OUTLIER_FACTOR:.2f} px"
-            )
+            rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
             del views[frame]
         solution = _solve(name, views, size, board_mm)
     return Monocular(

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.network import associate, choose_core, groups
+from beltscape.calibrate.pairs import Pair
+from beltscape.core.pose import Pose
+
+
+def pair(rig, first: str, second: str, rms_px: float = 0.1, corners: int = 100) -> Pair:
+    return Pair(first, second, rig.relative(second, first), rms_px, ("00",), corners)
+
+
+def nothing(rig) -> Sightings:
+    return Sightings({n: c.size_px for n, c in rig.cameras.items()}, {n: {} for n in rig.cameras}, {})
+
+
+@pytest.mark.parametrize("core", ["a", "b", "c", "d"])
+def test_every_camera_comes_into_the_core_frame(rig, core):
+    pairs = [pair(rig, *names) for names in (("a", "b"), ("b", "c"), ("d", "c"))]
+    network = associate(core, pairs)
+    assert set(network.cam_from_core) == set(rig.cameras)
+    for name, pose in network.cam_from_core.items():
+        expected = rig.relative(name, core)
+        np.testing.assert_allclose(pose.rotation, expected.rotation, atol=1e-12)
+        np.testing.assert_allclose(pose.translation_mm, expected.translation_mm, atol=1e-9)
+    np.testing.assert_array_equal(network.cam_from_core[core].rotation, np.eye(3))
+
+
+def test_a_camera_that_only_another_auxiliary_sees_is_reached_through_it(rig):
+    network = associate("a", [pair(rig, "a", "b"), pair(rig, "b", "c"), pair(rig, "c", "d")])
+    assert network.paths == {"a": ("a",), "b": ("a", "b"), "c": ("a", "b", "c"), "d": ("a", "b", "c", "d")}
+    assert network.path_errors == ()
+
+
+def test_the_path_with_the_least_variance_wins(rig):
+    steps = [pair(rig, "a", "b"), pair(rig, "b", "c")]
+    good = associate("a", [*steps, pair(rig, "a", "c", rms_px=0.12)])
+    bad = associate("a", [*steps, pair(rig, "a", "c", rms_px=0.5)])
+    few = associate("a", [*steps, pair(rig, "a", "c", corners=20)])
+    assert good.paths["c"] == ("a", "c")
+    assert bad.paths["c"] == few.paths["c"] == ("a", "b", "c")
+
+
+def test_path_errors_tell_how_far_a_loop_is_open(rig):
+    off = Pose.of([0.0, 0.0, np.deg2rad(0.5)], [0, 0, 0])
+    twisted = Pair("b", "c", off @ rig.relative("c", "b"), 0.1, ("00",), 100)
+    network = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), twisted])
+    (error,) = network.path_errors
+    assert error.pair == ("b", "c")
+    assert error.rotation_deg == pytest.approx(0.5)
+    assert error.translation_mm == pytest.approx(0.0, abs=1e-9)  # a twist about c's own centre
+    moved = Pair("b", "c", Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative("c", "b"), 0.1, ("00",), 100)
+    (error,) = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), moved]).path_errors
+    assert (error.rotation_deg, error.translation_mm) == (pytest.approx(0, abs=1e-6), pytest.approx(5.0))
+
+
+def test_groups_are_the_islands_largest_first(rig):
+    assert groups("abcd", [pair(rig, "b", "c"), pair(rig, "c", "d")]) == [("b", "c", "d"), ("a",)]
+    assert groups("abcd", []) == [("a",), ("b",), ("c",), ("d",)]
+
+
+def test_the_core_is_the_most_central_camera(rig):
+    assert choose_core(nothing(rig), [pair(rig, *names) for names in combinations("abcd", 2)]) in "bc"
+    assert choose_core(nothing(rig), [pair(rig, *names) for names in combinations("abc", 2)]) == "b"
+    assert choose_core(nothing(rig), [pair(rig, *names) for names in combinations("bcd", 2)]) == "c"
+
+
+def test_a_central_camera_that_shares_little_is_not_the_core(rig):
+    pairs = [pair(rig, *n, corners=20 if "b" in n or "c" in n else 100) for n in combinations(rig.cameras, 2)]
+    assert choose_core(nothing(rig), pairs) in ("a", "d")

@@ -1,0 +1,1 @@
+"""Exact little worlds to test against."""

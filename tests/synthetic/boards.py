@@ -1,0 +1,163 @@
+"""Views of a printed board, rendered exactly: a ray per sub-pixel through the true lens, onto the true board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.files.images import write_image
+from beltscape.target.board import Board, CharucoBoard
+
+SIZE_PX = (480, 400)
+_CELL = 48
+"""Texture pixels per square."""
+_SUPER = 3
+"""Rays per pixel edge."""
+
+
+@dataclass(frozen=True)
+class Print:
+    """How the board was printed and photographed."""
+
+    legacy: bool = False
+    inverted: bool = False
+    blur_px: float = 0.5
+    noise: float = 1.0
+    seed: int = 1
+
+
+def camera(
+    name: str, focal_px: float = 520.0, k1: float = -0.12, size_px: tuple[int, int] = SIZE_PX
+) -> Camera:
+    """A lens with visible distortion and a principal point off the centre."""
+    width, height = size_px
+    return Camera(
+        name=name,
+        size_px=size_px,
+        focal_px=np.array([focal_px, focal_px * 1.003]),
+        center_px=np.array([width / 2 + 4.2, height / 2 - 3.1]),
+        distortion=np.array([k1, 0.06, 4e-4, -6e-4, 0.0]),
+    )
+
+
+def row_of_cameras(names: Sequence[str], step_mm: float = 120.0, distance_mm: float = 700.0) -> Rig:
+    """Cameras beside each other that look at one point ``distance_mm`` before the first; it is the core."""
+    cam_from_core: dict[str, Pose] = {}
+    for i, name in enumerate(names):
+        x = step_mm * i
+        turn = Pose.of([0.0, np.arctan2(x, distance_mm), 0.0], np.zeros(3))
+        tilt = Pose.of([0.03 * (-1) ** i, 0.0, 0.02 * i], np.zeros(3)) if i else Pose.identity()
+        rotation = tilt.rotation @ turn.rotation
+        cam_from_core[name] = Pose(rotation, -rotation @ np.array([x, 4.0 * i, -3.0 * i]))
+    cameras = {name: camera(name, 520.0 + 6 * i, -0.12 + 0.02 * i) for i, name in enumerate(names)}
+    return Rig(names[0], cameras, cam_from_core)
+
+
+def board_poses(
+    board: Board, count: int, distance_mm: float = 700.0, tilt: float = 0.5, seed: int = 4, x_mm: float = 0.0
+) -> list[Pose]:
+    """core_from_board: boards about the optical axis, tilted to every side."""
+    rng = np.random.default_rng(seed)
+    columns, rows = board.grid
+    middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
+    poses = []
+    for i in range(count):
+        around = 2.4 * i  # the golden angle: sides and tilts come evenly
+        lean = tilt * (0.6 + 0.4 * rng.random())
+        rotation = Pose.of(
+            [lean * np.cos(around), lean * np.sin(around), rng.uniform(-0.25, 0.25)], np.zeros(3)
+        )
+        place = np.array([x_mm, 0, distance_mm]) + rng.uniform([-70, -50, -90], [70, 50, 90])
+        poses.append(Pose(rotation.rotation, place - rotation.rotation @ middle))
+    return poses
+
+
+@cache
+def _texture(board: Board, legacy: bool) -> NDArray[np.float32]:
+    """(rows·_CELL, columns·_CELL) of the printed area, 0 black to 1 white."""
+    if isinstance(board, CharucoBoard):
+        columns, rows = board.squares
+        size = (columns * _CELL, rows * _CELL)
+        image = board.opencv(legacy=legacy).generateImage(size, marginSize=0).astype(np.float32) / 255
+    else:
+        columns, rows = board.grid[0] + 1, board.grid[1] + 1
+        dark = np.indices((rows, columns)).sum(axis=0) % 2 == 0
+        image = np.kron(~dark, np.ones((_CELL, _CELL))).astype(np.float32)
+    return cv2.copyMakeBorder(image, _CELL, _CELL, _CELL, _CELL, cv2.BORDER_CONSTANT, value=1.0)
+
+
+@cache
+def _rays(size_px: tuple[int, int], intrinsics: bytes) -> NDArray[np.float64]:
+    values = np.frombuffer(intrinsics)
+    lens = Camera("", size_px, values[:2], values[2:4], values[4:])
+    width, height = size_px
+    offset = (np.arange(_SUPER) + 0.5) / _SUPER - 0.5
+    u = (np.arange(width)[:, None] + offset).ravel()
+    v = (np.arange(height)[:, None] + offset).ravel()
+    return lens.undistort(np.stack(np.meshgrid(u, v), axis=-1))
+
+
+def view(lens: Camera, cam_from_board: Pose, board: Board, how: Print | None = None) -> NDArray[np.uint8]:
+    """(H, W) uint8: what the camera sees of the board; grey where there is none."""
+    how = how or Print()
+    rays = _rays(lens.size_px, np.concatenate([lens.focal_px, lens.center_px, lens.distortion]).tobytes())
+    # a point on the board's plane is hit by the ray  H⁻¹ (x, y, 1)
+    r, t = cam_from_board.rotation, cam_from_board.translation_mm
+    to_board = np.linalg.inv(np.column_stack([r[:, 0], r[:, 1], t]))
+    on_board = cv2.perspectiveTransform(rays, to_board)
+    x, y = np.moveaxis(on_board / board.square_mm * _CELL + _CELL - 0.5, -1, 0)
+    texture = _texture(board, how.legacy)
+    printed = 1 - texture if how.inverted else texture
+    seen = cv2.remap(
+        printed, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT, borderValue=0.55,
+    )  # fmt: skip
+    width, height = lens.size_px
+    light = 30 + 190 * seen.reshape(height, _SUPER, width, _SUPER).mean(axis=(1, 3))
+    light = cv2.GaussianBlur(light, (0, 0), how.blur_px)
+    noise = np.random.default_rng(how.seed).normal(0, how.noise, light.shape)
+    return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
+
+
+@dataclass
+class BoardCapture:
+    """A capture of one board by one rig, and its truth."""
+
+    folder: Path
+    rig: Rig
+    board: Board
+    poses: Mapping[str, Pose]
+    """core_from_board by frame."""
+    how: Print = field(default_factory=Print)
+
+    def render(self, name: str, frame: str) -> NDArray[np.uint8]:
+        number = list(self.rig.cameras).index(name) * 1000 + list(self.poses).index(frame)
+        how = Print(
+            self.how.legacy, self.how.inverted, self.how.blur_px, self.how.noise, self.how.seed + number
+        )
+        return view(self.rig.cameras[name], self.rig.cam_from_core[name] @ self.poses[frame], self.board, how)
+
+    def write(self, seen_by: Mapping[str, Iterable[str]] | None = None) -> BoardCapture:
+        """Write the images: ``seen_by`` names each camera's frames, without it all cameras have all."""
+        for name in self.rig.cameras:
+            for frame in self.poses if seen_by is None else seen_by[name]:
+                write_image(self.folder / name / f"{frame}.png", self.render(name, frame))
+        return self
+
+
+def capture(
+    folder: Path, rig: Rig, board: Board, poses: Sequence[Pose], how: Print | None = None,
+    seen_by: Mapping[str, Iterable[str]] | None = None,
+) -> BoardCapture:  # fmt: skip
+    """Render and write a capture with the frames 00, 01, …"""
+    named = {f"{i:02d}": pose for i, pose in enumerate(poses)}
+    return BoardCapture(folder, rig, board, named, how or Print()).write(seen_by)

@@ -105,8 +105,10 @@ def interior_pixels(
     By default 0.003 of the median depth: 2 mm at 0.7 m, some three pixels' footprint.
     """
     truth = np.asarray(true_depth_mm, np.float64)
-    limit = 0.003 * float(np.nanmedian(truth)) if step_mm is None else step_mm
     step = ~np.isfinite(truth)
+    if step.all():
+        return ~step
+    limit = 0.003 * float(np.nanmedian(truth)) if step_mm is None else step_mm
     for axis in (0, 1):
         bend = np.abs(np.diff(truth, n=2, axis=axis))
         core = [slice(None), slice(None)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-
 _MATCHED_WIDTH_PX = 1536
 _MOST_OVERSAMPLING = 1.5
 

@@ -17,6 +17,8 @@ from beltscape.stereo.settings import PairwiseSettings
 _SAME_SURFACE_PX = 0.75
 """Neighbouring disparities farther apart than this lie on different surfaces and are not interpolated."""
 
+_FLAT_PX = 7
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairMatcher:
@@ -39,6 +41,7 @@ class PairMatcher:
         )
         sixteenths = _sgbm(self.settings, self.pair.disparities).compute(left, right)
         disparity = unbiased(sixteenths)
+        disparity[featureless(left)] = np.nan
         columns = np.arange(disparity.shape[1], dtype=np.float32)
         matched = np.rint(columns - np.nan_to_num(disparity)).astype(np.intp)
         disparity[~np.take_along_axis(self.aux_seen, np.maximum(matched, 0), axis=1)] = np.nan
@@ -80,6 +83,12 @@ def unbiased(sixteenths: NDArray[np.int16]) -> NDArray[np.float32]:
     disparity = ((sixteenths - high) / 16.0).astype(np.float32)
     disparity[sixteenths < 0] = np.nan
     return disparity
+
+
+def featureless(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(H, W) bool: all counts about the pixel are one: black, saturated, nothing SGBM could tell apart."""
+    window = np.ones((_FLAT_PX, _FLAT_PX), np.uint8)
+    return np.asarray(cv2.dilate(image, window)) == np.asarray(cv2.erode(image, window))
 
 
 def sample(values: NDArray[np.float32], source: NDArray[np.float32]) -> NDArray[np.float32]:

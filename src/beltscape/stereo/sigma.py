@@ -15,8 +15,10 @@ _WINDOW_PX = 11
 """Edge of the window over which the spread between pairs is pooled."""
 _FLOOR_PX = 0.09
 """One pair on a smooth, well lit surface: SGBM's pixel locking and steps of 1/16 px. Differs from pair to pair."""
-_SHARED = 0.3
-"""Of the variance beyond that floor (shape smoothed away, noise of the core's image) this part is common to all."""
+_SHARED = 0.4
+"""Of the variance beyond that floor this part is common to all pairs, where shape smoothed away makes it ..."""
+_SHARED_RELIEF = 0.2
+"""... which is at most this part of the variance of the relief: noise on a smooth surface is not shared."""
 _CORRELATION = -0.05
 """Of two pairs' errors on a smooth surface: pixel locking pulls pairs on opposite sides apart."""
 _ROUGHNESS = 0.5
@@ -47,9 +49,12 @@ def depth_sigma(fused: Fused, scale_mm_px: float) -> NDArray[np.float32]:
     mm_per_px = np.where(measured, fused.depth_mm, 1.0) ** 2 / np.float32(scale_mm_px)
     scatter = np.where(measured, fused.scatter_mm2 / mm_per_px**2, 0).astype(np.float32)
     freedom = np.maximum(fused.views.astype(np.float32) - 1.0, 0.0)
-    local = _local_spread(scatter, fused.views, _single_pair(fused, mm_per_px))
+    relief2 = _relief(fused.depth_mm, mm_per_px) ** 2
+    guess = np.sqrt(_FLOOR_PX**2 + _ROUGHNESS**2 * relief2).astype(np.float32)
+    local = _local_spread(scatter, fused.views, guess)
     single = (_LOCAL_FREEDOM * local**2 + scatter) / (_LOCAL_FREEDOM + freedom)
-    shared = _SHARED * np.maximum(single - _FLOOR_PX**2, 0.0)
+    beyond = np.maximum(single - _FLOOR_PX**2, 0.0)
+    shared = np.minimum(_SHARED * beyond, _SHARED_RELIEF * relief2)
     mean = single * (1.0 + _CORRELATION * freedom) / (1.0 + freedom)
     variance = mean + shared
     return np.where(measured, np.sqrt(variance) * mm_per_px, np.nan).astype(np.float32)
@@ -67,16 +72,16 @@ def _local_spread(
     freedom = np.maximum(views.astype(np.float32) - 1.0, 1.0)
     spread = np.where(compared, np.sqrt(scatter / freedom) / root_mean, 0).astype(np.float32)
     total = _window_sum(spread) + _PRIOR_PIXELS * guess
-    return total / (_window_sum(compared.astype(np.float32)) + _PRIOR_PIXELS)
+    return (total / (_window_sum(compared.astype(np.float32)) + _PRIOR_PIXELS)).astype(np.float32)
 
 
-def _single_pair(fused: Fused, mm_per_px: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W) guess of one pair's standard deviation, px, from the relief about each pixel."""
-    measured = np.isfinite(fused.depth_mm)
+def _relief(depth_mm: NDArray[np.float32], mm_per_px: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) mean height over its smoothed surroundings, px of disparity: how much shape there is to lose."""
+    measured = np.isfinite(depth_mm)
     weight = np.maximum(_blur(measured.astype(np.float32)), 1e-3)
-    smooth = _blur(np.where(measured, fused.depth_mm, 0)) / weight
-    relief = np.where(measured, np.minimum(np.abs(fused.depth_mm - smooth) / mm_per_px, 1.0), 0)
-    return np.hypot(_FLOOR_PX, _ROUGHNESS * _blur(relief.astype(np.float32)) / weight).astype(np.float32)
+    smooth = _blur(np.where(measured, depth_mm, 0)) / weight
+    height = np.where(measured, np.minimum(np.abs(depth_mm - smooth) / mm_per_px, 1.0), 0)
+    return (_blur(height.astype(np.float32)) / weight).astype(np.float32)
 
 
 def _blur(values: NDArray[np.float32]) -> NDArray[np.float32]:

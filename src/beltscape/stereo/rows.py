@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-_HALF = 10
+_HALF = 8
 _REACH = 6
 """Rows searched above and below."""
-_MATCH = 0.85
+_MATCH = 0.65
 """Correlation from which a match counts."""
 
 
@@ -34,7 +34,7 @@ def row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities
     up and down; matches are refined to sub-pixel along the column. NaN when fewer than 10 patches match.
     """
     offsets = []
-    corners = cv2.goodFeaturesToTrack(core, maxCorners=400, qualityLevel=0.02, minDistance=2 * _HALF)
+    corners = cv2.goodFeaturesToTrack(core, maxCorners=800, qualityLevel=0.02, minDistance=2 * _HALF)
     for u, v in np.empty((0, 2), int) if corners is None else np.rint(corners[:, 0]).astype(int):
         left, top = u - _HALF - disparities, v - _HALF - _REACH
         if left < 0 or top < 0 or u + _HALF >= core.shape[1] or v + _HALF + _REACH >= core.shape[0]:

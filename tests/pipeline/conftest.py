@@ -1,0 +1,50 @@
+"""The demo's capture, small parts of it, and one whole run of it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from synthetic.demo import DEMO, TRUE_RIG
+
+
+@pytest.fixture
+def capture(tmp_path):
+    """A function scene → a copy of it, to be damaged."""
+
+    def copy(scene: str) -> Path:
+        return Path(shutil.copytree(DEMO / scene, tmp_path / scene))
+
+    return copy
+
+
+@pytest.fixture
+def run(capsys):
+    """A function that runs the program: exit code, standard output, lines on standard error."""
+    from beltscape.cli.main import main
+
+    def call(*words: object) -> tuple[int, str, list[str]]:
+        capsys.readouterr()
+        try:
+            code = main([str(word) for word in words])
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err.splitlines()
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def small_frames(tmp_path_factory):
+    """Frame folders of the empty and the loaded belt: one pair of cameras, the true rig."""
+    from beltscape.core.progress import Silent
+    from beltscape.files.rig_json import read_rig
+    from beltscape.pipeline.reconstruction import reconstruct_capture
+
+    out = tmp_path_factory.mktemp("frames")
+    for scene in ("belt_empty", "belt_loaded"):
+        reconstruct_capture(DEMO / scene, read_rig(TRUE_RIG), out / scene, Silent(), method="binocular")
+    return out

@@ -1,0 +1,54 @@
+"""The whole chain against its truth: nothing may get worse than this."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    from beltscape.core.progress import Silent
+    from beltscape.evaluate.demo import demo_document, run_demo
+    from beltscape.evaluate.demo_page import demo_page
+
+    result = run_demo(tmp_path_factory.mktemp("demo"), Silent())
+    return demo_document(result), demo_page(result)
+
+
+def test_calibration_is_near_the_true_rig(demo):
+    document, _ = demo
+    assert document["held_out"]["rms_px"] < 0.15
+    assert document["rig_against_truth"]["depth_rms_mm"] < 0.15
+    assert max(document["rig_against_truth"]["rotation_deg"].values()) < 0.08
+
+
+@pytest.mark.parametrize(
+    ("scene", "within_1mm", "median_mm"),
+    [("belt_empty", 0.995, 0.1), ("belt_loaded", 0.85, 0.12), ("module", 0.95, 0.15)],
+)
+def test_depth_meets_the_truth(demo, scene, within_1mm, median_mm):
+    score = demo[0]["depth_against_truth"][scene]["pairwise"]
+    assert score["within_1mm"] > within_1mm
+    assert score["interior_median_mm"] < median_mm
+    assert 0.6 < score["sigma_ratio"] < 1.4
+
+
+def test_more_cameras_see_more_than_two(demo):
+    for scene in ("belt_loaded", "module"):
+        scores = demo[0]["depth_against_truth"][scene]
+        assert scores["pairwise"]["within_1mm"] > scores["binocular"]["within_1mm"] + 0.03
+        assert scores["pairwise"]["coverage"] > scores["binocular"]["coverage"]
+
+
+def test_volume_is_near_the_truth(demo):
+    volume = demo[0]["volume_against_truth"]["belt_loaded"]
+    assert abs(volume["volume_mm3"] / volume["true_mm3"] - 1) < 0.03
+
+
+def test_report_works_offline(demo):
+    _, page = demo
+    assert not re.findall(r"""(?:src|href)=["']?(?!data:)[a-z]*:?//""", page)
+    assert page.count("<img") >= 6
+    assert len(page) < 12_000_000

@@ -1,0 +1,103 @@
+"""``beltscape measure volume``: the answer's form, the box, what it refuses."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+import tifffile
+
+from beltscape.files.json_text import read_json
+from beltscape.files.rig_json import read_rig, write_rig
+from synthetic.demo import only_json
+
+
+def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):
+    loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
+    code, out, _ = run(
+        "measure", "volume", loaded, "--empty", empty, "--across", -250, 260, "--along", -150, 150,
+        "--out", tmp_path / "v", "--json",
+    )  # fmt: skip
+    assert code == 0
+    answer = only_json(out)
+    assert answer["across_mm"] == [-250, 260]
+    assert answer["along_mm"] == [-150, 150]
+    assert 0 < answer["coverage"] <= 1
+    assert 0 < answer["sigma_mm3"] < answer["volume_mm3"]
+    grid = read_json(tmp_path / "v" / "volume.json")["load_grid"]
+    load = tifffile.imread(tmp_path / "v" / "load.tiff")
+    x = grid["origin_mm"][0] + grid["cell_mm"] * np.arange(load.shape[1])
+    y = grid["origin_mm"][1] + grid["cell_mm"] * np.arange(load.shape[0])
+    inside = load[(np.abs(y) < 150)[:, None] & ((x > -250) & (x < 260))[None]]
+    assert inside.mean() * 510 * 300 == pytest.approx(answer["volume_mm3"], rel=0.02)
+    profiles = (tmp_path / "v" / "profiles.csv").read_text().splitlines()
+    assert profiles[0] == "y_mm,x_mm,height_mm"
+    total = sum(profile["area_mm2"] for profile in answer["profiles"]) * 300 / len(answer["profiles"])
+    assert total == pytest.approx(answer["volume_mm3"], rel=0.01)
+    assert "<canvas" not in (tmp_path / "v" / "report.html").read_text()
+
+
+def test_volumes_of_neighbouring_boxes_add_up(run, small_frames):
+    words = ("measure", "volume", small_frames / "belt_loaded" / "000")
+    words += ("--empty", small_frames / "belt_empty" / "000", "--across", -300, 300, "--json")
+    parts = [only_json(run(*words, "--along", a, b)[1])["volume_mm3"] for a, b in ((-120, -7.3), (-7.3, 120))]
+    whole = only_json(run(*words, "--along", -120, 120)[1])["volume_mm3"]
+    assert sum(parts) == pytest.approx(whole, rel=2e-3)
+
+
+def test_an_empty_belt_holds_nothing(run, small_frames):
+    empty = small_frames / "belt_empty" / "000"
+    answer = only_json(run("measure", "volume", empty, "--empty", empty, "--json")[1])
+    assert abs(answer["volume_mm3"]) < 1.0
+
+
+def test_refuses_a_folder_that_is_no_frame(run, small_frames, tmp_path):
+    loaded = small_frames / "belt_loaded" / "000"
+    code, out, err = run("measure", "volume", loaded, "--empty", tmp_path / "nothing")
+    assert (code, out) == (2, "")
+    assert err == [
+        f"beltscape: {tmp_path / 'nothing'}: no such folder; give a frame folder of beltscape reconstruct"
+    ]
+
+
+def test_refuses_frames_of_different_rigs(run, small_frames, tmp_path):
+    other = tmp_path / "other" / "000"
+    shutil.copytree(small_frames / "belt_empty" / "000", other)
+    rig = read_rig(small_frames / "belt_empty" / "rig.json")
+    camera = rig.core_camera
+    object.__setattr__(camera, "focal_px", camera.focal_px * 1.01)
+    write_rig(other.parent / "rig.json", rig)
+    loaded = small_frames / "belt_loaded" / "000"
+    code, _, err = run("measure", "volume", loaded, "--empty", other)
+    assert code == 2
+    assert err == [
+        f"beltscape: {loaded} and {other}: reconstructed with different rigs; "
+        "reconstruct both with the same rig.json"
+    ]
+
+
+def test_refuses_a_box_upside_down(run, small_frames):
+    loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
+    code, _, err = run("measure", "volume", loaded, "--empty", empty, "--along", 100, -100)
+    assert code == 2
+    assert err == ["beltscape: --along 100 -100: the first number must be the smaller one"]
+
+
+def test_names_the_measured_range_when_the_box_is_outside(run, small_frames):
+    loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
+    code, _, err = run("measure", "volume", loaded, "--empty", empty, "--along", 5000, 6000)
+    assert code == 2
+    assert len(err) == 1
+    assert err[0].startswith(
+        "beltscape: --along 5000 6000: nothing was measured there; the belt was seen from "
+    )
+
+
+def test_a_quantity_that_is_not_there_is_one_line(run):
+    code, _, err = run("measure", "features", "x")
+    assert code == 2
+    assert err == [
+        "beltscape measure: argument QUANTITY: invalid choice: 'features' (choose from 'volume'); "
+        "see: beltscape measure --help"
+    ]

@@ -1,0 +1,198 @@
+"""``beltscape reconstruct``: what it writes, what it survives, what it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import tifffile
+
+from beltscape.files.images import read_image
+from beltscape.files.ply import read_cloud
+from beltscape.files.rig_json import read_rig
+from synthetic.demo import DEMO, TRUE_RIG, only_json
+
+
+def warnings(lines):
+    return [line for line in lines if line.startswith("warning: ")]
+
+
+def last(lines):
+    return [line for line in lines if not line.startswith("warning: ") and ": " in line][-1]
+
+
+def test_writes_what_the_contract_says(run, tmp_path):
+    code, out, _ = run(
+        "reconstruct",
+        DEMO / "module",
+        "--rig",
+        TRUE_RIG,
+        "--out",
+        tmp_path / "r",
+        "--method",
+        "binocular",
+        "--json",
+    )
+    assert code == 0
+    document = only_json(out)
+    frame = tmp_path / "r" / "000"
+    assert document["frames"][0]["folder"] == str(frame)
+    assert document["auxiliaries"] == ["cam1"]
+    rig = read_rig(tmp_path / "r" / "rig.json")
+    assert (tmp_path / "r" / "rig.json").read_bytes() == TRUE_RIG.read_bytes()
+    depth, sigma = tifffile.imread(frame / "depth.tiff"), tifffile.imread(frame / "sigma.tiff")
+    width, height = rig.core_camera.size_px
+    assert depth.shape == sigma.shape == (height, width)
+    assert depth.dtype == sigma.dtype == np.float32
+    measured = np.isfinite(depth)
+    assert np.array_equal(measured, np.isfinite(sigma))
+    assert (sigma[measured] > 0).all()
+    cloud = read_cloud(frame / "cloud.ply")
+    assert len(cloud.points_mm) == measured.sum()
+    np.testing.assert_array_equal(cloud.points_mm[:, 2], depth[measured])
+    assert read_image(frame / "preview.png").shape[2] == 3
+
+
+def test_the_same_bytes_twice(run, tmp_path):
+    for name in ("a", "b"):
+        run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / name)
+    for path in sorted((tmp_path / "a").rglob("*.*")):
+        assert path.read_bytes() == (tmp_path / "b" / path.relative_to(tmp_path / "a")).read_bytes(), (
+            path.name
+        )
+
+
+def test_opencv_and_others_read_the_depth(run, tmp_path):
+    run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--method", "binocular")
+    path = tmp_path / "r" / "000" / "depth.tiff"
+    by_opencv = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(by_opencv, tifffile.imread(path))
+
+
+def test_goes_on_without_a_missing_camera(run, capture, tmp_path):
+    folder = capture("module")
+    shutil.rmtree(folder / "cam3")
+    code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
+    line = f"{folder / 'cam3'}: no images of camera cam3; going on without it"
+    assert code == 0
+    assert warnings(err) == [f"warning: {line}"]
+    assert only_json(out)["warnings"] == [line]
+    assert only_json(out)["auxiliaries"] == ["cam1", "cam2", "cam4"]
+
+
+def test_goes_on_without_an_empty_image(run, capture, tmp_path):
+    folder = capture("module")
+    (folder / "cam2" / "000.png").write_bytes(b"")
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
+    assert code == 0
+    assert warnings(err) == [
+        f"warning: {folder / 'cam2' / '000.png'}: the file is empty (0 bytes); copy the image again; "
+        "going on without this image"
+    ]
+
+
+def test_goes_on_without_an_image_of_another_size(run, capture, tmp_path):
+    folder = capture("module")
+    cv2.imwrite(str(folder / "cam4" / "000.png"), np.zeros((100, 120), np.uint8))
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
+    assert code == 0
+    assert warnings(err) == [
+        f"warning: {folder / 'cam4' / '000.png'}: 120×100 px, but the rig's cam4 has 612×512; "
+        "going on without this image"
+    ]
+
+
+def test_goes_on_to_the_next_frame(run, capture, tmp_path):
+    folder = capture("module")
+    for camera in folder.iterdir():
+        shutil.copy(camera / "000.png", camera / "001.png")
+    (folder / "cam0" / "001.png").write_bytes(b"no image")
+    code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
+    assert code == 0
+    assert [frame["frame"] for frame in only_json(out)["frames"]] == ["000"]
+    assert not (tmp_path / "r" / "001").exists()
+    assert any("001.png: not a readable image" in line for line in warnings(err))
+
+
+def test_says_that_a_view_is_overexposed(run, capture, tmp_path):
+    folder = capture("module")
+    image = read_image(folder / "cam1" / "000.png")
+    image[: image.shape[0] // 2] = 255
+    cv2.imwrite(str(folder / "cam1" / "000.png"), image)
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
+    assert code == 0
+    assert warnings(err) == [
+        f"warning: {folder / 'cam1' / '000.png'}: overexposed, 50% of the pixels are saturated; lower the exposure"
+    ]
+
+
+def test_refuses_a_capture_without_the_core(run, capture, tmp_path):
+    folder = capture("module")
+    shutil.rmtree(folder / "cam0")
+    code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
+    assert (code, out) == (2, "")
+    assert err == [
+        f"beltscape: {folder / 'cam0'}: no images of the core camera cam0; the capture has cam1, cam2, cam3, cam4"
+    ]
+
+
+def test_refuses_a_capture_without_auxiliaries(run, capture, tmp_path):
+    folder = capture("module")
+    for name in ("cam1", "cam2", "cam3", "cam4"):
+        shutil.rmtree(folder / name)
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
+    assert code == 2
+    assert err == [
+        f"beltscape: {folder}: no images of an auxiliary camera of the rig (cam1, cam2, cam3, cam4); "
+        "depth needs a second view"
+    ]
+
+
+def test_an_unusable_core_image_is_named(run, capture, tmp_path):
+    folder = capture("module")
+    (folder / "cam0" / "000.png").write_bytes(b"")
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
+    assert code == 2
+    assert last(err) == (
+        "beltscape: frame 000: no usable image of the core camera cam0; depth is measured in its view"
+    )
+
+
+def test_refuses_multiview_clearly(run, tmp_path):
+    code, _, err = run(
+        "reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--method", "multiview"
+    )
+    assert code == 2
+    assert err == [
+        "beltscape: method multiview: the matcher that uses all views at once is not in this version; "
+        "use --method pairwise or binocular"
+    ]
+    assert not (tmp_path / "r").exists()
+
+
+def test_refuses_a_rig_of_another_format(run, tmp_path):
+    rig = tmp_path / "rig.json"
+    rig.write_text(json.dumps({**json.loads(TRUE_RIG.read_text()), "format": "kalibr"}))
+    code, _, err = run("reconstruct", DEMO / "module", "--rig", rig, "--out", tmp_path / "r")
+    assert code == 2
+    assert err == [
+        f"beltscape: {rig}: format is 'kalibr', not 'beltscape-rig/1'; give a rig.json of beltscape calibrate"
+    ]
+
+
+def test_refuses_an_output_that_cannot_be_written(run, tmp_path):
+    (tmp_path / "file").touch()
+    out = tmp_path / "file" / "r"
+    code, _, err = run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", out)
+    assert code == 2
+    assert err == [f"beltscape: {out}: cannot be written (Not a directory); choose another output folder"]
+
+
+def test_refuses_an_impossible_depth_range(run, tmp_path):
+    words = ("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--depth-range")
+    assert run(*words, 900, 700)[2] == [
+        "beltscape: --depth-range 900 700: the first number must be the smaller one"
+    ]
+    assert run(*words, -5, 700)[2] == ["beltscape: --depth-range -5 700: both numbers must be positive"]

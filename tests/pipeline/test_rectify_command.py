@@ -1,0 +1,48 @@
+"""``beltscape rectify``: pairs, geometry, the measured check, the picture."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+from beltscape.core.pose import Pose
+from beltscape.files.images import read_image
+from beltscape.files.rig_json import read_rig, write_rig
+from synthetic.demo import DEMO, TRUE_RIG, only_json
+
+
+def test_rows_meet_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
+    code, out, err = run(
+        "rectify", DEMO / "belt_loaded", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json"
+    )
+    assert code == 0
+    assert not [line for line in err if line.startswith("warning")]
+    pairs = only_json(out)["frames"][0]["pairs"]
+    assert [pair["auxiliary"] for pair in pairs] == ["cam1", "cam2", "cam3", "cam4"]
+    for pair in pairs:
+        assert pair["row_error"]["points"] >= 10
+        assert abs(pair["row_error"]["median_px"]) < 0.1
+        assert pair["row_error"]["rms_px"] < 0.2
+        folder = tmp_path / "r" / "000" / pair["auxiliary"]
+        size = tuple(pair["size_px"])
+        assert read_image(folder / "core.png").shape[1::-1] == size
+        assert read_image(folder / "auxiliary.png").shape[1::-1] == size
+    assert json.loads((tmp_path / "r" / "000" / "rectification.json").read_text())["pairs"] == pairs
+    assert read_image(tmp_path / "r" / "000" / "rectification.png").ndim == 3
+
+
+def test_a_camera_that_moved_is_named(run, tmp_path):
+    rig = read_rig(TRUE_RIG)
+    tilted = Pose.of([0.006, 0.0, 0.0], [0.0, 0.0, 0.0]) @ rig.cam_from_core["cam1"]
+    moved = replace(rig, cam_from_core={**rig.cam_from_core, "cam1": tilted})
+    write_rig(tmp_path / "rig.json", moved)
+    code, _, err = run(
+        "rectify", DEMO / "belt_loaded", "--rig", tmp_path / "rig.json", "--out", tmp_path / "r"
+    )
+    assert code == 0
+    warned = [line for line in err if line.startswith("warning")]
+    assert len(warned) == 1
+    assert warned[0].startswith("warning: frame 000: cam0 and cam1 are ")
+    assert warned[0].endswith(
+        "px off their common rows; the camera moved or the rig is another's: calibrate again"
+    )

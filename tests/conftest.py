@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from beltscape.target.board import CharucoBoard
+from synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
+
 settings.register_profile("beltscape", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("beltscape")
 
@@ -24,3 +27,15 @@ def real_data():
         return path
 
     return folder
+
+
+@pytest.fixture(scope="session")
+def charuco() -> CharucoBoard:
+    return CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
+
+
+@pytest.fixture(scope="session")
+def charuco_capture(tmp_path_factory, charuco) -> BoardCapture:
+    """Three cameras in a row, eight frames of a ChArUco board; nobody writes into it."""
+    folder = tmp_path_factory.mktemp("charuco")
+    return capture(folder, row_of_cameras(["cam0", "cam1", "cam2"]), charuco, board_poses(charuco, 8))

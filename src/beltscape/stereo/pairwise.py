@@ -48,9 +48,9 @@ class PairwiseReconstructor:
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings
-        self._matchers: Mapping[str, PairMatcher] = {
-            name: pair_matcher(rig, name, depth_range_mm, settings) for name in names
-        }
+        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1) as pool:
+            matchers = pool.map(lambda name: pair_matcher(rig, name, depth_range_mm, settings), names)
+            self._matchers: Mapping[str, PairMatcher] = dict(zip(names, matchers, strict=True))
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Depth of one frame; auxiliaries without an image are gone without.

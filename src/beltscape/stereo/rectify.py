@@ -20,6 +20,7 @@ from beltscape.core.rig import Rig
 _STEP = 16
 """OpenCV's SGBM counts disparities in steps of 16."""
 _BORDER_SAMPLES = 33
+_STRIP_ROWS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,14 +206,17 @@ def _source_map(
     camera: Camera, turn: Pose, focal_px: float, center_px: tuple[float, float], size_px: tuple[int, int]
 ) -> NDArray[np.float32]:
     """(H, W, 2) float32 distorted pixel of each rectified pixel: one interpolation straight from the image."""
-    u, v = np.meshgrid(np.arange(size_px[0]) - center_px[0], np.arange(size_px[1]) - center_px[1])
-    rays = np.stack([u / focal_px, v / focal_px, np.ones_like(u)], axis=-1) @ turn.rotation
-    behind = rays[..., 2] < 0.05
-    ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
-    pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
     # far outside the image the distortion polynomial turns back; those rays are not the image's
-    outside = behind | (
-        np.abs(ideal) > 1.15 * np.abs(_border_rays(camera, distorted=True)[:, :2]).max(axis=0)
-    ).any(-1)
-    pixels[outside] = -1e4
-    return pixels.astype(np.float32)
+    limit = 1.15 * np.nanmax(np.abs(_border_rays(camera, distorted=True)[:, :2]), axis=0)
+    x = (np.arange(size_px[0]) - center_px[0]) / focal_px
+    source = np.empty((size_px[1], size_px[0], 2), np.float32)
+    for top in range(0, size_px[1], _STRIP_ROWS):  # strips stay in the cache
+        y = (np.arange(top, min(top + _STRIP_ROWS, size_px[1])) - center_px[1]) / focal_px
+        u, v = np.meshgrid(x, y)
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ turn.rotation
+        behind = rays[..., 2] < 0.05
+        ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
+        pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
+        pixels[behind | (np.abs(ideal) > limit).any(axis=-1)] = -1e4
+        source[top : top + len(y)] = pixels
+    return source

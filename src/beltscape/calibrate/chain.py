@@ -98,11 +98,16 @@ def _connected(
 ) -> tuple[str, ...]:
     """The cameras that hang together with the core, or the largest group; the others are named."""
     if core is not None and core not in monocular:
-        raise CalibrationError(f"core camera {core} is not in the capture; it has {', '.join(monocular)}")
+        raise CalibrationError(f"core camera {core} has no usable image: choose another with --core")
+    if len(monocular) < 2:
+        raise CalibrationError(
+            f"{'only camera ' + next(iter(monocular)) if monocular else 'no camera'} can be calibrated, "
+            f"a rig needs two; take at least {MIN_VIEWS} tilted views with each camera"
+        )
     parts = groups(monocular, pairs)
     best = next((part for part in parts if core in part), parts[0] if parts else ())
     if len(best) < 2:
-        lone = core or ", ".join(monocular) or "no camera"
+        lone = core or ", ".join(monocular)
         raise CalibrationError(
             f"{lone}: no view of the board is shared with another camera; "
             "show the board to two cameras in the same frame"

@@ -19,8 +19,8 @@ Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 """One (ids (n,), centres (n, 2) px) per image."""
 
 
-def describe_what_is_there(images: Iterable[NDArray[np.uint8]], board: Board) -> str:
-    """One clause that says what board the images (H, W) uint8 show, as far as one can tell."""
+def describe_what_is_there(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
+    """What board the images (H, W) uint8 show, in words, as far as one can tell; None for no board at all."""
     images = list(images)
     inverted = [cv2.bitwise_not(image) for image in images]
     found = [(_markers(views, family), family, note) for family in _FAMILIES
@@ -30,11 +30,11 @@ def describe_what_is_there(images: Iterable[NDArray[np.uint8]], board: Board) ->
         top = max(int(ids.max()) for ids, _ in markers)
         columns = _columns(markers)
         squares = f" on a board of {columns} columns" if columns else ""
-        return f"they show markers {_dictionary(family, top)} with ids up to {top}{squares}{note}"
+        return f"markers {_dictionary(family, top)} with ids up to {top}{squares}{note}"
     grid = _chessboard_grid(images)
     if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
-        return f"they show a chessboard of {grid[0]}×{grid[1]} inner corners"
-    return "they show neither ArUco markers nor a chessboard"
+        return f"a chessboard of {grid[0]}×{grid[1]} inner corners"
+    return None
 
 
 def _markers(images: list[NDArray[np.uint8]], family: str) -> Markers:

@@ -21,6 +21,8 @@ from beltscape.files.capture import Capture
 from beltscape.files.images import read_image
 from beltscape.target.board import Board, CharucoBoard
 
+NOTHING_THERE = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -53,6 +55,8 @@ def find_board(
 
     results = list(zip(jobs, _in_parallel(look, jobs, reporter, "finding the board"), strict=True))
     sightings = _collect(capture, results, reporter)
+    if not sightings.cameras:
+        raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
     if not any(sightings.views.values()):
         raise InputError(_nothing_found(capture, board, variant))
     return sightings, variant
@@ -153,4 +157,4 @@ def _nothing_found(capture: Capture, board: Board, variant: Variant) -> str:
         if best != variant and any(detector(board, best)(image) for image in _sample(capture, 12)):
             return f"{said}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
     there = describe_what_is_there(_sample(capture, 12), board)
-    return f"{said}; {there}: correct board.toml"
+    return f"{said}; " + (f"they show {there}: correct board.toml" if there else NOTHING_THERE)

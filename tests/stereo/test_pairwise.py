@@ -97,8 +97,8 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt):
 @pytest.mark.parametrize(
     ("missing", "message"),
     [
-        (("cam0",), "frame 000: no image of the core camera cam0"),
-        (("cam1", "cam2", "cam3", "cam4"), "frame 000: no image of any auxiliary camera"),
+        (("cam0",), "frame 000: no usable image of the core camera cam0"),
+        (("cam1", "cam2", "cam3", "cam4"), "frame 000: no usable image of an auxiliary camera"),
     ],
 )
 def test_what_is_missing_is_named(belt, missing, message):

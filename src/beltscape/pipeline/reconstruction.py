@@ -68,8 +68,13 @@ def reconstruct_capture(
         With one line that names what is wrong and the mend.
     """
     settings = settings or PairwiseSettings()
-    auxiliaries = auxiliaries_for(method, rig, pair)
+    wanted = auxiliaries_for(method, rig, pair)
     source = open_capture(capture, rig, reporter)
+    auxiliaries = tuple(name for name in wanted if name in source.cameras)
+    if not auxiliaries:
+        raise InputError(
+            f"{capture}: no images of {', '.join(wanted)}; --method binocular needs them (see --pair)"
+        )
     output_folder(out)
     near_far = depth_range_mm or depth_range(source, rig, settings, reporter)
     write_rig(out / "rig.json", rig)
@@ -170,8 +175,7 @@ def reconstruct(
     ReconstructionError
         When not a single frame can be measured.
     """
-    usable = tuple(name for name in auxiliaries if name in source.cameras)
-    matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=usable)
+    matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=auxiliaries)
     done, failure = 0, None
     for frame_set in source:
         try:

@@ -16,10 +16,10 @@ from beltscape.files.json_text import write_json
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.pairwise import usable_auxiliaries
 from beltscape.stereo.rectified import RectifiedImages, rectify_images
 from beltscape.stereo.rectify import rectify_pair
 from beltscape.stereo.settings import PairwiseSettings
+from beltscape.stereo.views import usable_auxiliaries
 
 WARN_ROWS_PX = 0.5
 """Matches farther than this off their rows mean that the rig is not the one that took the images."""

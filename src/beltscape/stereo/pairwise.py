@@ -19,6 +19,7 @@ from beltscape.stereo.search import find_depth_range
 from beltscape.stereo.settings import PairwiseSettings
 from beltscape.stereo.sgbm import PairMatcher, pair_matcher
 from beltscape.stereo.sigma import depth_sigma
+from beltscape.stereo.views import usable_auxiliaries
 
 
 class PairwiseReconstructor:
@@ -132,24 +133,6 @@ def horizontal_auxiliary(rig: Rig) -> str:
     if not rig.auxiliaries:
         raise ReconstructionError(f"the rig has only its core camera {rig.core}; depth needs a second one")
     return max(rig.auxiliaries, key=lambda name: _along_u(rig, name))
-
-
-def usable_auxiliaries(
-    rig: Rig, frame_set: FrameSet, wanted: tuple[str, ...] | None = None
-) -> tuple[str, ...]:
-    """The auxiliaries that have an image in this frame, or ReconstructionError when no pair is left."""
-    if rig.core not in frame_set.images:
-        raise ReconstructionError(
-            f"frame {frame_set.frame}: no image of the core camera {rig.core}; depth is measured in its view"
-        )
-    names = rig.auxiliaries if wanted is None else wanted
-    usable = tuple(name for name in names if name in frame_set.images)
-    if not usable:
-        raise ReconstructionError(
-            f"frame {frame_set.frame}: no image of any auxiliary camera ({', '.join(names) or 'none in the rig'}); "
-            "depth needs a second view"
-        )
-    return usable
 
 
 def _along_u(rig: Rig, name: str) -> float:

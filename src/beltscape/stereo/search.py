@@ -20,6 +20,7 @@ from beltscape.stereo.contrast import square_root
 from beltscape.stereo.fusion import fuse
 from beltscape.stereo.settings import PairwiseSettings
 from beltscape.stereo.sgbm import pair_matcher
+from beltscape.stereo.views import usable_auxiliaries
 
 COARSE_WIDTH_PX = 400
 """The coarse look halves the images until they would become narrower than this."""
@@ -49,9 +50,7 @@ def find_depth_range(
     ReconstructionError
         When no pair is left, or the coarse look finds no surface.
     """
-    names = tuple(name for name in rig.auxiliaries if name in frame_set.images)
-    if rig.core not in frame_set.images or not names:
-        raise ReconstructionError(f"frame {frame_set.frame}: depth needs the core's image and one more")
+    names = usable_auxiliaries(rig, frame_set)
     wide = search_range(rig, names)
     plain = settings.model_copy(update={"oversampling": 1.0})
     halvings = max(0, int(np.log2(rig.core_camera.size_px[0] / COARSE_WIDTH_PX)))

@@ -1,0 +1,25 @@
+"""Which cameras of a rig one frame can be measured with."""
+
+from __future__ import annotations
+
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet
+from beltscape.core.rig import Rig
+
+
+def usable_auxiliaries(
+    rig: Rig, frame_set: FrameSet, wanted: tuple[str, ...] | None = None
+) -> tuple[str, ...]:
+    """The auxiliaries that have an image in this frame, or ReconstructionError when no pair is left."""
+    if rig.core not in frame_set.images:
+        raise ReconstructionError(
+            f"frame {frame_set.frame}: no usable image of the core camera {rig.core}; depth is measured in its view"
+        )
+    names = rig.auxiliaries if wanted is None else wanted
+    usable = tuple(name for name in names if name in frame_set.images)
+    if not usable:
+        raise ReconstructionError(
+            f"frame {frame_set.frame}: no usable image of an auxiliary camera ({', '.join(names) or 'none in the rig'}); "
+            "depth needs a second view"
+        )
+    return usable

@@ -39,7 +39,7 @@ def test_writes_what_the_contract_says(run, tmp_path):
     document = only_json(out)
     frame = tmp_path / "r" / "000"
     assert document["frames"][0]["folder"] == str(frame)
-    assert document["auxiliaries"] == ["cam1"]
+    assert document["auxiliaries"] == ["cam3"]
     rig = read_rig(tmp_path / "r" / "rig.json")
     assert (tmp_path / "r" / "rig.json").read_bytes() == TRUE_RIG.read_bytes()
     depth, sigma = tifffile.imread(frame / "depth.tiff"), tifffile.imread(frame / "sigma.tiff")
@@ -187,7 +187,10 @@ def test_refuses_an_output_that_cannot_be_written(run, tmp_path):
     out = tmp_path / "file" / "r"
     code, _, err = run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", out)
     assert code == 2
-    assert err == [f"beltscape: {out}: cannot be written (Not a directory); choose another output folder"]
+    assert err == [
+        f"beltscape: {out}: cannot be written ({tmp_path / 'file'} is a file, not a folder); "
+        "choose another output folder"
+    ]
 
 
 def test_refuses_an_impossible_depth_range(run, tmp_path):

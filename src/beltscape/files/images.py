@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import cast
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -26,6 +27,8 @@ def read_image(path: Path) -> Image:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     if data.size == 0:
         raise InputError(f"{path}: the file is empty (0 bytes); copy the image again")
+    if _is_damaged_png(data.tobytes()):
+        raise InputError(f"{path}: the file is damaged or cut short; copy the image again")
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputError(f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known")
@@ -34,6 +37,21 @@ def read_image(path: Path) -> Image:
     if image.ndim == 3:
         image = image[..., 0] if image.shape[2] < 3 else image[..., 2::-1]
     return cast(Image, np.ascontiguousarray(image))
+
+
+def _is_damaged_png(data: bytes) -> bool:
+    """Whether a PNG lacks its end or a checksum is wrong; libpng would say so itself on standard error."""
+    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return False
+    view, start = memoryview(data), 8
+    while start + 12 <= len(data):
+        end = start + 12 + int.from_bytes(view[start : start + 4], "big")
+        if crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big") or end > len(data):
+            return True
+        if view[start + 4 : start + 8] == b"IEND":
+            return False
+        start = end
+    return True
 
 
 def encode_image(image: Image, extension: str = ".png") -> bytes:

@@ -1,0 +1,404 @@
+"""What goes wrong is one line on standard error that names file, value and mend; what survives is a warning."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltscape.cli.main import main
+from beltscape.files.images import write_image
+from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.target.board import Chessboard
+from synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
+
+BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'
+CHESSBOARD = 'kind = "chessboard"\ncorners = [8, 5]\nsquare_mm = 40\n'
+NOT_SHOWN = "capture: no image shows the board (ChArUco {}, square 40 mm)"
+
+
+@pytest.fixture(autouse=True)
+def desk(tmp_path, monkeypatch, charuco_capture) -> Path:
+    """The working folder: capture/ of two cameras and five frames, board.toml and the true rig.json."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("cam0", "cam1"):
+        for frame in sorted((charuco_capture.folder / name).iterdir())[:5]:
+            Path("capture", name).mkdir(parents=True, exist_ok=True)
+            shutil.copy(frame, Path("capture", name))
+    Path("board.toml").write_text(BOARD)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def chessboard_capture(tmp_path_factory) -> BoardCapture:
+    board = Chessboard(corners=(8, 5), square_mm=40)
+    rig = row_of_cameras(["left", "right"])
+    return capture(tmp_path_factory.mktemp("chessboard"), rig, board, board_poses(board, 2))
+
+
+@pytest.fixture
+def run(capfd):
+    """A function that runs the program and answers exit code and lines on standard error, progress left out."""
+
+    def run(*words: str) -> tuple[int, list[str]]:
+        try:
+            code = main(words)
+        except SystemExit as stop:
+            code = stop.code
+        lines = capfd.readouterr().err.splitlines()
+        return code, [line for line in lines if not line.endswith(" done")]
+
+    return run
+
+
+@pytest.fixture
+def calibrate(run):
+    def calibrate(*options: str, capture: str = "capture", board: str | None = None) -> tuple[int, list[str]]:
+        if board is not None:
+            Path("board.toml").write_text(board)
+        return run("calibrate", capture, "--board", "board.toml", "--out", "out", *options)
+
+    return calibrate
+
+
+@pytest.fixture
+def two_images(desk) -> None:
+    """Only one frame is left: enough to see that it is another board, and quicker."""
+    for path in (desk / "capture").glob("*/*.png"):
+        if path.stem > "00":
+            path.unlink()
+
+
+def rename_camera(old: str, new: str) -> None:
+    Path("capture", old).rename(Path("capture", new))
+
+
+# What stops the work
+
+
+def test_a_missing_capture_folder(calibrate):
+    assert calibrate(capture="nowhere") == (
+        2, ["beltscape: nowhere: no such folder; a capture is <capture>/<camera>/<frame>.png"],
+    )  # fmt: skip
+
+
+def test_an_empty_capture_folder(calibrate):
+    Path("empty").mkdir()
+    assert calibrate(capture="empty") == (
+        2,
+        ["beltscape: empty: no camera folder with images in it; a capture is <capture>/<camera>/<frame>.png"],
+    )
+
+
+def test_one_camera_only(calibrate):
+    shutil.rmtree("capture/cam1")
+    assert calibrate() == (
+        2, ["beltscape: capture: only camera cam0 has images; a rig needs at least two cameras"],
+    )  # fmt: skip
+
+
+def test_a_core_that_is_not_in_the_capture(calibrate):
+    assert calibrate("--core", "cam9") == (2, ["beltscape: capture: no camera cam9 in it; it has cam0, cam1"])
+
+
+def test_no_readable_image_at_all(calibrate):
+    for path in Path("capture").glob("*/*.png"):
+        path.write_text("not an image")
+    code, lines = calibrate()
+    assert (code, lines[-1]) == (
+        2, "beltscape: capture: none of its 10 images can be read; copy them again",
+    )  # fmt: skip
+
+
+def test_a_core_without_a_readable_image(calibrate, charuco_capture):
+    shutil.copytree(charuco_capture.folder / "cam2", "capture/cam2")
+    for path in Path("capture/cam1").iterdir():
+        path.write_bytes(b"")
+    code, lines = calibrate("--core", "cam1")
+    assert (code, lines[-1]) == (
+        2, "beltscape: core camera cam1 has no usable image: choose another with --core",
+    )  # fmt: skip
+    assert lines[-2] == "warning: capture/cam1: none of its images can be read; going on without cam1"
+
+
+@pytest.mark.parametrize(
+    ("change", "board", "shown"),
+    [
+        (
+            ("4X4_50", "5X5_100"),
+            "8×6, DICT_5X5_100",
+            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+        ),
+        (
+            ("[8, 6]", "[9, 6]"),
+            "9×6, DICT_4X4_50",
+            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+        ),
+        (
+            ("[8, 6]", "[6, 8]"),
+            "6×8, DICT_4X4_50",
+            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+        ),
+    ],
+    ids=["dictionary", "squares", "squares the other way round"],
+)
+def test_a_board_toml_of_another_charuco_board(calibrate, two_images, change, board, shown):
+    assert calibrate(board=BOARD.replace(*change)) == (
+        2, [f"beltscape: {NOT_SHOWN.format(board)}; they show {shown}: correct board.toml"],
+    )  # fmt: skip
+
+
+def test_a_chessboard_where_a_charuco_board_was_told_of(calibrate, chessboard_capture):
+    Path("chess").symlink_to(chessboard_capture.folder)
+    assert calibrate(capture="chess") == (
+        2,
+        [
+            "beltscape: chess: no image shows the board (ChArUco 8×6, DICT_4X4_50, square 40 mm); "
+            "they show a chessboard of 8×5 inner corners: correct board.toml"
+        ],
+    )
+
+
+def test_a_chessboard_of_another_grid(calibrate, chessboard_capture):
+    Path("chess").symlink_to(chessboard_capture.folder)
+    assert calibrate(capture="chess", board=CHESSBOARD.replace("[8, 5]", "[9, 6]")) == (
+        2,
+        [
+            "beltscape: chess: no image shows the board (chessboard 9×6 inner corners, square 40 mm); "
+            "they show a chessboard of 8×5 inner corners: correct board.toml"
+        ],
+    )
+
+
+def test_a_charuco_board_where_a_chessboard_was_told_of(calibrate, two_images):
+    assert calibrate(board=CHESSBOARD) == (
+        2,
+        [
+            "beltscape: capture: no image shows the board (chessboard 8×5 inner corners, square 40 mm); "
+            "they show markers DICT_4X4_50 with ids up to 23 on a board of 8 columns: correct board.toml"
+        ],
+    )
+
+
+@pytest.mark.parametrize(
+    ("legacy", "inverted"), [("true", "false"), ("false", "true"), ("true", "true")], ids=str
+)
+def test_wrong_flags_of_the_board(calibrate, two_images, legacy, inverted):
+    assert calibrate(board=f"{BOARD}legacy = {legacy}\ninverted = {inverted}\n") == (
+        2,
+        [
+            f"beltscape: {NOT_SHOWN.format('8×6, DICT_4X4_50')}, legacy = {legacy}, inverted = {inverted}; "
+            "the images fit legacy = false, inverted = false: correct board.toml"
+        ],
+    )
+
+
+def test_images_without_any_board(calibrate, two_images):
+    for path in Path("capture").glob("*/*.png"):
+        write_image(path, np.full((400, 480), 90, np.uint8))
+    assert calibrate() == (
+        2,
+        [
+            f"beltscape: {NOT_SHOWN.format('8×6, DICT_4X4_50')}; "
+            "they show neither ArUco markers nor a chessboard: look at exposure and focus"
+        ],
+    )
+
+
+def test_too_few_views(calibrate):
+    for path in Path("capture").glob("*/*.png"):
+        if path.stem > "01":
+            path.unlink()
+    code, lines = calibrate()
+    assert (code, lines) == (
+        2,
+        [
+            "warning: camera cam0 sees the board in 2 of 2 images; at least 3 tilted views are needed; "
+            "going on without cam0",
+            "warning: camera cam1 sees the board in 2 of 2 images; at least 3 tilted views are needed; "
+            "going on without cam1",
+            "beltscape: no camera can be calibrated, a rig needs two; "
+            "take at least 3 tilted views with each camera",
+        ],
+    )
+
+
+def test_no_shared_view(calibrate):
+    for path in sorted(Path("capture/cam1").iterdir()):
+        path.rename(path.with_name(f"later{path.name}"))
+    code, lines = calibrate()
+    assert (code, lines[-1]) == (
+        2,
+        "beltscape: cam0, cam1: no view of the board is shared with another camera; "
+        "show the board to two cameras in the same frame",
+    )
+
+
+@pytest.mark.parametrize("out", ["occupied", "occupied/below", "occupied/below/it"])
+def test_an_out_that_cannot_be_written(run, out):
+    Path("occupied").write_text("a file")
+    assert run("calibrate", "capture", "--board=board.toml", f"--out={out}") == (
+        2,
+        [
+            f"beltscape: {out}: cannot be written (occupied is a file, not a folder); "
+            "choose another output folder"
+        ],
+    )
+    assert Path("occupied").read_text() == "a file"
+
+
+def test_a_missing_or_broken_board_toml(calibrate):
+    assert calibrate(board=BOARD.replace("marker_mm", "marker")) == (
+        2, ["beltscape: board.toml: unknown key marker; did you mean marker_mm?"],
+    )  # fmt: skip
+    Path("board.toml").unlink()
+    assert calibrate() == (2, ["beltscape: board.toml: no such file"])
+
+
+def test_a_rig_of_another_format(run):
+    Path("rig.json").write_text('{"cam0": {"T_cn_cnm1": []}}')
+    assert run("check", "capture", "--rig=rig.json", "--board=board.toml") == (
+        2,
+        [
+            "beltscape: rig.json: format is None, not 'beltscape-rig/1'; "
+            "give a rig.json of beltscape calibrate"
+        ],
+    )
+
+
+def test_a_rig_of_other_cameras(run, charuco_capture):
+    write_rig(Path("rig.json"), charuco_capture.rig)
+    rename_camera("cam0", "left")
+    rename_camera("cam1", "right")
+    code, lines = run("check", "capture", "--rig=rig.json", "--board=board.toml")
+    assert (code, lines[-1]) == (
+        2,
+        "beltscape: capture: has the cameras left, right, the rig cam0, cam1, cam2; "
+        "at least two of them must be the same",
+    )
+
+
+def test_a_rig_of_another_image_size(run, charuco_capture):
+    write_rig(Path("rig.json"), charuco_capture.rig)
+    for path in Path("capture/cam0").iterdir():
+        write_image(path, charuco_capture.render("cam0", path.stem)[:-10])
+    code, lines = run("check", "capture", "--rig=rig.json", "--board=board.toml")
+    assert (code, lines[-1]) == (
+        2,
+        "beltscape: capture/cam0: images are 480×390 px, the rig's cam0 has 480×400; "
+        "check with images of the size the rig was calibrated with",
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["calibrat", "x"],
+            "beltscape: no command 'calibrat'; did you mean calibrate?; see: beltscape --help",
+        ),
+        (
+            ["calibrate", "capture"],
+            "beltscape calibrate: the following arguments are required: --board, --out; "
+            "see: beltscape calibrate --help",
+        ),
+        (
+            ["check", "--rig=rig.json", "--board=board.toml"],
+            "beltscape check: the following arguments are required: capture; see: beltscape check --help",
+        ),
+        (
+            ["check", "capture", "--rig=r", "--board=b", "--colour"],
+            "beltscape check: unrecognized arguments: --colour; see: beltscape check --help",
+        ),
+    ],
+)
+def test_a_wrong_command_line(run, words, message):
+    assert run(*words) == (2, [message])
+
+
+# What the work survives
+
+
+def test_a_missing_frame_is_warned_about(calibrate):
+    Path("capture/cam1/03.png").unlink()
+    assert calibrate() == (0, ["warning: capture/cam1: no image for frame 03; going on without"])
+
+
+def test_another_image_size_within_a_camera_is_warned_about(calibrate):
+    write_image(Path("capture/cam1/03.png"), np.full((40, 50), 90, np.uint8))
+    assert calibrate() == (
+        0,
+        [
+            "warning: capture/cam1/03.png: 50×40 px, but cam1's other images have 480×400; "
+            "going on without this image"
+        ],
+    )
+
+
+def test_damaged_images_are_warned_about(calibrate):
+    Path("capture/cam0/02.png").write_bytes(b"")
+    data = Path("capture/cam1/03.png").read_bytes()
+    Path("capture/cam1/03.png").write_bytes(data[: len(data) // 2])
+    assert calibrate() == (
+        0,
+        [
+            "warning: capture/cam0/02.png: the file is empty (0 bytes); copy the image again; "
+            "going on without this image",
+            "warning: capture/cam1/03.png: the file is damaged or cut short; copy the image again; "
+            "going on without this image",
+        ],
+    )
+
+
+def test_a_camera_that_shares_no_view_is_warned_about(calibrate, charuco_capture):
+    for path in sorted((charuco_capture.folder / "cam2").iterdir()):
+        Path("capture/cam2").mkdir(exist_ok=True)
+        shutil.copy(path, f"capture/cam2/later{path.name}")
+    code, lines = calibrate()
+    assert (code, lines[-1]) == (
+        0, "warning: camera cam2 shares no view of the board with cam0, cam1; going on without it",
+    )  # fmt: skip
+    assert set(read_rig(Path("out/rig.json")).cameras) == {"cam0", "cam1"}
+
+
+def test_a_camera_the_capture_lacks_is_warned_about(run, charuco_capture):
+    write_rig(Path("rig.json"), charuco_capture.rig)
+    assert run("check", "capture", "--rig=rig.json", "--board=board.toml") == (
+        0, ["warning: capture/cam2: no images of camera cam2; going on without it"],
+    )  # fmt: skip
+
+
+# What is written and printed
+
+
+def test_calibrate_writes_rig_document_and_report_and_nothing_else(calibrate):
+    assert calibrate() == (0, [])
+    assert sorted(path.name for path in Path("out").iterdir()) == [
+        "calibration.json",
+        "report.html",
+        "rig.json",
+    ]
+    document = json.loads(Path("out/calibration.json").read_text())
+    assert document["format"] == "beltscape-calibration/1"
+    assert document["cameras"]["cam0"]["board_seen"] == 5
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_json_is_one_document_on_standard_output_and_nothing_else(capfd, charuco_capture, command):
+    write_rig(Path("rig.json"), charuco_capture.rig)
+    Path("capture/cam1/03.png").unlink()
+    rest = ["--out=out"] if command == "calibrate" else ["--rig=rig.json"]
+    assert main([command, "capture", "--board=board.toml", *rest, "--json"]) == 0
+    out, err = capfd.readouterr()
+    document = json.loads(out)  # nothing before or behind it
+    assert out.startswith("{")
+    assert "capture/cam1: no image for frame 03; going on without" in document["warnings"]
+    assert "warning: capture/cam1: no image for frame 03; going on without" in err
+
+
+def test_an_error_leaves_standard_output_empty(capfd):
+    assert main(["calibrate", "nowhere", "--board=board.toml", "--out=out", "--json"]) == 2
+    assert capfd.readouterr().out == ""

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+import beltscape
+from beltscape.cli.main import COMMANDS, main
+from beltscape.core.errors import InputError
+
+
+def test_the_module_runs_as_a_program():
+    done = subprocess.run(
+        [sys.executable, "-m", "beltscape", "--version"], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == (f"beltscape {beltscape.__version__}\n", "")
+
+
+@pytest.mark.parametrize("words", [["--help"], ["-h"], []])
+def test_help_lists_every_command_with_what_it_does(capsys, words):
+    try:
+        code = main(words)
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    for name, what in COMMANDS.items():
+        assert f"{name:<12} {what}" in lines
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_and_an_example_of_its_arguments(capsys, name):
+    with pytest.raises(SystemExit) as stop:
+        main([name, "--help"])
+    assert stop.value.code == 0
+    out = capsys.readouterr().out
+    assert out.startswith(f"usage: beltscape {name} ")
+    module = import_module(f"beltscape.cli.{name}")
+    assert {"add_arguments", "run", "summary"} <= set(vars(module))
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (InputError("rig.json: no such file"), 2, "beltscape: rig.json: no such file\n"),
+        (KeyboardInterrupt(), 130, "beltscape: interrupted\n"),
+    ],
+)
+def test_what_is_raised_becomes_an_exit_code_and_a_line(monkeypatch, capsys, error, code, line):
+    def fail(arguments, reporter):
+        raise error
+
+    monkeypatch.setattr("beltscape.cli.check.run", fail)
+    assert main(["check", "c", "--rig=r", "--board=b"]) == code
+    assert capsys.readouterr() == ("", line)
+
+
+def test_a_bug_is_not_hidden(monkeypatch):
+    def fail(arguments, reporter):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("beltscape.cli.check.run", fail)
+    with pytest.raises(ZeroDivisionError):
+        main(["check", "c", "--rig=r", "--board=b"])

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.core.progress import Silent
+from beltscape.files.capture import read_capture
+from beltscape.files.images import write_image
+from beltscape.sources.folder import FolderSource
+
+SIZE = {"cam0": (30, 20), "cam1": (30, 20)}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in SIZE:
+        for frame in ("2", "10", "1"):
+            write_image(tmp_path / name / f"{frame}.png", np.full((20, 30), 100, np.uint8))
+    return tmp_path
+
+
+def source(folder, sizes=SIZE) -> tuple[FolderSource, Silent]:
+    reporter = Silent()
+    return FolderSource(read_capture(folder), sizes, reporter), reporter
+
+
+def test_frames_come_in_natural_order_with_all_cameras(folder):
+    frames, reporter = source(folder)
+    assert (len(frames), frames.frames, frames.cameras) == (3, ("1", "2", "10"), ("cam0", "cam1"))
+    sets = list(frames)
+    assert [s.frame for s in sets] == ["1", "2", "10"]
+    assert all(set(s.images) == {"cam0", "cam1"} for s in sets)
+    assert reporter.warnings == []
+    assert len(list(frames)) == 3  # it can be gone through again
+
+
+def test_cameras_the_rig_does_not_know_are_not_read(folder):
+    (folder / "cam9").mkdir()
+    (folder / "cam9" / "99.png").write_text("not an image")
+    frames, reporter = source(folder)
+    assert [s.frame for s in frames] == ["1", "2", "10"]
+    assert reporter.warnings == []
+
+
+def test_a_camera_without_images_is_named(folder):
+    frames, reporter = source(folder, {**SIZE, "cam2": (30, 20)})
+    assert frames.cameras == ("cam0", "cam1")
+    assert reporter.warnings == [f"{folder}/cam2: no images of camera cam2; going on without it"]
+
+
+def test_a_missing_frame_is_named_and_the_others_of_its_instant_are_kept(folder):
+    (folder / "cam1" / "2.png").unlink()
+    frames, reporter = source(folder)
+    assert [set(s.images) for s in frames] == [{"cam0", "cam1"}, {"cam0"}, {"cam0", "cam1"}]
+    assert reporter.warnings == [f"{folder}/cam1: no image for frame 2; going on without"]
+
+
+def test_an_image_that_cannot_be_used_is_named_and_left_out(folder):
+    (folder / "cam0" / "1.png").write_bytes(b"")
+    write_image(folder / "cam1" / "2.png", np.zeros((20, 31), np.uint8))
+    frames, reporter = source(folder)
+    assert [set(s.images) for s in frames] == [{"cam1"}, {"cam0"}, {"cam0", "cam1"}]
+    assert reporter.warnings == [
+        f"{folder}/cam0/1.png: the file is empty (0 bytes); copy the image again; going on without this image",
+        f"{folder}/cam1/2.png: 31×20 px, but the rig's cam1 has 30×20; going on without this image",
+    ]
+
+
+@pytest.mark.parametrize(("rows", "warned"), [(4, False), (5, True), (20, True)])
+def test_an_overexposed_view_is_named_but_used(folder, rows, warned):
+    image = np.full((20, 30), 100, np.uint8)
+    image[:rows] = 255
+    write_image(folder / "cam1" / "1.png", image)
+    frames, reporter = source(folder)
+    assert "cam1" in next(iter(frames)).images
+    expected = (
+        f"{folder}/cam1/1.png: overexposed, {rows / 20:.0%} of the pixels are saturated; lower the exposure"
+    )
+    assert reporter.warnings == ([expected] if warned else [])

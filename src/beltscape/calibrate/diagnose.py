@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.detect import find_chessboard
 from beltscape.target.board import Board, Chessboard
 
 _FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
@@ -96,12 +95,13 @@ def _grid_misfit(grid: NDArray[np.float64], centers: NDArray[np.float64]) -> flo
 
 
 def _chessboard_grid(images: list[NDArray[np.uint8]]) -> tuple[int, int] | None:
-    """The largest chessboard grid that an image shows."""
-    sizes = sorted(((c, r) for c in range(3, 15) for r in range(3, c + 1)), key=lambda g: -g[0] * g[1])
-    for image in images[:3]:
-        scale = min(1.0, 640 / max(image.shape))
+    """The chessboard grid that most images show, longer side first."""
+    votes: Counter[tuple[int, int]] = Counter()
+    for image in images:
+        scale = min(1.0, 960 / max(image.shape))
         small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for grid in sizes:
-            if cv2.checkChessboard(small, grid) and find_chessboard(small, grid) is not None:
-                return grid
-    return None
+        flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags)
+        if found and meta.size >= 20:  # smaller grids turn up by chance in any texture
+            votes[max(meta.shape), min(meta.shape)] += 1
+    return votes.most_common(1)[0][0] if votes else None

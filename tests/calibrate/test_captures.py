@@ -143,7 +143,7 @@ def test_a_bent_view_is_left_out_and_named(tmp_path, charuco_capture):
 
 def test_threads_do_not_change_a_byte(monkeypatch, charuco_capture):
     before, results = cv2.getNumThreads(), set()
-    for cores, threads in [(1, 1), (1, 1), (2, 2), (7, 4)]:
+    for cores, threads in [(1, 1), (2, 2), (7, 4)]:
         monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
         cv2.setNumThreads(threads)
         try:
@@ -188,15 +188,16 @@ def test_recorded_chessboards_of_opencv(real_data):
         np.testing.assert_allclose(found.rig.cameras[name].focal_px, focal, atol=3)
 
 
-def test_recorded_charuco_boards_close_by(real_data):
+def test_recorded_charuco_boards_close_by(real_data, tmp_path):
     board = CharucoBoard(squares=(20, 20), square_mm=4, marker_mm=3.2, dictionary="DICT_4X4_1000")
-    found = calibrate(real_data("pycamset_calibration_charuco"), board, None, Silent())
-    assert sum(len(views) for views in found.sightings.views.values()) >= 60  # of 66
+    every_other(real_data("pycamset_calibration_charuco"), tmp_path)
+    found = calibrate(tmp_path, board, None, Silent())
+    assert sum(len(views) for views in found.sightings.views.values()) >= 29  # of 33
     assert list(found.sightings.views) == ["1", "2", "3"]
     assert found.variant == Variant(legacy=False, inverted=False)
     assert found.held_out is not None
-    assert found.held_out.median_px < 1.6
-    assert found.held_out.square_rms_mm < 0.04
+    assert found.held_out.median_px < 2.5
+    assert found.held_out.square_rms_mm < 0.06
 
 
 def test_recorded_webcams_without_a_common_trigger_are_warned_about(real_data, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import pytest
 from hypothesis import settings
 
@@ -12,6 +13,8 @@ from synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
 
 settings.register_profile("beltscape", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("beltscape")
+
+cv2.setNumThreads(1)  # xdist already keeps every core busy
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 

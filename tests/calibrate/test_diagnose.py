@@ -12,7 +12,7 @@ TOLD = CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=20, dictionary="DICT
 
 
 def views(board: Board, how: Print | None = None) -> list[np.ndarray]:
-    return [view(camera("a"), pose, board, how) for pose in board_poses(board, 3)]
+    return [view(camera("a"), pose, board, how) for pose in board_poses(board, 2)]
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,13 @@ def correlation(residual_mm: NDArray[np.float64], noise_mm: float) -> Correlatio
     slow = (large - small / 4) * 4 / 3
     slow = max(0.0, slow - 2 * large * np.sqrt(2.0 / blocks))
     square = float(np.nanmean(clipped**2))
-    area = max(small - slow, 0.0) * (_SIDE // 2) ** 2 / max(square, 1e-30)
-    return Correlation(float(np.clip(area, 1.0, (_SIDE // 2) ** 2)), float(np.sqrt(slow)))
+    side = _SIDE // 2
+    apparent = np.sqrt(max(small - slow, 0.0) / max(square, 1e-30)) * side
+    # a window's triangular autocorrelation is cut off by the block's border: c · (1 - c / 3 side) shows; and
+    # the fitted cross-section takes with it what a block shares with its column
+    apparent /= np.sqrt(1 - side / max(residual_mm.shape[0], 2 * side))
+    area = (1.5 * side * (1 - np.sqrt(max(0.0, 1 - 4 * apparent / (3 * side))))) ** 2
+    return Correlation(float(np.clip(area, 1.0, side**2)), float(np.sqrt(slow)))
 
 
 def _mean_square(residual: NDArray[np.float64], side: int) -> tuple[float, int]:

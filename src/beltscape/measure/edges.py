@@ -32,7 +32,8 @@ def edge_yaw(
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 40:
         return None
-    bin_mm = 2 * float(np.nanmedian(np.abs(np.diff(plane_mm[..., 0], axis=1))))
+    step_mm = float(np.nanmedian(np.linalg.norm(np.diff(plane_mm, axis=1), axis=-1)))
+    bin_mm = 3 * step_mm
     angle, offsets = _sharpest(points, bin_mm)
     length = float(np.nanmax(plane_mm[..., 1]) - np.nanmin(plane_mm[..., 1]))
     lines = [
@@ -41,7 +42,7 @@ def edge_yaw(
         if np.ptp((line := points[np.abs(_across(points, angle) - offset) < 2 * bin_mm])[:, 1]) > 0
         and len(line) >= 40
     ]
-    fits = [fit for line in lines if (fit := _line(line, angle, 0.3 * length)) is not None]
+    fits = [fit for line in lines if (fit := _line(line, angle, 0.3 * length, step_mm)) is not None]
     if not fits:
         return None
     weights = np.array([1 / sigma**2 for _, sigma in fits])
@@ -86,7 +87,9 @@ def _sharpest(points: NDArray[np.float64], bin_mm: float) -> tuple[float, list[f
     return best, offsets
 
 
-def _line(points: NDArray[np.float64], angle: float, least_mm: float) -> tuple[float, float] | None:
+def _line(
+    points: NDArray[np.float64], angle: float, least_mm: float, step_mm: float
+) -> tuple[float, float] | None:
     """Angle (rad) of the line through the points and its standard deviation; None where it is short."""
     across = _across(points, angle)
     along = -points[:, 0] * np.sin(angle) + points[:, 1] * np.cos(angle)
@@ -101,6 +104,7 @@ def _line(points: NDArray[np.float64], angle: float, least_mm: float) -> tuple[f
         residual = across - offset - design[:, 1] * slope
         noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-6
         weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
-    # neighbouring border pixels err together: ten of them count as one
-    sigma = noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10)
+    # neighbouring border pixels err together: ten of them count as one; and an edge along the pixels' own rows
+    # or columns is known to a part of a pixel over its whole length
+    sigma = np.hypot(noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10), 0.3 * step_mm / np.ptp(along))
     return float(angle - np.arctan(slope)), float(sigma)

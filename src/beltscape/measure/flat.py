@@ -56,8 +56,8 @@ def find_middle(x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], tolerance_
     if len(first):
         off = z[None] - z[first, None] - np.tan(angle)[:, None] * (x[None] - x[first, None])
         score = np.clip(1 - (off / tolerance_mm) ** 2, 0, None).sum(axis=1)
-        # of lines equally good the one that leans least
-        best = int(np.argmax(score - 0.02 * len(x) * np.abs(angle) / _MOST_TILT))
+        # a shallow wing may be longer than the flat, and leans more
+        best = int(np.argmax(score * (1 - 0.75 * (angle / _MOST_TILT) ** 2)))
         on = _longest_run(np.abs(off[best]) < tolerance_mm)
         if on is not None and on.stop - on.start >= _LEAST_SHARE * len(x):
             slope = np.polyfit(x[on], z[on], 1)[0]
@@ -79,11 +79,11 @@ def _longest_run(flags: NDArray[np.bool_]) -> slice | None:
 def _symmetry(x: NDArray[np.float64], z: NDArray[np.float64]) -> float:
     """Turn (rad) that makes both sides of the lowest point climb equally."""
     turn = 0.0
-    angles = np.arctan2(np.diff(z), np.diff(x))
     for _ in range(20):
         low = int(np.argmin(np.cos(turn) * z - np.sin(turn) * x))
-        low = min(max(low, 2), len(x) - 3)
-        half = 0.5 * float(np.median(angles[:low]) + np.median(angles[low:]))
+        low = min(max(low, 3), len(x) - 3)
+        left, right = np.polyfit(x[:low], z[:low], 1)[0], np.polyfit(x[low:], z[low:], 1)[0]
+        half = 0.5 * float(np.arctan(left) + np.arctan(right))
         if abs(half - turn) < 1e-9:
             break
         turn = half

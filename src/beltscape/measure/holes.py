@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-_GENTLE, _STEEP = np.tan(np.deg2rad([45.0, 60.0]))
+_REPOSE = np.tan(np.deg2rad([45.0, 60.0]))
 """Heaped material lies no steeper than its angle of repose, some 40°: a steeper rise across a hole is the edge
 of something that hid what lies behind it."""
+_PINHOLE = np.tan(np.deg2rad([70.0, 80.0]))
+"""Between the points of neighbouring pixels a visible face may rise as steeply as one can see at all."""
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
@@ -26,16 +28,19 @@ class Filled:
     """(Ny, Nx) what was not measured."""
 
 
-def fill_holes(value_mm: NDArray[np.float64], sigma_mm: NDArray[np.float64], cell_mm: float) -> Filled:
+def fill_holes(
+    value_mm: NDArray[np.float64], sigma_mm: NDArray[np.float64], pinhole: NDArray[np.bool_], cell_mm: float
+) -> Filled:
     """Fill the NaN cells of a field (Ny, Nx) of heights over the belt.
 
     Each hole cell looks along four lines through it to the rim on both sides. On a gentle rise it takes the
     straight line between the two rims; across a steep one it takes the lower rim, for what is hidden lies
-    behind and below what hides it. The four lines are averaged, short ones counting more. Beyond the outermost
+    behind and below what hides it, and the lines that are not steep then do not count. The four lines are
+    averaged, short ones counting more. Beyond the outermost
     measured cells the nearest ones continue.
 
-    σ joins the disagreement of the lines, the steep rises left open (uniform between low and high), and the rims'
-    own σ.
+    σ joins the disagreement of the lines, the steep rises left open (uniform from the lower rim up to the
+    straight line), and the rims' own σ. ``pinhole`` (Ny, Nx) are the gaps between points of neighbouring pixels.
     """
     hole = ~np.isfinite(value_mm)
     if hole.all():
@@ -43,13 +48,19 @@ def fill_holes(value_mm: NDArray[np.float64], sigma_mm: NDArray[np.float64], cel
     if not hole.any():
         return Filled(value_mm, sigma_mm, hole)
     rim = _calmed(value_mm, hole)
-    lines = [_line(rim, hole, direction, cell_mm) for direction in _DIRECTIONS]
-    guess, spread, weight = (np.stack(part) for part in zip(*lines, strict=True))
+    limits = np.where(pinhole[hole], _PINHOLE[:, None], _REPOSE[:, None])
+    lines = [_line(rim, hole, direction, cell_mm, limits) for direction in _DIRECTIONS]
+    guess, spread, weight, steep = (np.stack(each) for each in zip(*lines, strict=True))
+    # a shadow is crossed where the rise is steep; along it lines run from one hiding thing to the next
+    weight = weight * (1 - steep.max(axis=0) * (1 - steep))
     total = weight.sum(axis=0)
     reached = total > 0
-    share = weight / np.where(reached, total, 1)
-    mean = np.sum(share * guess, axis=0)
-    variance = np.sum(share * ((guess - mean) ** 2 + spread**2), axis=0)
+    part = weight / np.where(reached, total, 1)
+    mean = np.sum(part * guess, axis=0)
+    variance = np.sum(part * (guess - mean) ** 2, axis=0)
+    # what only one rim tells anything of lies outside: there the load may be any that is seen elsewhere
+    outside = (weight * np.isfinite(spread)).sum(axis=0) == 0
+    variance = np.where(outside, float(np.nanvar(value_mm)), np.nansum(part * spread**2, axis=0) + variance)
     typical = float(np.nanmedian(sigma_mm))
     value, sigma = value_mm.copy(), sigma_mm.copy()
     cells = np.nonzero(hole)
@@ -75,9 +86,13 @@ def _calmed(value: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.f
 
 
 def _line(
-    rim: NDArray[np.float64], hole: NDArray[np.bool_], direction: tuple[int, int], cell_mm: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Guess, its σ and its weight for every hole cell, from the rims on both sides along one line."""
+    rim: NDArray[np.float64],
+    hole: NDArray[np.bool_],
+    direction: tuple[int, int],
+    cell_mm: float,
+    limits: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Guess, its σ (NaN: only one rim), weight and steepness 0..1 of every hole cell, from the rims beside it."""
     length = cell_mm * np.hypot(*direction)
     near, near_steps = (part[hole] for part in _first_hit(rim, direction))
     far, far_steps = (part[hole] for part in _first_hit(rim, (-direction[0], -direction[1])))
@@ -86,15 +101,17 @@ def _line(
     with np.errstate(invalid="ignore"):
         rise = np.abs(near - far)
         straight = (near * far_mm + far * near_mm) / (near_mm + far_mm)
-        steep = np.clip((rise / (near_mm + far_mm) - _GENTLE) / (_STEEP - _GENTLE), 0, 1)
-        between = (1 - steep) * straight + steep * np.fmin(near, far)
+        steep = np.clip((rise / (near_mm + far_mm) - limits[0]) / (limits[1] - limits[0]), 0, 1)
+        steep = np.where(both, steep, 0.0)
+        below = straight - np.fmin(near, far)
+        between = straight - steep * below
     one_mm = np.where(np.isfinite(near), near_mm, far_mm)
     one = np.where(np.isfinite(near), near, far)
     guess = np.where(both, between, np.nan_to_num(one))
-    spread = np.where(both, steep * rise / np.sqrt(12), 0.0)
+    spread = np.where(both, steep * below / np.sqrt(12), np.nan)
     # a line that found only one rim cannot tell a slope: it counts little
     weight = np.where(both, 1 / (near_mm + far_mm) ** 2, np.where(np.isfinite(one), 0.01 / one_mm**2, 0.0))
-    return guess, np.nan_to_num(spread), weight
+    return guess, spread, weight, steep
 
 
 def _first_hit(
@@ -105,7 +122,7 @@ def _first_hit(
         value, steps = _first_hit(rim.T, (direction[1], 0))
         return value.T, steps.T
     if direction[0] < 0:
-        value, steps = _first_hit(rim[::-1, ::-1], (1, direction[1]))
+        value, steps = _first_hit(rim[::-1, ::-1], (1, -direction[1]))
         return value[::-1, ::-1], steps[::-1, ::-1]
     value, steps = rim.copy(), np.where(np.isfinite(rim), 0.0, np.inf)
     shift = direction[1]

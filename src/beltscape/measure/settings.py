@@ -12,6 +12,7 @@ class VolumeSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     cell_mm: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Edge of a grid cell; None = 2.5 pixels on the belt, so that a typical cell holds six points."""
+    """Edge of a cell of the height map given back; None = three pixels on the belt: nine points in a typical
+    cell. It is rounded to whole pixels. The volume itself is summed over cells of one pixel."""
     profile_every_mm: Annotated[float, Field(gt=0, le=10_000)] = 50.0
     """Longest stretch of belt that one cross-section stands for."""

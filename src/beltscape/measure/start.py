@@ -34,7 +34,7 @@ def find_start(depth: DepthMap, camera: Camera, points_mm: NDArray[np.float64]) 
     """Frame of the surface from its blocks; ``points_mm`` (N, 3) are a sample of it in the camera's frame."""
     planes = _sound(block_planes(depth, camera, max(8, camera.size_px[0] // 38)))
     along = _least_direction(planes.normals)
-    rotation = frame_along(along, np.median(planes.normals, axis=0))
+    rotation = frame_along(along, np.array([0.0, 0.0, -1.0]))
     angle = np.arctan2(planes.normals @ rotation[0], planes.normals @ rotation[2])
     scatter = 1.4826 * float(np.median(np.abs(planes.normals @ along)))
     fanned = np.abs(angle - np.median(angle)) > max(_FANNED, 4 * scatter)
@@ -58,7 +58,8 @@ def _sound(planes: BlockPlanes) -> BlockPlanes:
     """Planes of blocks that hold one surface."""
     if len(planes.rms_mm) < 30:
         raise MeasureError("empty belt: too few measured patches; project speckle or give a better frame")
-    good = planes.rms_mm <= 3 * np.median(planes.rms_mm)
+    # of exact data the scatter is nothing: then what a float32 depth resolves
+    good = planes.rms_mm <= 3 * np.median(planes.rms_mm) + 1e-5 * np.median(planes.centers_mm[:, 2])
     return BlockPlanes(planes.normals[good], planes.centers_mm[good], planes.rms_mm[good])
 
 
@@ -96,7 +97,7 @@ def _flat_start(
         noise = max(1.4826 * float(np.median(np.abs((near - middle) @ normal))), 1e-4)
     x_axis = np.array([1.0, 0.0, 0.0])
     rotation = frame_along(np.cross(normal, x_axis), normal)
-    pixels = depth.points_mm(camera)[::2, ::2] @ rotation.T
+    pixels = depth.points_mm(camera) @ rotation.T
     edges = edge_yaw(pixels[..., :2], pixels[..., 2] - offset, 6 * noise)
     if edges is not None:
         across = np.cos(edges.angle_rad) * rotation[0] + np.sin(edges.angle_rad) * rotation[1]

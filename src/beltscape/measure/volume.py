@@ -14,9 +14,9 @@ from beltscape.core.errors import InputError
 from beltscape.measure.belt import Belt, find_belt
 from beltscape.measure.box import chosen_box, profiles, seen_box
 from beltscape.measure.holes import fill_holes
-from beltscape.measure.load import load_over_belt
+from beltscape.measure.load import gathered, load_over_belt
 from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.surface import Grid, pixel_size_mm
+from beltscape.measure.surface import Grid, blocks_mean, pixel_size_mm
 from beltscape.measure.uncertainty import volume_sigma
 
 
@@ -37,15 +37,15 @@ class Volume:
     load: HeightMap
     """Load over the empty belt, holes filled."""
     interpolated: NDArray[np.bool_]
-    """(Ny, Nx) cells of ``load`` that were not measured."""
+    """(Ny, Nx) cells of ``load`` that were mostly not measured."""
     belt: Belt
     """The empty belt."""
     profiles: list[BeltProfile]
     """Cross-sections, each the mean over its stretch of belt; area times length adds up to the volume."""
     y_mm: NDArray[np.float64]
-    """(Ny,) rows of ``load``."""
+    """(N,) places along the belt, a pixel apart."""
     area_mm2: NDArray[np.float64]
-    """(Ny,) cross-section of the load within the box at each row."""
+    """(N,) cross-section of the load there, within the box's sides in x."""
 
 
 def measure_volume(
@@ -72,22 +72,22 @@ def measure_volume(
     _demand_same_size(loaded, empty)
     belt = find_belt(empty, camera)
     pixel_mm = pixel_size_mm(empty, camera)
-    cell_mm = settings.cell_mm or 2.5 * pixel_mm
+    gather = 3 if settings.cell_mm is None else max(1, round(settings.cell_mm / pixel_mm))
     view = seen_box(empty, camera, belt)
     whole = view if across_mm is None and along_mm is None else view.joined(across_mm, along_mm)
-    load = load_over_belt(loaded, empty, camera, belt, Grid.over(whole.across_mm, whole.along_mm, cell_mm))
+    load = load_over_belt(loaded, empty, camera, belt, Grid.over(whole.across_mm, whole.along_mm, pixel_mm))
     box = chosen_box(load.measured, load.grid, across_mm, along_mm)
-    filled = fill_holes(load.height_mm, load.sigma_mm, cell_mm)
+    filled = fill_holes(load.height_mm, load.sigma_mm, load.measured, pixel_mm)
     weights = box.weights_mm(load.grid)
     area = filled.value_mm @ weights.across
     return Volume(
         volume_mm3=float(weights.along @ area),
-        sigma_mm3=volume_sigma(load, filled, weights, belt, pixel_mm),
+        sigma_mm3=volume_sigma(load, filled, weights, belt),
         coverage=weights.share(load.measured),
         across_mm=box.across_mm,
         along_mm=box.along_mm,
-        load=HeightMap(filled.value_mm, filled.sigma_mm, load.grid.origin_mm, cell_mm),
-        interpolated=filled.hole,
+        load=gathered(load, filled, gather),
+        interpolated=blocks_mean(~load.measured, gather) > 0.5,
         belt=belt,
         profiles=profiles(filled.value_mm, load.measured, load.grid, box, settings.profile_every_mm),
         y_mm=load.grid.y_mm,

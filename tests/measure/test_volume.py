@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from belt_scenes import Ball, Block, Cone, HalfCylinder, Scene, camera_of, depth_map, round_trough, trough
+from pydantic import ValidationError
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError, MeasureError
+from beltscape.measure.settings import VolumeSettings
+from beltscape.measure.volume import Volume, measure_volume
+
+TROUGH = trough(300, (250, 25))
+MIDDLE = {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 150.0)}
+
+
+def measured(
+    solids: tuple,
+    box: dict[str, Any],
+    *,
+    section: np.ndarray = TROUGH,
+    seed: int = 0,
+    noise: Any = None,
+    **view: Any,
+) -> Volume:
+    empty, loaded = Scene(section, **view), Scene(section, solids, **view)
+    noise = noise or {}
+    return measure_volume(
+        depth_map(loaded.depth_mm(), seed=2 * seed, **noise),
+        depth_map(empty.depth_mm(), seed=2 * seed + 1, **noise),
+        empty.camera,
+        VolumeSettings(),
+        **box,
+    )
+
+
+SOLIDS = {
+    "cone": (Cone((10.0, -20.0), 90.0, 60.0), 0.002),
+    "half cylinder": (HalfCylinder((20.0, 10.0), 40.0, 150.0, 30.0), 0.01),
+    "block": (Block((40.0, 30.0), (100.0, 80.0, 60.0), 20.0), 0.015),
+}
+VIEWS: dict[str, dict[str, Any]] = {
+    "trough": {"section": TROUGH},
+    "flat, tilted": {"section": trough(900), "tilt_deg": (3.0, -2.0)},
+    "five rolls, turned": {"section": trough(260, (150, 20), (120, 40)), "belt_yaw_deg": 35.0},
+}
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("solid", SOLIDS)
+def test_known_solids(solid: str, view: str) -> None:
+    body, tolerance = SOLIDS[solid]
+    box = {"across_mm": (-200.0, 200.0), "along_mm": (-200.0, 200.0)}
+    found = measured((body,), box, camera=camera_of(612), **VIEWS[view])
+    error = found.volume_mm3 - body.volume_mm3
+    assert abs(error) < tolerance * body.volume_mm3
+    assert abs(error) < 2 * found.sigma_mm3 + 1e-3 * body.volume_mm3
+
+
+def test_box_may_cut_a_solid_anywhere() -> None:
+    body = Block((0.0, 0.0), (100.0, 100.0, 50.0))
+    for low in (-33.3, 0.0, 12.7):
+        found = measured(
+            (body,), {"across_mm": (low, 140.0), "along_mm": (-20.0, 31.0)}, camera=camera_of(612)
+        )
+        assert found.volume_mm3 == pytest.approx((50 - low) * 51 * 50, rel=0.01)
+
+
+def test_sigma_is_honest() -> None:
+    body = Cone((10.0, -20.0), 90.0, 60.0)
+    noise = {"noise_mm": 0.3}
+    found = [measured((body,), MIDDLE, seed=seed, noise=noise) for seed in range(20)]
+    errors = np.array([(v.volume_mm3 - body.volume_mm3) / v.sigma_mm3 for v in found])
+    assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
+
+
+def test_holes_count_in_coverage_and_sigma_and_leave_the_volume() -> None:
+    body = Cone((10.0, -20.0), 90.0, 60.0)
+    whole = measured((body,), MIDDLE, noise={"noise_mm": 0.2})
+    holed = measured((body,), MIDDLE, noise={"noise_mm": 0.2, "holes": 0.15})
+    assert whole.coverage > 0.99
+    assert 0.6 < holed.coverage < 0.9
+    assert holed.sigma_mm3 > 1.5 * whole.sigma_mm3
+    assert abs(holed.volume_mm3 - body.volume_mm3) < 2.5 * holed.sigma_mm3
+    assert holed.interpolated.mean() > whole.interpolated.mean()
+
+
+def test_gross_errors_do_not_move_the_volume() -> None:
+    body = Cone((10.0, -20.0), 90.0, 60.0)
+    found = measured((body,), MIDDLE, noise={"noise_mm": 0.2, "gross": 0.02})
+    assert found.volume_mm3 == pytest.approx(body.volume_mm3, rel=0.02)
+
+
+def test_an_empty_belt_holds_nothing_and_is_not_clipped() -> None:
+    found = [measured((), MIDDLE, seed=seed, noise={"noise_mm": 0.3}) for seed in range(6)]
+    volumes = np.array([v.volume_mm3 for v in found])
+    assert np.abs(volumes).max() < 3 * found[0].sigma_mm3
+    assert (volumes < 0).any()
+    assert (volumes > 0).any()
+
+
+def test_without_a_box_the_measured_range_is_taken_and_told() -> None:
+    found = measured((Ball((0.0, 0.0, 20.0), 40.0),), {"across_mm": None, "along_mm": None})
+    assert found.across_mm[0] < -320
+    assert found.across_mm[1] > 320
+    assert found.along_mm[0] < -230
+    assert found.coverage > 0.9
+    assert found.volume_mm3 == pytest.approx(np.pi * (40**2 * 20 + 40**3 * 2 / 3), rel=0.05)
+    assert found.profiles[0].y_mm - 25 == pytest.approx(found.along_mm[0], abs=5)
+    total = sum(p.area_mm2 for p in found.profiles) * np.ptp(found.along_mm) / len(found.profiles)
+    assert total == pytest.approx(found.volume_mm3, rel=1e-6)
+    step = found.y_mm[1] - found.y_mm[0]
+    assert np.sum(found.area_mm2) * step == pytest.approx(found.volume_mm3, rel=0.02)
+
+
+def test_load_is_the_height_over_the_belt() -> None:
+    found = measured((Block((-30.0, 20.0), (80.0, 60.0, 50.0)),), MIDDLE, noise={"noise_mm": 0.1})
+    x, y = np.meshgrid(found.load.x_mm, found.load.y_mm)
+    top = (np.abs(x + 30) < 30) & (np.abs(y - 20) < 20)
+    assert np.median(found.load.height_mm[top]) == pytest.approx(50, abs=0.1)
+    assert np.abs(np.median(found.load.height_mm[np.abs(x) > 200])) < 0.1
+
+
+def test_a_box_reaching_out_of_sight_says_so() -> None:
+    body = Cone((10.0, -20.0), 90.0, 60.0)
+    inside = measured((body,), MIDDLE)
+    outside = measured((body,), {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 650.0)})
+    assert outside.coverage < 0.7
+    assert outside.sigma_mm3 > 5 * inside.sigma_mm3
+    with pytest.raises(
+        MeasureError, match=r"--along 700 800: nothing was measured there; the belt was seen from"
+    ):
+        measured((body,), {"across_mm": None, "along_mm": (700.0, 800.0)})
+
+
+def test_round_belts_are_measured_too() -> None:
+    ball = Ball((0.0, 0.0, 60.0), 50.0)
+    found = measured((ball,), MIDDLE, section=round_trough(500, 30), camera=camera_of(612))
+    x, y = np.meshgrid(*(np.arange(-50, 50.0),) * 2)
+    top = 60 + np.sqrt(np.clip(50**2 - x**2 - y**2, 0, None))
+    belt = 500 - np.sqrt(500**2 - x**2)
+    exact = np.sum(np.where(np.hypot(x, y) < 50, top - belt, 0))
+    assert found.volume_mm3 == pytest.approx(exact, rel=0.03)
+
+
+def test_maps_of_two_sizes_are_refused() -> None:
+    scene = Scene(TROUGH)
+    depth = depth_map(scene.depth_mm())
+    half = DepthMap(depth.depth_mm[::2, ::2], depth.sigma_mm[::2, ::2], depth.views[::2, ::2])
+    with pytest.raises(InputError, match="153×129 and 306×257 pixels"):
+        measure_volume(half, depth, scene.camera, VolumeSettings(), across_mm=None, along_mm=None)
+
+
+def test_settings_are_bounded() -> None:
+    assert VolumeSettings().profile_every_mm == 50
+    with pytest.raises(ValidationError, match="cell_mm"):
+        VolumeSettings(cell_mm=0)
+    with pytest.raises(ValidationError, match="cell"):
+        VolumeSettings.model_validate({"cell": 2})

@@ -58,7 +58,7 @@ def _charuco_detector(board: CharucoBoard, legacy: bool) -> cv2.aruco.CharucoDet
 
 def _find_charuco(image: NDArray[np.uint8], board: CharucoBoard, variant: Variant) -> Corners | None:
     if variant.inverted:
-        image = cv2.bitwise_not(image)
+        image = 255 - image
     pixels, ids, _, _ = _charuco_detector(board, variant.legacy).detectBoard(image)
     if ids is None or len(ids) == 0:
         return None
@@ -98,7 +98,8 @@ def _refined(image: NDArray[np.uint8], board: CharucoBoard, corners: Corners) ->
 
 def _mapped(homography: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 2) through a homography (3, 3)."""
-    return cv2.perspectiveTransform(points.reshape(-1, 1, 2), homography).reshape(-1, 2)
+    mapped = cv2.perspectiveTransform(points.reshape(-1, 1, 2), homography)
+    return np.asarray(mapped, np.float64).reshape(-1, 2)
 
 
 def find_chessboard(image: NDArray[np.uint8], grid: tuple[int, int]) -> Corners | None:

@@ -90,7 +90,7 @@ def examine(rig: Rig, sightings: Sightings, board: Board, kernels: Kernels) -> E
         views = {name: sightings.views[name][frame] for name in names if frame in sightings.views[name]}
         if len(views) < 2:
             continue
-        core_from_board = _board_pose(rig, views, board_mm)
+        core_from_board = board_pose(rig, views, board_mm)
         for name, corners in views.items():
             predicted = _project(rig, name, core_from_board, board_mm[corners.ids])
             residuals[name][frame] = Residuals(corners.pixels, corners.pixels - predicted)
@@ -131,13 +131,13 @@ def _project(
     return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
 
 
-def _board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: NDArray[np.float64]) -> Pose:
+def board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: NDArray[np.float64]) -> Pose:
     """The board's pose that fits all cameras of one frame best, reprojection errors weighted alike."""
     name = max(views, key=lambda n: len(views[n]))
     corners, camera = views[name], rig.cameras[name]
     ideal = camera.undistort(corners.pixels)
     _, rotation, translation = cv2.solvePnP(
-        board_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        board_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
     )
     start = rig.cam_from_core[name].inverse() @ Pose.of(rotation, translation)
 

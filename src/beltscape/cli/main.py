@@ -104,12 +104,14 @@ def _top_level(words: Sequence[str]) -> int:
     )
     parser.add_argument("--version", action="version", version=f"beltscape {__version__}")
     parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
-    arguments, _ = parser.parse_known_args(words)
+    arguments, unknown = parser.parse_known_args(words)
     if arguments.command is not None:
         from difflib import get_close_matches
 
         near = get_close_matches(arguments.command, COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
         parser.error(f"no command {arguments.command!r}; {hint}")
+    if unknown:
+        parser.error(f"no option {unknown[0]}")
     parser.print_help()
-    return 0 if not words else 2
+    return 0

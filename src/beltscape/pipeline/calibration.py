@@ -58,7 +58,8 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
         raise InputError(
-            f"{folder}: only camera {', '.join(capture.cameras)} has images; a rig needs at least two cameras"
+            f"{folder}: only camera {', '.join(capture.cameras)} has images; a rig needs two: "
+            "give the folder above the camera folders"
         )
     if core is not None and core not in capture.cameras:
         raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")

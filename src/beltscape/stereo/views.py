@@ -19,7 +19,7 @@ def usable_auxiliaries(
     usable = tuple(name for name in names if name in frame_set.images)
     if not usable:
         raise ReconstructionError(
-            f"frame {frame_set.frame}: no usable image of an auxiliary camera ({', '.join(names) or 'none in the rig'}); "
-            "depth needs a second view"
+            f"frame {frame_set.frame}: no usable image of an auxiliary camera "
+            f"({', '.join(names) or 'none in the rig'}); depth needs a second view"
         )
     return usable

@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 _LEAST_SHARE = 0.12
 """A straight piece shorter than this share of the belt is no flat centre."""
 _MOST_TILT = np.deg2rad(12.0)
-"""A flat centre leans no further than this from the camera's image plane."""
+"""A straight piece that leans further than this from the camera's image plane is a wing, or it lies between two."""
+_MOST_TILT_BETWEEN = np.deg2rad(40.0)
+"""A piece from which the belt climbs on both sides may lean so far: the camera does."""
+_WING_SHARE, _WING_CLIMB = 0.05, 0.03
+"""A side climbs when more than this share of the belt lies higher than this share of its width above the piece."""
 _STEEPEST = 2.0
 """A belt's surface climbs no steeper than this; what does is a step to the floor or a frame."""
 
@@ -44,25 +48,40 @@ def reach(
 def find_middle(x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], tolerance_mm: float) -> Middle:
     """Flat centre of a belt's cross-section (K,), or its symmetry where it has no flat.
 
-    The flat is the line through any two nodes that most nodes lie on, among the lines that lean little;
-    the belt's wings lean more.
+    The flat is the line through any two nodes that most nodes lie on, among the lines that lean little, or from
+    which the belt climbs on both sides; wings lean more and have one end in the air.
     """
     known = np.isfinite(z_mm)
     x, z = x_mm[known], z_mm[known]
     first, second = np.triu_indices(len(x), k=max(3, len(x) // 40))
     angle = np.arctan2(z[second] - z[first], x[second] - x[first])
-    keep = np.abs(angle) < _MOST_TILT
+    keep = np.abs(angle) < _MOST_TILT_BETWEEN
     first, second, angle = first[keep], second[keep], angle[keep]
     if len(first):
         off = z[None] - z[first, None] - np.tan(angle)[:, None] * (x[None] - x[first, None])
         score = np.clip(1 - (off / tolerance_mm) ** 2, 0, None).sum(axis=1)
+        limit = np.where(
+            _between_wings(off > _WING_CLIMB * np.ptp(x), first, second), _MOST_TILT_BETWEEN, _MOST_TILT
+        )
         # a shallow wing may be longer than the flat, and leans more
-        best = int(np.argmax(score * (1 - 0.75 * (angle / _MOST_TILT) ** 2)))
+        best = int(
+            np.argmax(score * np.clip(1 - 0.75 * (angle / limit) ** 2, 0.25, None) * (np.abs(angle) < limit))
+        )
         on = _longest_run(np.abs(off[best]) < tolerance_mm)
-        if on is not None and on.stop - on.start >= _LEAST_SHARE * len(x):
+        if on is not None and on.stop - on.start >= _LEAST_SHARE * len(x) and abs(angle[best]) < limit[best]:
             slope = np.polyfit(x[on], z[on], 1)[0]
             return Middle(float(np.arctan(slope)), (float(x[on][0]), float(x[on][-1])))
     return Middle(_symmetry(x, z), None)
+
+
+def _between_wings(
+    above: NDArray[np.bool_], first: NDArray[np.intp], second: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """(M,) whether the belt lies ``above`` (M, K) each line both left of its first and right of its second node."""
+    node = np.arange(above.shape[1])
+    left = (above & (node < first[:, None])).mean(axis=1)
+    right = (above & (node > second[:, None])).mean(axis=1)
+    return np.minimum(left, right) > _WING_SHARE
 
 
 def _longest_run(flags: NDArray[np.bool_]) -> slice | None:

@@ -96,8 +96,12 @@ def test_an_empty_capture_folder(calibrate):
 def test_one_camera_only(calibrate):
     shutil.rmtree("capture/cam1")
     assert calibrate() == (
-        2, ["beltscape: capture: only camera cam0 has images; a rig needs two: give the folder above the camera folders"],
-    )  # fmt: skip
+        2,
+        [
+            "beltscape: capture: only camera cam0 has images; a rig needs two: "
+            "give the folder above the camera folders"
+        ],
+    )
 
 
 def test_a_core_that_is_not_in_the_capture(calibrate):

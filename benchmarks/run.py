@@ -132,8 +132,8 @@ def main() -> None:
         "",
         f"`make bench` on {os.cpu_count()} cores ({platform.machine()}, kernels {levels()[-1]}), "
         f"OpenCV {cv2.__version__}. "
-        "Rigs exact. Depth: share of *all* true pixels; median, σ: more than 6 px from a true step; halved images: without "
-        "the pixels astride a step, whose true depth is two. "
+        "Rigs exact. Depth: share of *all* true pixels; median, σ: more than 6 px from a true step; halved images: "
+        "without the pixels astride a step, whose true depth is two. "
         "× SGBM: time over that of one bare OpenCV SGBM call per pair on the same images in the same run.",
         "",
         *triangulation(),

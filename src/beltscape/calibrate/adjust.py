@@ -1,0 +1,188 @@
+"""The final rig: bundle adjustment of everything the hierarchy found, robust, with the board's own shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.bundle import INTRINSICS, Bundle, BundleLinear, Geometry, Observations, Prior
+from beltscape.calibrate.chain import Chain
+from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.levenberg import minimise
+from beltscape.calibrate.score import board_pose
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.target.board import Board, corner_points_mm
+
+Array = NDArray[np.float64]
+
+STUDENT_DOF = 5.0
+"""Student's t with so many degrees of freedom weighs corners while the board's shape is found."""
+GATE = 4.5
+"""Corners farther off than so many standard deviations are left out of the final adjustment."""
+ROUNDS = 4
+WARP_SHARE = 0.002
+"""How far, over the board's diagonal, corners may lie off their nominal place before the data have spoken."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """A rig from the joint adjustment."""
+
+    rig: Rig
+    bundle: Bundle
+    geometry: Geometry
+    frames: tuple[str, ...]
+    """Frames in the order of the geometry's board poses."""
+    kept: NDArray[np.bool_]
+    """(N,) corners that were used."""
+    sigma_px: Array
+    """(C,) one standard deviation of a corner's coordinate, by camera."""
+    shape_mm: Array
+    """(P, 3) the board's corners minus their nominal places; 0 where the board was found to be as drawn."""
+
+    def linear(self) -> BundleLinear:
+        """The normal equations at the end, which hold the covariance."""
+        return self.bundle.linearise(self.geometry)
+
+
+def adjust(chain: Chain, sightings: Sightings, board: Board) -> Adjusted:
+    """Adjust intrinsics, camera poses, board poses and, where it differs from the drawing, the board's shape.
+
+    The shape is found first, with Student weights on all corners, so that a warped board is not mistaken for
+    outliers; then corners beyond 4.5 standard deviations go, and the rest counts in full.
+    """
+    board_mm = corner_points_mm(board)
+    frames, observations = _observations(chain, sightings)
+    geometry = _start(chain, sightings, frames, board_mm)
+    sigma = _camera_sigma(chain)
+    prior = _prior(chain, geometry, board_mm)
+    diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
+    prior = replace(prior, points_sigma_mm=np.full(3, WARP_SHARE * diagonal))
+    bundle = Bundle(observations, prior)
+    for _ in range(ROUNDS):
+        squared = (bundle.errors_px(geometry) ** 2).sum(axis=1) / sigma[observations.camera] ** 2
+        weights = (STUDENT_DOF + 2) / (STUDENT_DOF + squared)
+        bundle = Bundle(_with_sigma(observations, sigma), prior, weights)
+        geometry = minimise(bundle, geometry).state
+        sigma = _student_sigma(bundle, geometry, sigma)
+    prior = replace(prior, points_sigma_mm=_shape_sigma(bundle, geometry))
+    geometry = replace(geometry, points_mm=np.where(prior.points_sigma_mm > 0, geometry.points_mm, board_mm))
+    kept = np.ones(len(observations.pixels), bool)
+    for _ in range(2):
+        bundle = Bundle(_with_sigma(observations, sigma), prior, kept.astype(np.float64))
+        geometry = minimise(bundle, geometry).state
+        kept, sigma = _gate(bundle, geometry)
+    bundle = Bundle(_with_sigma(observations, sigma), prior, kept.astype(np.float64))
+    geometry = minimise(bundle, geometry).state
+    return Adjusted(
+        _rig(chain.rig, geometry), bundle, geometry, frames, kept, sigma, geometry.points_mm - board_mm
+    )
+
+
+def _observations(chain: Chain, sightings: Sightings) -> tuple[tuple[str, ...], Observations]:
+    names = list(chain.rig.cameras)
+    frames: list[str] = []
+    rows: list[tuple[Array, ...]] = []
+    for frame in sightings.frames:
+        seen = [name for name in names if frame in sightings.views[name] and _used(chain, name, frame)]
+        for name in seen:
+            corners = sightings.views[name][frame]
+            count = len(corners)
+            index = np.full(count, names.index(name)), np.full(count, len(frames))
+            rows.append((*index, corners.ids, corners.pixels))
+        if seen:
+            frames.append(frame)
+    camera, frame_index, point, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return tuple(frames), Observations(camera, frame_index, point, pixels, np.ones(len(pixels)))
+
+
+def _used(chain: Chain, name: str, frame: str) -> bool:
+    return frame not in chain.monocular[name].rejected
+
+
+def _start(chain: Chain, sightings: Sightings, frames: Sequence[str], board_mm: Array) -> Geometry:
+    rig = chain.rig
+    boards = []
+    for frame in frames:
+        views = {
+            name: sightings.views[name][frame]
+            for name in rig.cameras
+            if frame in sightings.views[name] and _used(chain, name, frame)
+        }
+        boards.append(board_pose(rig, views, board_mm))
+    return Geometry(
+        intrinsics=np.array([[*c.focal_px, *c.center_px, *c.distortion] for c in rig.cameras.values()]),
+        cam_rotation=np.stack([rig.cam_from_core[name].rotation for name in rig.cameras]),
+        cam_translation_mm=np.stack([rig.cam_from_core[name].translation_mm for name in rig.cameras]),
+        board_rotation=np.stack([pose.rotation for pose in boards]),
+        board_translation_mm=np.stack([pose.translation_mm for pose in boards]),
+        points_mm=board_mm,
+    )
+
+
+def _camera_sigma(chain: Chain) -> Array:
+    return np.array([chain.monocular[name].rms_px / np.sqrt(2) for name in chain.rig.cameras])
+
+
+def _prior(chain: Chain, geometry: Geometry, board_mm: Array) -> Prior:
+    cameras = len(geometry.intrinsics)
+    free = np.ones((cameras, INTRINSICS), bool)
+    for i, name in enumerate(chain.rig.cameras):
+        free[i, 8] = "k3" not in chain.monocular[name].held
+    return Prior(
+        geometry.intrinsics, np.zeros((cameras, INTRINSICS, INTRINSICS)), free, board_mm, np.zeros(3)
+    )
+
+
+def _with_sigma(observations: Observations, sigma: Array) -> Observations:
+    return replace(observations, sigma_px=sigma[observations.camera])
+
+
+def _student_sigma(bundle: Bundle, geometry: Geometry, sigma: Array) -> Array:
+    """(C,) the scale that fits Student's t to each camera's errors: one step of expectation-maximisation."""
+    camera = bundle.observations.camera
+    squared = (bundle.errors_px(geometry) ** 2).sum(axis=1)
+    weights = (STUDENT_DOF + 2) / (STUDENT_DOF + squared / sigma[camera] ** 2)
+    total = np.bincount(camera, weights * squared, minlength=len(sigma))
+    return np.sqrt(total / (2 * np.bincount(camera, minlength=len(sigma)).clip(1)))
+
+
+def _shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
+    """(3,) how far the corners really lie from the drawing in x, y, z, beyond what noise explains; 0: they do not."""
+    deviation = geometry.points_mm - bundle.prior.points_mm
+    variance = np.diag(bundle.linearise(geometry).covariance())[-deviation.size :].reshape(-1, 3)
+    excess = (deviation**2).mean(axis=0) - variance.mean(axis=0)
+    real = excess > 2 * variance.mean(axis=0)
+    return np.where(real, np.sqrt(np.maximum(excess, 0)), 0.0)
+
+
+def _gate(bundle: Bundle, geometry: Geometry) -> tuple[NDArray[np.bool_], Array]:
+    """Corners to keep, and each camera's noise from those kept, corrected for what was fitted to them."""
+    errors, camera = bundle.errors_px(geometry), bundle.observations.camera
+    cameras = len(geometry.intrinsics)
+    robust = np.array([1.4826 * np.median(np.abs(errors[camera == c])) for c in range(cameras)])
+    kept = np.linalg.norm(errors, axis=1) < GATE * robust[camera]
+    fitted = len(bundle.free) + 6 * len(geometry.board_rotation)
+    share = 1 - fitted / max(2 * int(kept.sum()), fitted + 1)
+    sigma = np.array([np.sqrt((errors[kept & (camera == c)] ** 2).mean() / share) for c in range(cameras)])
+    return kept, sigma
+
+
+def _rig(rig: Rig, geometry: Geometry) -> Rig:
+    cameras = {
+        name: Camera(name, camera.size_px, values[:2].copy(), values[2:4].copy(), values[4:].copy())
+        for (name, camera), values in zip(rig.cameras.items(), geometry.intrinsics, strict=True)
+    }
+    poses = {
+        name: Pose(rotation, translation)
+        for name, rotation, translation in zip(
+            rig.cameras, geometry.cam_rotation, geometry.cam_translation_mm, strict=True
+        )
+    }
+    poses[rig.core] = Pose.identity()
+    return Rig(rig.core, cameras, poses)

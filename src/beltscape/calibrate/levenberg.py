@@ -1,0 +1,101 @@
+"""Levenberg–Marquardt with damping steered by the gain ratio, as the paper has it (Eqs. 19-20)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+State = TypeVar("State")
+
+
+class Linear(Protocol):
+    """A problem linearised at a state."""
+
+    cost: float
+    """F there: half the weighted sum of squares."""
+
+    def step(self, damping: float) -> NDArray[np.float64]:
+        """Solve (JᵀJ + λ diag(JᵀJ)) δ = −Jᵀe (Eq. 19, Marquardt's scaling)."""
+        ...
+
+    def predicted_drop(self, step: NDArray[np.float64]) -> float:
+        """F(X) − L(X + δ): what the linear model promises."""
+        ...
+
+
+class Problem(Protocol[State]):
+    """Something to minimise over a state, which need not be a vector space."""
+
+    def cost(self, state: State) -> float:
+        """F at a state."""
+        ...
+
+    def linearise(self, state: State) -> Linear:
+        """The linear model at a state."""
+        ...
+
+    def moved(self, state: State, step: NDArray[np.float64]) -> State:
+        """The state after a step."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Damping:
+    """How λ follows the gain ratio ρ = [F(X) − F(X + δ)] / [F(X) − L(X + δ)] (Eq. 20)."""
+
+    start: float = 1e-4
+    high: float = 0.75
+    """η_h: above it the linear model is trusted more, λ falls."""
+    low: float = 0.25
+    """η_l: below it λ rises."""
+    fall: float = 5.0
+    rise: float = 4.0
+    tolerance: float = 1e-9
+    """Stop when a step promises, or brings, less than this share of F."""
+    iterations: int = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Minimum(Generic[State]):
+    """Where the minimisation ended."""
+
+    state: State
+    cost: float
+    iterations: int
+    converged: bool
+
+
+def minimise(problem: Problem[State], state: State, damping: Damping | None = None) -> Minimum[State]:
+    """Minimise F from ``state`` on; every accepted step makes F smaller.
+
+    References
+    ----------
+    Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, Eqs. 19-20; Madsen, Nielsen & Tingleff,
+    Methods for Non-Linear Least Squares Problems, 2004.
+    """
+    rule = damping or Damping()
+    lam = rule.start
+    linear = problem.linearise(state)
+    for iteration in range(1, rule.iterations + 1):
+        step = linear.step(lam)
+        promised = linear.predicted_drop(step)
+        if not promised > rule.tolerance * linear.cost:
+            return Minimum(state, linear.cost, iteration, converged=True)
+        candidate = problem.moved(state, step)
+        cost = problem.cost(candidate)
+        gain = (linear.cost - cost) / promised if np.isfinite(cost) else -np.inf
+        if gain > rule.high:
+            lam = max(lam / rule.fall, 1e-12)
+        elif gain < rule.low:
+            lam *= rule.rise
+        if gain > 0:
+            done = linear.cost - cost < rule.tolerance * linear.cost
+            state, linear = candidate, problem.linearise(candidate)
+            if done:
+                return Minimum(state, linear.cost, iteration, converged=True)
+        elif lam > 1e12:
+            return Minimum(state, linear.cost, iteration, converged=True)
+    return Minimum(state, linear.cost, rule.iterations, converged=False)

@@ -1,0 +1,107 @@
+"""The Lie group SE(3): rigid transforms as 6-vectors (rotation in radians, translation in mm), and back.
+
+A twist ξ = (ω, v) stands for ``exp(ξ)``, the rigid motion it generates in unit time; ``pose @ exp(ξ)`` disturbs a
+pose on its right, in the frame it comes from, ``exp(ξ) @ pose`` on its left, in the frame it leads to.
+
+References
+----------
+Barfoot, State Estimation for Robotics, 2017, Section 7.1; Solà, Deray & Atchuthan, arXiv:1812.01537.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.pose import Pose
+
+Array = NDArray[np.float64]
+
+SERIES_BELOW = 1.0
+"""Angle, radians, below which the Jacobian's series is summed: its closed form loses its digits there."""
+SERIES_TERMS = 18
+
+
+def exp(twist: Array) -> Pose:
+    """Pose of a twist (6,)."""
+    turn, shift = twist[:3], twist[3:]
+    return Pose.of(turn, _turn_jacobian(turn) @ shift)
+
+
+def log(pose: Pose) -> Array:
+    """Twist (6,) of a pose, its angle in 0..π: the inverse of `exp`."""
+    turn = pose.rotation_vector
+    angle = float(np.linalg.norm(turn))
+    spin = skew(turn)
+    # (1 - (a/2) cot(a/2)) / a²: a twelfth at 0, and cot is 0 at π
+    if angle < 1e-2:
+        square = 1 / 12 + angle**2 / 720 + angle**4 / 30240
+    else:
+        square = (1 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
+    inverse = np.eye(3) - 0.5 * spin + square * spin @ spin
+    return np.concatenate([turn, inverse @ pose.translation_mm])
+
+
+def skew(vector: Array) -> Array:
+    """(3, 3) matrix of the cross product with a vector (3,)."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def adjoint(pose: Pose) -> Array:
+    """(6, 6) Ad with ``pose @ exp(ξ) = exp(Ad ξ) @ pose``."""
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = matrix[3:, 3:] = pose.rotation
+    matrix[3:, :3] = skew(pose.translation_mm) @ pose.rotation
+    return matrix
+
+
+def small_adjoint(twist: Array) -> Array:
+    """(6, 6) ad with ``adjoint(exp(ξ)) = expm(ad ξ)``."""
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = matrix[3:, 3:] = skew(twist[:3])
+    matrix[3:, :3] = skew(twist[3:])
+    return matrix
+
+
+def left_jacobian(twist: Array) -> Array:
+    """(6, 6) J with ``exp(ξ + δ) ≈ exp(J δ) @ exp(ξ)``: Σ adⁿ / (n + 1)!."""
+    ad = small_adjoint(twist)
+    a = float(np.linalg.norm(twist[:3]))
+    if a < SERIES_BELOW:
+        total = term = np.eye(6)
+        for n in range(1, SERIES_TERMS):
+            term = term @ ad / (n + 1)
+            total = total + term
+        return total
+    sine, cosine = np.sin(a), np.cos(a)
+    square = ad @ ad
+    return (
+        np.eye(6)
+        + (4 - a * sine - 4 * cosine) / (2 * a**2) * ad
+        + (4 * a - 5 * sine + a * cosine) / (2 * a**3) * square
+        + (2 - a * sine - 2 * cosine) / (2 * a**4) * square @ ad
+        + (2 * a - 3 * sine + a * cosine) / (2 * a**5) * square @ square
+    )
+
+
+def left_jacobian_inverse(twist: Array) -> Array:
+    """(6, 6) with ``log(exp(δ) @ exp(ξ)) ≈ ξ + J⁻¹ δ``."""
+    return np.linalg.inv(left_jacobian(twist))
+
+
+def right_jacobian_inverse(twist: Array) -> Array:
+    """(6, 6) with ``log(exp(ξ) @ exp(δ)) ≈ ξ + J⁻¹ δ``."""
+    return left_jacobian_inverse(-twist)
+
+
+def _turn_jacobian(turn: Array) -> Array:
+    """(3, 3) left Jacobian of a rotation vector: what a twist's translation becomes while it turns."""
+    angle = float(np.linalg.norm(turn))
+    spin = skew(turn)
+    if angle < 1e-2:
+        once, twice = 0.5 - angle**2 / 24 + angle**4 / 720, 1 / 6 - angle**2 / 120 + angle**4 / 5040
+    else:
+        once = 2 * np.sin(0.5 * angle) ** 2 / angle**2
+        twice = (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + once * spin + twice * spin @ spin

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from beltscape.calibrate.bundle import INTRINSICS, Bundle, BundleLinear, Geometry, Observations, Prior
 from beltscape.calibrate.chain import Chain
 from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.levenberg import minimise
+from beltscape.calibrate.lens import intrinsics, lens_prior
+from beltscape.calibrate.levenberg import Damping, minimise
 from beltscape.calibrate.score import board_pose
+from beltscape.calibrate.steady import one_thread
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
@@ -25,6 +27,10 @@ STUDENT_DOF = 5.0
 GATE = 4.5
 """Corners farther off than so many standard deviations are left out of the final adjustment."""
 ROUNDS = 4
+SPREAD = 1.5
+"""A camera is no more than this factor noisier, or quieter, than the rig."""
+MISFIT, MISFIT_PX = 1.6, 0.15
+"""A camera whose corners scatter by this factor, and this much, more in the rig than alone is not synchronous."""
 WARP_SHARE = 0.002
 """How far, over the board's diagonal, corners may lie off their nominal place before the data have spoken."""
 
@@ -44,6 +50,8 @@ class Adjusted:
     """(C,) one standard deviation of a corner's coordinate, by camera."""
     shape_mm: Array
     """(P, 3) the board's corners minus their nominal places; 0 where the board was found to be as drawn."""
+    alone: tuple[str, ...]
+    """Cameras whose intrinsics rest on their own views, because the views do not fit together."""
 
     def linear(self) -> BundleLinear:
         """The normal equations at the end, which hold the covariance."""
@@ -54,38 +62,94 @@ def adjust(chain: Chain, sightings: Sightings, board: Board) -> Adjusted:
     """Adjust intrinsics, camera poses, board poses and, where it differs from the drawing, the board's shape.
 
     The shape is found first, with Student weights on all corners, so that a warped board is not mistaken for
-    outliers; then corners beyond 4.5 standard deviations go, and the rest counts in full.
+    outliers; then corners beyond 4.5 standard deviations go, and the rest counts in full. Where the cameras fit far
+    worse together than each does alone (they are not synchronous), what a camera's own views say of its lens
+    enters as a weighted prior, so that the misfit does not bend the lens.
     """
     board_mm = corner_points_mm(board)
-    frames, observations = _observations(chain, sightings)
-    geometry = _start(chain, sightings, frames, board_mm)
-    sigma = _camera_sigma(chain)
-    prior = _prior(chain, geometry, board_mm)
-    diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
-    prior = replace(prior, points_sigma_mm=np.full(3, WARP_SHARE * diagonal))
+    with one_thread():
+        frames, observations = _observations(chain, sightings, tuple(chain.rig.cameras))
+        geometry = _start(chain, sightings, frames, board_mm)
+        prior = _prior(chain, board_mm)
+        bundle, geometry, sigma = _robust(observations, prior, geometry, _camera_sigma(chain))
+        alone = _misfitting(chain, sigma)
+        if alone:
+            prior = _with_own_evidence(prior, chain, sightings, alone, board_mm)
+            bundle, geometry, sigma = _robust(observations, prior, geometry, sigma)
+        prior = replace(prior, points_sigma_mm=_shape_sigma(bundle, geometry))
+        flat = np.where(prior.points_sigma_mm > 0, geometry.points_mm, board_mm)
+        bundle, geometry, kept = _final(observations, prior, replace(geometry, points_mm=flat), sigma)
+    rig = _rig(chain.rig, geometry)
+    sigma = np.array(
+        [bundle.observations.sigma_px[observations.camera == c][0] for c in range(len(rig.cameras))]
+    )
+    return Adjusted(rig, bundle, geometry, frames, kept, sigma, geometry.points_mm - board_mm, alone)
+
+
+def _robust(
+    observations: Observations, prior: Prior, geometry: Geometry, sigma: Array
+) -> tuple[Bundle, Geometry, Array]:
+    """Everything with Student's weights: nothing is thrown away yet."""
     bundle = Bundle(observations, prior)
     for _ in range(ROUNDS):
         squared = (bundle.errors_px(geometry) ** 2).sum(axis=1) / sigma[observations.camera] ** 2
         weights = (STUDENT_DOF + 2) / (STUDENT_DOF + squared)
         bundle = Bundle(_with_sigma(observations, sigma), prior, weights)
-        geometry = minimise(bundle, geometry).state
+        geometry = minimise(bundle, geometry, Damping(tolerance=1e-6)).state
         sigma = _student_sigma(bundle, geometry, sigma)
-    prior = replace(prior, points_sigma_mm=_shape_sigma(bundle, geometry))
-    geometry = replace(geometry, points_mm=np.where(prior.points_sigma_mm > 0, geometry.points_mm, board_mm))
+    return bundle, geometry, sigma
+
+
+def _final(
+    observations: Observations, prior: Prior, geometry: Geometry, sigma: Array
+) -> tuple[Bundle, Geometry, NDArray[np.bool_]]:
+    """Without outliers, the rest in full."""
     kept = np.ones(len(observations.pixels), bool)
-    for _ in range(2):
+    bundle = Bundle(_with_sigma(observations, sigma), prior)
+    for _ in range(3):
+        kept, sigma = _gate(bundle, geometry)
         bundle = Bundle(_with_sigma(observations, sigma), prior, kept.astype(np.float64))
         geometry = minimise(bundle, geometry).state
-        kept, sigma = _gate(bundle, geometry)
-    bundle = Bundle(_with_sigma(observations, sigma), prior, kept.astype(np.float64))
-    geometry = minimise(bundle, geometry).state
-    return Adjusted(
-        _rig(chain.rig, geometry), bundle, geometry, frames, kept, sigma, geometry.points_mm - board_mm
+    return bundle, geometry, kept
+
+
+def _misfitting(chain: Chain, sigma: Array) -> tuple[str, ...]:
+    own = _camera_sigma(chain)
+    return tuple(
+        name
+        for i, name in enumerate(chain.rig.cameras)
+        if sigma[i] > MISFIT * own[i] and sigma[i] > MISFIT_PX
     )
 
 
-def _observations(chain: Chain, sightings: Sightings) -> tuple[tuple[str, ...], Observations]:
-    names = list(chain.rig.cameras)
+def _with_own_evidence(
+    prior: Prior, chain: Chain, sightings: Sightings, names: Sequence[str], board_mm: Array
+) -> Prior:
+    """The prior with what each camera's own views, taken alone, say of its lens."""
+    means, informations = prior.intrinsics.copy(), prior.intrinsics_information.copy()
+    for i, name in enumerate(chain.rig.cameras):
+        if name not in names:
+            continue
+        frames, seen = _observations(chain, sightings, (name,))
+        poses = [chain.monocular[name].cam_from_board[frame] for frame in frames]
+        lens = prior.intrinsics[i : i + 1], prior.intrinsics_information[i : i + 1]
+        own = Prior(*lens, prior.intrinsics_free[i : i + 1], board_mm, np.zeros(3))
+        start = Geometry(
+            intrinsics(chain.rig.cameras[name])[None], np.eye(3)[None], np.zeros((1, 3)),
+            np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
+        )  # fmt: skip
+        bundle, geometry, _ = _robust(seen, own, start, _camera_sigma(chain)[i : i + 1])
+        free = np.flatnonzero(prior.intrinsics_free[i])
+        means[i] = geometry.intrinsics[0]
+        informations[i] = 0.0
+        informations[i][np.ix_(free, free)] = np.linalg.inv(bundle.linearise(geometry).covariance())
+    return replace(prior, intrinsics=means, intrinsics_information=informations)
+
+
+def _observations(
+    chain: Chain, sightings: Sightings, names: tuple[str, ...]
+) -> tuple[tuple[str, ...], Observations]:
+    """Corners of some cameras, numbered in that order, frame by frame."""
     frames: list[str] = []
     rows: list[tuple[Array, ...]] = []
     for frame in sightings.frames:
@@ -116,7 +180,7 @@ def _start(chain: Chain, sightings: Sightings, frames: Sequence[str], board_mm: 
         }
         boards.append(board_pose(rig, views, board_mm))
     return Geometry(
-        intrinsics=np.array([[*c.focal_px, *c.center_px, *c.distortion] for c in rig.cameras.values()]),
+        intrinsics=np.stack([intrinsics(camera) for camera in rig.cameras.values()]),
         cam_rotation=np.stack([rig.cam_from_core[name].rotation for name in rig.cameras]),
         cam_translation_mm=np.stack([rig.cam_from_core[name].translation_mm for name in rig.cameras]),
         board_rotation=np.stack([pose.rotation for pose in boards]),
@@ -129,14 +193,17 @@ def _camera_sigma(chain: Chain) -> Array:
     return np.array([chain.monocular[name].rms_px / np.sqrt(2) for name in chain.rig.cameras])
 
 
-def _prior(chain: Chain, geometry: Geometry, board_mm: Array) -> Prior:
-    cameras = len(geometry.intrinsics)
-    free = np.ones((cameras, INTRINSICS), bool)
-    for i, name in enumerate(chain.rig.cameras):
+def _prior(chain: Chain, board_mm: Array) -> Prior:
+    cameras = chain.rig.cameras
+    priors = [lens_prior(camera) for camera in cameras.values()]
+    free = np.ones((len(cameras), INTRINSICS), bool)
+    for i, name in enumerate(cameras):
         free[i, 8] = "k3" not in chain.monocular[name].held
+    diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
     return Prior(
-        geometry.intrinsics, np.zeros((cameras, INTRINSICS, INTRINSICS)), free, board_mm, np.zeros(3)
-    )
+        np.stack([mean for mean, _ in priors]), np.stack([information for _, information in priors]), free,
+        board_mm, np.full(3, WARP_SHARE * diagonal),
+    )  # fmt: skip
 
 
 def _with_sigma(observations: Observations, sigma: Array) -> Observations:
@@ -149,16 +216,32 @@ def _student_sigma(bundle: Bundle, geometry: Geometry, sigma: Array) -> Array:
     squared = (bundle.errors_px(geometry) ** 2).sum(axis=1)
     weights = (STUDENT_DOF + 2) / (STUDENT_DOF + squared / sigma[camera] ** 2)
     total = np.bincount(camera, weights * squared, minlength=len(sigma))
-    return np.sqrt(total / (2 * np.bincount(camera, minlength=len(sigma)).clip(1)))
+    count = 2 * np.bincount(camera, minlength=len(sigma)).clip(1)
+    return _levelled(np.sqrt(total / count), count)
+
+
+def _levelled(sigma: Array, count: Array) -> Array:
+    """Each camera's noise, held near the rig's.
+
+    Left alone, one camera's noise shrinks for ever: the more it is trusted, the better boards and shape fit it.
+    """
+    pooled = float(np.sqrt((count * sigma**2).sum() / count.sum()))
+    return np.clip(sigma, pooled / SPREAD, pooled * SPREAD)
 
 
 def _shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
-    """(3,) how far the corners really lie from the drawing in x, y, z, beyond what noise explains; 0: they do not."""
+    """(3,) how far the corners really lie from the drawing in x, y, z, beyond what noise explains; 0: they do not.
+
+    Asked of the corners that the images determine far better than the prior does.
+    """
     deviation = geometry.points_mm - bundle.prior.points_mm
     variance = np.diag(bundle.linearise(geometry).covariance())[-deviation.size :].reshape(-1, 3)
-    excess = (deviation**2).mean(axis=0) - variance.mean(axis=0)
-    real = excess > 2 * variance.mean(axis=0)
-    return np.where(real, np.sqrt(np.maximum(excess, 0)), 0.0)
+    informed = variance < 0.1 * bundle.prior.points_sigma_mm**2
+    weights = np.where(informed, variance**-2.0, 0.0)
+    total = np.maximum(weights.sum(axis=0), 1e-300)
+    excess = (weights * (deviation**2 - variance)).sum(axis=0) / total
+    noise = (weights * variance).sum(axis=0) / total
+    return np.where(excess > 2 * noise, np.sqrt(np.maximum(excess, 0)), 0.0)
 
 
 def _gate(bundle: Bundle, geometry: Geometry) -> tuple[NDArray[np.bool_], Array]:
@@ -166,11 +249,12 @@ def _gate(bundle: Bundle, geometry: Geometry) -> tuple[NDArray[np.bool_], Array]
     errors, camera = bundle.errors_px(geometry), bundle.observations.camera
     cameras = len(geometry.intrinsics)
     robust = np.array([1.4826 * np.median(np.abs(errors[camera == c])) for c in range(cameras)])
+    robust = _levelled(robust, np.bincount(camera, minlength=cameras))
     kept = np.linalg.norm(errors, axis=1) < GATE * robust[camera]
     fitted = len(bundle.free) + 6 * len(geometry.board_rotation)
     share = 1 - fitted / max(2 * int(kept.sum()), fitted + 1)
     sigma = np.array([np.sqrt((errors[kept & (camera == c)] ** 2).mean() / share) for c in range(cameras)])
-    return kept, sigma
+    return kept, _levelled(sigma, np.bincount(camera[kept], minlength=cameras))
 
 
 def _rig(rig: Rig, geometry: Geometry) -> Rig:

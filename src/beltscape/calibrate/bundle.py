@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from beltscape.calibrate.jacobian import by_pose, project
 from beltscape.core.pose import rotation_from_vector
@@ -116,20 +116,19 @@ class Bundle:
         to_core = np.einsum("nij,njk->nik", by_point, state.cam_rotation[o.camera])
         by_board = by_pose(to_core, on_board) * scale
         by_corner = np.einsum("nij,njk->nik", to_core, state.board_rotation[o.frame]) * scale
-        blocks = [
-            self._frame_block(rows, by_intrinsics[rows] * scale[rows], by_camera[rows], by_corner[rows])
-            for rows in self.frames
-        ]
-        hessian, gradient = self.information.copy(), self.information @ self._from_prior(state)
-        eliminated = []
-        for rows, shared in zip(self.frames, blocks, strict=True):
-            own = by_board[rows].reshape(-1, 6)
-            error = residual[rows].reshape(-1)
-            hessian += shared.T @ shared
-            gradient += shared.T @ error
-            eliminated.append((own.T @ own, shared[:, self.free].T @ own, own.T @ error))
+        shared = self._sparse(by_intrinsics * scale, by_camera, by_corner)
+        error = residual.reshape(-1)
+        hessian = self.information + (shared.T @ shared).toarray()
+        gradient = self.information @ self._from_prior(state) + shared.T @ error
+        count = len(state.board_rotation)
+        boards = self._board_columns(by_board, count)
+        coupling = (shared.T @ boards).toarray()[self.free]
+        own = np.zeros((count, 6, 6))
+        np.add.at(own, o.frame, np.einsum("nri,nrj->nij", by_board, by_board))
         free = self.free
-        return BundleLinear(self.cost(state), hessian[np.ix_(free, free)], gradient[free], eliminated)
+        return BundleLinear(
+            self.cost(state), hessian[np.ix_(free, free)], gradient[free], own, coupling, boards.T @ error
+        )
 
     def moved(self, state: Geometry, step: Array) -> Geometry:
         """The geometry after a step: free shared parameters first, then six per frame."""
@@ -159,20 +158,28 @@ class Bundle:
     def _rotated(self, state: Geometry, in_core: Array) -> Array:
         return np.einsum("nij,nj->ni", state.cam_rotation[self.observations.camera], in_core)
 
-    def _frame_block(self, rows: slice, by_intrinsics: Array, by_camera: Array, by_corner: Array) -> Array:
-        """(2n, columns) derivatives of one frame's corners by the shared parameters."""
+    def _sparse(self, by_intrinsics: Array, by_camera: Array, by_corner: Array) -> csr_array:
+        """(2N, columns) derivatives by the shared parameters: at most 18 numbers a row."""
         o = self.observations
-        camera, point = o.camera[rows], o.point[rows]
-        block = np.zeros((len(camera), 2, self.columns))
-        each = np.arange(len(camera))[:, None]
-        block[each, :, INTRINSICS * camera[:, None] + np.arange(INTRINSICS)] = by_intrinsics.transpose(
-            0, 2, 1
+        other = o.camera > 0  # the core's pose is the frame everything is in
+        columns = np.concatenate(
+            [
+                INTRINSICS * o.camera[:, None] + np.arange(INTRINSICS),
+                self.pose_start + 6 * np.maximum(o.camera[:, None] - 1, 0) + np.arange(6),
+                self.point_start + 3 * o.point[:, None] + np.arange(3),
+            ],
+            axis=1,
         )
-        other = np.flatnonzero(camera > 0)
-        columns = self.pose_start + 6 * (camera[other, None] - 1) + np.arange(6)
-        block[other[:, None], :, columns] = by_camera[other].transpose(0, 2, 1)
-        block[each, :, self.point_start + 3 * point[:, None] + np.arange(3)] = by_corner.transpose(0, 2, 1)
-        return block.reshape(-1, self.columns)
+        values = np.concatenate([by_intrinsics, by_camera * other[:, None, None], by_corner], axis=2)
+        rows = np.arange(0, values.size + 1, values.shape[2])
+        shape = (2 * len(o.camera), self.columns)
+        return csr_array((values.ravel(), np.repeat(columns, 2, axis=0).ravel(), rows), shape=shape)
+
+    def _board_columns(self, by_board: Array, count: int) -> csr_array:
+        """(2N, 6F) derivatives by the board poses."""
+        columns = np.repeat(6 * self.observations.frame[:, None] + np.arange(6), 2, axis=0)
+        rows = np.arange(0, by_board.size + 1, 6)
+        return csr_array((by_board.ravel(), columns.ravel(), rows), shape=(len(rows) - 1, 6 * count))
 
     def _from_prior(self, state: Geometry) -> Array:
         """(columns,) distance of the shared parameters from what is known beforehand."""
@@ -194,43 +201,42 @@ class Bundle:
 
 
 class BundleLinear:
-    """Normal equations of a bundle: dense over the shared parameters, a 6×6 block per frame."""
+    """Normal equations of a bundle: dense over the shared parameters, a 6×6 block per board pose."""
 
     def __init__(
-        self, cost: float, hessian: Array, gradient: Array, frames: Sequence[tuple[Array, Array, Array]]
+        self, cost: float, hessian: Array, gradient: Array, own: Array, coupling: Array, own_gradient: Array
     ) -> None:
+        """``hessian`` (G, G), ``own`` (F, 6, 6), ``coupling`` (G, 6F), gradients (G,) and (6F,)."""
         self.cost = cost
-        self._hessian, self._gradient, self._frames = hessian, gradient, frames
+        self._hessian, self._gradient = hessian, gradient
+        self._own, self._coupling, self._own_gradient = own, coupling, own_gradient
 
     def step(self, damping: float) -> Array:
         """Solve through the Schur complement on the shared parameters."""
-        reduced, right, inverses = self._reduced(damping)
+        reduced, right, inverse = self._reduced(damping)
         shared = -cho_solve(cho_factor(reduced), right)
-        boards = [
-            -inverse @ (own_gradient + coupling.T @ shared)
-            for inverse, (_, coupling, own_gradient) in zip(inverses, self._frames, strict=True)
-        ]
-        return np.concatenate([shared, *boards])
+        boards = self._own_gradient + self._coupling.T @ shared
+        return np.concatenate([shared, -np.einsum("fij,fj->fi", inverse, boards.reshape(-1, 6)).ravel()])
 
-    def _reduced(self, damping: float) -> tuple[Array, Array, list[Array]]:
-        reduced = self._hessian + damping * np.diag(np.diag(self._hessian))
-        right = self._gradient.copy()
-        inverses = []
-        for own, coupling, own_gradient in self._frames:
-            inverse = np.linalg.inv(own + damping * np.diag(np.diag(own)))
-            reduced -= coupling @ inverse @ coupling.T
-            right -= coupling @ inverse @ own_gradient
-            inverses.append(inverse)
-        return reduced, right, inverses
+    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
+        """Schur complement (G, G), its right side (G,), inverses of the board blocks (F, 6, 6)."""
+        scaled = self._own + damping * self._own * np.eye(6)
+        inverse = np.asarray(np.linalg.inv(scaled), np.float64)
+        count = len(self._gradient)
+        eliminated = np.einsum("gfi,fij->gfj", self._coupling.reshape(count, -1, 6), inverse).reshape(
+            count, -1
+        )
+        reduced = self._hessian + damping * np.diag(np.diag(self._hessian)) - eliminated @ self._coupling.T
+        return reduced, self._gradient - eliminated @ self._own_gradient, inverse
 
     def predicted_drop(self, step: Array) -> float:
         """F(X) − L(X + δ)."""
         count = len(self._gradient)
-        shared, boards = step[:count], step[count:].reshape(-1, 6)
-        change = float(self._gradient @ shared + 0.5 * shared @ self._hessian @ shared)
-        for board, (own, coupling, own_gradient) in zip(boards, self._frames, strict=True):
-            change += float(own_gradient @ board + 0.5 * board @ own @ board + shared @ coupling @ board)
-        return -change
+        shared, boards = step[:count], step[count:]
+        each = boards.reshape(-1, 6)
+        change = self._gradient @ shared + 0.5 * shared @ self._hessian @ shared
+        change += self._own_gradient @ boards + 0.5 * np.einsum("fi,fij,fj->", each, self._own, each)
+        return -float(change + shared @ self._coupling @ boards)
 
     def covariance(self) -> Array:
         """Of the free shared parameters: the inverse of the undamped Schur complement."""

@@ -1,20 +1,21 @@
-"""The paper's hierarchy as one function: monocular → binocular → association."""
+"""The paper's hierarchy as one function: monocular → binocular → association → global optimisation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
-
-import cv2
 
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.intrinsics import MIN_VIEWS, Monocular, calibrate_camera
 from beltscape.calibrate.network import Network, associate, choose_core, groups
+from beltscape.calibrate.optimise import optimise
 from beltscape.calibrate.pairs import Pair, calibrate_pairs
+from beltscape.calibrate.steady import one_thread
+from beltscape.calibrate.sync import misfits
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
+from beltscape.files.capture import natural
 from beltscape.target.board import Board, corner_points_mm
 
 SKEW_FACTOR, SKEW_PX = 2.0, 0.25
@@ -43,7 +44,7 @@ def solve(sightings: Sightings, board: Board, core: str | None, reporter: Report
         When the core camera, or all but one camera, cannot be calibrated.
     """
     board_mm = corner_points_mm(board)
-    with _one_opencv_thread():
+    with one_thread():
         monocular: dict[str, Monocular] = {}
         for done, name in enumerate(sightings.cameras, start=1):
             try:
@@ -52,12 +53,18 @@ def solve(sightings: Sightings, board: Board, core: str | None, reporter: Report
             except CalibrationError as error:
                 _survive(error, name, core, reporter)
             reporter.step("calibrating cameras", done, len(sightings.cameras))
+        for misfit in misfits(monocular, sorted(sightings.frames, key=natural)):
+            if len(monocular) == 2:
+                raise CalibrationError(misfit.describe())
+            _survive(CalibrationError(misfit.describe()), misfit.camera, core, reporter)
+            del monocular[misfit.camera]
         pairs = calibrate_pairs(sightings, monocular, board_mm, reporter)
     connected = _connected(monocular, pairs, core, reporter)
     kept = {name: monocular[name] for name in connected}
     pairs = tuple(pair for pair in pairs if pair.first in kept)
     core = core or choose_core(sightings.restricted(kept, sightings.frames), pairs)
-    network = associate(core, pairs)
+    with one_thread():
+        network = optimise(associate(core, pairs))
     order = [core, *(name for name in kept if name != core)]
     rig = Rig(
         core=core,
@@ -65,17 +72,6 @@ def solve(sightings: Sightings, board: Board, core: str | None, reporter: Report
         cam_from_core={name: network.cam_from_core[name] for name in order},
     )
     return Chain(rig, kept, network)
-
-
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    """OpenCV's parallel sums depend on the number of threads in their last digits; one thread does not."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def _tell_if_weak(found: Monocular, reporter: Reporter) -> None:

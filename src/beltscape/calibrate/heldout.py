@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from beltscape.calibrate.adjust import adjust
 from beltscape.calibrate.chain import solve
 from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.score import Score, examine, score
+from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
@@ -16,19 +17,19 @@ def held_out_score(sightings: Sightings, board: Board, core: str, kernels: Kerne
     frames = [frame for frame in sightings.frames if _cameras_seeing(sightings, frame) > 1]
     halves = frames[::2], frames[1::2]
     try:
-        return score(
-            *(
-                examine(
-                    solve(sightings.restricted(sightings.cameras, train), board, core, Silent()).rig,
-                    sightings.restricted(sightings.cameras, test),
-                    board,
-                    kernels,
-                )
-                for train, test in (halves, halves[::-1])
-            )
-        )
+        return score(*(_judged(sightings, board, core, kernels, *fold) for fold in (halves, halves[::-1])))
     except CalibrationError:
         return None
+
+
+def _judged(
+    sightings: Sightings, board: Board, core: str, kernels: Kernels, train: list[str], test: list[str]
+) -> Evidence:
+    """The test frames under the rig, and the board's shape, that the training frames give."""
+    known = sightings.restricted(sightings.cameras, train)
+    found = adjust(solve(known, board, core, Silent()), known, board)
+    unseen = sightings.restricted(sightings.cameras, test)
+    return examine(found.rig, unseen, board, kernels, corners_mm=found.geometry.points_mm)
 
 
 def _cameras_seeing(sightings: Sightings, frame: str) -> int:

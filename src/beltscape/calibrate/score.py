@@ -34,7 +34,7 @@ class Score:
     square_rms_mm: float
     """RMS of triangulated square edge minus the true one."""
     planarity_rms_mm: float
-    """RMS distance of triangulated corners from their frame's best plane."""
+    """RMS distance of triangulated corners from the board, square to it."""
 
     def document(self) -> dict[str, float]:
         """Plain values for JSON."""
@@ -66,22 +66,31 @@ class Evidence:
     edge_errors_mm: NDArray[np.float64]
     """(e,) triangulated minus true square edges."""
     plane_distances_mm: NDArray[np.float64]
-    """(p,) triangulated corners from their frame's best plane."""
+    """(p,) triangulated corners off the board, laid on them as a rigid body, square to it."""
 
     def errors_px(self) -> NDArray[np.float64]:
         """(n, 2) all reprojection errors."""
         return np.concatenate([v.errors_px for views in self.residuals.values() for v in views.values()])
 
 
-def examine(rig: Rig, sightings: Sightings, board: Board, kernels: Kernels) -> Evidence:
+def examine(
+    rig: Rig,
+    sightings: Sightings,
+    board: Board,
+    kernels: Kernels,
+    *,
+    corners_mm: NDArray[np.float64] | None = None,
+) -> Evidence:
     """Hold a rig against the frames that at least two of its cameras see.
+
+    ``corners_mm`` (P, 3) are the board's corners where its own shape is known; as drawn by default.
 
     Raises
     ------
     CalibrationError
         When no frame shows the board to two cameras of the rig.
     """
-    board_mm = corner_points_mm(board)
+    board_mm = corner_points_mm(board) if corners_mm is None else corners_mm
     names = [name for name in rig.cameras if name in sightings.cameras]
     residuals: dict[str, dict[str, Residuals]] = {name: {} for name in names}
     edges: list[NDArray[np.float64]] = []
@@ -95,8 +104,8 @@ def examine(rig: Rig, sightings: Sightings, board: Board, kernels: Kernels) -> E
             predicted = _project(rig, name, core_from_board, board_mm[corners.ids])
             residuals[name][frame] = Residuals(corners.pixels, corners.pixels - predicted)
         points = _triangulated(rig, views, len(board_mm), kernels)
-        edges.append(_edge_errors(points, board))
-        heights.append(_plane_distances(points))
+        edges.append(_edge_errors(points, board_mm, board))
+        heights.append(_form_errors(points, board_mm))
     if not edges:
         raise CalibrationError(
             "no frame shows the board to two cameras of the rig; take views that they share"
@@ -164,15 +173,22 @@ def _triangulated(
     return kernels.triangulate(np.stack([rig.projection(name) for name in views]), pixels, threads=1)
 
 
-def _edge_errors(points_mm: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
+def _edge_errors(
+    points_mm: NDArray[np.float64], board_mm: NDArray[np.float64], board: Board
+) -> NDArray[np.float64]:
+    """Measured minus true length of every edge of a square of which both ends were triangulated."""
     first, second = adjacent_corners(board).T
-    lengths = np.linalg.norm(points_mm[first] - points_mm[second], axis=1)
-    return lengths[np.isfinite(lengths)] - board.square_mm
+    lengths, true = (np.linalg.norm(p[first] - p[second], axis=1) for p in (points_mm, board_mm))
+    return (lengths - true)[np.isfinite(lengths)]
 
 
-def _plane_distances(points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    points = points_mm[np.isfinite(points_mm).all(axis=1)]
-    if len(points) < 8:
+def _form_errors(points_mm: NDArray[np.float64], board_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Out-of-plane distance of triangulated corners from the board, laid on them as a rigid body (Kabsch)."""
+    known = np.isfinite(points_mm).all(axis=1)
+    if known.sum() < 8:
         return np.empty(0)
-    centered = points - points.mean(axis=0)
-    return centered @ np.linalg.svd(centered, full_matrices=False)[2][2]
+    points, nominal = points_mm[known], board_mm[known]
+    points, nominal = points - points.mean(axis=0), nominal - nominal.mean(axis=0)
+    u, _, vt = np.linalg.svd(points.T @ nominal)
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return (points @ turn - nominal)[:, 2]

@@ -37,7 +37,7 @@ def summary(result: Mapping[str, Any]) -> str:
     score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
     return (
         f"{len(result['cameras'])} cameras about {result['core']}; {kind}: {score['rms_px']:.3f} px RMS, "
-        f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+.4f} mm, "
+        f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
         f"RMS {score['square_rms_mm']:.4f} mm\n"
         f"rig     {result['rig']}\nreport  {result['report']}"
     )

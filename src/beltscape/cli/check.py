@@ -40,7 +40,7 @@ def summary(result: Mapping[str, Any]) -> str:
     lines = [
         f"{s['frames']} frames, {s['views']} views, {s['corners']} corners",
         f"reprojection   RMS {s['rms_px']:.3f} px, median {s['median_px']:.3f} px",
-        f"square edge    bias {s['square_bias_mm']:+.4f} mm, RMS {s['square_rms_mm']:.4f} mm",
+        f"square edge    bias {s['square_bias_mm']:+z.4f} mm, RMS {s['square_rms_mm']:.4f} mm",
         f"planarity      RMS {s['planarity_rms_mm']:.4f} mm",
     ]
     for name, views in result["cameras"].items():

@@ -7,18 +7,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.adjust import Adjusted, adjust
 from beltscape.calibrate.chain import Chain, skewed_pairs, solve
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.detect import Variant
 from beltscape.calibrate.heldout import held_out_score
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
+from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Recording, Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.atomic import write_text
 from beltscape.files.capture import read_capture
-from beltscape.files.json_text import write_json
+from beltscape.files.json_text import plain, write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
 from beltscape.report.calibration import calibration_page
@@ -33,17 +38,18 @@ class Calibration:
     variant: Variant
     sightings: Sightings
     chain: Chain
+    adjusted: Adjusted
+    rig: Rig
+    """The final rig, with its scores and its covariance."""
+    covariance: RigCovariance
+    depth_sigma: tuple[DepthSigma, ...]
+    """What the calibration does to depths at the nearest, middle and farthest boards."""
     evidence: Evidence
     training: Score
     """On the very views the rig was found from: it flatters."""
     held_out: Score | None
     """On views the rig was not found from: the headline. None where half of the views is too little."""
     warnings: tuple[str, ...]
-
-    @property
-    def rig(self) -> Rig:
-        """The rig found."""
-        return self.chain.rig
 
 
 def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) -> Calibration:
@@ -73,19 +79,52 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
         )
     kernels = load()
     own = sightings.restricted(chain.rig.cameras, sightings.frames)
-    evidence = examine(chain.rig, own, board, kernels)
+    reporter.step("adjusting everything together", 0, 1)
+    adjusted = adjust(chain, own, board)
+    covariance = rig_covariance(adjusted)
+    reporter.step("adjusting everything together", 1, 1)
+    evidence = examine(adjusted.rig, own, board, kernels, corners_mm=adjusted.geometry.points_mm)
     reporter.step("scoring on held-out views", 0, 1)
     held_out = held_out_score(own, board, chain.rig.core, kernels)
     reporter.step("scoring on held-out views", 1, 1)
     training = score(evidence)
-    quality = {
+    rig = replace(
+        adjusted.rig,
+        quality=_quality(board, adjusted, held_out, training),
+        covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
+    )
+    return Calibration(
+        board=board,
+        variant=variant,
+        sightings=sightings,
+        chain=chain,
+        adjusted=adjusted,
+        rig=rig,
+        covariance=covariance,
+        depth_sigma=_depth_sigmas(rig, adjusted, covariance),
+        evidence=evidence,
+        training=training,
+        held_out=held_out,
+        warnings=tuple(reporter.warnings),
+    )
+
+
+def _quality(board: Board, adjusted: Adjusted, held_out: Score | None, training: Score) -> Mapping[str, Any]:
+    """What rig.json says of itself, with the board's own shape, which `check` needs."""
+    shaped = bool(np.any(adjusted.shape_mm))
+    return {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),
         "board": board.model_dump(),
+        "board_corners_mm": adjusted.geometry.points_mm if shaped else None,
     }
-    chain = replace(chain, rig=replace(chain.rig, quality=quality))
-    return Calibration(
-        board, variant, sightings, chain, evidence, training, held_out, tuple(reporter.warnings)
+
+
+def _depth_sigmas(rig: Rig, adjusted: Adjusted, covariance: RigCovariance) -> tuple[DepthSigma, ...]:
+    geometry = adjusted.geometry
+    depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
+    return tuple(
+        depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
     )
 
 
@@ -95,8 +134,10 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
     write_json(out / "calibration.json", calibration_document(calibration))
     page = calibration_page(
         calibration.chain,
+        calibration.adjusted,
         calibration.evidence,
         calibration.board,
+        calibration.depth_sigma,
         held_out=calibration.held_out,
         training=calibration.training,
         warnings=calibration.warnings,
@@ -131,40 +172,39 @@ def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> tuple[Sco
                 "check with images of the size the rig was calibrated with"
             )
     try:
-        evidence = examine(rig, sightings, board, load())
+        evidence = examine(rig, sightings, board, load(), corners_mm=_known_shape(rig, board))
     except CalibrationError as error:
         raise CalibrationError(f"{folder}: {error}") from error
     return score(evidence), evidence
 
 
+def _known_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
+    """(P, 3) the board's own shape, where the rig was found with the same board and it was not as drawn."""
+    corners = rig.quality.get("board_corners_mm")
+    if corners is None or rig.quality.get("board") != plain(board.model_dump()):
+        return None
+    points = np.asarray(corners, np.float64)
+    return points if points.shape == (board.grid[0] * board.grid[1], 3) else None
+
+
 def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
     """calibration.json: what each level of the hierarchy found."""
-    chain, sightings = calibration.chain, calibration.sightings
+    chain, adjusted = calibration.chain, calibration.adjusted
     return {
         "format": "beltscape-calibration/1",
         "core": chain.rig.core,
         "board": {
             **calibration.board.model_dump(),
             **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
+            "off_drawing_rms_mm": np.sqrt((adjusted.shape_mm**2).mean(axis=0)),
         },
         "held_out": calibration.held_out.document() if calibration.held_out else None,
         "training": calibration.training.document(),
-        "cameras": {
-            name: {
-                "images": sightings.images[name],
-                "board_seen": len(sightings.views[name]),
-                "views_used": len(camera.cam_from_board),
-                "rms_px": camera.rms_px,
-                "focal_px": camera.camera.focal_px,
-                "center_px": camera.camera.center_px,
-                "distortion": camera.camera.distortion,
-                "sigma": camera.sigma,
-                "held": camera.held,
-                "rejected": camera.rejected,
-                "path_from_core": chain.network.paths[name],
-            }
-            for name, camera in chain.monocular.items()
-        },
+        "depth_sigma_mm": [
+            {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
+            for s in calibration.depth_sigma
+        ],
+        "cameras": {name: _camera_document(calibration, name) for name in calibration.rig.cameras},
         "pairs": [
             {
                 "cameras": [pair.first, pair.second],
@@ -182,6 +222,41 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             for e in chain.network.path_errors
         ],
         "warnings": calibration.warnings,
+    }
+
+
+def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
+    camera, adjusted = calibration.chain.monocular[name], calibration.adjusted
+    final, index = calibration.rig.cameras[name], list(calibration.rig.cameras).index(name)
+    covariance = calibration.covariance
+    sigma = np.sqrt(np.diag(covariance.matrix))
+    of_camera = adjusted.bundle.observations.camera == index
+    return {
+        "images": calibration.sightings.images[name],
+        "board_seen": len(calibration.sightings.views[name]),
+        "views_used": len(camera.cam_from_board),
+        "focal_px": final.focal_px,
+        "center_px": final.center_px,
+        "distortion": final.distortion,
+        "sigma": {
+            parameter.removeprefix(f"{name}."): float(value)
+            for parameter, value in zip(covariance.parameters, sigma, strict=True)
+            if parameter.startswith(f"{name}.")
+        },
+        "held": camera.held,
+        "noise_px": adjusted.sigma_px[index],
+        "corners": int(of_camera.sum()),
+        "corners_left_out": int((of_camera & ~adjusted.kept).sum()),
+        "intrinsics_from_own_views": name in adjusted.alone,
+        "monocular": {
+            "rms_px": camera.rms_px,
+            "focal_px": camera.camera.focal_px,
+            "center_px": camera.camera.center_px,
+            "distortion": camera.camera.distortion,
+            "sigma": camera.sigma,
+        },
+        "rejected": camera.rejected,
+        "path_from_core": calibration.chain.network.paths[name],
     }
 
 

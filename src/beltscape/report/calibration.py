@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltscape.calibrate.adjust import Adjusted
 from beltscape.calibrate.chain import Chain
 from beltscape.calibrate.score import Evidence, Score
+from beltscape.calibrate.uncertainty import DepthSigma, rig_covariance
 from beltscape.core.camera import Camera
+from beltscape.core.rig import Rig
 from beltscape.report.page import Figure, Item, Lines, Section, Table, Tile, Tiles, Turnable, render
 from beltscape.report.plots import panels, to_png
 from beltscape.report.scene import Scene, rig_scene
-from beltscape.target.board import Board, corner_points_mm
+from beltscape.target.board import Board
 
 
 def calibration_page(
     chain: Chain,
+    adjusted: Adjusted,
     evidence: Evidence,
     board: Board,
+    depth_sigma: Sequence[DepthSigma],
     *,
     held_out: Score | None,
     training: Score,
@@ -39,19 +43,37 @@ def calibration_page(
     )
     sections = [
         Section(
-            "How good it is", f"Board: {board.describe()}.", [_tiles(score), _scores(held_out, training)]
+            "How good it is",
+            f"Board: {board.describe()}; {_shape_words(adjusted)}.",
+            [_tiles(score, depth_sigma[1]), _scores(held_out, training)],
         ),
         Section(
             "The rig",
             "Cameras as calibrated, with the outline of the board in every frame.",
-            [Turnable(_scene(chain, board), "Core camera in orange, auxiliaries in blue."), _cameras(chain)],
+            [
+                Turnable(_scene(adjusted, board), "Core camera in orange, auxiliaries in blue."),
+                _cameras(chain, adjusted),
+            ],
+        ),
+        Section(
+            "What it does to depth",
+            "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle "
+            "and the farthest boards were. Matching adds its own; heights over the belt suffer less, as most of it "
+            "is common.",
+            [
+                Figure.png(
+                    _depth_sigma_plot(depth_sigma),
+                    "By place in the core camera's view; white: two cameras do not see it.",
+                )
+            ],
         ),
         Section(
             "Coverage",
             "Where the board was seen in each image. Empty corners leave the distortion there to guesswork.",
             [
                 Figure.png(
-                    _coverage(chain, evidence), "Corners by camera; darker is a larger reprojection error."
+                    _coverage(adjusted.rig, evidence),
+                    "Corners by camera; darker is a larger reprojection error.",
                 )
             ],
         ),
@@ -59,7 +81,7 @@ def calibration_page(
             "Residuals",
             "Arrows from projected to found corners, magnified. A pattern means that the model does not fit; "
             "an even scatter is noise.",
-            [Figure.png(*_residuals(chain, evidence))],
+            [Figure.png(*_residuals(adjusted.rig, evidence))],
         ),
         Section(
             "Pairs and paths",
@@ -74,7 +96,7 @@ def calibration_page(
     return render("Calibration", verdict, sections, warnings=warnings)
 
 
-def _tiles(score: Score) -> Tiles:
+def _tiles(score: Score, depth: DepthSigma) -> Tiles:
     return Tiles(
         [
             Tile("reprojection error, RMS", f"{score.rms_px:.3f}", "px", f"median {score.median_px:.3f} px"),
@@ -82,9 +104,14 @@ def _tiles(score: Score) -> Tiles:
                 "square edge, RMS error",
                 f"{score.square_rms_mm:.3f}",
                 "mm",
-                f"bias {score.square_bias_mm:+.4f} mm",
+                f"bias {score.square_bias_mm:+z.4f} mm",
             ),
-            Tile("board planarity, RMS", f"{score.planarity_rms_mm:.3f}", "mm", "board's own warp included"),
+            Tile(
+                "depth σ from calibration",
+                f"{np.nanmedian(depth.sigma_mm):.3f}",
+                "mm",
+                f"at {depth.depth_mm:.0f} mm; worst {np.nanmax(depth.sigma_mm):.3f} mm",
+            ),
             Tile("evidence", f"{score.corners}", "corners", f"{score.views} views in {score.frames} frames"),
         ]
     )
@@ -95,7 +122,7 @@ def _scores(held_out: Score | None, training: Score) -> Table:
     return Table(
         ["", "RMS px", "median px", "square bias mm", "square RMS mm", "planarity RMS mm", "views", "corners"],
         [
-            [name, f"{s.rms_px:.4f}", f"{s.median_px:.4f}", f"{s.square_bias_mm:+.4f}", f"{s.square_rms_mm:.4f}",
+            [name, f"{s.rms_px:.4f}", f"{s.median_px:.4f}", f"{s.square_bias_mm:+z.4f}", f"{s.square_rms_mm:.4f}",
              f"{s.planarity_rms_mm:.4f}", f"{s.views}", f"{s.corners}"]
             for name, s in rows if s is not None
         ],
@@ -103,35 +130,76 @@ def _scores(held_out: Score | None, training: Score) -> Table:
     )  # fmt: skip
 
 
-def _scene(chain: Chain, board: Board) -> Scene:
+def _shape_words(adjusted: Adjusted) -> str:
+    if not np.any(adjusted.shape_mm):
+        return "as flat and as even as drawn, within what the views tell"
+    off = np.sqrt((adjusted.shape_mm**2).mean(axis=0))
+    return (
+        f"its corners lie off the drawing by {off[2]:.3f} mm out of plane and {np.hypot(*off[:2]):.3f} mm in "
+        "plane (RMS), which was measured and is accounted for"
+    )
+
+
+def _scene(adjusted: Adjusted, board: Board) -> Scene:
     columns, rows = board.grid
-    grid = corner_points_mm(board).reshape(rows, columns, 3)
-    outline = np.stack([grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0], grid[0, 0]])
-    boards: dict[str, NDArray[np.float64]] = {}
-    for name, camera in chain.monocular.items():
-        core_from_cam = chain.rig.cam_from_core[name].inverse()
-        for frame, cam_from_board in camera.cam_from_board.items():
-            boards.setdefault(frame, (core_from_cam @ cam_from_board).apply(outline))
-    depths = np.array([np.linalg.norm(outline.mean(axis=0)) for outline in boards.values()])
-    return rig_scene(chain.rig, length_mm=0.3 * float(np.median(depths)), boards_mm=boards)
+    geometry = adjusted.geometry
+    grid = geometry.points_mm.reshape(rows, columns, 3)
+    outline = np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2::-1, 0]])
+    boards = {
+        frame: outline @ rotation.T + translation
+        for frame, rotation, translation in zip(
+            adjusted.frames, geometry.board_rotation, geometry.board_translation_mm, strict=True
+        )
+    }
+    middle = float(np.median(np.linalg.norm(geometry.board_translation_mm, axis=1)))
+    return rig_scene(adjusted.rig, length_mm=0.3 * middle, boards_mm=boards)
 
 
-def _cameras(chain: Chain) -> Table:
+def _cameras(chain: Chain, adjusted: Adjusted) -> Table:
     rows = []
-    for name, camera in chain.monocular.items():
-        c, s = camera.camera, camera.sigma
-        baseline = np.linalg.norm(chain.rig.cam_from_core[name].center_mm)
+    sigmas = np.sqrt(np.diag(rig_covariance(adjusted).matrix))[: 9 * len(adjusted.rig.cameras)].reshape(-1, 9)
+    for (name, c), s, noise in zip(adjusted.rig.cameras.items(), sigmas, adjusted.sigma_px, strict=True):
+        camera = chain.monocular[name]
         rows.append(
             [
                 name + (" (core)" if name == chain.rig.core else ""),
-                f"{len(camera.cam_from_board)}", f"{camera.rms_px:.3f}",
-                f"{c.focal_px[0]:.2f} ± {s['fx']:.2f}", f"{c.focal_px[1]:.2f} ± {s['fy']:.2f}",
-                f"{c.center_px[0]:.2f} ± {s['cx']:.2f}", f"{c.center_px[1]:.2f} ± {s['cy']:.2f}",
-                f"{baseline:.2f}", " → ".join(chain.network.paths[name]), ", ".join(camera.held) or "none",
+                f"{len(camera.cam_from_board)}", f"{noise:.3f}",
+                f"{c.focal_px[0]:.2f} ± {s[0]:.2f}", f"{c.focal_px[1]:.2f} ± {s[1]:.2f}",
+                f"{c.center_px[0]:.2f} ± {s[2]:.2f}", f"{c.center_px[1]:.2f} ± {s[3]:.2f}",
+                f"{np.linalg.norm(adjusted.rig.cam_from_core[name].center_mm):.2f}",
+                " → ".join(chain.network.paths[name]), ", ".join(camera.held) or "none",
             ]
         )  # fmt: skip
-    names = ["camera", "views", "RMS px", "fx px", "fy px", "cx px", "cy px", "from core mm", "path", "held"]
-    return Table(names, rows, "Monocular calibration (Zhang) with one standard deviation each.")
+    names = [
+        "camera",
+        "views",
+        "noise px",
+        "fx px",
+        "fy px",
+        "cx px",
+        "cy px",
+        "from core mm",
+        "path",
+        "held",
+    ]
+    return Table(names, rows, "After the joint adjustment, with one standard deviation each.")
+
+
+def _depth_sigma_plot(maps: Sequence[DepthSigma]) -> bytes:
+    top = max(float(np.nanquantile(m.sigma_mm, 0.98)) for m in maps)
+    figure, axes = panels(len(maps), columns=3, width=3.9, height=3.1)
+    image = None
+    for axis, m in zip(axes, maps, strict=True):
+        extent = (m.x_mm[0], m.x_mm[-1], m.y_mm[-1], m.y_mm[0])
+        image = axis.imshow(m.sigma_mm, extent=extent, cmap="viridis", vmin=0, vmax=top)
+        axis.set(
+            title=f"{m.depth_mm:.0f} mm: median {np.nanmedian(m.sigma_mm):.3f} mm",
+            xlabel="x, mm",
+            ylabel="y, mm",
+        )
+    if image is not None:
+        figure.colorbar(image, ax=axes, label="σ of depth, mm", shrink=0.75)
+    return to_png(figure)
 
 
 def _frame_axes(axis, camera: Camera, title: str) -> None:
@@ -142,8 +210,8 @@ def _frame_axes(axis, camera: Camera, title: str) -> None:
     axis.set_yticks([0, height - 1])
 
 
-def _coverage(chain: Chain, evidence: Evidence) -> bytes:
-    cameras = chain.rig.cameras
+def _coverage(rig: Rig, evidence: Evidence) -> bytes:
+    cameras = rig.cameras
     top = float(np.quantile(np.linalg.norm(evidence.errors_px(), axis=1), 0.98))
     figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
     scatter = None
@@ -166,8 +234,8 @@ def _coverage(chain: Chain, evidence: Evidence) -> bytes:
     return to_png(figure)
 
 
-def _residuals(chain: Chain, evidence: Evidence) -> tuple[bytes, str]:
-    cameras = chain.rig.cameras
+def _residuals(rig: Rig, evidence: Evidence) -> tuple[bytes, str]:
+    cameras = rig.cameras
     median = float(np.median(np.linalg.norm(evidence.errors_px(), axis=1)))
     magnify = 0.02 * max(max(c.size_px) for c in cameras.values()) / max(median, 1e-6)
     figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)

@@ -1,0 +1,137 @@
+"""Do the cameras' frames of one name belong to one instant? Told from the poses that each camera sees alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.intrinsics import Monocular
+from beltscape.core.pose import Pose
+
+SHIFTS = range(-3, 4)
+MIN_FRAMES = 5
+CLEARLY = 0.2
+"""A shift counts when it leaves less than this share of the scatter."""
+TORN = 0.05
+"""Relative poses that scatter by more than this share of the distance do not belong together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """A camera whose frames do not belong to the others'."""
+
+    camera: str
+    shift: int | None
+    """The others' frame number k is its number k + shift; None: no shift mends it."""
+    others: tuple[str, ...]
+    """The cameras that it does not fit."""
+
+    def describe(self) -> str:
+        """In words, with the mend."""
+        against = ", ".join(self.others)
+        if self.shift is None:
+            return (
+                f"camera {self.camera}: its frames do not belong to those of {against} of the same name; "
+                "check its trigger or the names of its images"
+            )
+        way = "low" if self.shift < 0 else "high"
+        return (
+            f"camera {self.camera}: its frame numbers are {abs(self.shift)} too {way} against {against}; "
+            "rename its images"
+        )
+
+
+def misfits(cameras: Mapping[str, Monocular], frames: Sequence[str]) -> tuple[Misfit, ...]:
+    """Cameras whose frames are shifted against the majority's, or torn from them.
+
+    Two cameras stand still about each other, so the pose between them is the same in every frame; where it
+    scatters, their frames of one name are not of one instant.
+    """
+    fits = {
+        (a, b): fit
+        for a, b in combinations(cameras, 2)
+        if (fit := _best_shift(cameras[a], cameras[b], frames)) is not None
+    }
+    found: list[Misfit] = []
+    remaining = list(cameras)
+    while len(remaining) > 1:
+        blamed = _most_blamed(remaining, fits)
+        if blamed is None:
+            break
+        remaining.remove(blamed)
+        found.append(Misfit(blamed, _shift_against(blamed, remaining, fits), tuple(remaining)))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    shift: int
+    """Frames by which the second camera's names are to be moved to fit the first's."""
+    together: bool
+    """Whether the poses agree after the shift."""
+
+    @property
+    def good(self) -> bool:
+        return self.together and self.shift == 0
+
+
+def _most_blamed(names: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> str | None:
+    """The camera with the most bad pairs, if they are most of its pairs; of two cameras alone the second."""
+    bad = dict.fromkeys(names, 0)
+    total = dict.fromkeys(names, 0)
+    for (a, b), fit in fits.items():
+        if a in bad and b in bad:
+            for name in (a, b):
+                total[name] += 1
+                bad[name] += not fit.good
+    worst = max(reversed(names), key=lambda name: bad[name])
+    clear = len(names) == 2 or bad[worst] > max(bad[name] for name in names if name != worst)
+    return worst if bad[worst] and clear and 2 * bad[worst] > total[worst] else None
+
+
+def _shift_against(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> int | None:
+    shifts = [
+        fit.shift if b == name else -fit.shift
+        for (a, b), fit in fits.items()
+        if fit.together and ((a == name and b in others) or (b == name and a in others))
+    ]
+    return shifts[0] if shifts and len(set(shifts)) == 1 and shifts[0] != 0 else None
+
+
+def _best_shift(first: Monocular, second: Monocular, frames: Sequence[str]) -> _Fit | None:
+    """How the second camera's frames fit the first's; None where too few are shared to tell."""
+    scatters = {
+        shift: scatter for shift in SHIFTS if (scatter := _scatter(first, second, frames, shift)) is not None
+    }
+    if 0 not in scatters:
+        return None
+    best = min(scatters, key=lambda shift: (scatters[shift], abs(shift)))
+    if scatters[best] > CLEARLY * scatters[0]:
+        best = 0
+    return _Fit(best, scatters[best] < TORN)
+
+
+def _scatter(first: Monocular, second: Monocular, frames: Sequence[str], shift: int) -> float | None:
+    """Median scatter of the relative pose, as a share of the distance to the board."""
+    poses: list[Pose] = []
+    distances: list[float] = []
+    for k, frame in enumerate(frames):
+        other = frames[k + shift] if 0 <= k + shift < len(frames) else None
+        if frame in first.cam_from_board and other in second.cam_from_board:
+            pose = first.cam_from_board[frame]
+            poses.append(second.cam_from_board[other] @ pose.inverse())
+            distances.append(float(np.linalg.norm(pose.translation_mm)))
+    if len(poses) < MIN_FRAMES:
+        return None
+    distance = float(np.median(distances))
+    centers = np.array([pose.center_mm for pose in poses])
+    axes = np.array([pose.rotation[2] for pose in poses]) * distance
+    return float(np.hypot(_spread(centers), _spread(axes)) / distance)
+
+
+def _spread(points: NDArray[np.float64]) -> float:
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))

@@ -1,18 +1,26 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.intrinsics import calibrate_camera
 from beltscape.calibrate.network import associate, choose_core, groups
-from beltscape.calibrate.pairs import Pair
+from beltscape.calibrate.pairs import Pair, calibrate_pairs
+from beltscape.calibrate.se3 import exp
 from beltscape.core.pose import Pose
+from beltscape.core.progress import Silent
+from beltscape.target.board import corner_points_mm
+from synthetic.sightings import sightings
+
+COVARIANCE = np.diag(np.repeat([1e-4, 0.1], 3) ** 2)
 
 
 def pair(rig, first: str, second: str, rms_px: float = 0.1, corners: int = 100) -> Pair:
-    return Pair(first, second, rig.relative(second, first), rms_px, ("00",), corners)
+    return Pair(first, second, rig.relative(second, first), rms_px, ("00",), corners, COVARIANCE)
 
 
 def nothing(rig) -> Sightings:
@@ -48,15 +56,56 @@ def test_the_path_with_the_least_variance_wins(rig):
 
 def test_path_errors_tell_how_far_a_loop_is_open(rig):
     off = Pose.of([0.0, 0.0, np.deg2rad(0.5)], [0, 0, 0])
-    twisted = Pair("b", "c", off @ rig.relative("c", "b"), 0.1, ("00",), 100)
+    twisted = Pair("b", "c", off @ rig.relative("c", "b"), 0.1, ("00",), 100, COVARIANCE)
     network = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), twisted])
     (error,) = network.path_errors
     assert error.pair == ("b", "c")
     assert error.rotation_deg == pytest.approx(0.5)
     assert error.translation_mm == pytest.approx(0.0, abs=1e-9)  # a twist about c's own centre
-    moved = Pair("b", "c", Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative("c", "b"), 0.1, ("00",), 100)
+    moved = Pair(
+        "b", "c", Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative("c", "b"), 0.1, ("00",), 100, COVARIANCE
+    )
     (error,) = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), moved]).path_errors
     assert (error.rotation_deg, error.translation_mm) == (pytest.approx(0, abs=1e-6), pytest.approx(5.0))
+
+
+def test_loop_errors_are_for_every_triangle_and_no_choice_of_core_changes_them(rig):
+    off = Pair(
+        "b", "c", rig.relative("c", "b") @ exp(np.array([0, 0, 0, 0, 0, 3.0])), 0.1, ("00",), 100, COVARIANCE
+    )
+    pairs = [pair(rig, *names) for names in combinations("abcd", 2) if names != ("b", "c")]
+    for core in "abcd":
+        loops = {e.cameras: e for e in associate(core, [*pairs, off]).loop_errors}
+        assert sorted("".join(sorted(cameras)) for cameras in loops) == ["abc", "abd", "acd", "bcd"]
+        for cameras, loop in loops.items():
+            concerned = {"b", "c"} <= set(cameras)
+            assert loop.translation_mm == pytest.approx(3.0 if concerned else 0.0, abs=1e-9)
+            assert loop.rotation_deg == pytest.approx(0.0, abs=1e-6)
+            assert (loop.p_value < 1e-9) == concerned
+            assert loop.dof == 6
+
+
+def test_a_triangle_with_a_missing_side_makes_no_loop(rig):
+    assert (
+        associate("a", [pair(rig, *names) for names in (("a", "b"), ("b", "c"), ("c", "d"))]).loop_errors
+        == ()
+    )
+
+
+def test_errors_that_pairs_share_do_not_open_loops(rig, board, poses):
+    """Estimated intrinsics disturb all pairs alike: independent covariances expect loops far more open."""
+    board_mm = corner_points_mm(board)
+    joint, alone = [], []
+    for seed in range(20):
+        own = sightings(rig, board, poses, noise_px=0.1, seed=seed)
+        cameras = {name: calibrate_camera(name, own, board_mm) for name in "abc"}
+        pairs = calibrate_pairs(own, cameras, board_mm, Silent())
+        joint += [e.chi2_per_dof for e in associate("b", pairs).loop_errors]
+        alone += [
+            e.chi2_per_dof for e in associate("b", [replace(p, influence={}) for p in pairs]).loop_errors
+        ]
+    assert np.mean(joint) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(alone) < 0.1
 
 
 def test_groups_are_the_islands_largest_first(rig):

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.intrinsics import calibrate_camera
-from beltscape.calibrate.pairs import calibrate_pair, calibrate_pairs
+from beltscape.calibrate.intrinsics import Monocular, calibrate_camera
+from beltscape.calibrate.pairs import LENS, calibrate_pair, calibrate_pairs
+from beltscape.calibrate.se3 import log
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
@@ -74,3 +75,52 @@ def test_views_rejected_in_one_camera_do_not_enter_the_pair(rig, board, poses, b
     pair = pair_of(spoiled(own, "a", "07", own.views["a"]["07"].pixels + noise), board_mm)
     assert "07" not in pair.frames
     assert pair.rejected == {}
+
+
+def known(rig, name, poses) -> Monocular:
+    """A camera whose intrinsics are given, not estimated."""
+    views = {f"{i:02d}": rig.cam_from_core[name] @ pose for i, pose in enumerate(poses)}
+    return Monocular(rig.cameras[name], dict.fromkeys(LENS, 0.0), 0.1, views, dict.fromkeys(views, 0.1))
+
+
+def normalised_error(rig, pair) -> float:
+    error = log(rig.relative(pair.second, pair.first).inverse() @ pair.second_from_first)
+    return float(error @ np.linalg.solve(pair.covariance, error)) / 6
+
+
+def test_with_known_intrinsics_the_covariance_is_that_of_the_errors(rig, board, poses, board_mm):
+    cameras = [known(rig, name, poses) for name in "ab"]
+    errors = []
+    for seed in range(60):
+        own = sightings(rig, board, poses, noise_px=0.1, seed=seed)
+        errors.append(normalised_error(rig, calibrate_pair(own, *cameras, board_mm)))
+    assert 0.8 < np.mean(errors) < 1.25
+
+
+def test_with_estimated_intrinsics_the_covariance_contains_theirs(rig, board, poses, board_mm):
+    """Held intrinsics would claim a tenth of the true σ: the intrinsics' own errors are most of it."""
+    errors, claimed = [], []
+    for seed in range(25):
+        own = sightings(rig, board, poses, noise_px=0.1, seed=seed)
+        cameras = [calibrate_camera(name, own, board_mm) for name in "ab"]
+        pair = calibrate_pair(own, *cameras, board_mm)
+        errors.append(normalised_error(rig, pair))
+        held = calibrate_pair(own, *(known(rig, name, poses) for name in "ab"), board_mm)
+        claimed.append(np.sqrt(np.diag(pair.covariance) / np.diag(held.covariance)))
+    assert 0.8 < np.mean(errors) < 1.25
+    assert (np.mean(claimed, axis=0)[[0, 1, 5]] > 5).all()
+
+
+def test_the_influence_is_the_derivative_of_the_pose_by_the_corners(rig, board, poses, board_mm):
+    """One corner moved by 0.2 px in the first camera: the pose follows as foretold, intrinsics re-estimated."""
+    own = sightings(rig, board, poses, noise_px=0.05)
+    before = pair_of(own, board_mm)
+    pixels = own.views["a"]["03"].pixels.copy()
+    pixels[7] += [0.0, 0.2]
+    after = pair_of(spoiled(own, "a", "03", pixels), board_mm)
+    moved = log(before.second_from_first.inverse() @ after.second_from_first)
+    sigma = calibrate_camera("a", own, board_mm).rms_px / np.sqrt(2)
+    row = 2 * (3 * 35 + 7) + 1
+    foretold = 0.2 * before.influence["a"][row] / sigma
+    np.testing.assert_allclose(moved, foretold, rtol=0.1, atol=0.02 * np.abs(foretold[:3]).max())
+    assert before.influence["a"].shape == (2 * 12 * 35, 6)

@@ -5,21 +5,67 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
 
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.pairs import Pair
+from beltscape.calibrate.se3 import adjoint, log
 from beltscape.core.pose import Pose
+
+Array = NDArray[np.float64]
+
+SAME = 1e-6
+"""Share of a pair's own variance below which an error cannot be anything but 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PathError:
-    """How far a measured pair and the way through the core camera disagree (ε_path, Eq. 16)."""
+class Misfit:
+    """A rigid motion that ought to be the identity, and how large noise alone would make it."""
 
-    pair: tuple[str, str]
+    cameras: tuple[str, ...]
+    """The pair of a path error, the triangle of a loop error."""
     rotation_deg: float
     translation_mm: float
+    """How far a camera centre is displaced."""
+    twist: Array
+    """(6,) its logarithm, rad and mm, in the frame of the first camera."""
+    covariance: Array
+    """(6, 6) of the twist, from the corners' noise as each camera by itself shows it."""
+    chi2: float
+    """Squared twist over its covariance; NaN with 0 degrees of freedom."""
+    dof: int
+    """6; fewer where directions are free of error by construction."""
+
+    @property
+    def pair(self) -> tuple[str, ...]:
+        """The cameras."""
+        return self.cameras
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """About 1 where noise explains the misfit."""
+        return self.chi2 / self.dof if self.dof else float("nan")
+
+    @property
+    def p_value(self) -> float:
+        """Probability that noise alone makes a misfit as large; NaN where nothing can be said."""
+        return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2)) if self.dof else float("nan")
+
+
+class PathError(Misfit):
+    """ε_path: how far a measured pair and the way through the core disagree (Eq. 16)."""
+
+    __slots__ = ()
+
+
+class LoopError(Misfit):
+    """ε_loop: how far the three measured pairs of a triangle are from closing (Eq. 16)."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +78,11 @@ class Network:
     """camera → the cameras from the core to it, both ends included."""
     pairs: tuple[Pair, ...]
     path_errors: tuple[PathError, ...]
-    """For every pair that is not itself a step of a path."""
+    """For every pair but those that agree by construction, as the steps of a path do."""
+    loop_errors: tuple[LoopError, ...]
+    """For every three cameras of which all three pairs were measured: no choice of poses changes them."""
+    chained: Network | None = None
+    """The network as it was before global optimisation; None where there was none."""
 
 
 def groups(cameras: Iterable[str], pairs: Sequence[Pair]) -> list[tuple[str, ...]]:
@@ -52,17 +102,19 @@ def associate(core: str, pairs: Sequence[Pair]) -> Network:
     The best path has the least summed variance of its pairs; where the core sees what a camera sees that is
     the direct one, otherwise one through other cameras (Eqs. 9-13).
     """
-    _, previous = _costs(core, pairs)
+    kept = tuple(pairs)
+    _, previous = _costs(core, kept)
     poses, paths = {core: Pose.identity()}, {core: (core,)}
+    gains = {core: np.zeros((6, 6 * len(kept)))}
     for name, before in previous.items():  # in the order they were reached: `before` is known
-        poses[name] = _pose(pairs, before, name) @ poses[before]
+        step = measured(kept, before, name)
+        poses[name] = step.pose @ poses[before]
+        gains[name] = adjoint(step.pose) @ (gains[before] + step.gain)
         paths[name] = (*paths[before], name)
-    steps = {frozenset(step) for step in previous.items()}
-    errors = tuple(
-        _path_error(pair, poses) for pair in pairs
-        if frozenset((pair.first, pair.second)) not in steps and {pair.first, pair.second} <= poses.keys()
-    )  # fmt: skip
-    return Network(core, poses, paths, tuple(pairs), errors)
+    joint = joint_covariance(kept)
+    return Network(
+        core, poses, paths, kept, path_errors(kept, poses, gains, joint), loop_errors(kept, poses, joint)
+    )
 
 
 def choose_core(sightings: Sightings, pairs: Sequence[Pair]) -> str:
@@ -100,18 +152,107 @@ def _costs(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str
     return costs, previous
 
 
-def _pose(pairs: Sequence[Pair], origin: str, to: str) -> Pose:
-    """``to_from_origin`` of the pair between two cameras."""
-    for pair in pairs:
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """A measured way between two cameras, ``pose = true @ exp(gain ξ)``, ξ (6P,) the errors of all pairs in turn."""
+
+    pose: Pose
+    gain: Array
+    """(6, 6P)."""
+
+    def then(self, other: Step) -> Step:
+        """Go on by ``other`` from where one ends."""
+        return Step(other.pose @ self.pose, adjoint(self.pose.inverse()) @ other.gain + self.gain)
+
+
+def measured(pairs: Sequence[Pair], origin: str, to: str) -> Step:
+    """The pair between two cameras as ``to_from_origin``.
+
+    Raises
+    ------
+    KeyError
+        When the two were not measured together.
+    """
+    for i, pair in enumerate(pairs):
+        gain = np.zeros((6, 6 * len(pairs)))
         if (pair.first, pair.second) == (origin, to):
-            return pair.second_from_first
+            gain[:, 6 * i : 6 * i + 6] = np.eye(6)
+            return Step(pair.second_from_first, gain)
         if (pair.first, pair.second) == (to, origin):
-            return pair.second_from_first.inverse()
+            gain[:, 6 * i : 6 * i + 6] = -adjoint(pair.second_from_first)
+            return Step(pair.second_from_first.inverse(), gain)
     raise KeyError((origin, to))
 
 
-def _path_error(pair: Pair, poses: Mapping[str, Pose]) -> PathError:
-    through_core = poses[pair.second] @ poses[pair.first].inverse()
-    difference = through_core.inverse() @ pair.second_from_first
-    centers = through_core.center_mm - pair.second_from_first.center_mm
-    return PathError((pair.first, pair.second), difference.angle_deg, float(np.linalg.norm(centers)))
+def triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Every three cameras of which all three pairs were measured."""
+    known = {frozenset((pair.first, pair.second)) for pair in pairs}
+    return [
+        three
+        for three in combinations(cameras, 3)
+        if all(frozenset(two) in known for two in combinations(three, 2))
+    ]
+
+
+def joint_covariance(pairs: Sequence[Pair]) -> Array:
+    """(6P, 6P) of the errors of all pairs, with what pairs have in common because they share corners."""
+    joint = np.zeros((6 * len(pairs), 6 * len(pairs)))
+    by_camera: dict[str, list[int]] = {}
+    for i, pair in enumerate(pairs):
+        if not pair.influence:
+            joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
+        for name in pair.influence:
+            by_camera.setdefault(name, []).append(i)
+    for name, own in by_camera.items():
+        columns = np.concatenate([np.arange(6 * i, 6 * i + 6) for i in own])
+        shared = np.concatenate([pairs[i].influence[name] for i in own], axis=1)
+        joint[np.ix_(columns, columns)] += shared.T @ shared
+    return joint
+
+
+def path_errors(
+    pairs: Sequence[Pair], cam_from_core: Mapping[str, Pose], gains: Mapping[str, Array], joint: Array
+) -> tuple[PathError, ...]:
+    """ε_path of every pair whose two cameras have a pose, but for those that agree by construction.
+
+    ``gains`` tell how the errors of all pairs moved each pose: ``cam_from_core = exp(gain ξ) @ true``.
+    """
+    found = []
+    for pair in pairs:
+        if not {pair.first, pair.second} <= cam_from_core.keys():
+            continue
+        transmitted = cam_from_core[pair.second] @ cam_from_core[pair.first].inverse()  # T*_ij, Eqs. 11-13
+        gain = measured(pairs, pair.first, pair.second).gain + gains[pair.first]
+        gain = gain - adjoint(transmitted.inverse()) @ gains[pair.second]
+        error = transmitted.inverse() @ pair.second_from_first
+        shift = float(np.linalg.norm(transmitted.center_mm - pair.second_from_first.center_mm))
+        chi2, dof = _chi2(log(error), gain, joint, pair.covariance)
+        if dof:
+            covariance = gain @ joint @ gain.T
+            cameras = (pair.first, pair.second)
+            found.append(PathError(cameras, error.angle_deg, shift, log(error), covariance, chi2, dof))
+    return tuple(found)
+
+
+def loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
+    """ε_loop of every triangle: once around by its three measured pairs."""
+    alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # as if pairs shared nothing
+    found = []
+    for three in triangles(pairs, cameras):
+        a, b, c = three
+        loop = measured(pairs, a, b).then(measured(pairs, b, c)).then(measured(pairs, c, a))
+        twist, covariance = log(loop.pose), loop.gain @ joint @ loop.gain.T
+        chi2, dof = _chi2(twist, loop.gain, joint, loop.gain @ alone @ loop.gain.T)
+        shift = float(np.linalg.norm(loop.pose.center_mm))
+        found.append(LoopError(three, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
+    return tuple(found)
+
+
+def _chi2(twist: Array, gain: Array, joint: Array, unit: Array) -> tuple[float, int]:
+    """χ² of a twist ``gain ξ`` and its degrees of freedom, with ``unit`` (6, 6) the scale that tells 0 from small."""
+    root = np.linalg.cholesky(unit)
+    whitened = np.linalg.solve(root, gain)
+    variances, axes = np.linalg.eigh(whitened @ joint @ whitened.T)
+    real = variances > SAME
+    components = axes.T @ np.linalg.solve(root, twist)
+    return float((components[real] ** 2 / variances[real]).sum()), int(real.sum())

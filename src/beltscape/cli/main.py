@@ -20,6 +20,8 @@ COMMANDS = {
     "rectify": "epipolar rectification about the core camera, with the check picture",
     "reconstruct": "images → depth, its uncertainty and a point cloud, frame by frame",
     "measure": "volume between loaded and empty surface, cross-section profiles",
+    "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info",
+    "import": "one of these → rig.json",
 }
 """Command → what it does. Each lives in the module of its name and is imported only when it is asked for."""
 

@@ -1,0 +1,37 @@
+"""``beltscape export rig.json --format opencv|kalibr|colmap|ros --out PATH``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+from beltscape.files.exchange import FORMATS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("rig", type=Path, help="rig.json to export")
+    parser.add_argument("--format", choices=list(FORMATS), required=True, help="whose words to use")
+    parser.add_argument("--out", type=Path, required=True, help="file to write; for ros a folder")
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Export the rig."""
+    from beltscape.core.errors import InputError
+    from beltscape.files.exchange import export_rig
+    from beltscape.files.rig_json import read_rig
+
+    if arguments.out.resolve() == arguments.rig.resolve():
+        raise InputError(f"--out {arguments.out}: is the rig itself; choose another file")
+    rig = read_rig(arguments.rig)
+    files = export_rig(arguments.out, rig, arguments.format, reporter)
+    return {"format": arguments.format, "core": rig.core, "cameras": list(rig.cameras), "files": files}
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    head = f"{result['format']}: {len(result['cameras'])} cameras about {result['core']}"
+    return "\n".join([head, *(f"  {file}" for file in result["files"])])

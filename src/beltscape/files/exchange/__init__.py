@@ -1,0 +1,149 @@
+"""A rig in the words of other programs: OpenCV, Kalibr, COLMAP, ROS; one file per format.
+
+Every format shares OpenCV's camera axes (x right, y down, z forward) and lens model; they differ in units, in the
+direction and the reference of their transforms and in where pixel (0, 0) lies. Each module says what it writes and
+where that is defined; what a format cannot hold is said with figures when it is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Silent
+
+if TYPE_CHECKING:
+    from beltscape.core.camera import Camera
+    from beltscape.core.progress import Reporter
+    from beltscape.core.rig import Rig
+    from beltscape.files.exchange.described import Described
+
+FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
+"""Name of a format → its module here, imported only when it is asked for."""
+
+RIG_JSON = "rig.json"
+"""What `recognise` calls Beltscape's own format."""
+
+
+class Format(Protocol):
+    """What a format's module offers."""
+
+    def recognises(self, document: Any) -> bool:
+        """Whether a parsed YAML or JSON file is of this format."""
+        ...
+
+    def read(self, path: Path, warn: Callable[[str], None]) -> Described:
+        """What the file or folder says, or ValueError in words."""
+        ...
+
+    def write(self, path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
+        """Write the rig, atomically; the files written."""
+        ...
+
+
+def export_rig(path: Path, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
+    """Write ``rig`` at ``path`` in the format ``kind``; warns of what the format cannot hold."""
+    with _errors_of(path):
+        return _module(kind).write(path, rig, lambda text: reporter.warn(f"{path}: {text}"))
+
+
+def import_rig(
+    path: Path, reporter: Reporter, *, kind: str | None = None, core: str | None = None
+) -> tuple[Rig, str]:
+    """A rig and its format, read from ``path``; about camera ``core``, or the one the file refers to."""
+    kind = kind or recognise(path)
+    if kind == RIG_JSON:
+        raise InputError(f"{path}: is a rig.json of Beltscape already; use it as it is")
+    with _errors_of(path):
+        return _read(path, kind, reporter).rig(core), kind
+
+
+def read_intrinsics(
+    path: Path, reporter: Reporter | None = None, *, kind: str | None = None
+) -> dict[str, Camera]:
+    """Cameras by name from rig.json or any of the formats; where the cameras stand need not be told."""
+    kind = kind or recognise(path)
+    if kind == RIG_JSON:
+        from beltscape.files.rig_json import read_rig
+
+        return dict(read_rig(path).cameras)
+    with _errors_of(path):
+        return dict(_read(path, kind, reporter or Silent()).cameras)
+
+
+def recognises(self, document: Any) -> bool:
+        """Whether a parsed YAML or JSON file is of this format."""
+        ...
+
+    def read(self, path: Path, warn: Callable[[str], None]) -> Described:
+        """What the file or folder says, or ValueError in words."""
+        ...
+
+    def write(self, path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
+        """Write the rig, atomically; the files written."""
+        ...
+
+
+def export_rig(path: Path, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
+    """Write ``rig`` at ``path`` in the format ``kind``; warns of what the format cannot hold."""
+    with _errors_of(path):
+        return _module(kind).write(path, rig, lambda text: reporter.warn(f"{path}: {text}"))
+
+
+def import_rig(
+    path: Path, reporter: Reporter, *, kind: str | None = None, core: str | None = None
+) -> tuple[Rig, str]:
+    """A rig and its format, read from ``path``; about camera ``core``, or the one the file refers to."""
+    kind = kind or recognise(path)
+    if kind == RIG_JSON:
+        raise InputError(f"{path}: is a rig.json of Beltscape already; use it as it is")
+    with _errors_of(path):
+        return _read(path, kind, reporter).rig(core), kind
+
+
+def read_intrinsics(path: Path, reporter: Reporter, *, kind: str | None = None) -> dict[str, Camera]:
+    """Cameras by name from rig.json or any of the formats; poses are not needed, and not read for rig.json alone."""
+    kind = kind or recognise(path)
+    if kind == RIG_JSON:
+        from beltscape.files.rig_json import read_rig
+
+        return dict(read_rig(path).cameras)
+    with _errors_of(path):
+        return dict(_read(path, kind, reporter).cameras)
+
+
+def recognise(path: Path) -> str:
+    """Name of the format of a file or folder, or InputError where it is none or more than one."""
+    from beltscape.files.exchange.text import read_document, yaml_files
+
+    documents = [read_document(file) for file in (yaml_files(path) if path.is_dir() else [path])]
+    if any(isinstance(d, dict) and str(d.get("format")).startswith("beltscape-rig/") for d in documents):
+        return RIG_JSON
+    found = [name for name in FORMATS if any(_module(name).recognises(d) for d in documents)]
+    if len(found) != 1:
+        what = f"could be {' or '.join(found)}" if found else f"is none of {', '.join(FORMATS)}"
+        raise InputError(f"{path}: {what}; give a calibration file, or its --format")
+    return found[0]
+
+
+def _read(path: Path, kind: str, reporter: Reporter) -> Described:
+    return _module(kind).read(path, lambda text: reporter.warn(f"{path}: {text}"))
+
+
+def _module(kind: str) -> Format:
+    if kind not in FORMATS:
+        raise InputError(f"format {kind!r} is not known; there are {', '.join(FORMATS)}")
+    return import_module(f"{__name__}.{FORMATS[kind]}")  # pyright: ignore[reportReturnType]
+
+
+@contextmanager
+def _errors_of(path: Path) -> Iterator[None]:
+    """What does not fit, as an InputError that names the file."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error

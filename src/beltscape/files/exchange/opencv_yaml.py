@@ -1,0 +1,109 @@
+"""OpenCV FileStorage YAML.
+
+Written: one file with ``core``, ``units`` and the list ``cameras``; each has ``name`` and what OpenCV's calibration
+sample writes (``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` k1, k2, p1, p2,
+k3), and ``R``, ``T`` as `cv2.stereoCalibrate` gives them with the core as its first camera: x_cam = R x_core + T, T
+in mm. Nothing is lost but quality and covariance.
+
+Read: that, or one camera's file of OpenCV's sample (also with its older capital letters), or a folder of these,
+whose cameras are named by file and have no poses. Pixel (0, 0) is the centre of the top-left pixel, as in
+Beltscape.
+
+Source: https://docs.opencv.org/4.x/d4/d94/tutorial_camera_calibration.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.files.exchange import values
+from beltscape.files.exchange.described import Described
+from beltscape.files.exchange.text import Matrix, Quoted, floats, read_document, write_yaml, yaml_files
+
+MM_PER = {"mm": 1.0, "m": 1000.0}
+
+
+def recognises(document: Any) -> bool:
+    """A list of cameras, or one camera without the keys of ROS."""
+    if not isinstance(document, dict):
+        return False
+    keys = {str(key).lower() for key in document}
+    ros = {"camera_name", "distortion_model", "projection_matrix"}
+    return isinstance(document.get("cameras"), list) or ("camera_matrix" in keys and not keys & ros)
+
+
+def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # noqa: ARG001
+    """Write the rig as one file that `cv2.FileStorage` reads."""
+    entries = [
+        {
+            "name": Quoted(name),
+            "image_width": camera.size_px[0],
+            "image_height": camera.size_px[1],
+            "camera_matrix": _matrix(camera.matrix),
+            "distortion_coefficients": _matrix(camera.distortion[None]),
+            "R": _matrix(rig.cam_from_core[name].rotation),
+            "T": _matrix(rig.cam_from_core[name].translation_mm[:, None]),
+        }
+        for name, camera in rig.cameras.items()
+    ]
+    document = {"core": Quoted(rig.core), "units": "mm", "cameras": entries}
+    write_yaml(path, document, head="%YAML 1.2\n---\n")
+    return [path]
+
+
+def read(path: Path, warn: Callable[[str], None]) -> Described:
+    """Read one file of cameras, one camera's file, or a folder of these."""
+    if path.is_dir():
+        found = {file.stem: _single(file.stem, read_document(file), file.name) for file in yaml_files(path)}
+        return Described(found, {}, next(iter(found)))
+    document = read_document(path)
+    if not isinstance(document, dict) or "cameras" not in document:
+        return Described({path.stem: _single(path.stem, document, path.stem)}, {}, path.stem)
+    entries = document["cameras"]
+    if not isinstance(entries, list) or not entries:
+        raise ValueError("cameras must be a list of cameras")
+    names = [str(values.value(entry, "name", f"cameras[{i}]")) for i, entry in enumerate(entries)]
+    named = dict(zip(values.distinct(names), entries, strict=True))
+    return Described(
+        {name: _single(name, entry, f"cameras.{name}") for name, entry in named.items()},
+        {name: _pose(document, name, entry, warn) for name, entry in named.items() if "R" in entry},
+        str(document.get("core") or names[0]),
+    )
+
+
+def _single(name: str, document: Any, place: str) -> Camera:
+    if not isinstance(document, dict):
+        raise ValueError(f"{place} must be a table with camera_matrix and distortion_coefficients")
+    entry = {str(key).lower(): item for key, item in document.items()}
+    model = "fisheye" if entry.get("fisheye_model") else entry.get("distortion_model", "plumb_bob")
+    values.known(model, f"{place}.distortion_model", ("plumb_bob",), "calibrate with cv2.calibrateCamera")
+    k = values.matrix(values.value(entry, "camera_matrix", place), f"{place}.camera_matrix", 3, 3)
+    where = f"{place}.distortion_coefficients"
+    bent = values.matrix(values.value(entry, "distortion_coefficients", place), where, -1)
+    size = [values.value(entry, key, place) for key in ("image_width", "image_height")]
+    focal, center = values.intrinsics(k, f"{place}.camera_matrix")
+    return values.camera(name, place, size, focal, center, values.distortion(bent, where))
+
+
+def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
+    units = document.get("units")
+    if units not in MM_PER:
+        raise ValueError(f'units = {units!r}: must say the unit of T, "mm" or "m"')
+    place = f"cameras.{name}"
+    rotation = values.matrix(values.value(entry, "R", place), f"{place}.R", 3, 3)
+    translation = values.matrix(values.value(entry, "T", place), f"{place}.T", -1)
+    if translation.size != 3:
+        raise ValueError(f"{place}.T has {translation.size} numbers: must be 3")
+    return values.rigid(f"{place}.R", rotation, translation * MM_PER[units], warn)
+
+
+def _matrix(array: np.ndarray) -> Matrix:
+    rows, cols = array.shape
+    return Matrix(rows=rows, cols=cols, dt="d", data=floats(array.ravel()))

@@ -1,0 +1,37 @@
+"""The four-coefficient lens nearest to one of five, for programs that have no k3."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+
+
+def without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:
+    """k1, k2, p1, p2 (4,) that move the image least when k3 is dropped, and by how much: RMS and largest, px.
+
+    The camera matrix stays. The model is linear in its coefficients, so that the fit over a 64×64 grid of pixels is
+    one linear least-squares problem.
+    """
+    if camera.distortion[4] == 0:
+        return camera.distortion[:4].copy(), 0.0, 0.0
+    width, height = camera.size_px
+    u, v = np.meshgrid(np.linspace(0, width - 1, 64), np.linspace(0, height - 1, 64))
+    ideal = camera.undistort(np.stack([u, v], axis=-1).reshape(-1, 2))
+    ideal = ideal[np.isfinite(ideal).all(axis=-1)]
+    moved_px = (camera.distort(ideal) - ideal) * camera.focal_px
+    columns_px = _terms(ideal) * camera.focal_px[:, None]
+    solution = np.linalg.lstsq(columns_px.reshape(-1, 4), moved_px.reshape(-1), rcond=None)[0]
+    coefficients = np.asarray(solution, dtype=np.float64)
+    error_px = np.linalg.norm(columns_px @ coefficients - moved_px, axis=-1)
+    return coefficients, float(np.sqrt(np.mean(error_px**2))), float(error_px.max())
+
+
+def _terms(ideal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 2, 4) what one unit of k1, k2, p1, p2 adds to x/z, y/z (N, 2)."""
+    x, y = ideal.T
+    r2 = x * x + y * y
+    along_x = [x * r2, x * r2 * r2, 2 * x * y, r2 + 2 * x * x]
+    along_y = [y * r2, y * r2 * r2, r2 + 2 * y * y, 2 * x * y]
+    return np.stack([np.stack(along_x, axis=-1), np.stack(along_y, axis=-1)], axis=1)

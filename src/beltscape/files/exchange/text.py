@@ -1,0 +1,89 @@
+"""YAML as OpenCV, Kalibr and ROS write it, parsed and written; JSON where a file is named so and looks it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from beltscape.core.errors import InputError
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import plain, read_json
+
+OPENCV_MATRIX = "tag:yaml.org,2002:opencv-matrix"
+
+
+class Matrix(dict[str, Any]):
+    """``{rows, cols, dt, data}`` that is written with OpenCV's tag ``!!opencv-matrix``."""
+
+
+class Quoted(str):
+    """Text that is written in double quotes, which every YAML reader takes, OpenCV's own included."""
+
+    __slots__ = ()
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe, and takes OpenCV's matrices as plain tables."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Safe, and indents lists below their key: OpenCV's parser insists on it."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:  # noqa: ARG002
+        """Never without indentation."""
+        super().increase_indent(flow, False)
+
+
+_Loader.add_constructor(OPENCV_MATRIX, lambda loader, node: loader.construct_mapping(node, deep=True))
+_Dumper.add_representer(Matrix, lambda dumper, m: dumper.represent_mapping(OPENCV_MATRIX, dict(m)))
+_Dumper.add_representer(
+    Quoted, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style='"')
+)
+
+
+def read_document(path: Path) -> Any:
+    """A parsed YAML or JSON file, or InputError naming the place that is wrong."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text") from error
+    if path.suffix.lower() == ".json" and text.lstrip()[:1] in ("{", "["):
+        return read_json(path)
+    if text.startswith("%YAML:"):  # OpenCV before 5 writes a colon that YAML does not know
+        text = "#" + text
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(f"{path}: not YAML ({where}{problem})") from error
+
+
+def write_yaml(path: Path, document: Mapping[str, Any], head: str = "") -> None:
+    """Write a document, atomically: keys in their order, lists of numbers on one line, floats to the last digit."""
+    body = yaml.dump(
+        document, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=10**9
+    )
+    write_text(path, head + body)
+
+
+def floats(values: Any) -> list[Any]:
+    """An array as nested lists of plain floats."""
+    return plain(values)
+
+
+def yaml_files(folder: Path) -> list[Path]:
+    """The YAML files of a folder by name, or InputError where there is none."""
+    found = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".yaml", ".yml") and f.is_file())
+    found = [file for file in found if not file.name.startswith(".")]
+    if not found:
+        raise InputError(f"{folder}: holds no .yaml file; give a folder with one calibration per camera")
+    return found

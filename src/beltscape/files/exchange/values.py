@@ -1,0 +1,122 @@
+"""Checked values out of parsed YAML and JSON; a ValueError names the place, what is there and the mend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+
+ROUNDED = 1e-3
+"""A rotation printed with few digits may be this far from orthonormal, and no further."""
+
+
+def value(entry: Any, key: str, place: str = "") -> Any:
+    """``entry[key]`` of a table."""
+    if not isinstance(entry, dict):
+        raise ValueError(f"{place or 'the file'} must be a table")
+    if entry.get(key) is None:
+        raise ValueError(f"{place}.{key} is missing".removeprefix("."))
+    return entry[key]
+
+
+def numbers(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
+    """Finite float64 numbers of ``shape``; -1 stands for any length."""
+    try:
+        array = np.array(found, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    fits = array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape))  # noqa: B905
+    if not fits or not np.isfinite(array).all():
+        size = "a list of" if shape == (-1,) else "×".join(map(str, shape))
+        raise ValueError(f"{place} = {_short(found)}: must be {size} finite numbers")
+    return array
+
+
+def matrix(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
+    """``{rows, cols, data}`` as OpenCV and ROS write it; a single -1 as shape takes a row or a column."""
+    rows, cols = (int(numbers(value(found, key, place), f"{place}.{key}")) for key in ("rows", "cols"))
+    data = numbers(value(found, "data", place), f"{place}.data", -1)
+    if data.size != rows * cols:
+        raise ValueError(f"{place} has {data.size} numbers, not {rows}×{cols}")
+    if shape == (-1,):
+        return data
+    if (rows, cols) != shape:
+        raise ValueError(f"{place} is {rows}×{cols}: must be {'×'.join(map(str, shape))}")
+    return data.reshape(shape)
+
+
+def intrinsics(k: NDArray[np.float64], place: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Focal lengths (2,) and principal point (2,), px, of a camera matrix (3, 3) without skew."""
+    if k[0, 1] or k[1, 0] or (k[2] != [0, 0, 1]).any():
+        raise ValueError(f"{place} = {k.tolist()}: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    return np.diag(k)[:2].copy(), k[:2, 2].copy()
+
+
+def distortion(coefficients: NDArray[np.float64], place: str) -> NDArray[np.float64]:
+    """(5,) k1, k2, p1, p2, k3 of OpenCV's list of 0, 4, 5, 8, 12 or 14; those past k3 must be zero."""
+    if coefficients.size not in (0, 4, 5, 8, 12, 14):
+        raise ValueError(f"{place} has {coefficients.size} coefficients: must be k1, k2, p1, p2 and maybe k3")
+    if coefficients[5:].any():
+        raise ValueError(
+            f"{place} = {coefficients.tolist()}: only k1, k2, p1, p2, k3 are known; calibrate without the rational, "
+            f"thin prism and tilted models"
+        )
+    return np.concatenate([coefficients[:5], np.zeros(5 - coefficients[:5].size)])
+
+
+def camera(name: str, place: str, size: Any, focal: Any, center: Any, bent: Any) -> Camera:
+    """A camera of checked size (width, height), focal length, principal point (px) and distortion (5,)."""
+    size_px = numbers(size, f"{place}: image width and height", 2)
+    if size_px.min() < 1 or (size_px % 1).any():
+        raise ValueError(f"{place}: image width and height = {size}: must be positive whole numbers")
+    if min(focal) <= 0:
+        raise ValueError(f"{place}: focal length = {np.asarray(focal).tolist()}: must be positive")
+    return Camera(
+        name=name,
+        size_px=(int(size_px[0]), int(size_px[1])),
+        focal_px=np.asarray(focal, dtype=np.float64),
+        center_px=np.asarray(center, dtype=np.float64),
+        distortion=np.asarray(bent, dtype=np.float64),
+    )
+
+
+def rigid(
+    place: str,
+    rotation: NDArray[np.float64],
+    translation_mm: NDArray[np.float64],
+    warn: Callable[[str], None],
+) -> Pose:
+    """A pose; a rotation (3, 3) that was rounded becomes the nearest one, and beyond 1e-6 that is said."""
+    u, _, vt = np.linalg.svd(rotation)
+    nearest = u @ vt
+    off = float(np.abs(nearest - rotation).max())
+    if off > ROUNDED or np.linalg.det(nearest) < 0:
+        raise ValueError(f"{place} is not a rotation (orthonormal, determinant +1)")
+    if off > 1e-6:
+        warn(f"{place} is rounded: it is off a rotation by {off:.1g}; the nearest one is taken")
+    return Pose(rotation if off < 1e-12 else nearest, translation_mm)
+
+
+def known(found: Any, place: str, names: tuple[str, ...], mend: str) -> str:
+    """``found`` if it is one of ``names``; other models are refused by name."""
+    if found not in names:
+        raise ValueError(f"{place} = {_short(found)} is not known, only {', '.join(names)}; {mend}")
+    return str(found)
+
+
+def distinct(names: list[str]) -> list[str]:
+    """``names`` if no two are the same."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"two cameras are named {twice!r}; rename one")
+    return names
+
+
+def _short(found: Any) -> str:
+    text = repr(found)
+    return text if len(text) <= 60 else f"{text[:57]}..."

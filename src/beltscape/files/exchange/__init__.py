@@ -75,47 +75,6 @@ def read_intrinsics(
         return dict(_read(path, kind, reporter or Silent()).cameras)
 
 
-def recognises(self, document: Any) -> bool:
-        """Whether a parsed YAML or JSON file is of this format."""
-        ...
-
-    def read(self, path: Path, warn: Callable[[str], None]) -> Described:
-        """What the file or folder says, or ValueError in words."""
-        ...
-
-    def write(self, path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
-        """Write the rig, atomically; the files written."""
-        ...
-
-
-def export_rig(path: Path, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
-    """Write ``rig`` at ``path`` in the format ``kind``; warns of what the format cannot hold."""
-    with _errors_of(path):
-        return _module(kind).write(path, rig, lambda text: reporter.warn(f"{path}: {text}"))
-
-
-def import_rig(
-    path: Path, reporter: Reporter, *, kind: str | None = None, core: str | None = None
-) -> tuple[Rig, str]:
-    """A rig and its format, read from ``path``; about camera ``core``, or the one the file refers to."""
-    kind = kind or recognise(path)
-    if kind == RIG_JSON:
-        raise InputError(f"{path}: is a rig.json of Beltscape already; use it as it is")
-    with _errors_of(path):
-        return _read(path, kind, reporter).rig(core), kind
-
-
-def read_intrinsics(path: Path, reporter: Reporter, *, kind: str | None = None) -> dict[str, Camera]:
-    """Cameras by name from rig.json or any of the formats; poses are not needed, and not read for rig.json alone."""
-    kind = kind or recognise(path)
-    if kind == RIG_JSON:
-        from beltscape.files.rig_json import read_rig
-
-        return dict(read_rig(path).cameras)
-    with _errors_of(path):
-        return dict(_read(path, kind, reporter).cameras)
-
-
 def recognise(path: Path) -> str:
     """Name of the format of a file or folder, or InputError where it is none or more than one."""
     from beltscape.files.exchange.text import read_document, yaml_files

@@ -67,8 +67,9 @@ def test_no_shared_frame_is_told(rig, board, poses):
 def test_held_out_views_are_judged_by_a_rig_that_never_saw_them(rig, board, poses):
     found = held_out_score(sightings(rig, board, poses, NOISE_PX), board, "b", load())
     assert found is not None
-    assert (found.frames, found.views) == (12, 48)  # both halves, each judged once
-    assert NOISE_PX * np.sqrt(2) < found.rms_px < 1.2 * NOISE_PX * np.sqrt(2)
+    assert (found.score.frames, found.score.views) == (12, 48)  # both halves, each judged once
+    assert NOISE_PX * np.sqrt(2) < found.score.rms_px < 1.2 * NOISE_PX * np.sqrt(2)
+    assert 0.3 < found.split_ratio < 2.0
 
 
 def test_too_few_frames_give_no_held_out_score(rig, board, poses):

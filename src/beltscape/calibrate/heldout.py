@@ -2,34 +2,84 @@
 
 from __future__ import annotations
 
-from beltscape.calibrate.adjust import adjust
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.adjust import Adjusted, adjust
 from beltscape.calibrate.chain import solve
 from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.score import Evidence, Score, examine, score
+from beltscape.calibrate.score import Score, examine, score
+from beltscape.calibrate.uncertainty import depth_moves, rig_covariance, view_grid
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
 from beltscape.target.board import Board
 
 
-def held_out_score(sightings: Sightings, board: Board, core: str, kernels: Kernels) -> Score | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """What two halves of the views say of each other."""
+
+    score: Score
+    """Each half judged by the rig of the other."""
+    split_ratio: float
+    """RMS difference of depths under the two rigs over what their covariances promise; about 1 when they are honest."""
+
+
+def held_out_score(sightings: Sightings, board: Board, core: str, kernels: Kernels) -> HeldOut | None:
     """Even frames judge the rig of the odd ones and the other way round; None where half is too little."""
     frames = [frame for frame in sightings.frames if _cameras_seeing(sightings, frame) > 1]
     halves = frames[::2], frames[1::2]
     try:
-        return score(*(_judged(sightings, board, core, kernels, *fold) for fold in (halves, halves[::-1])))
+        rigs = [_rig_of(sightings, board, core, train) for train in halves]
+        evidence = [
+            examine(
+                found.rig,
+                sightings.restricted(sightings.cameras, test),
+                board,
+                kernels,
+                corners_mm=found.geometry.points_mm,
+            )
+            for found, test in zip(rigs, halves[::-1], strict=True)
+        ]
     except CalibrationError:
         return None
+    return HeldOut(score(*evidence), _split_ratio(*rigs, kernels))
 
 
-def _judged(
-    sightings: Sightings, board: Board, core: str, kernels: Kernels, train: list[str], test: list[str]
-) -> Evidence:
-    """The test frames under the rig, and the board's shape, that the training frames give."""
-    known = sightings.restricted(sightings.cameras, train)
-    found = adjust(solve(known, board, core, Silent()), known, board)
-    unseen = sightings.restricted(sightings.cameras, test)
-    return examine(found.rig, unseen, board, kernels, corners_mm=found.geometry.points_mm)
+def _rig_of(sightings: Sightings, board: Board, core: str, frames: list[str]) -> Adjusted:
+    known = sightings.restricted(sightings.cameras, frames)
+    return adjust(solve(known, board, core, Silent()), known, board)
+
+
+def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:
+    """See `HeldOut.split_ratio`; NaN where the two rigs have no common view."""
+    names = list(first.rig.cameras)
+    if names != list(second.rig.cameras):
+        return float("nan")
+    distance = float(np.median(first.geometry.board_translation_mm[:, 2]))
+    x, y = view_grid(first.rig, distance, 13)
+    points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), distance)], axis=-1).reshape(-1, 3)
+    pixels = np.stack([_under(first, second, name, points) for name in names])
+    measured = kernels.triangulate(np.stack([second.rig.projection(name) for name in names]), pixels)
+    expected = sum(
+        np.einsum("ni,ij,nj->n", moves, rig_covariance(each).matrix, moves)
+        for each, moves in ((each, depth_moves(each.rig, points)) for each in (first, second))
+    )
+    ratios = (measured[:, 2] - distance) ** 2 / expected
+    return float(np.sqrt(np.nanmean(ratios))) if np.isfinite(ratios).any() else float("nan")
+
+
+def _under(
+    first: Adjusted, second: Adjusted, name: str, points_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Where the first rig's camera sees points, as the second's undistorts it; NaN outside the image."""
+    camera, other = first.rig.cameras[name], second.rig.cameras[name]
+    pixels = camera.project(first.rig.cam_from_core[name].apply(points_mm))
+    pixels[~((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)] = np.nan
+    return other.undistort(pixels) * other.focal_px + other.center_px
 
 
 def _cameras_seeing(sightings: Sightings, frame: str) -> int:

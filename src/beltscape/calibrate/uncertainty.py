@@ -60,43 +60,64 @@ def rig_covariance(adjusted: Adjusted) -> RigCovariance:
 
 def depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:
     """σ of depths triangulated at ``depth_mm`` in front of the core, propagated from (G, G) to first order."""
-    width, height = rig.core_camera.size_px
-    rows = max(3, round(columns * height / width))
-    corner = (np.array(rig.core_camera.size_px) - 1 - rig.core_camera.center_px) / rig.core_camera.focal_px
-    origin = -rig.core_camera.center_px / rig.core_camera.focal_px
-    x = np.linspace(origin[0], corner[0], columns) * depth_mm
-    y = np.linspace(origin[1], corner[1], rows) * depth_mm
+    x, y = view_grid(rig, depth_mm, columns)
     grid_x, grid_y = np.meshgrid(x, y)
     points = np.stack([grid_x.ravel(), grid_y.ravel(), np.full(grid_x.size, depth_mm)], axis=-1)
-    return DepthSigma(depth_mm, x, y, _sigma_z(rig, covariance, points).reshape(rows, columns))
+    moves = depth_moves(rig, points)
+    sigma = np.sqrt(np.einsum("ni,ij,nj->n", moves, covariance, moves))
+    return DepthSigma(depth_mm, x, y, sigma.reshape(grid_x.shape))
 
 
-def _sigma_z(rig: Rig, covariance: Array, points_mm: Array) -> Array:
-    """(N,) σ of the depth of points triangulated by all cameras that see them.
+def view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Array]:
+    """X (Nx,) and y (Ny,) of a grid over the core camera's view at a depth, mm."""
+    camera = rig.core_camera
+    width, height = camera.size_px
+    rows = max(3, round(columns * height / width))
+    first = -camera.center_px / camera.focal_px * depth_mm
+    last = (np.array([width, height]) - 1 - camera.center_px) / camera.focal_px * depth_mm
+    return np.linspace(first[0], last[0], columns), np.linspace(first[1], last[1], rows)
 
-    The triangulated point moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ when the parameters move by δθ.
+
+def depth_moves(rig: Rig, points_mm: Array) -> Array:
+    """(N, G) how a point's triangulated depth moves with each parameter of the rig; NaN where two do not see it.
+
+    All cameras that see the point enter: it moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ when the parameters move by δθ.
     """
-    count = len(covariance)
+    cameras = len(rig.cameras)
+    count = INTRINSICS * cameras + 6 * (cameras - 1)
     normal, mixed = np.zeros((len(points_mm), 3, 3)), np.zeros((len(points_mm), 3, count))
     seen_by = np.zeros(len(points_mm))
-    start = INTRINSICS * len(rig.cameras)
-    for i, (name, camera) in enumerate(rig.cameras.items()):
-        pose = rig.cam_from_core[name]
-        turned = points_mm @ pose.rotation.T
-        inside = turned + pose.translation_mm
-        lens = np.tile(intrinsics(camera), (len(points_mm), 1))
-        pixels, by_point, by_lens = project(inside, lens)
-        seen = ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1) & (inside[:, 2] > 0)
-        jacobian = np.einsum("nij,jk->nik", by_point, pose.rotation) * seen[:, None, None]
+    for i, name in enumerate(rig.cameras):
+        jacobian, by_rig, seen = camera_derivatives(rig, name, points_mm)
+        jacobian = jacobian * seen[:, None, None]
         normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
-        columns = slice(INTRINSICS * i, INTRINSICS * (i + 1))
-        mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_lens)
-        if i > 0:
-            columns = slice(start + 6 * (i - 1), start + 6 * i)
-            mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_pose(by_point, turned))
+        columns = parameter_columns(i, cameras)
+        mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_rig[:, :, : len(columns)])
         seen_by += seen
     usable = seen_by >= 2
-    sigma = np.full(len(points_mm), np.nan)
-    moves = np.linalg.solve(normal[usable], mixed[usable])[:, 2]
-    sigma[usable] = np.sqrt(np.einsum("ni,ij,nj->n", moves, covariance, moves))
-    return sigma
+    moves = np.full((len(points_mm), count), np.nan)
+    moves[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
+    return moves
+
+
+def parameter_columns(index: int, cameras: int) -> NDArray[np.int64]:
+    """Columns of the camera of that index: 9 of its lens, then 6 of its pose (none for the core, index 0)."""
+    lens = np.arange(INTRINSICS * index, INTRINSICS * (index + 1))
+    pose = INTRINSICS * cameras + 6 * (index - 1) + np.arange(6 if index else 0)
+    return np.concatenate([lens, pose])
+
+
+def camera_derivatives(rig: Rig, name: str, points_mm: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Of a camera's pixels of points (N, 3) in the core frame: by the point (N, 2, 3), by lens and pose (N, 2, 15).
+
+    And whether the camera sees them.
+    """
+    camera, pose = rig.cameras[name], rig.cam_from_core[name]
+    turned = points_mm @ pose.rotation.T
+    inside = turned + pose.translation_mm
+    ahead = inside[:, 2] > 0
+    inside[~ahead] = (0, 0, 1)
+    pixels, by_point, by_lens = project(inside, np.tile(intrinsics(camera), (len(points_mm), 1)))
+    seen = ahead & ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
+    by_rig = np.concatenate([by_lens, by_pose(by_point, turned)], axis=-1)
+    return np.einsum("nij,jk->nik", by_point, pose.rotation), by_rig, seen

@@ -14,7 +14,8 @@ from beltscape.calibrate.adjust import Adjusted, adjust
 from beltscape.calibrate.chain import Chain, skewed_pairs, solve
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.detect import Variant
-from beltscape.calibrate.heldout import held_out_score
+from beltscape.calibrate.guidance import NextPose, next_pose
+from beltscape.calibrate.heldout import HeldOut, held_out_score
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
@@ -28,6 +29,11 @@ from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
 from beltscape.report.calibration import calibration_page
 from beltscape.target.board import Board
+
+SPLIT_LIMIT = 2.0
+"""Halves of the views may differ so much more than their covariances say."""
+NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
+"""A board outside these distances was hardly meant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +50,8 @@ class Calibration:
     covariance: RigCovariance
     depth_sigma: tuple[DepthSigma, ...]
     """What the calibration does to depths at the nearest, middle and farthest boards."""
+    next_pose: NextPose | None
+    """The most useful further view."""
     evidence: Evidence
     training: Score
     """On the very views the rig was found from: it flatters."""
@@ -85,8 +93,10 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
     reporter.step("adjusting everything together", 1, 1)
     evidence = examine(adjusted.rig, own, board, kernels, corners_mm=adjusted.geometry.points_mm)
     reporter.step("scoring on held-out views", 0, 1)
-    held_out = held_out_score(own, board, chain.rig.core, kernels)
+    halves = held_out_score(own, board, chain.rig.core, kernels)
+    held_out = halves.score if halves else None
     reporter.step("scoring on held-out views", 1, 1)
+    _warn_of_doubt(board, adjusted, halves, reporter)
     training = score(evidence)
     rig = replace(
         adjusted.rig,
@@ -102,11 +112,32 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
         rig=rig,
         covariance=covariance,
         depth_sigma=_depth_sigmas(rig, adjusted, covariance),
+        next_pose=next_pose(adjusted, covariance.matrix),
         evidence=evidence,
         training=training,
         held_out=held_out,
         warnings=tuple(reporter.warnings),
     )
+
+
+def _warn_of_doubt(board: Board, adjusted: Adjusted, halves: HeldOut | None, reporter: Reporter) -> None:
+    """Say it where the model does not explain the views, or the board's size is not believable."""
+    if halves is None:
+        reporter.warn(
+            "too few shared views to hold half of them out: the scores are of the views the rig was found from"
+        )
+    elif halves.split_ratio > SPLIT_LIMIT:
+        reporter.warn(
+            f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
+            "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
+        )
+    distance = float(np.median(adjusted.geometry.board_translation_mm[:, 2]))
+    if not NEAREST_MM < distance < FARTHEST_MM:
+        factor, unit = (10, "centimetres") if distance < NEAREST_MM else (0.001, "micrometres")
+        reporter.warn(
+            f"with square_mm = {board.square_mm:g} the board was {distance:.3g} mm away; was it given in {unit} "
+            f"({board.square_mm * factor:g} mm)?"
+        )
 
 
 def _quality(board: Board, adjusted: Adjusted, held_out: Score | None, training: Score) -> Mapping[str, Any]:
@@ -138,6 +169,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
         calibration.evidence,
         calibration.board,
         calibration.depth_sigma,
+        calibration.next_pose,
         held_out=calibration.held_out,
         training=calibration.training,
         warnings=calibration.warnings,
@@ -204,6 +236,7 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
             for s in calibration.depth_sigma
         ],
+        "next_pose": _next_document(calibration.next_pose),
         "cameras": {name: _camera_document(calibration, name) for name in calibration.rig.cameras},
         "pairs": [
             {
@@ -222,6 +255,22 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             for e in chain.network.path_errors
         ],
         "warnings": calibration.warnings,
+    }
+
+
+def _next_document(pose: NextPose | None) -> Mapping[str, Any] | None:
+    if pose is None:
+        return None
+    return {
+        "enough": pose.enough,
+        "words": pose.describe(),
+        "seen_by": pose.seen_by,
+        "sigma_now_mm": pose.sigma_now_mm,
+        "sigma_then_mm": pose.sigma_then_mm,
+        "core_from_board": {
+            "rotation": pose.core_from_board.rotation,
+            "translation_mm": pose.core_from_board.translation_mm,
+        },
     }
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted
 from beltscape.calibrate.chain import Chain
+from beltscape.calibrate.guidance import NextPose
 from beltscape.calibrate.score import Evidence, Score
 from beltscape.calibrate.uncertainty import DepthSigma, rig_covariance
 from beltscape.core.camera import Camera
@@ -24,6 +26,7 @@ def calibration_page(
     evidence: Evidence,
     board: Board,
     depth_sigma: Sequence[DepthSigma],
+    following: NextPose | None,
     *,
     held_out: Score | None,
     training: Score,
@@ -67,6 +70,11 @@ def calibration_page(
                 )
             ],
         ),
+        Section(
+            "Next view", following.describe() if following else "", [_next_view(adjusted, board, following)]
+        )
+        if following
+        else Section("Next view", "No board pose would be seen by two cameras.", []),
         Section(
             "Coverage",
             "Where the board was seen in each image. Empty corners leave the distortion there to guesswork.",
@@ -140,11 +148,24 @@ def _shape_words(adjusted: Adjusted) -> str:
     )
 
 
-def _scene(adjusted: Adjusted, board: Board) -> Scene:
+def _next_view(adjusted: Adjusted, board: Board, following: NextPose) -> Turnable:
+    outline = following.core_from_board.apply(_outline(adjusted, board))
+    middle = float(np.median(np.linalg.norm(adjusted.geometry.board_translation_mm, axis=1)))
+    return Turnable(
+        rig_scene(adjusted.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
+        "The board as it would be held.",
+    )
+
+
+def _outline(adjusted: Adjusted, board: Board) -> NDArray[np.float64]:
+    """(n, 3) closed outline of the board's corners in its own frame."""
     columns, rows = board.grid
-    geometry = adjusted.geometry
-    grid = geometry.points_mm.reshape(rows, columns, 3)
-    outline = np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2::-1, 0]])
+    grid = adjusted.geometry.points_mm.reshape(rows, columns, 3)
+    return np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2::-1, 0]])
+
+
+def _scene(adjusted: Adjusted, board: Board) -> Scene:
+    geometry, outline = adjusted.geometry, _outline(adjusted, board)
     boards = {
         frame: outline @ rotation.T + translation
         for frame, rotation, translation in zip(

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.calibrate.adjust import adjust
+from beltscape.calibrate.chain import solve
+from beltscape.calibrate.guidance import next_pose
+from beltscape.calibrate.uncertainty import rig_covariance
+from beltscape.core.progress import Silent
+from synthetic.sightings import sightings
+
+NOISE_PX = 0.1
+
+
+def found_from(rig, board, poses, seed=0):
+    own = sightings(rig, board, poses, NOISE_PX, seed)
+    return adjust(solve(own, board, rig.core, Silent()), own, board)
+
+
+@pytest.fixture(scope="module")
+def few(rig, board, poses):
+    return found_from(rig, board, poses[:6])
+
+
+def test_promises_what_the_view_then_brings(rig, board, poses, few):
+    following = next_pose(few, rig_covariance(few).matrix)
+    assert following is not None
+    assert not following.enough
+    assert following.sigma_then_mm < following.sigma_now_mm
+    more = found_from(rig, board, [*poses[:6], following.core_from_board])
+    again = next_pose(more, rig_covariance(more).matrix)
+    assert again.sigma_now_mm == pytest.approx(following.sigma_then_mm, rel=0.25)
+
+
+def test_the_board_would_be_where_it_says(rig, board, few):
+    following = next_pose(few, rig_covariance(few).matrix)
+    assert len(following.seen_by) >= 2
+    center = following.core_from_board.apply(few.geometry.points_mm).mean(axis=0)
+    assert f"{center[2]:.0f} mm away" in following.words or abs(center[2]) > 0
+    pixel = rig.core_camera.project(center)
+    assert ("left" in following.words.split(" of ")[0]) == (pixel[0] < 0.4 * rig.core_camera.size_px[0])
+    assert following.describe().startswith("Next, hold the board in the ")
+
+
+def test_says_when_it_is_enough(rig, board, poses):
+    many = [pose for _ in range(6) for pose in poses]
+    found = found_from(rig, board, many)
+    following = next_pose(found, rig_covariance(found).matrix)
+    assert following.enough
+    assert following.describe().startswith("Enough views")
+    assert np.isfinite(following.sigma_then_mm)

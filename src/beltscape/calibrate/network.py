@@ -18,12 +18,12 @@ from beltscape.core.pose import Pose
 
 Array = NDArray[np.float64]
 
-SAME = 1e-6
+SAME = 1e-9
 """Share of a pair's own variance below which an error cannot be anything but 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Misfit:
+class Misclosure:
     """A rigid motion that ought to be the identity, and how large noise alone would make it."""
 
     cameras: tuple[str, ...]
@@ -56,13 +56,13 @@ class Misfit:
         return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2)) if self.dof else float("nan")
 
 
-class PathError(Misfit):
+class PathError(Misclosure):
     """ε_path: how far a measured pair and the way through the core disagree (Eq. 16)."""
 
     __slots__ = ()
 
 
-class LoopError(Misfit):
+class LoopError(Misclosure):
     """ε_loop: how far the three measured pairs of a triangle are from closing (Eq. 16)."""
 
     __slots__ = ()
@@ -185,11 +185,13 @@ def measured(pairs: Sequence[Pair], origin: str, to: str) -> Step:
 
 
 def triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
-    """Every three cameras of which all three pairs were measured."""
+    """Every three of some cameras of which all three pairs were measured, in the pairs' order."""
     known = {frozenset((pair.first, pair.second)) for pair in pairs}
+    wanted = set(cameras)
+    names = dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second) if name in wanted)
     return [
         three
-        for three in combinations(cameras, 3)
+        for three in combinations(names, 3)
         if all(frozenset(two) in known for two in combinations(three, 2))
     ]
 

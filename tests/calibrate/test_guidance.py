@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+
 import pytest
 
 from beltscape.calibrate.adjust import adjust
@@ -37,16 +38,22 @@ def test_the_board_would_be_where_it_says(rig, board, few):
     following = next_pose(few, rig_covariance(few).matrix)
     assert len(following.seen_by) >= 2
     center = following.core_from_board.apply(few.geometry.points_mm).mean(axis=0)
-    assert f"{center[2]:.0f} mm away" in following.words or abs(center[2]) > 0
     pixel = rig.core_camera.project(center)
     assert ("left" in following.words.split(" of ")[0]) == (pixel[0] < 0.4 * rig.core_camera.size_px[0])
     assert following.describe().startswith("Next, hold the board in the ")
 
 
-def test_says_when_it_is_enough(rig, board, poses):
-    many = [pose for _ in range(6) for pose in poses]
-    found = found_from(rig, board, many)
-    following = next_pose(found, rig_covariance(found).matrix)
-    assert following.enough
-    assert following.describe().startswith("Enough views")
-    assert np.isfinite(following.sigma_then_mm)
+def test_many_views_leave_less_to_gain(rig, board, poses, few):
+    found = found_from(rig, board, [pose for _ in range(4) for pose in poses])
+    now, before = (next_pose(each, rig_covariance(each).matrix) for each in (found, few))
+    assert now.sigma_now_mm < 0.5 * before.sigma_now_mm
+    assert now.sigma_then_mm / now.sigma_now_mm > before.sigma_then_mm / before.sigma_now_mm
+
+
+def test_says_when_it_is_enough(rig, board, few):
+    following = next_pose(few, rig_covariance(few).matrix)
+    little = replace(following, sigma_then_mm=0.98 * following.sigma_now_mm)
+    assert little.enough
+    assert little.describe() == (
+        "Enough views: the most useful further one would lower the depth σ by 2.0% only."
+    )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.calibrate.bundle import INTRINSICS, Bundle, BundleLinear, Geometry, Observations, Prior
 from beltscape.calibrate.chain import Chain
 from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.intrinsics import PARAMETERS
 from beltscape.calibrate.lens import intrinsics, lens_prior
 from beltscape.calibrate.levenberg import Damping, minimise
 from beltscape.calibrate.score import board_pose
@@ -118,7 +119,9 @@ def _misfitting(chain: Chain, sigma: Array) -> tuple[str, ...]:
     return tuple(
         name
         for i, name in enumerate(chain.rig.cameras)
-        if sigma[i] > MISFIT * own[i] and sigma[i] > MISFIT_PX
+        if sigma[i] > MISFIT * own[i]
+        and sigma[i] > MISFIT_PX
+        and len(chain.monocular[name].held) < INTRINSICS
     )
 
 
@@ -198,7 +201,7 @@ def _prior(chain: Chain, board_mm: Array) -> Prior:
     priors = [lens_prior(camera) for camera in cameras.values()]
     free = np.ones((len(cameras), INTRINSICS), bool)
     for i, name in enumerate(cameras):
-        free[i, 8] = "k3" not in chain.monocular[name].held
+        free[i] = [parameter not in chain.monocular[name].held for parameter in PARAMETERS]
     diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
     return Prior(
         np.stack([mean for mean, _ in priors]), np.stack([information for _, information in priors]), free,

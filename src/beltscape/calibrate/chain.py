@@ -12,6 +12,7 @@ from beltscape.calibrate.optimise import optimise
 from beltscape.calibrate.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.steady import one_thread
 from beltscape.calibrate.sync import misfits
+from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
@@ -33,10 +34,18 @@ class Chain:
     network: Network
 
 
-def solve(sightings: Sightings, board: Board, core: str | None, reporter: Reporter) -> Chain:
+def solve(
+    sightings: Sightings,
+    board: Board,
+    core: str | None,
+    reporter: Reporter,
+    *,
+    known: Mapping[str, Camera] | None = None,
+) -> Chain:
     """Calibrate a rig from the board's corners.
 
-    A camera with too few views, or without views shared with the rest, is named and left out.
+    The intrinsics of ``known`` cameras (by name) are held as they are. A camera with too few views, without views
+    shared with the rest, or with frames of other instants, is named and left out.
 
     Raises
     ------
@@ -48,7 +57,7 @@ def solve(sightings: Sightings, board: Board, core: str | None, reporter: Report
         monocular: dict[str, Monocular] = {}
         for done, name in enumerate(sightings.cameras, start=1):
             try:
-                monocular[name] = calibrate_camera(name, sightings, board_mm, min_views=MIN_VIEWS)
+                monocular[name] = calibrate_camera(name, sightings, board_mm, known=(known or {}).get(name))
                 _tell_if_weak(monocular[name], reporter)
             except CalibrationError as error:
                 _survive(error, name, core, reporter)

@@ -117,8 +117,16 @@ def find_chessboard(image: NDArray[np.uint8], grid: tuple[int, int]) -> Corners 
     half = int(np.clip(spacing / 3, 2, 11))  # the window must not reach the next corner
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
     pixels = cv2.cornerSubPix(image, pixels, (half, half), (-1, -1), criteria)
-    ordered = _same_start(image, pixels.astype(np.float64), grid)
+    ordered = _same_start(image, _from_the_front(pixels.astype(np.float64), grid), grid)
     return Corners(np.arange(len(ordered), dtype=np.int64), ordered)
+
+
+def _from_the_front(pixels: NDArray[np.float64], grid: tuple[int, int]) -> NDArray[np.float64]:
+    """Rows numbered so that the board is seen from its front: columns, then rows, turn clockwise in the image."""
+    corners = pixels.reshape(grid[1], grid[0], 2)
+    across, down = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
+    mirrored = across[0] * down[1] - across[1] * down[0] < 0
+    return (corners[:, ::-1] if mirrored else corners).reshape(-1, 2)
 
 
 def _same_start(

@@ -56,8 +56,8 @@ class NextPose:
             gain = 1 - self.sigma_then_mm / self.sigma_now_mm
             return f"Enough views: the most useful further one would lower the depth σ by {gain:.1%} only."
         return (
-            f"Next, hold the board {self.words}, so that {', '.join(self.seen_by)} see it: the depth σ would fall from "
-            f"{self.sigma_now_mm:.3f} to {self.sigma_then_mm:.3f} mm."
+            f"Next, hold the board {self.words}, so that {', '.join(self.seen_by)} see it: the depth σ would fall "
+            f"from {self.sigma_now_mm:.3f} to {self.sigma_then_mm:.3f} mm."
         )
 
 

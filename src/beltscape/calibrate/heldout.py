@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from beltscape.calibrate.chain import solve
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.score import Score, examine, score
 from beltscape.calibrate.uncertainty import depth_moves, rig_covariance, view_grid
+from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
@@ -25,15 +27,24 @@ class HeldOut:
     score: Score
     """Each half judged by the rig of the other."""
     split_ratio: float
-    """RMS difference of depths under the two rigs over what their covariances promise; about 1 when they are honest."""
+    """RMS difference of depths under the two rigs over what the covariances promise; 1 where they are right."""
 
 
-def held_out_score(sightings: Sightings, board: Board, core: str, kernels: Kernels) -> HeldOut | None:
+def held_out_score(
+    sightings: Sightings,
+    board: Board,
+    core: str,
+    kernels: Kernels,
+    *,
+    known: Mapping[str, Camera] | None = None,
+) -> HeldOut | None:
     """Even frames judge the rig of the odd ones and the other way round; None where half is too little."""
     frames = [frame for frame in sightings.frames if _cameras_seeing(sightings, frame) > 1]
     halves = frames[::2], frames[1::2]
     try:
-        rigs = [_rig_of(sightings, board, core, train) for train in halves]
+        rigs = [
+            _rig_of(sightings.restricted(sightings.cameras, train), board, core, known) for train in halves
+        ]
         evidence = [
             examine(
                 found.rig,
@@ -49,9 +60,8 @@ def held_out_score(sightings: Sightings, board: Board, core: str, kernels: Kerne
     return HeldOut(score(*evidence), _split_ratio(*rigs, kernels))
 
 
-def _rig_of(sightings: Sightings, board: Board, core: str, frames: list[str]) -> Adjusted:
-    known = sightings.restricted(sightings.cameras, frames)
-    return adjust(solve(known, board, core, Silent()), known, board)
+def _rig_of(sightings: Sightings, board: Board, core: str, known: Mapping[str, Camera] | None) -> Adjusted:
+    return adjust(solve(sightings, board, core, Silent(), known=known), sightings, board)
 
 
 def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:

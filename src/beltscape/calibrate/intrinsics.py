@@ -40,9 +40,16 @@ class Monocular:
 
 
 def calibrate_camera(
-    name: str, sightings: Sightings, board_mm: NDArray[np.float64], *, min_views: int = MIN_VIEWS
+    name: str,
+    sightings: Sightings,
+    board_mm: NDArray[np.float64],
+    *,
+    known: Camera | None = None,
+    min_views: int = MIN_VIEWS,
 ) -> Monocular:
     """Intrinsics and distortion of one camera from board points (n, 3) in mm.
+
+    A ``known`` camera is held as it is; only the board's poses are found.
 
     Views that fit far worse than the others are left out and named; k3 is held at 0 unless the images say
     more than three standard deviations about it.
@@ -63,7 +70,16 @@ def calibrate_camera(
             f"camera {name} sees the board in {len(views)} of {sightings.images[name]} images; "
             f"at least {min_views} tilted views are needed"
         )
-    solution = _solve(name, views, size, board_mm)
+    if known is not None and known.size_px != size:
+        raise CalibrationError(
+            f"camera {name}: its images are {size[0]}×{size[1]} px, the intrinsics given are of "
+            f"{known.size_px[0]}×{known.size_px[1]} px; give those of this image size"
+        )
+
+    def solved() -> Monocular:
+        return _solve(name, views, size, board_mm) if known is None else _posed(name, views, known, board_mm)
+
+    solution = solved()
     for _ in range(3):
         median = float(np.median(list(solution.view_rms_px.values())))
         limit = max(OUTLIER_FACTOR * median, 0.3)
@@ -73,14 +89,14 @@ def calibrate_camera(
         for frame, rms in bad.items():
             rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
             del views[frame]
-        solution = _solve(name, views, size, board_mm)
+        solution = solved()
     return Monocular(
         solution.camera, solution.sigma, solution.rms_px, solution.cam_from_board, solution.view_rms_px, rejected,
         solution.held,
     )  # fmt: skip
 
 
-_PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
 def _solve(
@@ -91,6 +107,24 @@ def _solve(
     if abs(k3) > 3 * free.sigma["k3"]:
         return free
     return _run(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+
+
+def _posed(
+    name: str, views: Mapping[str, Corners], known: Camera, board_mm: NDArray[np.float64]
+) -> Monocular:
+    """The board's poses under intrinsics that are known."""
+    poses, rms = {}, {}
+    for frame, corners in views.items():
+        points, ideal = board_mm[corners.ids], known.undistort(corners.pixels)
+        _, rotation, shift = cv2.solvePnP(points, ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+        rotation, shift = cv2.solvePnPRefineLM(points, ideal, np.eye(3), None, rotation, shift)
+        poses[frame] = Pose.of(rotation, shift)
+        errors = known.project(poses[frame].apply(points)) - corners.pixels
+        rms[frame] = float(np.sqrt((errors**2).sum(axis=1).mean()))
+    counts = np.array([len(corners) for corners in views.values()])
+    total = float(np.sqrt((counts * np.square(list(rms.values()))).sum() / counts.sum()))
+    camera = Camera(name, known.size_px, known.focal_px, known.center_px, known.distortion)
+    return Monocular(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, held=PARAMETERS)
 
 
 def _run(
@@ -123,7 +157,7 @@ def _run(
     )
     return Monocular(
         camera=camera,
-        sigma=dict(zip(_PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
+        sigma=dict(zip(PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
         rms_px=float(rms),
         cam_from_board={
             frame: Pose.of(r, t) for frame, r, t in zip(views, rotations, translations, strict=True)

@@ -59,7 +59,19 @@ def find_board(
         raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
     if not any(sightings.views.values()):
         raise InputError(_nothing_found(capture, board, variant))
+    for camera, views in sightings.views.items():
+        if not views and _mirrored(capture.only((camera,)), board, variant):
+            reporter.warn(
+                f"{capture.folder / camera}: the images are mirrored; switch mirroring off in the camera"
+            )
     return sightings, variant
+
+
+def _mirrored(capture: Capture, board: Board, variant: Variant) -> bool:
+    """Whether the board shows once the images are flipped left to right."""
+    detect = detector(board, variant)
+    flipped = (np.ascontiguousarray(image[:, ::-1]) for image in _sample(capture, 6))
+    return any(detect(image) is not None for image in flipped)
 
 
 def _in_parallel(

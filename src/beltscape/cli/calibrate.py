@@ -15,18 +15,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of board views")
     parser.add_argument("--board", type=Path, required=True, help="board.toml")
     parser.add_argument("--core", help="core camera (default: the most central one)")
+    parser.add_argument(
+        "--intrinsics", type=Path, metavar="PATH",
+        help="hold these intrinsics: a rig.json, or a file or folder that `beltscape import` reads",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, required=True, help="folder for rig.json and the report")
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Calibrate and write rig.json, calibration.json, report.html."""
     from beltscape.files.atomic import output_folder
+    from beltscape.files.exchange import read_intrinsics
     from beltscape.pipeline.calibration import calibrate, calibration_document, write_calibration
     from beltscape.target.board import read_board
 
     board = read_board(arguments.board)
     out = output_folder(arguments.out)
-    calibration = calibrate(arguments.capture, board, arguments.core, reporter)
+    known = read_intrinsics(arguments.intrinsics, reporter) if arguments.intrinsics else None
+    calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)
     write_calibration(out, calibration)
     document = calibration_document(calibration)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}

@@ -11,7 +11,7 @@ from beltscape.evaluate.depth import DepthScore
 from beltscape.files.images import read_image
 from beltscape.files.ply import read_cloud
 from beltscape.report.page import Figure, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import GROUND, Rgb, beside, colored, panel, preview_panels
+from beltscape.report.pictures import Rgb, beside, colored, colored_difference, panel, preview_panels
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.report.volume import height_plot, litres, profiles_plot
 
@@ -160,10 +160,8 @@ def _scene_figure(demo: Demo, scene: str) -> Figure:
 
 
 def _error_panel(result: SceneResult) -> Rgb:
-    image = colored(result.error_mm, -ERROR_MM, ERROR_MM, cv2.COLORMAP_TWILIGHT_SHIFTED)
-    image[~np.isfinite(result.error_mm)] = GROUND
     scale = (-ERROR_MM, ERROR_MM, "mm")
-    return panel(image, "measured minus true", scale, cv2.COLORMAP_TWILIGHT_SHIFTED)
+    return panel(colored_difference(result.error_mm, ERROR_MM), "measured minus true", scale, None)
 
 
 def _smaller(image: np.ndarray, width_px: int = 2000) -> np.ndarray:

@@ -19,11 +19,14 @@ from beltscape.calibrate.heldout import HeldOut, held_out_score
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
+from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.frames import Image
 from beltscape.core.progress import Recording, Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.atomic import write_text
-from beltscape.files.capture import read_capture
+from beltscape.files.capture import Capture, read_capture
+from beltscape.files.images import read_image
 from beltscape.files.json_text import plain, write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
@@ -32,6 +35,8 @@ from beltscape.target.board import Board
 
 SPLIT_LIMIT = 2.0
 """Halves of the views may differ so much more than their covariances say."""
+SHOWN = 12
+"""Rejected views shown in the report."""
 NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
 """A board outside these distances was hardly meant."""
 
@@ -40,6 +45,7 @@ NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
 class Calibration:
     """Everything that calibrating a capture gave."""
 
+    capture: Capture
     board: Board
     variant: Variant
     sightings: Sightings
@@ -60,8 +66,15 @@ class Calibration:
     warnings: tuple[str, ...]
 
 
-def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) -> Calibration:
-    """Calibrate the rig of a capture of board views.
+def calibrate(
+    folder: Path,
+    board: Board,
+    core: str | None,
+    reporter: Reporter,
+    *,
+    known: Mapping[str, Camera] | None = None,
+) -> Calibration:
+    """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are held as they are.
 
     Raises
     ------
@@ -78,7 +91,7 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
     if core is not None and core not in capture.cameras:
         raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
     sightings, variant = find_board(capture, board, reporter)
-    chain = solve(sightings, board, core, reporter)
+    chain = solve(sightings, board, core, reporter, known=known)
     for pair in skewed_pairs(chain):
         alone = max(chain.monocular[name].rms_px for name in (pair.first, pair.second))
         reporter.warn(
@@ -93,7 +106,7 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
     reporter.step("adjusting everything together", 1, 1)
     evidence = examine(adjusted.rig, own, board, kernels, corners_mm=adjusted.geometry.points_mm)
     reporter.step("scoring on held-out views", 0, 1)
-    halves = held_out_score(own, board, chain.rig.core, kernels)
+    halves = held_out_score(own, board, chain.rig.core, kernels, known=known)
     held_out = halves.score if halves else None
     reporter.step("scoring on held-out views", 1, 1)
     _warn_of_doubt(board, adjusted, halves, reporter)
@@ -104,6 +117,7 @@ def calibrate(folder: Path, board: Board, core: str | None, reporter: Reporter) 
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
     return Calibration(
+        capture=capture,
         board=board,
         variant=variant,
         sightings=sightings,
@@ -170,11 +184,22 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
         calibration.board,
         calibration.depth_sigma,
         calibration.next_pose,
+        _rejected_images(calibration),
         held_out=calibration.held_out,
         training=calibration.training,
         warnings=calibration.warnings,
     )
     write_text(out / "report.html", page)
+
+
+def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
+    """(why, image) of the views that were left out as a whole, for the report."""
+    found: list[tuple[str, Image]] = []
+    for name, camera in calibration.chain.monocular.items():
+        for frame, why in camera.rejected.items():
+            image = read_image(calibration.capture.files[name][frame])
+            found.append((f"{name}, frame {frame}: {why}", image))
+    return found[:SHOWN]
 
 
 def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> tuple[Score, Evidence]:

@@ -13,8 +13,10 @@ from beltscape.calibrate.guidance import NextPose
 from beltscape.calibrate.score import Evidence, Score
 from beltscape.calibrate.uncertainty import DepthSigma, rig_covariance
 from beltscape.core.camera import Camera
+from beltscape.core.frames import Image
 from beltscape.core.rig import Rig
 from beltscape.report.page import Figure, Item, Lines, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.pictures import thumbnail
 from beltscape.report.plots import panels, to_png
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.target.board import Board
@@ -27,6 +29,7 @@ def calibration_page(
     board: Board,
     depth_sigma: Sequence[DepthSigma],
     following: NextPose | None,
+    rejected_images: Sequence[tuple[str, Image]],
     *,
     held_out: Score | None,
     training: Score,
@@ -100,7 +103,9 @@ def calibration_page(
     ]
     rejected = _rejected(chain)
     if rejected:
-        sections.append(Section("Left out", "Views that fit far worse than the rest.", [Lines(rejected)]))
+        pictures = [Figure.of(thumbnail(image), why, wide=False) for why, image in rejected_images]
+        intro = "Views that fit far worse than the rest: blur, a finger on the board, a moving board."
+        sections.append(Section("Left out", intro, [Lines(rejected), *pictures]))
     return render("Calibration", verdict, sections, warnings=warnings)
 
 

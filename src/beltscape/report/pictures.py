@@ -26,6 +26,16 @@ def colored(values: NDArray[np.floating], low: float, high: float, colormap: int
     return image
 
 
+def colored_difference(values: NDArray[np.floating], limit: float) -> Rgb:
+    """(H, W) values → (H, W, 3) RGB: blue below 0, white at 0, red above, full at ±``limit``; NaN dark grey."""
+    share = np.clip(np.nan_to_num(values) / limit, -1, 1)[..., None]
+    low, high = np.array([23.0, 78.0, 166.0]), np.array([178.0, 24.0, 43.0])
+    end = np.where(share < 0, low, high)
+    image = np.rint(250 + np.abs(share) * (end - 250)).astype(np.uint8)
+    image[~np.isfinite(values)] = GROUND
+    return image
+
+
 def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, float]:
     """Range of the finite values without the outermost ``share`` on both sides; (0, 1) where there are none."""
     finite = values[np.isfinite(values)]
@@ -36,9 +46,12 @@ def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, flo
 
 
 def panel(
-    image: Rgb, title: str, scale: tuple[float, float, str] | None = None, colormap: int = cv2.COLORMAP_TURBO
+    image: Rgb,
+    title: str,
+    scale: tuple[float, float, str] | None = None,
+    colormap: int | None = cv2.COLORMAP_TURBO,
 ) -> Rgb:
-    """One picture with its title and, where given, a colour scale (low, high, unit) below."""
+    """One picture with its title and, where given, a colour scale (low, high, unit) below; None: differences."""
     factor = _PANEL_PX / image.shape[1]
     interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
     body = cv2.resize(image, (_PANEL_PX, round(image.shape[0] * factor)), interpolation=interpolation)
@@ -47,7 +60,8 @@ def panel(
     _write(head, title, (10, 23))
     if scale is not None:
         low, high, unit = scale
-        ramp = colored(np.linspace(0, 1, _PANEL_PX - 20)[None].repeat(10, axis=0), 0, 1, colormap)
+        steps = np.linspace(0, 1, _PANEL_PX - 20)[None].repeat(10, axis=0)
+        ramp = colored_difference(2 * steps - 1, 1) if colormap is None else colored(steps, 0, 1, colormap)
         foot[6:16, 10:-10] = ramp
         for position in (0.0, 0.5, 1.0):
             text = f"{low + position * (high - low):.4g} {unit}"
@@ -69,6 +83,14 @@ def to_rgb(image: Image) -> Rgb:
     bright = np.clip(image.astype(np.float32) / top, 0, 1) ** 0.6
     eight = np.rint(255 * bright).astype(np.uint8)
     return eight if eight.ndim == 3 else np.repeat(eight[..., None], 3, axis=2)
+
+
+def thumbnail(image: Image, width_px: int = 480) -> Rgb:
+    """An image small enough for a page, brightened so that one sees what is on it."""
+    factor = min(1.0, width_px / image.shape[1])
+    return np.asarray(
+        cv2.resize(to_rgb(image), None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def preview(depth: DepthMap, core_image: Image) -> Rgb:

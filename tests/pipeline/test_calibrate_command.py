@@ -1,0 +1,80 @@
+"""``beltscape calibrate`` on the demo's boards: what only shows with images."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from beltscape.files.images import read_image
+from beltscape.files.rig_json import read_rig
+from synthetic.demo import DEMO, TRUE_RIG, only_json
+
+CAMERAS = ("cam0", "cam1", "cam2")
+
+
+@pytest.fixture
+def boards(tmp_path):
+    """Three cameras and ten frames of the demo's board views."""
+    for camera in CAMERAS:
+        folder = tmp_path / "boards" / camera
+        folder.mkdir(parents=True)
+        for source in sorted((DEMO / "calibration" / camera).iterdir())[:10]:
+            (folder / source.name).write_bytes(source.read_bytes())
+    return tmp_path / "boards"
+
+
+def calibrate(run, capture, out, *words):
+    return run(
+        "calibrate", capture, "--board", DEMO / "board.toml", "--core", "cam0", "--out", out, "--json", *words
+    )
+
+
+def test_frames_of_another_instant_are_found_and_said(run, boards, tmp_path):
+    files = sorted((boards / "cam1").iterdir())
+    data = [path.read_bytes() for path in files]
+    for path, content in zip(files, data[1:] + data[:1], strict=True):
+        path.write_bytes(content)
+    code, out, _ = calibrate(run, boards, tmp_path / "out")
+    assert code == 0
+    assert only_json(out)["warnings"] == [
+        "camera cam1: its frame numbers are 1 too low against cam0, cam2; rename its images; going on without cam1"
+    ]
+    assert list(read_rig(tmp_path / "out" / "rig.json").cameras) == ["cam0", "cam2"]
+
+
+def test_mirrored_images_are_found_and_said(run, boards, tmp_path):
+    for path in (boards / "cam2").iterdir():
+        cv2.imwrite(str(path), np.ascontiguousarray(read_image(path)[:, ::-1]))
+    code, out, _ = calibrate(run, boards, tmp_path / "out")
+    assert code == 0
+    warnings = only_json(out)["warnings"]
+    assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in warnings
+
+
+def test_a_square_given_in_centimetres_is_doubted(run, boards, tmp_path):
+    board = tmp_path / "board.toml"
+    text = (DEMO / "board.toml").read_text()
+    board.write_text(text.replace("34.0", "3.4").replace("25.0", "2.5"))
+    code, out, _ = run("calibrate", boards, "--board", board, "--out", tmp_path / "out", "--json")
+    assert code == 0
+    doubts = [line for line in only_json(out)["warnings"] if "centimetres" in line]
+    assert len(doubts) == 1
+    assert doubts[0].startswith("with square_mm = 3.4 the board was 6")
+    assert doubts[0].endswith("mm away; was it given in centimetres (34 mm)?")
+
+
+def test_given_intrinsics_are_held(run, boards, tmp_path):
+    code, out, _ = calibrate(run, boards, tmp_path / "out", "--intrinsics", TRUE_RIG)
+    assert code == 0
+    truth, found = read_rig(TRUE_RIG), read_rig(tmp_path / "out" / "rig.json")
+    for name in CAMERAS:
+        np.testing.assert_array_equal(found.cameras[name].focal_px, truth.cameras[name].focal_px)
+    assert only_json(out)["cameras"]["cam0"]["held"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
+
+
+def test_report_and_rig_are_the_same_twice(run, boards, tmp_path):
+    for name in ("a", "b"):
+        calibrate(run, boards, tmp_path / name)
+    for file in ("rig.json", "calibration.json", "report.html"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()

@@ -31,6 +31,17 @@ def test_without_a_wish_the_core_is_a_central_camera(rig, board, poses):
     assert solve(sightings(rig, board, poses, noise_px=0.05), board, None, Silent()).rig.core in ("b", "c")
 
 
+def test_the_network_is_optimised_and_keeps_what_it_was_before(rig, board, poses):
+    chain = solve(sightings(rig, board, poses, noise_px=0.1), board, "b", Silent())
+    before, after = chain.network.chained, chain.network
+    assert [e.pair for e in before.path_errors] == [("a", "c"), ("a", "d"), ("c", "d")]
+    assert len(after.path_errors) == 6
+    assert len(after.loop_errors) == 4
+    assert chain.rig.cam_from_core["c"] is after.cam_from_core["c"] is not before.cam_from_core["c"]
+    left = {e.pair: e.translation_mm for e in after.path_errors}
+    assert sum(left[e.pair] for e in before.path_errors) < sum(e.translation_mm for e in before.path_errors)
+
+
 def test_a_camera_that_shares_frames_only_with_an_auxiliary_is_associated_through_it(rig, board, poses):
     frames = {"a": range(8), "b": FRAMES, "c": range(8, 12), "d": ()}
     reporter = Silent()

@@ -42,7 +42,7 @@ class Guilty:
             first, second = self.cameras
             return (
                 f"pair {first}–{second} disagrees, {size}, while its cameras agree with all others: "
-                "look at the views that only these two share"
+                "their common views are bad, or one of the two moved during the capture"
             )
         return (
             f"cameras {', '.join(self.cameras)} contradict each other, {size}, and the loops cannot tell which is "

@@ -18,8 +18,8 @@ from beltscape.core.pose import Pose
 
 Array = NDArray[np.float64]
 
-SAME = 1e-9
-"""Share of a pair's own variance below which an error cannot be anything but 0."""
+SAME = 1e-7
+"""Share of the pairs' own variance below which propagation to first order cannot tell an error from 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,11 +41,6 @@ class Misclosure:
     """6; fewer where directions are free of error by construction."""
 
     @property
-    def pair(self) -> tuple[str, ...]:
-        """The cameras."""
-        return self.cameras
-
-    @property
     def chi2_per_dof(self) -> float:
         """About 1 where noise explains the misfit."""
         return self.chi2 / self.dof if self.dof else float("nan")
@@ -60,6 +55,11 @@ class PathError(Misclosure):
     """ε_path: how far a measured pair and the way through the core disagree (Eq. 16)."""
 
     __slots__ = ()
+
+    @property
+    def pair(self) -> tuple[str, ...]:
+        """The two cameras."""
+        return self.cameras
 
 
 class LoopError(Misclosure):

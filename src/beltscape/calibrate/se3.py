@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import inv
 
 from beltscape.core.pose import Pose
 
@@ -87,7 +88,7 @@ def left_jacobian(twist: Array) -> Array:
 
 def left_jacobian_inverse(twist: Array) -> Array:
     """(6, 6) with ``log(exp(δ) @ exp(ξ)) ≈ ξ + J⁻¹ δ``."""
-    return np.linalg.inv(left_jacobian(twist))
+    return inv(left_jacobian(twist))
 
 
 def right_jacobian_inverse(twist: Array) -> Array:

@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted, adjust
+from beltscape.calibrate.blame import blame
 from beltscape.calibrate.chain import Chain, skewed_pairs, solve
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.detect import Variant
 from beltscape.calibrate.guidance import NextPose, next_pose
 from beltscape.calibrate.heldout import HeldOut, held_out_score
+from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
@@ -92,12 +94,7 @@ def calibrate(
         raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
     sightings, variant = find_board(capture, board, reporter)
     chain = solve(sightings, board, core, reporter, known=known)
-    for pair in skewed_pairs(chain):
-        alone = max(chain.monocular[name].rms_px for name in (pair.first, pair.second))
-        reporter.warn(
-            f"cameras {pair.first} and {pair.second} agree to {pair.rms_px:.2f} px only, "
-            f"each alone to {alone:.2f} px: they are not triggered at the same instant, or one of them moved"
-        )
+    _warn_of_disagreement(chain, reporter)
     kernels = load()
     own = sightings.restricted(chain.rig.cameras, sightings.frames)
     reporter.step("adjusting everything together", 0, 1)
@@ -134,13 +131,24 @@ def calibrate(
     )
 
 
+def _warn_of_disagreement(chain: Chain, reporter: Reporter) -> None:
+    """Say which pairs fit worse than their cameras alone, and who opens the loops."""
+    skewed = skewed_pairs(chain)
+    if skewed:
+        sizes = ", ".join(f"{pair.first}–{pair.second} {pair.rms_px:.2f} px" for pair in skewed)
+        alone = max(chain.monocular[name].rms_px for pair in skewed for name in (pair.first, pair.second))
+        reporter.warn(
+            f"cameras fit worse together than alone (at most {alone:.2f} px): {sizes}; they are not triggered at the "
+            "same instant, or one of them moved"
+        )
+    guilty = blame(chain.network)
+    if guilty is not None:
+        reporter.warn(guilty)
+
+
 def _warn_of_doubt(board: Board, adjusted: Adjusted, halves: HeldOut | None, reporter: Reporter) -> None:
     """Say it where the model does not explain the views, or the board's size is not believable."""
-    if halves is None:
-        reporter.warn(
-            "too few shared views to hold half of them out: the scores are of the views the rig was found from"
-        )
-    elif halves.split_ratio > SPLIT_LIMIT:
+    if halves is not None and halves.split_ratio > SPLIT_LIMIT:
         reporter.warn(
             f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
             "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
@@ -275,11 +283,19 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             }
             for pair in chain.network.pairs
         ],
-        "path_errors": [
-            {"cameras": e.pair, "rotation_deg": e.rotation_deg, "translation_mm": e.translation_mm}
-            for e in chain.network.path_errors
-        ],
+        "path_errors": [_closure_document(error) for error in chain.network.path_errors],
+        "loop_errors": [_closure_document(error) for error in chain.network.loop_errors],
         "warnings": calibration.warnings,
+    }
+
+
+def _closure_document(error: Misclosure) -> Mapping[str, Any]:
+    return {
+        "cameras": error.cameras,
+        "rotation_deg": error.rotation_deg,
+        "translation_mm": error.translation_mm,
+        "chi2_per_dof": error.chi2_per_dof,
+        "p_value": error.p_value,
     }
 
 

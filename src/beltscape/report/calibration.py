@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from beltscape.calibrate.adjust import Adjusted
 from beltscape.calibrate.chain import Chain
 from beltscape.calibrate.guidance import NextPose
+from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Evidence, Score
 from beltscape.calibrate.uncertainty import DepthSigma, rig_covariance
 from beltscape.core.camera import Camera
@@ -20,6 +21,8 @@ from beltscape.report.pictures import thumbnail
 from beltscape.report.plots import panels, to_png
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.target.board import Board
+
+CLOSURE = ("error °", "error mm", "χ² / dof")
 
 
 def calibration_page(
@@ -95,10 +98,11 @@ def calibration_page(
             [Figure.png(*_residuals(adjusted.rig, evidence))],
         ),
         Section(
-            "Pairs and paths",
-            "Every pair that shares views, calibrated by itself; where the pair is not part of a path to the core, "
-            "how far it disagrees with the way through the core (Eq. 16).",
-            [_pairs(chain)],
+            "The network",
+            "Every pair that shares views, calibrated by itself, and how far it disagrees with the way through the "
+            "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is "
+            "about 1 where noise explains it.",
+            [_pairs(chain), *_triangles(chain)],
         ),
     ]
     rejected = _rejected(chain)
@@ -287,13 +291,20 @@ def _pairs(chain: Chain) -> Item:
             [
                 f"{pair.first} – {pair.second}", f"{len(pair.frames)}", f"{pair.corners}", f"{pair.rms_px:.3f}",
                 f"{np.linalg.norm(pair.second_from_first.translation_mm):.2f}",
-                f"{pair.second_from_first.angle_deg:.3f}",
-                f"{error.rotation_deg:.4f}" if error else "on the path",
-                f"{error.translation_mm:.3f}" if error else "on the path",
+                f"{pair.second_from_first.angle_deg:.3f}", *(_closure(error) if error else ["–"] * 3),
             ]
         )  # fmt: skip
-    names = ["pair", "frames", "corners", "RMS px", "baseline mm", "angle °", "path error °", "path error mm"]
-    return Table(names, rows)
+    names = ["pair", "frames", "corners", "RMS px", "baseline mm", "angle °", *CLOSURE]
+    return Table(names, rows, "Pairs.")
+
+
+def _triangles(chain: Chain) -> list[Table]:
+    rows = [[" – ".join(error.cameras), *_closure(error)] for error in chain.network.loop_errors]
+    return [Table(["triangle", *CLOSURE], rows, "Triangles.")] if rows else []
+
+
+def _closure(error: Misclosure) -> list[str]:
+    return [f"{error.rotation_deg:.4f}", f"{error.translation_mm:.3f}", f"{error.chi2_per_dof:.1f}"]
 
 
 def _rejected(chain: Chain) -> list[str]:

@@ -49,7 +49,7 @@ def rendered_scenes(folder: Path) -> list[Scene]:
 
 def _rendered(folder: Path, name: str, halvings: int) -> Scene:
     truth = json.loads((folder / "truth" / "rig.json").read_text())
-    rig = _halved_rig(_true_rig(truth), halvings)
+    rig = _halved_rig(true_rig(truth), halvings)
     arrays = np.load(folder / "truth" / f"{name}_depth_cam0.npz")
     step = 2**halvings
     depth, labels = arrays["z_pinhole"].astype(np.float64), arrays["label_pinhole"]
@@ -74,7 +74,7 @@ def _rendered(folder: Path, name: str, halvings: int) -> Scene:
     )  # fmt: skip
 
 
-def _true_rig(truth: dict) -> Rig:
+def true_rig(truth: dict) -> Rig:
     cameras, poses = {}, {}
     for name, entry in truth["cameras"].items():
         matrix = np.array(entry["K"])

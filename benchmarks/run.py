@@ -29,6 +29,7 @@ from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliar
 from beltscape.stereo.rectify import rectify_pair
 from beltscape.stereo.search import find_depth_range
 from beltscape.stereo.settings import PairwiseSettings
+from calibration import calibration
 from captures import Scene, demo_scenes, rendered_scenes
 
 HERE = Path(__file__).parent
@@ -137,6 +138,8 @@ def main() -> None:
         "× SGBM: time over that of one bare OpenCV SGBM call per pair on the same images in the same run.",
         "",
         *triangulation(),
+        "",
+        *calibration(folder),
         "",
         *whole_frames(scenes),
         "",

@@ -18,7 +18,9 @@ from beltscape.core.rig import Rig
 from beltscape.files.images import read_image, write_image
 from beltscape.files.json_text import to_json
 from beltscape.files.rig_json import rig_document
-from beltscape.pipeline.calibration import calibrate, calibration_document, check
+from beltscape.pipeline.calibration import calibrate
+from beltscape.pipeline.calibration_files import calibration_document
+from beltscape.pipeline.check import check
 from beltscape.target.board import CharucoBoard, Chessboard
 from synthetic.boards import Print, board_poses, capture, row_of_cameras
 

@@ -26,7 +26,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Calibrate and write rig.json, calibration.json, report.html."""
     from beltscape.files.atomic import output_folder
     from beltscape.files.exchange import read_intrinsics
-    from beltscape.pipeline.calibration import calibrate, calibration_document, write_calibration
+    from beltscape.pipeline.calibration import calibrate
+    from beltscape.pipeline.calibration_files import calibration_document, write_calibration
     from beltscape.target.board import read_board
 
     board = read_board(arguments.board)

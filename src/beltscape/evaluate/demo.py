@@ -26,7 +26,8 @@ from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
 from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.volume import Volume
-from beltscape.pipeline.calibration import Calibration, calibrate, write_calibration
+from beltscape.pipeline.calibration import Calibration, calibrate
+from beltscape.pipeline.calibration_files import write_calibration
 from beltscape.pipeline.reconstruction import reconstruct_capture
 from beltscape.pipeline.rectification import rectify_capture
 from beltscape.pipeline.volume import volume_of_frames, write_volume

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted, adjust
 from beltscape.calibrate.blame import blame
@@ -17,28 +16,19 @@ from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.detect import Variant
 from beltscape.calibrate.guidance import NextPose, next_pose
 from beltscape.calibrate.heldout import HeldOut, held_out_score
-from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
 from beltscape.core.camera import Camera
-from beltscape.core.errors import CalibrationError, InputError
-from beltscape.core.frames import Image
+from beltscape.core.errors import InputError
 from beltscape.core.progress import Recording, Reporter
 from beltscape.core.rig import Rig
-from beltscape.files.atomic import write_text
 from beltscape.files.capture import Capture, read_capture
-from beltscape.files.images import read_image
-from beltscape.files.json_text import plain, write_json
-from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
-from beltscape.report.calibration import calibration_page
 from beltscape.target.board import Board
 
 SPLIT_LIMIT = 2.0
 """Halves of the views may differ so much more than their covariances say."""
-SHOWN = 12
-"""Rejected views shown in the report."""
 NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
 """A board outside these distances was hardly meant."""
 
@@ -179,176 +169,3 @@ def _depth_sigmas(rig: Rig, adjusted: Adjusted, covariance: RigCovariance) -> tu
     return tuple(
         depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
     )
-
-
-def write_calibration(out: Path, calibration: Calibration) -> None:
-    """rig.json, calibration.json and report.html."""
-    write_rig(out / "rig.json", calibration.rig)
-    write_json(out / "calibration.json", calibration_document(calibration))
-    page = calibration_page(
-        calibration.chain,
-        calibration.adjusted,
-        calibration.evidence,
-        calibration.board,
-        calibration.depth_sigma,
-        calibration.next_pose,
-        _rejected_images(calibration),
-        held_out=calibration.held_out,
-        training=calibration.training,
-        warnings=calibration.warnings,
-    )
-    write_text(out / "report.html", page)
-
-
-def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
-    """(why, image) of the views that were left out as a whole, for the report."""
-    found: list[tuple[str, Image]] = []
-    for name, camera in calibration.chain.monocular.items():
-        for frame, why in camera.rejected.items():
-            image = read_image(calibration.capture.files[name][frame])
-            found.append((f"{name}, frame {frame}: {why}", image))
-    return found[:SHOWN]
-
-
-def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> tuple[Score, Evidence]:
-    """Score a rig on board views it has never seen.
-
-    Raises
-    ------
-    InputError, CalibrationError
-        With one line that names what is wrong and the mend.
-    """
-    capture = read_capture(folder)
-    for name in rig.cameras:
-        if name not in capture.cameras:
-            reporter.warn(f"{folder / name}: no images of camera {name}; going on without it")
-    known = capture.only(tuple(rig.cameras))
-    if len(known.cameras) < 2:
-        raise InputError(
-            f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}; "
-            "at least two of them must be the same"
-        )
-    sightings, _ = find_board(known, board, reporter)
-    for name, size in sightings.sizes_px.items():
-        if size != rig.cameras[name].size_px:
-            width, height = rig.cameras[name].size_px
-            raise InputError(
-                f"{folder / name}: images are {size[0]}×{size[1]} px, the rig's {name} has {width}×{height}; "
-                "check with images of the size the rig was calibrated with"
-            )
-    try:
-        evidence = examine(rig, sightings, board, load(), corners_mm=_known_shape(rig, board))
-    except CalibrationError as error:
-        raise CalibrationError(f"{folder}: {error}") from error
-    return score(evidence), evidence
-
-
-def _known_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
-    """(P, 3) the board's own shape, where the rig was found with the same board and it was not as drawn."""
-    corners = rig.quality.get("board_corners_mm")
-    if corners is None or rig.quality.get("board") != plain(board.model_dump()):
-        return None
-    points = np.asarray(corners, np.float64)
-    return points if points.shape == (board.grid[0] * board.grid[1], 3) else None
-
-
-def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
-    """calibration.json: what each level of the hierarchy found."""
-    chain, adjusted = calibration.chain, calibration.adjusted
-    return {
-        "format": "beltscape-calibration/1",
-        "core": chain.rig.core,
-        "board": {
-            **calibration.board.model_dump(),
-            **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
-            "off_drawing_rms_mm": np.sqrt((adjusted.shape_mm**2).mean(axis=0)),
-        },
-        "held_out": calibration.held_out.document() if calibration.held_out else None,
-        "training": calibration.training.document(),
-        "depth_sigma_mm": [
-            {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
-            for s in calibration.depth_sigma
-        ],
-        "next_pose": _next_document(calibration.next_pose),
-        "cameras": {name: _camera_document(calibration, name) for name in calibration.rig.cameras},
-        "pairs": [
-            {
-                "cameras": [pair.first, pair.second],
-                "frames": len(pair.frames),
-                "corners": pair.corners,
-                "rms_px": pair.rms_px,
-                "rotation": pair.second_from_first.rotation,
-                "translation_mm": pair.second_from_first.translation_mm,
-                "rejected": pair.rejected,
-            }
-            for pair in chain.network.pairs
-        ],
-        "path_errors": [_closure_document(error) for error in chain.network.path_errors],
-        "loop_errors": [_closure_document(error) for error in chain.network.loop_errors],
-        "warnings": calibration.warnings,
-    }
-
-
-def _closure_document(error: Misclosure) -> Mapping[str, Any]:
-    return {
-        "cameras": error.cameras,
-        "rotation_deg": error.rotation_deg,
-        "translation_mm": error.translation_mm,
-        "chi2_per_dof": error.chi2_per_dof,
-        "p_value": error.p_value,
-    }
-
-
-def _next_document(pose: NextPose | None) -> Mapping[str, Any] | None:
-    if pose is None:
-        return None
-    return {
-        "enough": pose.enough,
-        "words": pose.describe(),
-        "seen_by": pose.seen_by,
-        "sigma_now_mm": pose.sigma_now_mm,
-        "sigma_then_mm": pose.sigma_then_mm,
-        "core_from_board": {
-            "rotation": pose.core_from_board.rotation,
-            "translation_mm": pose.core_from_board.translation_mm,
-        },
-    }
-
-
-def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
-    camera, adjusted = calibration.chain.monocular[name], calibration.adjusted
-    final, index = calibration.rig.cameras[name], list(calibration.rig.cameras).index(name)
-    covariance = calibration.covariance
-    sigma = np.sqrt(np.diag(covariance.matrix))
-    of_camera = adjusted.bundle.observations.camera == index
-    return {
-        "images": calibration.sightings.images[name],
-        "board_seen": len(calibration.sightings.views[name]),
-        "views_used": len(camera.cam_from_board),
-        "focal_px": final.focal_px,
-        "center_px": final.center_px,
-        "distortion": final.distortion,
-        "sigma": {
-            parameter.removeprefix(f"{name}."): float(value)
-            for parameter, value in zip(covariance.parameters, sigma, strict=True)
-            if parameter.startswith(f"{name}.")
-        },
-        "held": camera.held,
-        "noise_px": adjusted.sigma_px[index],
-        "corners": int(of_camera.sum()),
-        "corners_left_out": int((of_camera & ~adjusted.kept).sum()),
-        "intrinsics_from_own_views": name in adjusted.alone,
-        "monocular": {
-            "rms_px": camera.rms_px,
-            "focal_px": camera.camera.focal_px,
-            "center_px": camera.camera.center_px,
-            "distortion": camera.camera.distortion,
-            "sigma": camera.sigma,
-        },
-        "rejected": camera.rejected,
-        "path_from_core": calibration.chain.network.paths[name],
-    }
-
-
-def _variant_document(variant: Variant) -> dict[str, bool]:
-    return {"legacy": variant.legacy, "inverted": variant.inverted}

@@ -1,0 +1,90 @@
+"""Calibration for the benchmarks: time, the rig against its truth, held-out scores of recorded sets."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+from beltscape.calibrate.adjust import adjust
+from beltscape.calibrate.chain import solve
+from beltscape.calibrate.heldout import held_out_score
+from beltscape.calibrate.sightings import find_board
+from beltscape.core.progress import Silent
+from beltscape.core.rig import Rig
+from beltscape.evaluate.rig import score_rig_against_truth
+from beltscape.files.capture import read_capture
+from beltscape.kernels import load
+from beltscape.target.board import Board, CharucoBoard, Chessboard, read_board
+from captures import true_rig
+
+RECORDED: dict[str, Board] = {
+    "opencv_stereo": Chessboard(corners=(9, 6), square_mm=25),
+    "pycamset_calibration_charuco": CharucoBoard(
+        squares=(20, 20), square_mm=4, marker_mm=3.2, dictionary="DICT_4X4_1000"
+    ),
+    "caliscope_4cam": CharucoBoard(squares=(4, 5), square_mm=54, marker_mm=40.5, dictionary="DICT_4X4_1000"),
+}
+
+
+def calibration(rendered: Path) -> list[str]:
+    """Rows for RESULTS.md; what is not there is left out."""
+    lines: list[str] = []
+    if rendered.is_dir():
+        lines += _against_truth(rendered)
+    rows = [_held_out(name, rendered.parent / "real" / name, board) for name, board in RECORDED.items()]
+    if any(rows):
+        head = "| held out, recorded | cameras | RMS px | median px | square bias mm | square RMS mm | σ of halves |"
+        lines += ["", head, "|---|---|---|---|---|---|---|", *(row for row in rows if row)]
+    return lines
+
+
+def _against_truth(rendered: Path) -> list[str]:
+    truth = true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
+    board = read_board(rendered / "board.toml")
+    start = time.perf_counter()
+    sightings, _ = find_board(read_capture(rendered / "calibration"), board, Silent())
+    detected = time.perf_counter()
+    chain = solve(sightings, board, "cam0", Silent())
+    chained = time.perf_counter()
+    adjusted = adjust(chain, sightings, board)
+    done = time.perf_counter()
+    pairs = Rig(chain.rig.core, chain.rig.cameras, (chain.network.chained or chain.network).cam_from_core)
+    rigs = {
+        "detection": (None, detected - start),
+        "pairs through the core": (pairs, None),
+        "after global optimisation (Eqs. 17-20)": (chain.rig, chained - detected),
+        "after joint adjustment": (adjusted.rig, done - chained),
+    }
+    head = "| calibration, rendered | depth RMS / max mm | worst rotation ° | worst centre mm | s |"
+    return [
+        head,
+        "|---|---|---|---|---|",
+        *(_row(name, rig, truth, took) for name, (rig, took) in rigs.items()),
+    ]
+
+
+def _row(name: str, rig: Rig | None, truth: Rig, took: float | None) -> str:
+    seconds = f"{took:.2f}" if took is not None else ""
+    if rig is None:
+        return f"| {name} | | | | {seconds} |"
+    s = score_rig_against_truth(rig, truth, load())
+    return (
+        f"| {name} | {s.depth_rms_mm:.4f} / {s.depth_max_mm:.4f} | {max(s.rotation_deg.values()):.4f} | "
+        f"{max(s.center_mm.values()):.4f} | {seconds} |"
+    )
+
+
+def _held_out(name: str, folder: Path, board: Board) -> str | None:
+    if not folder.is_dir():
+        return None
+    sightings, _ = find_board(read_capture(folder), board, Silent())
+    rig = solve(sightings, board, None, Silent()).rig
+    halves = held_out_score(sightings.restricted(rig.cameras, sightings.frames), board, rig.core, load())
+    if halves is None:
+        return None
+    s = halves.score
+    return (
+        f"| {name} | {len(rig.cameras)} | {s.rms_px:.3f} | {s.median_px:.3f} | {s.square_bias_mm:+.4f} | "
+        f"{s.square_rms_mm:.4f} | {halves.split_ratio:.1f} × |"
+    )

@@ -12,6 +12,7 @@ import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.files.atomic import write_text
+from beltscape.files.text import read_text
 
 
 def plain(value: Any) -> Any:
@@ -44,13 +45,7 @@ def write_json(path: Path, value: Any) -> None:
 def read_json(path: Path) -> Any:
     """Parse a JSON file, or InputError naming the place that is wrong."""
     try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text") from error
+        return json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise InputError(
             f"{path}: not JSON (line {error.lineno}, column {error.colno}: {error.msg})"

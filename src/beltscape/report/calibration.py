@@ -40,16 +40,6 @@ def calibration_page(
 ) -> str:
     """report.html of a calibration."""
     score = held_out or training
-    kind = (
-        "views the rig was not found from"
-        if held_out
-        else "the views the rig was found from (too few for halves)"
-    )
-    verdict = (
-        f"{len(chain.rig.cameras)} cameras about {chain.rig.core}. On {kind}, corners are met within "
-        f"{score.median_px:.3f} px (median), and a {board.square_mm:g} mm square measures "
-        f"{board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
-    )
     sections = [
         Section(
             "How good it is",
@@ -64,32 +54,50 @@ def calibration_page(
                 _cameras(chain, adjusted),
             ],
         ),
-        Section(
-            "What it does to depth",
-            "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle "
-            "and the farthest boards were. Matching adds its own; heights over the belt suffer less, as most of it "
-            "is common.",
-            [
-                Figure.png(
-                    _depth_sigma_plot(depth_sigma),
-                    "By place in the core camera's view; white: two cameras do not see it.",
-                )
-            ],
-        ),
-        Section(
-            "Next view", following.describe() if following else "", [_next_view(adjusted, board, following)]
-        )
-        if following
-        else Section("Next view", "No board pose would be seen by two cameras.", []),
+        _depth_section(depth_sigma),
+        _next_section(adjusted, board, following),
+        *_view_sections(adjusted, evidence),
+        _network_section(chain),
+        *_left_out(chain, rejected_images),
+    ]
+    verdict = _verdict(chain, board, score, held_out is not None)
+    return render("Calibration", verdict, sections, warnings=warnings)
+
+
+def _verdict(chain: Chain, board: Board, score: Score, unseen: bool) -> str:
+    views = (
+        "views the rig was not found from" if unseen else "the views it was found from (too few for halves)"
+    )
+    return (
+        f"{len(chain.rig.cameras)} cameras about {chain.rig.core}. On {views}, corners are met within "
+        f"{score.median_px:.3f} px (median), and a {board.square_mm:g} mm square measures "
+        f"{board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
+    )
+
+
+def _depth_section(depth_sigma: Sequence[DepthSigma]) -> Section:
+    caption = "By place in the core camera's view; white: two cameras do not see it."
+    return Section(
+        "What it does to depth",
+        "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
+        "the farthest boards were. Matching adds its own; heights over the belt suffer less, as most of it is common.",
+        [Figure.png(_depth_sigma_plot(depth_sigma), caption)],
+    )
+
+
+def _next_section(adjusted: Adjusted, board: Board, following: NextPose | None) -> Section:
+    if following is None:
+        return Section("Next view", "No board pose would be seen by two cameras.", [])
+    return Section("Next view", following.describe(), [_next_view(adjusted, board, following)])
+
+
+def _view_sections(adjusted: Adjusted, evidence: Evidence) -> list[Section]:
+    coverage = _coverage(adjusted.rig, evidence)
+    return [
         Section(
             "Coverage",
             "Where the board was seen in each image. Empty corners leave the distortion there to guesswork.",
-            [
-                Figure.png(
-                    _coverage(adjusted.rig, evidence),
-                    "Corners by camera; darker is a larger reprojection error.",
-                )
-            ],
+            [Figure.png(coverage, "Corners by camera; darker is a larger reprojection error.")],
         ),
         Section(
             "Residuals",
@@ -97,20 +105,26 @@ def calibration_page(
             "an even scatter is noise.",
             [Figure.png(*_residuals(adjusted.rig, evidence))],
         ),
-        Section(
-            "The network",
-            "Every pair that shares views, calibrated by itself, and how far it disagrees with the way through the "
-            "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is "
-            "about 1 where noise explains it.",
-            [_pairs(chain), *_triangles(chain)],
-        ),
     ]
+
+
+def _network_section(chain: Chain) -> Section:
+    return Section(
+        "The network",
+        "Every pair that shares views, calibrated by itself, and how far it disagrees with the way through the "
+        "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is about 1 "
+        "where noise explains it.",
+        [_pairs(chain), *_triangles(chain)],
+    )
+
+
+def _left_out(chain: Chain, images: Sequence[tuple[str, Image]]) -> list[Section]:
     rejected = _rejected(chain)
-    if rejected:
-        pictures = [Figure.of(thumbnail(image), why, wide=False) for why, image in rejected_images]
-        intro = "Views that fit far worse than the rest: blur, a finger on the board, a moving board."
-        sections.append(Section("Left out", intro, [Lines(rejected), *pictures]))
-    return render("Calibration", verdict, sections, warnings=warnings)
+    if not rejected:
+        return []
+    pictures = [Figure.of(thumbnail(image), why, wide=False) for why, image in images]
+    intro = "Views that fit far worse than the rest: blur, a finger on the board, a moving board."
+    return [Section("Left out", intro, [Lines(rejected), *pictures])]
 
 
 def _tiles(score: Score, depth: DepthSigma) -> Tiles:

@@ -80,7 +80,7 @@ def _depth_section(depth_sigma: Sequence[DepthSigma]) -> Section:
     return Section(
         "What it does to depth",
         "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
-        "the farthest boards were. Matching adds its own; heights over the belt suffer less, as most of it is common.",
+        "the farthest boards were. Matching adds its own; heights over the belt suffer less: most of it is common.",
         [Figure.png(_depth_sigma_plot(depth_sigma), caption)],
     )
 
@@ -112,8 +112,8 @@ def _network_section(chain: Chain) -> Section:
     return Section(
         "The network",
         "Every pair that shares views, calibrated by itself, and how far it disagrees with the way through the "
-        "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is about 1 "
-        "where noise explains it.",
+        "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is about "
+        "1 where noise explains it.",
         [_pairs(chain), *_triangles(chain)],
     )
 

@@ -74,12 +74,14 @@ def adjust(chain: Chain, sightings: Sightings, board: Board) -> Adjusted:
         prior = _prior(chain, board_mm)
         bundle, geometry, sigma = _robust(observations, prior, geometry, _camera_sigma(chain))
         alone = _misfitting(chain, sigma)
+        # what asynchronous cameras disagree by belongs to all of them: none is quieter than another
+        spread = 1.0 if alone else SPREAD
         if alone:
             prior = _with_own_evidence(prior, chain, sightings, alone, board_mm)
-            bundle, geometry, sigma = _robust(observations, prior, geometry, sigma)
+            bundle, geometry, sigma = _robust(observations, prior, geometry, sigma, spread)
         prior = replace(prior, points_sigma_mm=_shape_sigma(bundle, geometry))
         flat = np.where(prior.points_sigma_mm > 0, geometry.points_mm, board_mm)
-        bundle, geometry, kept = _final(observations, prior, replace(geometry, points_mm=flat), sigma)
+        bundle, geometry, kept = _final(observations, prior, replace(geometry, points_mm=flat), sigma, spread)
     rig = _rig(chain.rig, geometry)
     sigma = np.array(
         [bundle.observations.sigma_px[observations.camera == c][0] for c in range(len(rig.cameras))]
@@ -88,7 +90,7 @@ def adjust(chain: Chain, sightings: Sightings, board: Board) -> Adjusted:
 
 
 def _robust(
-    observations: Observations, prior: Prior, geometry: Geometry, sigma: Array
+    observations: Observations, prior: Prior, geometry: Geometry, sigma: Array, spread: float = SPREAD
 ) -> tuple[Bundle, Geometry, Array]:
     """Everything with Student's weights: nothing is thrown away yet."""
     bundle = Bundle(observations, prior)
@@ -97,18 +99,18 @@ def _robust(
         weights = (STUDENT_DOF + 2) / (STUDENT_DOF + squared)
         bundle = Bundle(_with_sigma(observations, sigma), prior, weights)
         geometry = minimise(bundle, geometry, Damping(tolerance=1e-6)).state
-        sigma = _student_sigma(bundle, geometry, sigma)
+        sigma = _student_sigma(bundle, geometry, sigma, spread)
     return bundle, geometry, sigma
 
 
 def _final(
-    observations: Observations, prior: Prior, geometry: Geometry, sigma: Array
+    observations: Observations, prior: Prior, geometry: Geometry, sigma: Array, spread: float
 ) -> tuple[Bundle, Geometry, NDArray[np.bool_]]:
     """Without outliers, the rest in full."""
     kept = np.ones(len(observations.pixels), bool)
     bundle = Bundle(_with_sigma(observations, sigma), prior)
     for _ in range(3):
-        kept, sigma = _gate(bundle, geometry)
+        kept, sigma = _gate(bundle, geometry, spread)
         bundle = Bundle(_with_sigma(observations, sigma), prior, kept.astype(np.float64))
         geometry = minimise(bundle, geometry).state
     return bundle, geometry, kept
@@ -213,23 +215,23 @@ def _with_sigma(observations: Observations, sigma: Array) -> Observations:
     return replace(observations, sigma_px=sigma[observations.camera])
 
 
-def _student_sigma(bundle: Bundle, geometry: Geometry, sigma: Array) -> Array:
+def _student_sigma(bundle: Bundle, geometry: Geometry, sigma: Array, spread: float) -> Array:
     """(C,) the scale that fits Student's t to each camera's errors: one step of expectation-maximisation."""
     camera = bundle.observations.camera
     squared = (bundle.errors_px(geometry) ** 2).sum(axis=1)
     weights = (STUDENT_DOF + 2) / (STUDENT_DOF + squared / sigma[camera] ** 2)
     total = np.bincount(camera, weights * squared, minlength=len(sigma))
     count = 2 * np.bincount(camera, minlength=len(sigma)).clip(1)
-    return _levelled(np.sqrt(total / count), count)
+    return _levelled(np.sqrt(total / count), count, spread)
 
 
-def _levelled(sigma: Array, count: Array) -> Array:
-    """Each camera's noise, held near the rig's.
+def _levelled(sigma: Array, count: Array, spread: float) -> Array:
+    """Each camera's noise, held within a factor ``spread`` of the rig's.
 
     Left alone, one camera's noise shrinks for ever: the more it is trusted, the better boards and shape fit it.
     """
     pooled = float(np.sqrt((count * sigma**2).sum() / count.sum()))
-    return np.clip(sigma, pooled / SPREAD, pooled * SPREAD)
+    return np.clip(sigma, pooled / spread, pooled * spread)
 
 
 def _shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
@@ -247,17 +249,17 @@ def _shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
     return np.where(excess > 2 * noise, np.sqrt(np.maximum(excess, 0)), 0.0)
 
 
-def _gate(bundle: Bundle, geometry: Geometry) -> tuple[NDArray[np.bool_], Array]:
+def _gate(bundle: Bundle, geometry: Geometry, spread: float) -> tuple[NDArray[np.bool_], Array]:
     """Corners to keep, and each camera's noise from those kept, corrected for what was fitted to them."""
     errors, camera = bundle.errors_px(geometry), bundle.observations.camera
     cameras = len(geometry.intrinsics)
     robust = np.array([1.4826 * np.median(np.abs(errors[camera == c])) for c in range(cameras)])
-    robust = _levelled(robust, np.bincount(camera, minlength=cameras))
+    robust = _levelled(robust, np.bincount(camera, minlength=cameras), spread)
     kept = np.linalg.norm(errors, axis=1) < GATE * robust[camera]
     fitted = len(bundle.free) + 6 * len(geometry.board_rotation)
     share = 1 - fitted / max(2 * int(kept.sum()), fitted + 1)
     sigma = np.array([np.sqrt((errors[kept & (camera == c)] ** 2).mean() / share) for c in range(cameras)])
-    return kept, _levelled(sigma, np.bincount(camera[kept], minlength=cameras))
+    return kept, _levelled(sigma, np.bincount(camera[kept], minlength=cameras), spread)
 
 
 def _rig(rig: Rig, geometry: Geometry) -> Rig:

@@ -13,12 +13,10 @@ from beltscape.calibrate.guidance import NextPose
 from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Evidence, Score
 from beltscape.calibrate.uncertainty import DepthSigma, rig_covariance
-from beltscape.core.camera import Camera
 from beltscape.core.frames import Image
-from beltscape.core.rig import Rig
+from beltscape.report.calibration_plots import coverage_plot, depth_sigma_plot, residual_plot
 from beltscape.report.page import Figure, Item, Lines, Section, Table, Tile, Tiles, Turnable, render
 from beltscape.report.pictures import thumbnail
-from beltscape.report.plots import panels, to_png
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.target.board import Board
 
@@ -81,7 +79,7 @@ def _depth_section(depth_sigma: Sequence[DepthSigma]) -> Section:
         "What it does to depth",
         "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
         "the farthest boards were. Matching adds its own; heights over the belt suffer less: most of it is common.",
-        [Figure.png(_depth_sigma_plot(depth_sigma), caption)],
+        [Figure.png(depth_sigma_plot(depth_sigma), caption)],
     )
 
 
@@ -92,7 +90,7 @@ def _next_section(adjusted: Adjusted, board: Board, following: NextPose | None) 
 
 
 def _view_sections(adjusted: Adjusted, evidence: Evidence) -> list[Section]:
-    coverage = _coverage(adjusted.rig, evidence)
+    coverage = coverage_plot(adjusted.rig, evidence)
     return [
         Section(
             "Coverage",
@@ -103,7 +101,7 @@ def _view_sections(adjusted: Adjusted, evidence: Evidence) -> list[Section]:
             "Residuals",
             "Arrows from projected to found corners, magnified. A pattern means that the model does not fit; "
             "an even scatter is noise.",
-            [Figure.png(*_residuals(adjusted.rig, evidence))],
+            [Figure.png(*residual_plot(adjusted.rig, evidence))],
         ),
     ]
 
@@ -227,73 +225,6 @@ def _cameras(chain: Chain, adjusted: Adjusted) -> Table:
         "held",
     ]
     return Table(names, rows, "After the joint adjustment, with one standard deviation each.")
-
-
-def _depth_sigma_plot(maps: Sequence[DepthSigma]) -> bytes:
-    top = max(float(np.nanquantile(m.sigma_mm, 0.98)) for m in maps)
-    figure, axes = panels(len(maps), columns=3, width=3.9, height=3.1)
-    image = None
-    for axis, m in zip(axes, maps, strict=True):
-        extent = (m.x_mm[0], m.x_mm[-1], m.y_mm[-1], m.y_mm[0])
-        image = axis.imshow(m.sigma_mm, extent=extent, cmap="viridis", vmin=0, vmax=top)
-        axis.set(
-            title=f"{m.depth_mm:.0f} mm: median {np.nanmedian(m.sigma_mm):.3f} mm",
-            xlabel="x, mm",
-            ylabel="y, mm",
-        )
-    if image is not None:
-        figure.colorbar(image, ax=axes, label="σ of depth, mm", shrink=0.75)
-    return to_png(figure)
-
-
-def _frame_axes(axis, camera: Camera, title: str) -> None:
-    width, height = camera.size_px
-    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
-    axis.spines[["top", "right"]].set_visible(True)
-    axis.set_xticks([0, width - 1])
-    axis.set_yticks([0, height - 1])
-
-
-def _coverage(rig: Rig, evidence: Evidence) -> bytes:
-    cameras = rig.cameras
-    top = float(np.quantile(np.linalg.norm(evidence.errors_px(), axis=1), 0.98))
-    figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
-    scatter = None
-    for axis, (name, camera) in zip(axes, cameras.items(), strict=True):
-        views = evidence.residuals[name].values()
-        pixels = np.concatenate([np.empty((0, 2)), *(v.pixels for v in views)])
-        errors = np.concatenate([np.empty((0, 2)), *(v.errors_px for v in views)])
-        scatter = axis.scatter(
-            pixels[:, 0],
-            pixels[:, 1],
-            c=np.linalg.norm(errors, axis=1),
-            s=4,
-            cmap="viridis_r",
-            vmin=0,
-            vmax=top,
-        )
-        _frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
-    if scatter is not None:
-        figure.colorbar(scatter, ax=axes, label="reprojection error, px", shrink=0.6)
-    return to_png(figure)
-
-
-def _residuals(rig: Rig, evidence: Evidence) -> tuple[bytes, str]:
-    cameras = rig.cameras
-    median = float(np.median(np.linalg.norm(evidence.errors_px(), axis=1)))
-    magnify = 0.02 * max(max(c.size_px) for c in cameras.values()) / max(median, 1e-6)
-    figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
-    for axis, (name, camera) in zip(axes, cameras.items(), strict=True):
-        views = evidence.residuals[name].values()
-        pixels = np.concatenate([np.empty((0, 2)), *(v.pixels for v in views)])
-        errors = np.concatenate([np.empty((0, 2)), *(v.errors_px for v in views)])
-        axis.quiver(
-            pixels[:, 0], pixels[:, 1], errors[:, 0], errors[:, 1], angles="xy", scale_units="xy",
-            scale=1 / magnify, width=0.0022, color="#1864ab",
-        )  # fmt: skip
-        rms = float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")
-        _frame_axes(axis, camera, f"{name}: RMS {rms:.3f} px")
-    return to_png(figure), f"Residuals, magnified {magnify:.0f} times."
 
 
 def _pairs(chain: Chain) -> Item:

@@ -39,6 +39,7 @@ class Scene:
                 "colors": colors.tolist(),
             },
             separators=(",", ":"),
+            allow_nan=False,
         )
 
 
@@ -54,7 +55,9 @@ def rig_scene(
         core_from_cam = rig.cam_from_core[name].inverse()
         width, height = camera.size_px
         pixels = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]])
-        ends = core_from_cam.apply(np.column_stack([camera.undistort(pixels), np.ones(4)]) * length_mm)
+        ideal, pinhole = camera.undistort(pixels), (pixels - camera.center_px) / camera.focal_px
+        ideal = np.where(np.isfinite(ideal), ideal, pinhole)  # a lens model may not reach its image's corners
+        ends = core_from_cam.apply(np.column_stack([ideal, np.ones(4)]) * length_mm)
         center = core_from_cam.translation_mm
         color = CORE if name == rig.core else AUXILIARY
         lines.append((color, np.concatenate([ends, ends[:1]])))

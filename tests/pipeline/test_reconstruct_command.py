@@ -128,6 +128,22 @@ def test_says_that_a_view_is_overexposed(run, capture, tmp_path):
     ]
 
 
+def test_says_that_hardly_anything_was_measured(run, capture, tmp_path):
+    folder = capture("module")
+    for path in folder.glob("*/*.png"):
+        image = read_image(path)
+        image[:, : image.shape[1] // 3] = image[:, -image.shape[1] // 2 :] = 0
+        cv2.imwrite(str(path), image)
+    code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
+    assert code == 0
+    share = only_json(out)["frames"][0]["coverage"]
+    assert share < 0.3
+    assert warnings(err) == [
+        f"warning: frame 000: only {share:.0%} of the pixels are measured; is the speckle projector on, "
+        "and the exposure long enough?"
+    ]
+
+
 def test_refuses_a_capture_without_the_core(run, capture, tmp_path):
     folder = capture("module")
     shutil.rmtree(folder / "cam0")

@@ -27,6 +27,8 @@ from beltscape.stereo.settings import PairwiseSettings
 
 METHODS = ("pairwise", "binocular")
 """What `reconstruct` can do; ``multiview`` joins them when its matcher exists."""
+SPARSE = 0.3
+"""A frame of which less was measured is worth a word."""
 LOOKS = 5
 """Frames of a sequence in which the depth range is looked for."""
 
@@ -185,6 +187,11 @@ def reconstruct(
             reporter.warn(f"{error}; going on without this frame")
             continue
         done += 1
+        if depth.coverage < SPARSE:
+            reporter.warn(
+                f"frame {frame_set.frame}: only {depth.coverage:.0%} of the pixels are measured; "
+                "is the speckle projector on, and the exposure long enough?"
+            )
         yield Frame(frame_set, depth)
     if not done:
         raise failure or ReconstructionError(f"{source.folder}: no frame in it")

@@ -101,3 +101,21 @@ def test_a_quantity_that_is_not_there_is_one_line(run):
         "beltscape measure: argument QUANTITY: invalid choice: 'features' (choose from 'volume'); "
         "see: beltscape measure --help"
     ]
+
+
+def test_a_setting_out_of_bounds_is_one_line(run, small_frames):
+    words = (
+        "measure",
+        "volume",
+        small_frames / "belt_loaded" / "000",
+        "--empty",
+        small_frames / "belt_empty" / "000",
+    )
+    for option, value, line in (
+        ("--cell", 1000, "cell_mm 1000.0: input should be less than or equal to 100"),
+        ("--cell", -2, "cell_mm -2.0: input should be greater than 0"),
+        ("--profile-every", 0, "profile_every_mm 0.0: input should be greater than 0"),
+    ):
+        code, _, err = run(*words, option, value)
+        assert code == 2
+        assert err == [f"beltscape: {line}"]

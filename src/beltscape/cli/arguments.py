@@ -3,8 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypeVar
 
 from beltscape.core.errors import SettingsError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    Model = TypeVar("Model", bound=BaseModel)
+
+
+def settings(model: type[Model], **options: object) -> Model:
+    """A settings model from options named as its fields; a value out of bounds is a SettingsError that says them."""
+    from pydantic import ValidationError
+
+    try:
+        return model.model_validate(options)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise SettingsError(
+            f"{field} {first['input']}: {first['msg'][:1].lower()}{first['msg'][1:]}"
+        ) from error
 
 
 def ordered_range(option: str, values: Sequence[float] | None) -> tuple[float, float] | None:

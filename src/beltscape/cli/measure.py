@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import ordered_range
+from beltscape.cli.arguments import ordered_range, settings
 from beltscape.core.progress import Reporter
 
 
@@ -34,17 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the volume."""
-    from beltscape.core.errors import SettingsError
     from beltscape.measure.settings import VolumeSettings
     from beltscape.pipeline.volume import volume_document, volume_of_frames, write_volume
 
-    for option, value in (("--profile-every", arguments.profile_every), ("--cell", arguments.cell)):
-        if value is not None and not value > 0:
-            raise SettingsError(f"{option} {value:g}: must be larger than 0 mm")
     volume = volume_of_frames(
         arguments.loaded,
         arguments.empty,
-        VolumeSettings(cell_mm=arguments.cell, profile_every_mm=arguments.profile_every),
+        settings(VolumeSettings, cell_mm=arguments.cell, profile_every_mm=arguments.profile_every),
         across_mm=ordered_range("--across", arguments.across),
         along_mm=ordered_range("--along", arguments.along),
     )

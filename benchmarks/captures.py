@@ -18,6 +18,7 @@ from beltscape.files.depth_tiff import read_float_tiff
 from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
+from beltscape.stereo.search import scaled_rig
 
 REGION_MM = 240.0
 VOLUME_MM = 200.0
@@ -49,7 +50,7 @@ def rendered_scenes(folder: Path) -> list[Scene]:
 
 def _rendered(folder: Path, name: str, halvings: int) -> Scene:
     truth = json.loads((folder / "truth" / "rig.json").read_text())
-    rig = _halved_rig(true_rig(truth), halvings)
+    rig = scaled_rig(true_rig(truth), halvings)
     arrays = np.load(folder / "truth" / f"{name}_depth_cam0.npz")
     step = 2**halvings
     depth, labels = arrays["z_pinhole"].astype(np.float64), arrays["label_pinhole"]
@@ -84,15 +85,6 @@ def true_rig(truth: dict) -> Rig:
         )
         poses[name] = Pose.of(entry["R_rel"], entry["t_rel"])
     return Rig("cam0", cameras, poses)
-
-
-def _halved_rig(rig: Rig, halvings: int) -> Rig:
-    cameras = dict(rig.cameras)
-    for _ in range(halvings):
-        for name, c in cameras.items():
-            size = (c.size_px[0] // 2, c.size_px[1] // 2)
-            cameras[name] = Camera(name, size, c.focal_px / 2, (c.center_px + 0.5) / 2 - 0.5, c.distortion)
-    return Rig(rig.core, cameras, rig.cam_from_core)
 
 
 def _halved(image: np.ndarray, halvings: int) -> np.ndarray:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.intrinsics import Monocular, calibrate_camera
-from beltscape.calibrate.pairs import LENS, calibrate_pair, calibrate_pairs
+from beltscape.calibrate.intrinsics import PARAMETERS, Monocular, calibrate_camera
+from beltscape.calibrate.pairs import calibrate_pair, calibrate_pairs
 from beltscape.calibrate.se3 import log
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
@@ -80,7 +80,7 @@ def test_views_rejected_in_one_camera_do_not_enter_the_pair(rig, board, poses, b
 def known(rig, name, poses) -> Monocular:
     """A camera whose intrinsics are given, not estimated."""
     views = {f"{i:02d}": rig.cam_from_core[name] @ pose for i, pose in enumerate(poses)}
-    return Monocular(rig.cameras[name], dict.fromkeys(LENS, 0.0), 0.1, views, dict.fromkeys(views, 0.1))
+    return Monocular(rig.cameras[name], dict.fromkeys(PARAMETERS, 0.0), 0.1, views, dict.fromkeys(views, 0.1))
 
 
 def normalised_error(rig, pair) -> float:

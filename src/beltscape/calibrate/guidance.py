@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted
-from beltscape.calibrate.uncertainty import camera_derivatives, depth_moves, parameter_columns, view_grid
+from beltscape.calibrate.uncertainty import camera_derivatives, depth_moves, parameter_columns, view_points
 from beltscape.core.pose import Pose, rotation_from_vector
 from beltscape.core.rig import Rig
 
@@ -71,8 +71,7 @@ def next_pose(adjusted: Adjusted, covariance: Array) -> NextPose | None:
     distance = float(np.median(geometry.board_translation_mm[:, 2]))
     free = np.flatnonzero(np.diag(covariance) > 0)
     information = np.linalg.inv(covariance[np.ix_(free, free)])
-    x, y = view_grid(rig, distance, 13)
-    points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), distance)], axis=-1).reshape(-1, 3)
+    points = view_points(rig, distance, 13)
     moves = depth_moves(rig, points)
     moves = moves[np.isfinite(moves).all(axis=1)][:, free]
     if not len(moves):

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted, adjust
 from beltscape.calibrate.chain import solve
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.score import Score, examine, score
-from beltscape.calibrate.uncertainty import depth_moves, rig_covariance, view_grid
+from beltscape.calibrate.uncertainty import depth_moves, rig_covariance, view_points
 from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
@@ -70,9 +69,8 @@ def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:
     if names != list(second.rig.cameras):
         return float("nan")
     distance = float(np.median(first.geometry.board_translation_mm[:, 2]))
-    x, y = view_grid(first.rig, distance, 13)
-    points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), distance)], axis=-1).reshape(-1, 3)
-    pixels = np.stack([_under(first, second, name, points) for name in names])
+    points = view_points(first.rig, distance, 13)
+    pixels = np.stack([first.rig.seen_under(second.rig, name, points) for name in names])
     measured = kernels.triangulate(np.stack([second.rig.projection(name) for name in names]), pixels)
     expected = sum(
         np.einsum("ni,ij,nj->n", moves, rig_covariance(each).matrix, moves)
@@ -80,16 +78,6 @@ def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:
     )
     ratios = (measured[:, 2] - distance) ** 2 / expected
     return float(np.sqrt(np.nanmean(ratios))) if np.isfinite(ratios).any() else float("nan")
-
-
-def _under(
-    first: Adjusted, second: Adjusted, name: str, points_mm: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Where the first rig's camera sees points, as the second's undistorts it; NaN outside the image."""
-    camera, other = first.rig.cameras[name], second.rig.cameras[name]
-    pixels = camera.project(first.rig.cam_from_core[name].apply(points_mm))
-    pixels[~((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)] = np.nan
-    return other.undistort(pixels) * other.focal_px + other.center_px
 
 
 def _cameras_seeing(sightings: Sightings, frame: str) -> int:

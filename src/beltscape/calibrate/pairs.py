@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.corners import Sightings, spread_in_two_directions
-from beltscape.calibrate.intrinsics import OUTLIER_FACTOR, Monocular
+from beltscape.calibrate.intrinsics import OUTLIER_FACTOR, PARAMETERS, Monocular
 from beltscape.calibrate.jacobian import by_pose, project
+from beltscape.calibrate.lens import intrinsics
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter
@@ -23,7 +24,6 @@ MIN_COMMON = 6
 """Corners that two cameras must share in a frame for it to count."""
 NOISE_FLOOR_PX = 0.005
 """No detector finds corners better than so, whatever the residuals say."""
-LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,14 +170,14 @@ def _lens(sightings: Sightings, own: Monocular, board_mm: Array) -> _Lens:
     views, camera = sightings.views[own.camera.name], own.camera
     ends = np.cumsum([2 * len(corners) for corners in views.values()])
     rows = {frame: int(end) - 2 * len(views[frame]) for frame, end in zip(views, ends, strict=True)}
-    intrinsics = np.concatenate([camera.focal_px, camera.center_px, camera.distortion])
-    free = np.array([own.sigma[name] > 0 for name in LENS])
+    lens = intrinsics(camera)
+    free = np.array([own.sigma[name] > 0 for name in PARAMETERS])
     slopes = np.zeros((int(ends[-1]), int(free.sum())))
     squares, freedom = 0.0, -int(free.sum())
     for frame, pose in own.cam_from_board.items():
         corners = views[frame]
         points = pose.apply(board_mm[corners.ids])
-        pixels, by_point, by_lens = project(points, np.tile(intrinsics, (len(points), 1)))
+        pixels, by_point, by_lens = project(points, np.tile(lens, (len(points), 1)))
         by_board = by_pose(by_point, points - pose.translation_mm).reshape(-1, 6)
         here = slice(rows[frame], rows[frame] + 2 * len(corners))
         slopes[here] = _beyond(by_board, by_lens.reshape(-1, 9)[:, free])
@@ -186,7 +186,7 @@ def _lens(sightings: Sightings, own: Monocular, board_mm: Array) -> _Lens:
     sigma = np.sqrt(squares / freedom) if freedom > 0 else 0.0
     orthonormal, triangle = np.linalg.qr(slopes)
     response = np.linalg.solve(triangle, orthonormal.T).T
-    return _Lens(intrinsics, free, rows, response, max(float(sigma), NOISE_FLOOR_PX))
+    return _Lens(lens, free, rows, response, max(float(sigma), NOISE_FLOOR_PX))
 
 
 def _beyond(by_board: Array, by_others: Array) -> Array:

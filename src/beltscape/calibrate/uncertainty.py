@@ -61,11 +61,9 @@ def rig_covariance(adjusted: Adjusted) -> RigCovariance:
 def depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:
     """σ of depths triangulated at ``depth_mm`` in front of the core, propagated from (G, G) to first order."""
     x, y = view_grid(rig, depth_mm, columns)
-    grid_x, grid_y = np.meshgrid(x, y)
-    points = np.stack([grid_x.ravel(), grid_y.ravel(), np.full(grid_x.size, depth_mm)], axis=-1)
-    moves = depth_moves(rig, points)
+    moves = depth_moves(rig, view_points(rig, depth_mm, columns))
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", moves, covariance, moves))
-    return DepthSigma(depth_mm, x, y, sigma.reshape(grid_x.shape))
+    return DepthSigma(depth_mm, x, y, sigma.reshape(len(y), len(x)))
 
 
 def view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Array]:
@@ -76,6 +74,12 @@ def view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Array]:
     first = -camera.center_px / camera.focal_px * depth_mm
     last = (np.array([width, height]) - 1 - camera.center_px) / camera.focal_px * depth_mm
     return np.linspace(first[0], last[0], columns), np.linspace(first[1], last[1], rows)
+
+
+def view_points(rig: Rig, depth_mm: float, columns: int) -> Array:
+    """(Ny·Nx, 3) the points of `view_grid`, row by row, in the core frame, mm."""
+    x, y = view_grid(rig, depth_mm, columns)
+    return np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), depth_mm)], axis=-1).reshape(-1, 3)
 
 
 def depth_moves(rig: Rig, points_mm: Array) -> Array:

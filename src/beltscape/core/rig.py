@@ -41,6 +41,17 @@ class Rig:
         """``to_from_origin`` between any two cameras."""
         return self.cam_from_core[to] @ self.cam_from_core[origin].inverse()
 
+    def seen_under(self, other: Rig, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 2) where this rig's camera sees points (N, 3) of the core frame, as the other rig's undistorts it.
+
+        NaN where the point is outside the image. Triangulated with the other rig, they show how the two differ.
+        """
+        camera, target = self.cameras[name], other.cameras[name]
+        pixels = camera.project(self.cam_from_core[name].apply(points_mm))
+        inside = ((pixels >= -0.5) & (pixels <= np.array(camera.size_px) - 0.5)).all(axis=1)
+        pixels[~inside] = np.nan
+        return target.undistort(pixels) * target.focal_px + target.center_px
+
     def projection(self, name: str) -> NDArray[np.float64]:
         """(3, 4) projection matrix core frame (mm) → undistorted pixels, the paper's M (Eq. 1)."""
         pose = self.cam_from_core[name]

@@ -43,12 +43,7 @@ def demo_page(demo: Demo) -> str:
         Section(
             "Epipolar rectification",
             "About the core camera, each auxiliary in turn; corresponding points lie on lines of one colour.",
-            [
-                Figure.of(
-                    _smaller(read_image(demo.out / "rectified" / "000" / "rectification.png")),
-                    "Before and after.",
-                )
-            ],
+            [_rectification(demo)],
         ),
         Section(
             "Depth against truth",

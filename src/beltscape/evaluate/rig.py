@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
@@ -33,7 +32,7 @@ def score_rig_against_truth(found: Rig, truth: Rig, kernels: Kernels) -> RigScor
     axes = [np.linspace(low, high, 9) for low, high in WORKING_VOLUME_MM]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     names = [name for name in truth.cameras if name in found.cameras]
-    pixels = np.stack([_seen_by(truth, found, name, points) for name in names])
+    pixels = np.stack([truth.seen_under(found, name, points) for name in names])
     measured = kernels.triangulate(np.stack([found.projection(name) for name in names]), pixels)
     error = measured[:, 2] - points[:, 2]
     error = error[np.isfinite(error)]
@@ -47,13 +46,3 @@ def score_rig_against_truth(found: Rig, truth: Rig, kernels: Kernels) -> RigScor
         rotation_deg={name: pose.angle_deg for name, pose in differences.items()},
         center_mm={name: float(np.linalg.norm(offset)) for name, offset in centers.items()},
     )
-
-
-def _seen_by(truth: Rig, found: Rig, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 2) the pixels of points as the found camera undistorts them; NaN outside the image."""
-    camera = truth.cameras[name]
-    pixels = camera.project(truth.cam_from_core[name].apply(points_mm))
-    outside = ((pixels < -0.5) | (pixels > np.array(camera.size_px) - 0.5)).any(axis=1)
-    ideal = found.cameras[name].undistort(np.nan_to_num(pixels))
-    ideal[outside | ~np.isfinite(pixels).all(axis=1)] = np.nan
-    return ideal * found.cameras[name].focal_px + found.cameras[name].center_px

@@ -31,6 +31,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
     page = calibration_page(
         calibration.chain,
         calibration.adjusted,
+        calibration.covariance,
         calibration.evidence,
         calibration.board,
         calibration.depth_sigma,

@@ -12,7 +12,7 @@ from beltscape.calibrate.chain import Chain
 from beltscape.calibrate.guidance import NextPose
 from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Evidence, Score
-from beltscape.calibrate.uncertainty import DepthSigma, rig_covariance
+from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import coverage_plot, depth_sigma_plot, residual_plot
 from beltscape.report.page import Figure, Item, Lines, Section, Table, Tile, Tiles, Turnable, render
@@ -26,6 +26,7 @@ CLOSURE = ("error °", "error mm", "χ² / dof")
 def calibration_page(
     chain: Chain,
     adjusted: Adjusted,
+    covariance: RigCovariance,
     evidence: Evidence,
     board: Board,
     depth_sigma: Sequence[DepthSigma],
@@ -49,7 +50,7 @@ def calibration_page(
             "Cameras as calibrated, with the outline of the board in every frame.",
             [
                 Turnable(_scene(adjusted, board), "Core camera in orange, auxiliaries in blue."),
-                _cameras(chain, adjusted),
+                _cameras(chain, adjusted, covariance),
             ],
         ),
         _depth_section(depth_sigma),
@@ -197,9 +198,9 @@ def _scene(adjusted: Adjusted, board: Board) -> Scene:
     return rig_scene(adjusted.rig, length_mm=0.3 * middle, boards_mm=boards)
 
 
-def _cameras(chain: Chain, adjusted: Adjusted) -> Table:
+def _cameras(chain: Chain, adjusted: Adjusted, covariance: RigCovariance) -> Table:
     rows = []
-    sigmas = np.sqrt(np.diag(rig_covariance(adjusted).matrix))[: 9 * len(adjusted.rig.cameras)].reshape(-1, 9)
+    sigmas = np.sqrt(np.diag(covariance.matrix))[: 9 * len(adjusted.rig.cameras)].reshape(-1, 9)
     for (name, c), s, noise in zip(adjusted.rig.cameras.items(), sigmas, adjusted.sigma_px, strict=True):
         camera = chain.monocular[name]
         rows.append(

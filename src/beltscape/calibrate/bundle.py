@@ -2,72 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array
 
-from beltscape.calibrate.jacobian import by_pose, project
+from beltscape.calibrate.bundle_data import Geometry, Observations, Prior
+from beltscape.calibrate.jacobian import by_pose, pixels_of, project, turned
+from beltscape.calibrate.schur import BundleLinear
 from beltscape.core.pose import rotation_from_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 INTRINSICS = 9
+LENS, CAMERA, BOARD = slice(0, 9), slice(9, 15), slice(15, 21)
+"""Where a corner's derivatives by its camera's lens and pose and by its board's pose are."""
 GAUGE = 1e8
 """Information with which the board's seven free modes (pose and scale) are held at their nominal place."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Observations:
-    """All corners, one row each, sorted by frame."""
-
-    camera: Indices
-    """(N,) index of the camera."""
-    frame: Indices
-    """(N,) index of the frame, ascending."""
-    point: Indices
-    """(N,) index of the board's corner."""
-    pixels: Array
-    """(N, 2) where it was found."""
-    sigma_px: Array
-    """(N,) one standard deviation of each coordinate."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Geometry:
-    """What is adjusted."""
-
-    intrinsics: Array
-    """(C, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
-    cam_rotation: Array
-    """(C, 3, 3) cam_from_core; camera 0 is the core."""
-    cam_translation_mm: Array
-    """(C, 3)."""
-    board_rotation: Array
-    """(F, 3, 3) core_from_board."""
-    board_translation_mm: Array
-    """(F, 3)."""
-    points_mm: Array
-    """(P, 3) the board's corners in its own frame."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prior:
-    """What is known beforehand, and what is not adjusted at all."""
-
-    intrinsics: Array
-    """(C, 9)."""
-    intrinsics_information: Array
-    """(C, 9, 9) inverse covariance about them; 0 says nothing."""
-    intrinsics_free: NDArray[np.bool_]
-    """(C, 9) what is adjusted; the rest is held where it is."""
-    points_mm: Array
-    """(P, 3) the nominal board."""
-    points_sigma_mm: Array
-    """(3,) how far a corner may lie from its nominal place in x, y, z; 0 holds the board as drawn."""
 
 
 class Bundle:
@@ -90,45 +41,114 @@ class Bundle:
         self.free = np.flatnonzero(free)
         self.gauge = _gauge_modes(prior.points_mm)
         self.information = self._prior_information()
-        starts = np.flatnonzero(np.diff(observations.frame, prepend=-1))
-        self.frames = [
-            slice(a, b) for a, b in zip(starts, [*starts[1:], len(observations.frame)], strict=True)
-        ]
+        self.warped = bool((prior.points_sigma_mm > 0).any())
+        view = observations.frame * self.cameras + observations.camera
+        starts = np.flatnonzero(np.diff(view, prepend=-1))
+        self.views = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(view)], strict=True)]
+        self.view_camera, self.view_frame = observations.camera[starts], observations.frame[starts]
 
     def errors_px(self, state: Geometry) -> Array:
         """(N, 2) projected minus found."""
-        return self._project(state)[0] - self.observations.pixels
+        _, in_camera = self._placed(state)
+        return (
+            pixels_of(in_camera, _spread(state.intrinsics, self.observations.camera))
+            - self.observations.pixels
+        )
 
     def cost(self, state: Geometry) -> float:
         """Half the weighted sum of squares of corners and priors."""
         standardised = self.errors_px(state) / self.observations.sigma_px[:, None]
-        value = 0.5 * float((self.weights[:, None] * standardised**2).sum())
-        residual = self._from_prior(state)
-        return value + 0.5 * float(residual @ self.information @ residual)
+        return 0.5 * float((self.weights[:, None] * standardised**2).sum()) + self._prior_cost(state)
 
     def linearise(self, state: Geometry) -> BundleLinear:
         """Normal equations with the board poses eliminated (Schur complement)."""
-        o = self.observations
-        pixels, board_side, by_intrinsics, by_point, on_board = self._project(state)
-        scale = (np.sqrt(self.weights) / o.sigma_px)[:, None, None]
-        residual = (pixels - o.pixels) * scale[:, 0]
-        by_camera = by_pose(by_point, self._rotated(state, board_side)) * scale
-        to_core = np.einsum("nij,njk->nik", by_point, state.cam_rotation[o.camera])
-        by_board = by_pose(to_core, on_board) * scale
-        by_corner = np.einsum("nij,njk->nik", to_core, state.board_rotation[o.frame]) * scale
-        shared = self._sparse(by_intrinsics * scale, by_camera, by_corner)
-        error = residual.reshape(-1)
-        hessian = self.information + (shared.T @ shared).toarray()
-        gradient = self.information @ self._from_prior(state) + shared.T @ error
+        rows, by_corner = self._derivatives(state)
+        grams = self._grams(rows)
+        hessian = self.information.copy()
+        gradient = self.information @ self._from_prior(state)
         count = len(state.board_rotation)
-        boards = self._board_columns(by_board, count)
-        coupling = (shared.T @ boards).toarray()[self.free]
-        own = np.zeros((count, 6, 6))
-        np.add.at(own, o.frame, np.einsum("nri,nrj->nij", by_board, by_board))
+        own, own_gradient = np.zeros((count, 6, 6)), np.zeros((count, 6))
+        coupling = np.zeros((count, self.columns, 6))
+        np.add.at(own, self.view_frame, grams[:, BOARD, BOARD])
+        np.add.at(own_gradient, self.view_frame, grams[:, BOARD, -1])
+        for camera in range(self.cameras):
+            views = self.view_camera == camera
+            own_columns, used = self._camera_columns(camera)
+            total = grams[views].sum(axis=0)
+            hessian[np.ix_(own_columns, own_columns)] += total[used, used]
+            gradient[own_columns] += total[used, -1]
+            where = self.view_frame[views][:, None], own_columns[None]
+            np.add.at(coupling, where, grams[views][:, used, BOARD])
+        if self.warped:
+            self._add_corners(rows, by_corner, hessian, gradient, coupling)
         free = self.free
+        cost = 0.5 * float(grams[:, -1, -1].sum()) + self._prior_cost(state)
+        coupling = coupling[:, free].swapaxes(0, 1).reshape(len(free), 6 * count)
         return BundleLinear(
-            self.cost(state), hessian[np.ix_(free, free)], gradient[free], own, coupling, boards.T @ error
+            cost, hessian[np.ix_(free, free)], gradient[free], own, coupling, own_gradient.ravel()
         )
+
+    def _derivatives(self, state: Geometry) -> tuple[Array, Array]:
+        """(22, 2, N) by lens (9), camera (6) and board pose (6), then the residual; (3, 2, N) by the board's corner.
+
+        All over the corner's standard deviation.
+        """
+        o = self.observations
+        on_board, in_camera = self._placed(state)
+        pixels, by_point, by_lens = project(in_camera, _spread(state.intrinsics, o.camera))
+        scale = np.sqrt(self.weights) / o.sigma_px
+        by_point = by_point * scale[:, None, None]
+        to_core = _through(by_point, _spread(state.cam_rotation, o.camera))
+        rows = np.empty((22, 2, len(o.camera)))
+        rows[LENS] = by_lens.T * scale
+        rows[CAMERA] = by_pose(by_point, in_camera - _spread(state.cam_translation_mm, o.camera)).T
+        rows[BOARD] = by_pose(to_core, on_board).T
+        rows[-1] = (pixels - o.pixels).T * scale
+        if not self.warped:
+            return rows, np.empty((3, 2, 0))
+        return rows, _through(to_core, _spread(state.board_rotation, o.frame)).T
+
+    def _grams(self, rows: Array) -> Array:
+        """(V, 22, 22) products of all rows, summed over each view."""
+        found = np.empty((len(self.views), len(rows), len(rows)))
+        for view, corners in enumerate(self.views):
+            block = rows[:, :, corners].reshape(len(rows), -1)
+            np.matmul(block, block.T, out=found[view])
+        return found
+
+    def _add_corners(
+        self, rows: Array, by_corner: Array, hessian: Array, gradient: Array, coupling: Array
+    ) -> None:
+        """What the board's corners have to do with themselves, with the cameras and with the board poses."""
+        products = np.einsum("krn,jrn->nkj", np.concatenate([rows, by_corner]), by_corner)
+        points = slice(self.point_start, None)
+        by_camera = self._sums(products[:, :15], self.observations.camera, self.cameras)
+        for camera in range(self.cameras):
+            own_columns, used = self._camera_columns(camera)
+            block = by_camera[camera, :, used].transpose(1, 0, 2).reshape(len(own_columns), -1)
+            hessian[own_columns, points] += block
+            hessian[points, own_columns] += block.T
+        by_frame = self._sums(products[:, BOARD], self.observations.frame, len(coupling))
+        coupling[:, points] += by_frame.transpose(0, 1, 3, 2).reshape(len(coupling), -1, 6)
+        alone = self._sums(products[:, 21:], np.zeros_like(self.observations.frame), 1)[0]
+        gradient[points] += alone[:, 0].ravel()
+        columns = self.point_start + np.arange(3 * self.points).reshape(-1, 3)
+        hessian[columns[:, :, None], columns[:, None]] += alone[:, 1:]
+
+    def _sums(self, products: Array, group: Indices, count: int) -> Array:
+        """(count, P, k, 3) sums of (N, k, 3) over the sightings of each corner in each group."""
+        cells = group * self.points + self.observations.point
+        shape = (count * self.points, len(cells))
+        rows = csc_array((np.ones(len(cells)), cells, np.arange(len(cells) + 1)), shape=shape)
+        return (rows @ products.reshape(len(cells), -1)).reshape(count, self.points, -1, 3)
+
+    def _camera_columns(self, camera: int) -> tuple[Indices, slice]:
+        """Columns of a camera's lens and pose (the core has none), and their rows among the `_derivatives`."""
+        lens = np.arange(INTRINSICS * camera, INTRINSICS * (camera + 1))
+        if camera == 0:
+            return lens, LENS
+        pose = self.pose_start + 6 * (camera - 1) + np.arange(6)
+        return np.concatenate([lens, pose]), slice(0, 15)
 
     def moved(self, state: Geometry, step: Array) -> Geometry:
         """The geometry after a step: free shared parameters first, then six per frame."""
@@ -146,40 +166,17 @@ class Bundle:
             state.points_mm + shared[self.point_start :].reshape(-1, 3),
         )
 
-    def _project(self, state: Geometry) -> tuple[Array, Array, Array, Array, Array]:
-        """Pixels; the point in the core frame; derivatives by intrinsics and by the point; the point turned."""
+    def _placed(self, state: Geometry) -> tuple[Array, Array]:
+        """(N, 3) corners turned as the board is, and (N, 3) in the camera's frame."""
         o = self.observations
-        on_board = np.einsum("nij,nj->ni", state.board_rotation[o.frame], state.points_mm[o.point])
-        in_core = on_board + state.board_translation_mm[o.frame]
-        in_camera = self._rotated(state, in_core) + state.cam_translation_mm[o.camera]
-        pixels, by_point, by_intrinsics = project(in_camera, state.intrinsics[o.camera])
-        return pixels, in_core, by_intrinsics, by_point, on_board
+        on_board = turned(_spread(state.board_rotation, o.frame), _spread(state.points_mm, o.point))
+        in_core = on_board + _spread(state.board_translation_mm, o.frame)
+        in_camera = turned(_spread(state.cam_rotation, o.camera), in_core)
+        return on_board, in_camera + _spread(state.cam_translation_mm, o.camera)
 
-    def _rotated(self, state: Geometry, in_core: Array) -> Array:
-        return np.einsum("nij,nj->ni", state.cam_rotation[self.observations.camera], in_core)
-
-    def _sparse(self, by_intrinsics: Array, by_camera: Array, by_corner: Array) -> csr_array:
-        """(2N, columns) derivatives by the shared parameters: at most 18 numbers a row."""
-        o = self.observations
-        other = o.camera > 0  # the core's pose is the frame everything is in
-        columns = np.concatenate(
-            [
-                INTRINSICS * o.camera[:, None] + np.arange(INTRINSICS),
-                self.pose_start + 6 * np.maximum(o.camera[:, None] - 1, 0) + np.arange(6),
-                self.point_start + 3 * o.point[:, None] + np.arange(3),
-            ],
-            axis=1,
-        )
-        values = np.concatenate([by_intrinsics, by_camera * other[:, None, None], by_corner], axis=2)
-        rows = np.arange(0, values.size + 1, values.shape[2])
-        shape = (2 * len(o.camera), self.columns)
-        return csr_array((values.ravel(), np.repeat(columns, 2, axis=0).ravel(), rows), shape=shape)
-
-    def _board_columns(self, by_board: Array, count: int) -> csr_array:
-        """(2N, 6F) derivatives by the board poses."""
-        columns = np.repeat(6 * self.observations.frame[:, None] + np.arange(6), 2, axis=0)
-        rows = np.arange(0, by_board.size + 1, 6)
-        return csr_array((by_board.ravel(), columns.ravel(), rows), shape=(len(rows) - 1, 6 * count))
+    def _prior_cost(self, state: Geometry) -> float:
+        residual = self._from_prior(state)
+        return 0.5 * float(residual @ self.information @ residual)
 
     def _from_prior(self, state: Geometry) -> Array:
         """(columns,) distance of the shared parameters from what is known beforehand."""
@@ -200,52 +197,19 @@ class Bundle:
         return information
 
 
-class BundleLinear:
-    """Normal equations of a bundle: dense over the shared parameters, a 6×6 block per board pose."""
-
-    def __init__(
-        self, cost: float, hessian: Array, gradient: Array, own: Array, coupling: Array, own_gradient: Array
-    ) -> None:
-        """``hessian`` (G, G), ``own`` (F, 6, 6), ``coupling`` (G, 6F), gradients (G,) and (6F,)."""
-        self.cost = cost
-        self._hessian, self._gradient = hessian, gradient
-        self._own, self._coupling, self._own_gradient = own, coupling, own_gradient
-
-    def step(self, damping: float) -> Array:
-        """Solve through the Schur complement on the shared parameters."""
-        reduced, right, inverse = self._reduced(damping)
-        shared = -cho_solve(cho_factor(reduced), right)
-        boards = self._own_gradient + self._coupling.T @ shared
-        return np.concatenate([shared, -np.einsum("fij,fj->fi", inverse, boards.reshape(-1, 6)).ravel()])
-
-    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
-        """Schur complement (G, G), its right side (G,), inverses of the board blocks (F, 6, 6)."""
-        scaled = self._own + damping * self._own * np.eye(6)
-        inverse = np.asarray(np.linalg.inv(scaled), np.float64)
-        count = len(self._gradient)
-        eliminated = np.einsum("gfi,fij->gfj", self._coupling.reshape(count, -1, 6), inverse).reshape(
-            count, -1
-        )
-        reduced = self._hessian + damping * np.diag(np.diag(self._hessian)) - eliminated @ self._coupling.T
-        return reduced, self._gradient - eliminated @ self._own_gradient, inverse
-
-    def predicted_drop(self, step: Array) -> float:
-        """F(X) − L(X + δ)."""
-        count = len(self._gradient)
-        shared, boards = step[:count], step[count:]
-        each = boards.reshape(-1, 6)
-        change = self._gradient @ shared + 0.5 * shared @ self._hessian @ shared
-        change += self._own_gradient @ boards + 0.5 * np.einsum("fi,fij,fj->", each, self._own, each)
-        return -float(change + shared @ self._coupling @ boards)
-
-    def covariance(self) -> Array:
-        """Of the free shared parameters: the inverse of the undamped Schur complement."""
-        reduced, _, _ = self._reduced(0.0)
-        return cho_solve(cho_factor(reduced), np.eye(len(reduced)))
-
-
 def _turned(rotations: Array, vectors: Array) -> Array:
     return np.stack([rotation_from_vector(v) @ r for v, r in zip(vectors, rotations, strict=True)])
+
+
+def _spread(values: Array, index: Indices) -> Array:
+    """``values[index]`` with the observations last in memory."""
+    return np.take(values.T, index, axis=-1).T
+
+
+def _through(derivatives: Array, rotations: Array) -> Array:
+    """(N, 2, 3) derivatives by a point, by what each rotation (N, 3, 3) turns into it."""
+    (a, b, c), r = derivatives.T, rotations.T  # r[j, i]: row i, column j
+    return (r[:, 0, None] * a + r[:, 1, None] * b + r[:, 2, None] * c).T
 
 
 def _gauge_modes(points_mm: Array) -> Array:

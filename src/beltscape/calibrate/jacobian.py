@@ -1,4 +1,7 @@
-"""Projection and its derivatives, for many observations at once."""
+"""Projection and its derivatives, for many observations at once.
+
+Arrays are returned with the observations last in memory, whatever their shape says: sums over them run fast so.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ def project(points: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
     points
         (N, 3) in the frame of the camera that sees each, mm.
     intrinsics
-        (N, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3 of that camera.
+        (N, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3 of that camera; (9,) where one camera sees them all.
 
     Returns
     -------
@@ -25,35 +28,51 @@ def project(points: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics.T
     inverse = 1.0 / points[:, 2]
     x, y = points[:, 0] * inverse, points[:, 1] * inverse
-    r2 = x * x + y * y
+    xx, xy, yy = x * x, x * y, y * y
+    r2 = xx + yy
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2 * (
-        k1 + r2 * (2 * k2 + 3 * r2 * k3)
-    )  # d radial / d r2, twice: times x or y gives d radial / d x, y
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    pixels = np.stack([fx * xd + cx, fy * yd + cy], axis=-1)
+    # d radial / d r2, twice: times x or y it gives d radial / d x, y
+    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    by_p1, by_p2 = (2 * xy, r2 + 2 * yy), (r2 + 2 * xx, 2 * xy)
+    xd = x * radial + p1 * by_p1[0] + p2 * by_p2[0]
+    yd = y * radial + p1 * by_p1[1] + p2 * by_p2[1]
+    pixels = np.stack([fx * xd + cx, fy * yd + cy])
 
-    xx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-    xy = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    yy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
-    by_point = np.empty((len(points), 2, 3))
-    by_point[:, 0, 0], by_point[:, 0, 1] = fx * xx * inverse, fx * xy * inverse
-    by_point[:, 1, 0], by_point[:, 1, 1] = fy * xy * inverse, fy * yy * inverse
-    by_point[:, :, 2] = -(by_point[:, :, 0] * x[:, None] + by_point[:, :, 1] * y[:, None])
+    mixed = slope * xy + 2 * (p1 * x + p2 * y)
+    by_point = np.empty((3, 2, len(points)))
+    by_point[0, 0] = fx * inverse * (radial + slope * xx + 2 * p1 * y + 6 * p2 * x)
+    by_point[1, 1] = fy * inverse * (radial + slope * yy + 6 * p1 * y + 2 * p2 * x)
+    by_point[1, 0], by_point[0, 1] = fx * inverse * mixed, fy * inverse * mixed
+    by_point[2] = -(by_point[0] * x + by_point[1] * y)
 
-    by_intrinsics = np.zeros((len(points), 2, 9))
-    by_intrinsics[:, 0, 0], by_intrinsics[:, 1, 1] = xd, yd
-    by_intrinsics[:, 0, 2] = by_intrinsics[:, 1, 3] = 1.0
-    for column, (u, v) in {
-        4: (x * r2, y * r2),
-        5: (x * r2**2, y * r2**2),
-        6: (2 * x * y, r2 + 2 * y * y),
-        7: (r2 + 2 * x * x, 2 * x * y),
-        8: (x * r2**3, y * r2**3),
-    }.items():
-        by_intrinsics[:, 0, column], by_intrinsics[:, 1, column] = fx * u, fy * v
-    return pixels, by_point, by_intrinsics
+    by_intrinsics = np.zeros((9, 2, len(points)))
+    by_intrinsics[0, 0], by_intrinsics[1, 1] = xd, yd
+    by_intrinsics[2, 0] = by_intrinsics[3, 1] = 1.0
+    along_x, along_y = fx * x * r2, fy * y * r2
+    for column in (4, 5, 8):  # k1, k2, k3
+        by_intrinsics[column, 0], by_intrinsics[column, 1] = along_x, along_y
+        along_x, along_y = along_x * r2, along_y * r2
+    for column, (u, v) in {6: by_p1, 7: by_p2}.items():
+        by_intrinsics[column, 0], by_intrinsics[column, 1] = fx * u, fy * v
+    return pixels.T, by_point.T, by_intrinsics.T
+
+
+def pixels_of(points: Array, intrinsics: Array) -> Array:
+    """(N, 2) pixels alone, as `project` has them."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics.T
+    x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+    r2, xy = x * x + y * y, 2 * x * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    u = x * radial + p1 * xy + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + p2 * xy
+    return np.stack([fx * u + cx, fy * v + cy]).T
+
+
+def turned(rotations: Array, vectors: Array) -> Array:
+    """(N, 3) each vector (N, 3) under its own rotation (N, 3, 3)."""
+    x, y, z = vectors.T
+    r = rotations.T  # r[j, i]: row i, column j
+    return (r[0] * x + r[1] * y + r[2] * z).T
 
 
 def by_pose(by_point: Array, rotated: Array) -> Array:
@@ -62,5 +81,6 @@ def by_pose(by_point: Array, rotated: Array) -> Array:
     ``by_point`` (N, 2, 3) is by the transformed point, ``rotated`` (N, 3) the point after rotation, before the shift:
     d(exp(ω) R p + t) = ω × R p + dt.
     """
-    turn = np.cross(rotated[:, None, :], by_point)  # (J · (ω × q)) = ω · (q × J)
-    return np.concatenate([turn, by_point], axis=-1)
+    (a, b, c), (x, y, z) = by_point.T, rotated.T
+    # (J · (ω × q)) = ω · (q × J)
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c]).T

@@ -92,10 +92,9 @@ def minimise(problem: Problem[State], state: State, damping: Damping | None = No
         elif gain < rule.low:
             lam *= rule.rise
         if gain > 0:
-            done = linear.cost - cost < rule.tolerance * linear.cost
+            if linear.cost - cost < rule.tolerance * linear.cost:
+                return Minimum(candidate, cost, iteration, converged=True)
             state, linear = candidate, problem.linearise(candidate)
-            if done:
-                return Minimum(state, linear.cost, iteration, converged=True)
         elif lam > 1e12:
             return Minimum(state, linear.cost, iteration, converged=True)
     return Minimum(state, linear.cost, rule.iterations, converged=False)

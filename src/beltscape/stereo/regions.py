@@ -1,0 +1,50 @@
+"""Region pre-segmentation: the image divided at the mean between neighbouring markers (section 2.1)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.stereo.marker_grid import SIDE, MarkerGrid
+
+_FRACTION_BITS = 4
+"""Polygons are filled with this many binary places of a pixel."""
+_FARTHEST_PX = 30_000.0
+"""Corners beyond the image are kept within what OpenCV's fixed point can hold."""
+
+
+def region_corners(center_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(9, 9, 2) lattice of a region's corners (even, even), boundary midpoints and markers (odd, odd).
+
+    Between two neighbouring markers the boundary passes through their mean, between four through the mean of the
+    four; beyond the outermost markers it lies half a step out.
+    """
+    padded = np.pad(center_px, ((1, 1), (1, 1), (0, 0)))
+    padded[0], padded[-1] = 2 * padded[1] - padded[2], 2 * padded[-2] - padded[-3]
+    padded[:, 0], padded[:, -1] = 2 * padded[:, 1] - padded[:, 2], 2 * padded[:, -2] - padded[:, -3]
+    lattice = np.empty((2 * SIDE + 1, 2 * SIDE + 1, 2))
+    lattice[1::2, 1::2] = center_px
+    lattice[0::2, 1::2] = (padded[:-1, 1:-1] + padded[1:, 1:-1]) / 2
+    lattice[1::2, 0::2] = (padded[1:-1, :-1] + padded[1:-1, 1:]) / 2
+    lattice[0::2, 0::2] = (padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]) / 4
+    return lattice
+
+
+def region_outline(center_px: NDArray[np.float64], row: int, column: int) -> NDArray[np.float64]:
+    """(8, 2) outline of one region, u, v."""
+    lattice = region_corners(center_px)
+    around = [(0, 0), (0, 1), (0, 2), (1, 2), (2, 2), (2, 1), (2, 0), (1, 0)]
+    return np.array([lattice[2 * row + r, 2 * column + c] for r, c in around])
+
+
+def region_labels(grid: MarkerGrid) -> NDArray[np.int8]:
+    """(H, W) int8: 4·row + column of the region each pixel lies in, −1 outside the pattern."""
+    width, height = grid.size_px
+    labels = np.full((height, width), -1, np.int16)  # OpenCV fills no int8 polygons below zero
+    for row in range(SIDE):
+        for column in range(SIDE):
+            outline = np.clip(region_outline(grid.center_px, row, column), -_FARTHEST_PX, _FARTHEST_PX)
+            corners = np.rint(outline * 2**_FRACTION_BITS).astype(np.int32)
+            cv2.fillPoly(labels, [corners], float(SIDE * row + column), shift=_FRACTION_BITS)
+    return labels.astype(np.int8)

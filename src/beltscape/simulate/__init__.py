@@ -1,0 +1,1 @@
+"""A rendered plant with exact truth."""

@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.marker_grid import SIDE, MarkerGrid
+from beltscape.stereo.search import search_range
 
 _OFF_RADII = 0.3
 """How far from where the others put it a camera may see a marker, in its radii. Half a disc hidden shifts the centroid
 of the rest by 0.42."""
 _OFF_PX = 2.0
 """And in px, for small discs: the rig and the centroid are no better."""
-_LEAST = 3
-"""Markers that must meet for a labelling to be believed, and at least half of the common ones."""
+_LEAST, _SHARE = 4, 0.7
+"""Markers that must meet for a labelling to be believed, and how many of the common ones: four of five by chance is
+rarer than one in a thousand."""
 
 
 def agree(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGrid]:
@@ -36,8 +38,8 @@ def agree(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGrid]:
             continue
         best, best_score = None, (0, 0.0)
         for option in grids[name].placements():
-            met, off, common = _meeting({**{reference: grids[reference]}, name: option}, rig, kernels)
-            if met >= max(_LEAST, common / 2) and (met, -off) > best_score:
+            met, off, common = _meeting({reference: grids[reference], name: option}, rig, kernels)
+            if met >= max(_LEAST, _SHARE * common) and (met, -off) > best_score:
                 best, best_score = option, (met, -off)
         if best is not None:
             agreed[name] = best
@@ -76,7 +78,8 @@ def _meeting(grids: Mapping[str, MarkerGrid], rig: Rig, kernels: Kernels) -> tup
     points = kernels.triangulate(np.stack([rig.projection(name) for name in names]), pixels)
     off = _off_px(points, pixels, rig, names)
     limit = np.stack([_limit_px(grids[name]) for name in names])
-    met = (off < limit).all(axis=0)
+    near, far = search_range(rig, rig.auxiliaries)
+    met = (off < limit).all(axis=0) & (points[:, 2] > near) & (points[:, 2] < far)
     common = int(np.isfinite(pixels).all(axis=(0, 2)).sum())
     return int(met.sum()), float(off[:, met].mean()) if met.any() else np.inf, common
 

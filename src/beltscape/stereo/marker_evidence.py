@@ -72,7 +72,9 @@ def flat_evidence(image: Image, radius_px: float) -> Evidence:
     """
     counts = cv2.GaussianBlur(grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max), (0, 0), 0.7)
     beneath = _lower_envelope(counts, int(np.ceil(2.5 * radius_px)))
-    window = np.ones((max(3, round(0.75 * radius_px)),) * 2, np.uint8)
+    window = np.ones(
+        (2 * max(1, round(0.375 * radius_px)) + 1,) * 2, np.uint8
+    )  # odd: an even one shifts the image
     opened = cv2.dilate(cv2.erode(counts, window), window)
     strength = np.maximum(opened - beneath, 0)
     dots = cv2.dilate(counts, window) - beneath

@@ -72,7 +72,7 @@ def find_marker_grid(image: Image) -> MarkerGrid | None:
 
 
 def grid_of(markers: Markers, size_px: tuple[int, int]) -> MarkerGrid | None:
-    """Candidates in rows and columns, or None where fewer than five stand in a grid.
+    """Candidates in rows and columns, or None where fewer than six stand in a grid.
 
     Blocks are wider than high, so the longer step is taken along the rows; of two ways up the one nearer to the
     image's is taken. Where a whole row or column was not found, the grid is placed so that most of what is

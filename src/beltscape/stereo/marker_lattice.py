@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.markers import Markers
 
-_NEAR = 0.25
-"""Interval threshold: how far from its expected place a neighbour may lie, in steps of the grid; relief shifts it."""
+_NEAR, _NEAR_DISC = 0.2, 0.25
+"""Interval threshold: how far from its expected place a neighbour may lie, in steps along and across: the first, and
+the second for a perfect disc. Relief shifts it, and so does the perspective that few neighbours do not show yet; half
+a step would be the next place."""
 _STRAY = 1.5
 """Of the interval threshold: farther from the fitted grid than this is let go again."""
 _STEP_RADII = (5.0, 32.0)
@@ -23,9 +25,9 @@ _TURN_DEG = 50.0
 """Columns are sought within this angle of the image's u axis; which way is up is decided afterwards."""
 _PARTNERS = 4
 """Nearest candidates to either side that are tried as neighbours."""
-_TRIED = 24
+_TRIED = 16
 """Best seeds that are grown."""
-_LEAST = 5
+_LEAST = 6
 """Fewer than this in place can be chance."""
 _STIFFNESS = 0.5
 """Weight against perspective, per step of the grid: three points give an affine map, sixteen a homography."""
@@ -55,8 +57,8 @@ def find_lattice(markers: Markers, columns: int = 4, rows: int = 4) -> Lattice |
     """
     best: Lattice | None = None
     for seed in _seeds(markers):
-        if best is not None and _part_of(seed, best):
-            continue  # it would grow to the same
+        if best is not None and len(best.index) == columns * rows:
+            break
         grown = _grown(markers, seed, (columns, rows))
         if len(grown.index) >= _LEAST and (best is None or grown.score > best.score):
             best = grown
@@ -103,10 +105,9 @@ def _seeds(markers: Markers) -> list[Cells]:
     along, across = np.moveaxis((at[members[:, 1:]] - at[members[:, :1]]) * signs[..., None], 1, 0)
     # farther out than two steps an affine guess is off by more than the threshold
     steps = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
-    places = at[members[:, :1]] + steps[:, :1] * along[:, None] + steps[:, 1:] * across[:, None]
-    off = np.linalg.norm(places[:, :, None] - at, axis=-1)
-    limit = _NEAR * np.minimum(np.linalg.norm(along, axis=1), np.linalg.norm(across, axis=1))
-    hits = np.clip(1 - (off / limit[:, None, None]) ** 2, 0, None) * (0.5 + markers.confidence)
+    cells = np.linalg.inv(np.stack([along, across], axis=-1)) @ np.swapaxes(at - at[members[:, :1]], 1, 2)
+    off = np.linalg.norm(np.swapaxes(cells, 1, 2)[:, None] - steps[:, None], axis=-1)
+    hits = np.clip(1 - (off / _reach(markers)) ** 2, 0, None) * (0.5 + markers.confidence)
     order = np.argsort(-hits.max(axis=2).sum(axis=1), kind="stable")[:_TRIED]
     return [seeds[i] for i in order]
 
@@ -140,14 +141,6 @@ def _nearest(distance: NDArray[np.float64], allowed: NDArray[np.bool_]) -> NDArr
     return index[np.argsort(distance[index], kind="stable")[: 2 * _PARTNERS]]
 
 
-def _part_of(seed: Cells, lattice: Lattice) -> bool:
-    """Whether all of a seed stands in the lattice, in the same rows and columns among each other."""
-    cells = dict(zip(lattice.index.tolist(), lattice.cell, strict=True))
-    if not all(i in cells for i in seed):
-        return False
-    return len({tuple(np.subtract(cells[i], cell).tolist()) for i, cell in seed.items()}) == 1
-
-
 def _grown(markers: Markers, seed: Cells, size: tuple[int, int]) -> Lattice:
     """A seed and all that stands in its rows and columns."""
     cells = _grow(markers, seed, size)
@@ -158,7 +151,7 @@ def _grown(markers: Markers, seed: Cells, size: tuple[int, int]) -> Lattice:
         off = _off(markers, cells)
     index = np.array(list(cells), np.int64)
     cell = np.array(list(cells.values()), np.int64)
-    weight = np.clip(1 - (off / _STRAY) ** 2, 0, None)
+    weight = np.clip(1 - off**2, 0, None)
     return Lattice(index, cell - cell.min(axis=0), float((weight * (0.5 + markers.confidence[index])).sum()))
 
 
@@ -182,7 +175,7 @@ def _offers(
     index = np.array(list(cells))
     taken = np.array(list(cells.values()))
     model, at = projective(taken, markers.center_px[index]), markers.center_px
-    limit = _NEAR * _step_px(model, taken)
+    reach = _reach(markers)
     relative = markers.radius_px / np.median(markers.radius_px[index])
     free = (relative > _RADII[0]) & (relative < _RADII[1])
     free[index] = False
@@ -192,7 +185,7 @@ def _offers(
         known = taken[beside]
         steps = placed(model, np.array(cell, float)) - placed(model, known)
         expected = (at[index[beside]] + steps).mean(axis=0)
-        off = np.where(free, np.linalg.norm(at - expected, axis=1) / limit, np.inf)
+        off = np.where(free, _steps(model, np.array(cell, float), at - expected) / reach, np.inf)
         best = int(np.argmin(off))
         if off[best] < 1:
             offers.append((float(off[best]), best, cell))
@@ -222,12 +215,22 @@ def _off(markers: Markers, cells: Cells) -> NDArray[np.float64]:
     """(n,) distance of each from the model fitted to all, in interval thresholds."""
     index, taken = np.array(list(cells)), np.array(list(cells.values()))
     model = projective(taken, markers.center_px[index])
-    away = np.linalg.norm(placed(model, taken.astype(float)) - markers.center_px[index], axis=1)
-    return away / (_NEAR * _step_px(model, taken))
+    taken = taken.astype(float)
+    away = markers.center_px[index] - placed(model, taken)
+    return _steps(model, taken.mean(axis=0), away) / _reach(markers)[index]
 
 
-def _step_px(model: NDArray[np.float64], cells: NDArray[np.int64]) -> float:
-    """The shorter step of the grid in its middle, px."""
-    middle = cells.mean(axis=0)
-    ends = placed(model, middle + np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]]))
-    return float(min(np.linalg.norm(ends[0] - ends[1]), np.linalg.norm(ends[2] - ends[3])))
+def _reach(markers: Markers) -> NDArray[np.float64]:
+    """(N,) interval threshold of each candidate, in steps."""
+    return _NEAR + _NEAR_DISC * markers.confidence
+
+
+def _steps(
+    model: NDArray[np.float64], cell: NDArray[np.float64], away_px: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n,) lengths of offsets (n, 2) px about a cell, in steps along and across."""
+    ends = placed(model, cell + np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]]))
+    steps = np.stack([ends[0] - ends[1], ends[2] - ends[3]], axis=1)
+    if abs(np.linalg.det(steps)) < 1e-6:
+        return np.full(len(away_px), np.inf)
+    return np.linalg.norm(np.linalg.solve(steps, away_px.T), axis=0)

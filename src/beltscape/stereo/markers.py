@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import cast
 
 import cv2
 import numpy as np
@@ -15,8 +16,12 @@ MOST = 40
 """Candidates kept: the 16 markers, each perhaps in two parts, and a few false ones."""
 _SMALLEST_PX = 4.0
 """Radius below which nothing is searched: the dots would be four tenths of a pixel."""
-_SMALLEST_FLAT_PX = 8.0
+_SMALLEST_FLAT_PX = 10.0
 """The same in grey images, where the dots between must be resolved."""
+_WORKING_PX = (900, 1800)
+"""Grey images with a longer side below are enlarged twice, above halved."""
+_COLORLESS = 0.03
+"""Spread of the channels over the brightest one: JPEG leaves a trace of colour."""
 _LADDER = 1.6
 """Step between the radii a grey image is searched with."""
 _FULLEST = 1.25
@@ -52,16 +57,44 @@ def find_markers(image: Image) -> Markers:
     ----------
     Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, section 2.1.
     """
-    largest = max(image.shape[:2]) / 30.0
-    smallest = max(max(image.shape[:2]) / 250.0, _SMALLEST_PX)
-    if image.ndim == 3:
+    if image.ndim == 3 and not _colorless(image):
+        smallest, largest = _radii(image)
         return _best(_discs(red_evidence(image, largest), (0.5 * smallest, largest), _EMPTIEST_RED))
+    image, factor = _working(image if image.ndim == 2 else image[..., 1])
+    smallest, largest = _radii(image)
     found: list[_Disc] = []
     radius = max(smallest, _SMALLEST_FLAT_PX)
     while radius < largest:
         found += _discs(flat_evidence(image, radius), (0.5 * radius, 1.5 * radius), _EMPTIEST_FLAT)
         radius *= _LADDER
-    return _best(found)
+    markers = _best(found)
+    # pixel (0, 0) is the centre of the top-left pixel at either size
+    return replace(
+        markers, center_px=(markers.center_px + 0.5) / factor - 0.5, radius_px=markers.radius_px / factor
+    )
+
+
+def _radii(image: Image) -> tuple[float, float]:
+    """Between which radii, px, markers are searched: an image that shows the pattern and little else has 1/74."""
+    longest = max(image.shape[:2])
+    return max(longest / 250.0, _SMALLEST_PX), longest / 30.0
+
+
+def _colorless(image: Image) -> bool:
+    """Whether an RGB image is a grey one in three copies; gold has no blue."""
+    few = image[::8, ::8, :3].astype(np.float64)
+    return float(np.ptp(few, axis=2).sum()) <= _COLORLESS * float(few.max(axis=2).sum())
+
+
+def _working(image: Image) -> tuple[Image, float]:
+    """A grey image at the size where a window of whole pixels is fine enough and not slow, and how much larger."""
+    longest = max(image.shape)
+    factor = 2.0 if longest < _WORKING_PX[0] else 0.5 if longest > _WORKING_PX[1] else 1.0
+    if factor == 1.0:
+        return image, factor
+    size = (int(image.shape[1] * factor), int(image.shape[0] * factor))
+    way = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
+    return cast(Image, cv2.resize(image, size, interpolation=way)), factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +108,7 @@ class _Disc:
 def _discs(evidence: Evidence, radii_px: tuple[float, float], emptiest: float) -> list[_Disc]:
     """Connected parts of the evidence with the size and shape of a disc, or of most of one."""
     smallest, largest = radii_px
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(evidence.mask.astype(np.uint8))
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(evidence.mask.view(np.uint8))
     areas = boxes[:count, cv2.CC_STAT_AREA]
     wanted = (areas >= 0.5 * np.pi * smallest**2) & (areas <= 1.3 * np.pi * largest**2)
     wanted[0] = False

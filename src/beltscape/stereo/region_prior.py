@@ -40,7 +40,8 @@ class DepthPrior:
         """(H, W) float32 nearest and farthest depth per pixel; NaN outside the pattern, where nothing is known."""
         outside = self.labels < 0
         return tuple(  # pyright: ignore[reportReturnType]
-            np.where(outside, np.nan, ends[self.labels]).astype(np.float32) for ends in (self.near_mm, self.far_mm)
+            np.where(outside, np.nan, ends[self.labels]).astype(np.float32)
+            for ends in (self.near_mm, self.far_mm)
         )
 
     def range_mm(self) -> tuple[float, float]:

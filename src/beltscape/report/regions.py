@@ -1,0 +1,69 @@
+"""The check picture of a region pre-segmentation: markers, their labels and the regions' boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import FrameSet, Image
+from beltscape.report.pictures import Rgb, beside, panel, to_rgb
+from beltscape.stereo.marker_grid import SIDE, MarkerGrid
+from beltscape.stereo.regions import region_outline
+
+_FOUND, _EXPECTED = (80, 255, 120), (255, 160, 60)
+_BOUNDARY = (90, 190, 255)
+_DRAWN_WIDTH_PX = 900
+_FARTHEST_PX = 30_000.0
+
+
+def regions_picture(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: int = 3) -> Rgb:
+    """(H, W, 3) RGB: every camera of a frame with its regions, so many side by side; cameras without are named so."""
+    panels = []
+    for name, image in frame_set.images.items():
+        grid = grids.get(name)
+        said = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"
+        panels.append(panel(to_rgb(image) if grid is None else regions_drawn(image, grid), f"{name}: {said}"))
+    rows = [beside(panels[i : i + columns]) for i in range(0, len(panels), columns)]
+    width = max(row.shape[1] for row in rows)
+    return np.concatenate([np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows])
+
+
+def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:
+    """(H', W', 3) RGB: an image with its regions; found markers ringed in green, expected ones crossed in orange."""
+    factor = _DRAWN_WIDTH_PX / image.shape[1]
+    size = (_DRAWN_WIDTH_PX, round(image.shape[0] * factor))
+    way = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    rgb = np.ascontiguousarray(cv2.resize(to_rgb(image), size, interpolation=way), np.uint8)
+    for row in range(SIDE):
+        for column in range(SIDE):
+            outline = _drawn(region_outline(grid.center_px, row, column), factor)
+            cv2.polylines(rgb, [outline], True, _BOUNDARY, 2, cv2.LINE_AA)
+    typical = float(np.nanmedian(grid.radius_px))
+    for row in range(SIDE):
+        for column in range(SIDE):
+            u, v = (int(n) for n in _drawn(grid.center_px[row, column], factor))
+            if grid.found[row, column]:
+                cv2.circle(
+                    rgb, (u, v), round(factor * (grid.radius_px[row, column] + 3)), _FOUND, 2, cv2.LINE_AA
+                )
+            else:
+                cv2.drawMarker(rgb, (u, v), _EXPECTED, cv2.MARKER_TILTED_CROSS, round(factor * typical), 2)
+            color = _FOUND if grid.found[row, column] else _EXPECTED
+            _write(rgb, str(SIDE * row + column), (u + round(1.4 * factor * typical), v), color)
+    return rgb
+
+
+def _drawn(points_px: NDArray[np.float64], factor: float) -> NDArray[np.int32]:
+    scaled = (points_px + 0.5) * factor - 0.5
+    return np.rint(np.clip(scaled, -_FARTHEST_PX, _FARTHEST_PX)).astype(np.int32)
+
+
+def _write(rgb: Rgb, text: str, where: tuple[int, int], color: tuple[int, int, int]) -> None:
+    """Text with a dark rim, kept inside the image's right edge; it stays readable on speckle."""
+    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 2)
+    at = (min(where[0], rgb.shape[1] - width - 4), max(20, min(where[1] + 8, rgb.shape[0] - 6)))
+    for ink, thickness in (((0, 0, 0), 5), (color, 2)):
+        cv2.putText(rgb, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.7, ink, thickness, cv2.LINE_AA)

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibrate.bundle import Bundle
+from beltscape.calibrate.bundle_data import Geometry, Observations, Prior
 from beltscape.calibrate.corners import Sightings, spread_in_two_directions
-from beltscape.calibrate.intrinsics import OUTLIER_FACTOR, PARAMETERS, Monocular
-from beltscape.calibrate.jacobian import by_pose, project
+from beltscape.calibrate.influence import Response, lens_response, pair_influence
+from beltscape.calibrate.intrinsics import OUTLIER_FACTOR, Monocular
 from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.levenberg import minimise
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter
@@ -22,8 +24,6 @@ Array = NDArray[np.float64]
 
 MIN_COMMON = 6
 """Corners that two cameras must share in a frame for it to count."""
-NOISE_FLOOR_PX = 0.005
-"""No detector finds corners better than so, whatever the residuals say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,10 +65,12 @@ def calibrate_pairs(
     reporter: Reporter,
 ) -> tuple[Pair, ...]:
     """Every pair of cameras that shares views: n(n-1)/2 of them in a rig where all see the board (Eqs. 7-8)."""
+    responses = {name: lens_response(sightings, own, board_mm) for name, own in cameras.items()}
     found: list[Pair] = []
     candidates = list(combinations(cameras, 2))
     for done, (first, second) in enumerate(candidates, start=1):
-        pair = calibrate_pair(sightings, cameras[first], cameras[second], board_mm)
+        both = responses[first], responses[second]
+        pair = calibrate_pair(sightings, cameras[first], cameras[second], board_mm, both)
         if pair is not None:
             found.append(pair)
         reporter.step("calibrating pairs", done, len(candidates))
@@ -76,9 +78,21 @@ def calibrate_pairs(
 
 
 def calibrate_pair(
-    sightings: Sightings, first: Monocular, second: Monocular, board_mm: NDArray[np.float64]
+    sightings: Sightings,
+    first: Monocular,
+    second: Monocular,
+    board_mm: NDArray[np.float64],
+    responses: tuple[Response, Response] | None = None,
 ) -> Pair | None:
-    """The pose between two cameras, or None where they share no usable view."""
+    """The pose between two cameras, or None where they share no usable view.
+
+    ``responses`` of the two, where they are known already, save their computation.
+
+    Raises
+    ------
+    CalibrationError
+        When the common views give no pose.
+    """
     names = first.camera.name, second.camera.name
     common = {
         frame: ids
@@ -94,11 +108,11 @@ def calibrate_pair(
         bad = {frame: e for frame, e in per_view.items() if e > max(OUTLIER_FACTOR * median, 0.3)}
         if not bad or len(bad) > len(common) // 3:
             corners = sum(len(ids) for ids in common.values())
-            lenses = _lens(sightings, first, board_mm), _lens(sightings, second, board_mm)
-            influence, covariance = _uncertainty(sightings, lenses, solution, board_mm, common, names)
+            a, b = responses or [lens_response(sightings, own, board_mm) for own in (first, second)]
+            pose, boards = solution.second_from_first, solution.first_from_board
+            influence, covariance = pair_influence(sightings, (a, b), pose, boards, board_mm, common)
             return Pair(
-                *names, solution.second_from_first, solution.rms_px, tuple(common), corners, covariance,
-                rejected, influence,
+                *names, pose, solution.rms_px, tuple(common), corners, covariance, rejected, influence
             )  # fmt: skip
         for frame, error in bad.items():
             rejected[frame] = f"RMS {error:.2f} px in the pair, the median frame has {median:.2f} px"
@@ -121,137 +135,73 @@ def _solve(
     board_mm: NDArray[np.float64],
     common: Mapping[str, NDArray[np.int64]],
 ) -> _Solution:
-    def pixels(name: str) -> list[NDArray[np.float32]]:
-        views = sightings.views[name]
-        return [
-            views[frame].pixels[np.searchsorted(views[frame].ids, ids)].astype(np.float32)
-            for frame, ids in common.items()
-        ]
-
-    a, b = first.camera, second.camera
+    """The bundle of two cameras with known lenses and a board as drawn (Eqs. 7-8)."""
+    bundle = Bundle(_observations(sightings, first, second, common), _held(first, second, board_mm))
     try:
-        result = cv2.stereoCalibrateExtended(
-            [board_mm[ids].astype(np.float32) for ids in common.values()],
-            pixels(a.name), pixels(b.name), a.matrix, a.distortion, b.matrix, b.distortion, a.size_px,
-            np.eye(3), np.zeros(3), flags=cv2.CALIB_FIX_INTRINSIC,
-            criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10),
-        )  # fmt: skip
-    except cv2.error as error:
+        found = minimise(bundle, _start(first, second, board_mm, tuple(common))).state
+    except np.linalg.LinAlgError as error:
         raise CalibrationError(
-            f"cameras {a.name} and {b.name}: their {len(common)} common views give no pose ({error.err})"
+            f"cameras {first.camera.name} and {second.camera.name}: "
+            f"their {len(common)} common views give no pose ({error})"
         ) from error
-    rms, rotation, translation, per_view = float(result[0]), result[5], result[6], result[-1]
-    errors = np.sqrt((np.asarray(per_view) ** 2).mean(axis=1))
+    squares = (bundle.errors_px(found) ** 2).sum(axis=1)
+    frame = bundle.observations.frame
+    per_view = np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    boards = zip(common, found.board_rotation, found.board_translation_mm, strict=True)
     return _Solution(
-        Pose.of(rotation, translation),
-        rms,
-        {f: float(e) for f, e in zip(common, errors, strict=True)},
-        {f: Pose.of(r, t) for f, r, t in zip(common, result[9], result[10], strict=True)},
+        Pose(found.cam_rotation[1], found.cam_translation_mm[1]),
+        float(np.sqrt(squares.mean())),
+        {f: float(e) for f, e in zip(common, per_view, strict=True)},
+        {f: Pose(rotation, translation) for f, rotation, translation in boards},
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lens:
-    """A camera's intrinsics, and how they hang on its corners."""
-
-    intrinsics: Array
-    """(9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
-    free: NDArray[np.bool_]
-    """(9,) those that were found from the corners; the others are held to be known."""
-    rows: Mapping[str, int]
-    """Frame → where the coordinates of its corners start among all of the camera's."""
-    response: Array
-    """(2m, free) derivatives of the free ones by all corners' coordinates, px."""
-    sigma_px: float
-    """Noise of a coordinate, from the camera's own residuals."""
-
-
-def _lens(sightings: Sightings, own: Monocular, board_mm: Array) -> _Lens:
-    views, camera = sightings.views[own.camera.name], own.camera
-    ends = np.cumsum([2 * len(corners) for corners in views.values()])
-    rows = {frame: int(end) - 2 * len(views[frame]) for frame, end in zip(views, ends, strict=True)}
-    lens = intrinsics(camera)
-    free = np.array([own.sigma[name] > 0 for name in PARAMETERS])
-    slopes = np.zeros((int(ends[-1]), int(free.sum())))
-    squares, freedom = 0.0, -int(free.sum())
-    for frame, pose in own.cam_from_board.items():
-        corners = views[frame]
-        points = pose.apply(board_mm[corners.ids])
-        pixels, by_point, by_lens = project(points, np.tile(lens, (len(points), 1)))
-        by_board = by_pose(by_point, points - pose.translation_mm).reshape(-1, 6)
-        here = slice(rows[frame], rows[frame] + 2 * len(corners))
-        slopes[here] = _beyond(by_board, by_lens.reshape(-1, 9)[:, free])
-        squares += float(((pixels - corners.pixels) ** 2).sum())
-        freedom += 2 * len(corners) - 6
-    sigma = np.sqrt(squares / freedom) if freedom > 0 else 0.0
-    orthonormal, triangle = np.linalg.qr(slopes)
-    response = np.linalg.solve(triangle, orthonormal.T).T
-    return _Lens(lens, free, rows, response, max(float(sigma), NOISE_FLOOR_PX))
-
-
-def _beyond(by_board: Array, by_others: Array) -> Array:
-    """Derivatives (n, c) less what the frame's own board pose can make good: a root of the Schur complement."""
-    orthonormal = np.linalg.qr(by_board)[0]
-    return by_others - orthonormal @ (orthonormal.T @ by_others)
-
-
-def _uncertainty(
-    sightings: Sightings,
-    lenses: tuple[_Lens, _Lens],
-    solution: _Solution,
-    board_mm: Array,
-    common: Mapping[str, NDArray[np.int64]],
-    names: tuple[str, str],
-) -> tuple[dict[str, Array], Array]:
-    """A pair's `influence` and `covariance`: implicit differentiation of the minimum that `_solve` found."""
-    slopes, squares, where = [], np.zeros(2), ([], [])
-    for frame, ids in common.items():
-        by_board, by_rest, pixels = _derivatives(lenses, solution, frame, board_mm[ids])
-        slopes.append(_beyond(by_board, by_rest))
-        for side, (name, lens) in enumerate(zip(names, lenses, strict=True)):
-            corners = sightings.views[name][frame]
-            at = np.searchsorted(corners.ids, ids)
-            squares[side] += ((pixels[side] - corners.pixels[at]) ** 2).sum()
-            where[side].append((lens.rows[frame] + 2 * at[:, None] + np.arange(2)).ravel())
-    stacked = np.concatenate(slopes)
-    orthonormal, triangle = np.linalg.qr(stacked[:, :6])
-    direct = np.linalg.solve(triangle, orthonormal.T)  # (6, rows): ξ by each coordinate, intrinsics held
-    by_lens = np.split(direct @ stacked[:, 6:], [int(lenses[0].free.sum())], axis=1)
-    per_side = [2 * len(ids) for ids in common.values()]
-    starts = np.cumsum([0, *(2 * count for count in per_side)])[:-1]
-    freedom = 1 - (6 + 6 * len(common)) / (2 * sum(per_side))
-    influence, covariance = {}, np.zeros((6, 6))
-    for side, (name, lens) in enumerate(zip(names, lenses, strict=True)):
-        own = -lens.response @ by_lens[side].T
-        mine = np.concatenate(
-            [np.arange(s + side * n, s + (side + 1) * n) for s, n in zip(starts, per_side, strict=True)]
+def _observations(
+    sightings: Sightings, first: Monocular, second: Monocular, common: Mapping[str, NDArray[np.int64]]
+) -> Observations:
+    """The common corners, in both images."""
+    rows = [
+        (
+            np.full(len(ids), camera),
+            np.full(len(ids), frame),
+            ids,
+            view.pixels[np.searchsorted(view.ids, ids)],
         )
-        own[np.concatenate(where[side])] += direct[:, mine].T
-        seen = max(float(np.sqrt(squares[side] / sum(per_side) / max(freedom, 0.1))), NOISE_FLOOR_PX)
-        covariance += seen**2 * own.T @ own
-        influence[name] = lens.sigma_px * own
-    return influence, covariance
+        for frame, (name, ids) in enumerate(common.items())
+        for camera, own in enumerate((first, second))
+        for view in (sightings.views[own.camera.name][name],)
+    ]
+    camera, frame, point, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return Observations(camera, frame, point, pixels, np.ones(len(pixels)))
 
 
-def _derivatives(
-    lenses: tuple[_Lens, _Lens], solution: _Solution, frame: str, points_mm: Array
-) -> tuple[Array, Array, tuple[Array, Array]]:
-    """One frame's corners, all of the first camera before all of the second.
+def _held(first: Monocular, second: Monocular, board_mm: Array) -> Prior:
+    """Neither lenses nor board are adjusted."""
+    lenses = np.stack([intrinsics(own.camera) for own in (first, second)])
+    return Prior(lenses, np.zeros((2, 9, 9)), np.zeros((2, 9), bool), board_mm, np.zeros(3))
 
-    Returns
-    -------
-    (4n, 6) derivatives by the board's pose; (4n, 6 + free) by ξ and both cameras' free intrinsics; their pixels.
-    """
-    pair, first_from_board = solution.second_from_first, solution.first_from_board[frame]
-    in_first = first_from_board.apply(points_mm)
-    turned = in_first - first_from_board.translation_mm
-    count, (a, b) = 2 * len(in_first), lenses
-    pixels_a, by_first, by_lens_a = project(in_first, np.tile(a.intrinsics, (len(in_first), 1)))
-    pixels_b, by_second, by_lens_b = project(pair.apply(in_first), np.tile(b.intrinsics, (len(in_first), 1)))
-    through_pair = by_second @ pair.rotation
-    by_board = np.concatenate([by_pose(by_first, turned), by_pose(through_pair, turned)])
-    by_rest = np.zeros((2 * count, 6 + int(a.free.sum() + b.free.sum())))
-    by_rest[count:, :6] = by_pose(through_pair, in_first).reshape(-1, 6)
-    by_rest[:count, 6 : 6 + int(a.free.sum())] = by_lens_a.reshape(-1, 9)[:, a.free]
-    by_rest[count:, 6 + int(a.free.sum()) :] = by_lens_b.reshape(-1, 9)[:, b.free]
-    return by_board.reshape(-1, 6), by_rest, (pixels_a, pixels_b)
+
+def _start(first: Monocular, second: Monocular, board_mm: Array, frames: Sequence[str]) -> Geometry:
+    """The pose that most frames agree on, the board as the first camera alone sees it."""
+    boards = [first.cam_from_board[frame] for frame in frames]
+    pair = _most_central(
+        [second.cam_from_board[f] @ board.inverse() for f, board in zip(frames, boards, strict=True)],
+        float(np.median([np.linalg.norm(board.translation_mm) for board in boards])),
+    )
+    return Geometry(
+        np.stack([intrinsics(own.camera) for own in (first, second)]),
+        np.stack([np.eye(3), pair.rotation]),
+        np.stack([np.zeros(3), pair.translation_mm]),
+        np.stack([board.rotation for board in boards]),
+        np.stack([board.translation_mm for board in boards]),
+        board_mm,
+    )
+
+
+def _most_central(poses: Sequence[Pose], distance_mm: float) -> Pose:
+    """The pose that is nearest to the others, turns counted by what they move at a distance."""
+    features = np.stack(
+        [np.concatenate([distance_mm * pose.rotation.ravel(), pose.center_mm]) for pose in poses]
+    )
+    apart = np.linalg.norm(features[:, None] - features[None], axis=2)
+    return poses[int(np.argmin(apart.sum(axis=1)))]

@@ -1,0 +1,123 @@
+"""Two groups of cameras that see one board: how they stand to each other, whichever end each numbered it from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.pose import Pose
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 0.1
+"""Boards lie on each other when their outer corners are no farther apart, RMS, than this share of the diagonal.
+
+A board numbered from the wrong end has its corners a whole diagonal away.
+"""
+EVIDENCE = 8.0
+"""One way of numbering beats another when it is more likely by e to this power, ..."""
+FACTOR = 1.5
+"""... and leaves residuals smaller by this factor, as residuals are not all noise."""
+TRIED = 30
+"""Relative poses are guessed from so many views, evenly spread."""
+ROUNDS = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """The pose between two groups that most views agree on."""
+
+    second_from_first: Pose
+    turns: dict[int, int]
+    """Instant → quarter turns by which the second group's numbering is to be moved on."""
+    instants: int
+    """How many instants agree."""
+    rms_mm: float
+    """RMS distance of the outer corners over the views that agree."""
+    clear: bool
+    """Whether no other numbering fits about as well."""
+
+
+def agree(
+    first: Array, second: Array, instants: NDArray[np.int64], turns: tuple[int, ...]
+) -> Agreement | None:
+    """Find the pose that brings most boards of the first group onto those of the second.
+
+    ``first`` and ``second`` are (n, 4, 3) float64 mm: the board's outer corners, going round, as one camera of each
+    group sees them, in the group's axes, at ``instants`` (n,), which may repeat; ``turns`` are quarter turns under
+    which the board looks the same, 0 first. The relative pose is one and the same at all instants only if the
+    numberings fit. Each view and turn proposes a pose, which is refined on the views that follow it. Of numberings
+    that fit equally well the one with the fewest turns is taken. None where no more than half of the views agree.
+    """
+    turned = np.stack([np.roll(second, -turn, axis=1) for turn in turns], axis=1)
+    tolerance = TOLERANCE * float(np.median(np.linalg.norm(first[:, 0] - first[:, 2], axis=-1)))
+    rotations, shifts = _proposed(first, turned)
+    choice, distance = _nearest(rotations, shifts, first, turned)
+    for _ in range(ROUNDS):
+        weights = np.repeat(distance < tolerance, 4, axis=1).astype(np.float64)
+        chosen = turned[np.arange(len(first)), choice].reshape(len(choice), -1, 3)
+        rotations, shifts = _fit(np.broadcast_to(first.reshape(-1, 3), chosen.shape), chosen, weights)
+        choice, distance = _nearest(rotations, shifts, first, turned)
+    best = int(np.argmin((np.minimum(distance, tolerance) ** 2).sum(axis=1)))
+    inlier = distance[best] < tolerance
+    if 2 * int(inlier.sum()) <= len(first):
+        return None
+    rms = np.sqrt((distance[:, inlier] ** 2).mean(axis=1))
+    count = len(np.unique(instants[inlier]))
+    rivals = _equally_good(rms, best, count, tolerance)
+    worlds = {choice[i, inlier].tobytes() for i in rivals}
+    best = min(rivals, key=lambda i: (np.count_nonzero(choice[i, inlier]), rms[i]))
+    votes = np.where(inlier, 1.0, 1e-6)  # views that do not agree count where there are no others
+    return Agreement(
+        Pose(rotations[best], shifts[best]),
+        {
+            int(k): turns[int(np.bincount(choice[best, instants == k], votes[instants == k]).argmax())]
+            for k in np.unique(instants)
+        },
+        count,
+        float(rms[best]),
+        len(worlds) == 1,
+    )
+
+
+def _proposed(first: Array, turned: Array) -> tuple[Array, Array]:
+    """Rotations (h, 3, 3) and shifts (h, 3): the pose that one view and one turn ask for."""
+    tried = np.unique(np.linspace(0, len(first) - 1, min(len(first), TRIED)).astype(int))
+    goals = turned[tried].reshape(-1, 4, 3)
+    return _fit(np.repeat(first[tried], turned.shape[1], axis=0), goals, np.ones((len(goals), 4)))
+
+
+def _equally_good(rms_mm: Array, best: int, instants: int, tolerance_mm: float) -> list[int]:
+    """Poses whose residuals (h,) over the same views do not tell them from the best; it is one of them."""
+    freedom = 6 * (instants - 1)  # each board has six, and the pose takes six away
+    limit = max(FACTOR, float(np.exp(EVIDENCE / freedom))) if freedom else np.inf
+    floor = 1e-6 * tolerance_mm  # without noise all residuals are rounding errors
+    return [int(i) for i in np.flatnonzero(rms_mm <= limit * max(rms_mm[best], floor))] or [best]
+
+
+def _nearest(rotations: Array, shifts: Array, first: Array, turned: Array) -> tuple[NDArray[np.int64], Array]:
+    """By pose (h) and view (n): which turn brings the boards nearest to each other, and their RMS distance, mm."""
+    moved = np.einsum("hij,nkj->hnki", rotations, first) + shifts[:, None, None, :]
+    apart = np.stack(
+        [((moved - turned[:, s]) ** 2).sum(axis=-1).mean(axis=-1) for s in range(turned.shape[1])], axis=-1
+    )
+    choice = apart.argmin(axis=-1)
+    return choice, np.sqrt(np.take_along_axis(apart, choice[..., None], axis=-1)[..., 0])
+
+
+def _fit(points: Array, onto: Array, weights: Array) -> tuple[Array, Array]:
+    """Rotations (h, 3, 3) and shifts (h, 3) that bring points (h, m, 3) onto others in the sense of least squares.
+
+    References
+    ----------
+    Kabsch, Acta Cryst. A32, 1976, doi:10.1107/S0567739476001873.
+    """
+    share = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
+    middle, goal = np.einsum("hm,hmi->hi", share, points), np.einsum("hm,hmi->hi", share, onto)
+    spread = np.einsum("hm,hmi,hmj->hij", share, onto - goal[:, None], points - middle[:, None])
+    u, _, vt = np.linalg.svd(spread)
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[:, None]  # a rotation, not a mirror
+    rotations = u @ vt
+    return rotations, goal - np.einsum("hij,hj->hi", rotations, middle)

@@ -1,0 +1,44 @@
+"""A camera whose images carry the names of other instants is found and named, whichever way they were mixed up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.intrinsics import calibrate_camera
+from beltscape.calibrate.sync import misfits
+from beltscape.target.board import corner_points_mm
+from synthetic.boards import board_poses
+from synthetic.sightings import sightings
+
+FRAMES = 10
+
+
+@pytest.fixture(scope="module")
+def own(rig, board):
+    return sightings(rig, board, board_poses(board, FRAMES, seed=7), 0.1)
+
+
+def blamed(own: Sightings, rig, board, camera: str, source: dict[int, int]) -> list[tuple[str, int | None]]:
+    """Who is named when one camera's image ``source[k]`` carries the name of frame k."""
+    views = {f"{k:02d}": own.views[camera][f"{i:02d}"] for k, i in sorted(source.items())}
+    mixed = Sightings(own.sizes_px, {**own.views, camera: views}, own.images)
+    points = corner_points_mm(board)
+    alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
+    return [(m.camera, m.shift) for m in misfits(alone, [f"{k:02d}" for k in range(FRAMES)])]
+
+
+@pytest.mark.parametrize("camera", ["a", "b", "d"])
+@pytest.mark.parametrize("shift", [-2, -1, 0, 1, 2])
+@pytest.mark.parametrize("around", [False, True], ids=["cut off", "going round"])
+def test_a_shifted_camera_is_named_with_its_shift(own, rig, board, camera, shift, around):
+    source = {k: (k - shift) % FRAMES for k in range(FRAMES) if around or 0 <= k - shift < FRAMES}
+    assert blamed(own, rig, board, camera, source) == ([(camera, shift)] if shift else [])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_shuffled_camera_is_named(own, rig, board, seed):
+    order = np.random.default_rng(seed).permutation(FRAMES)
+    camera = "abcd"[seed % 4]
+    assert blamed(own, rig, board, camera, dict(enumerate(order.tolist()))) == [(camera, None)]

@@ -1,0 +1,80 @@
+"""A pattern's quality in one picture: a piece of it, its nearest neighbours, its spectrum."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.target.blue_noise import LOW, BlueNoise
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+STYLE: dict[str, Any] = {
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.edgecolor": "#868e96",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "xtick.color": "#495057",
+    "ytick.color": "#495057",
+    "figure.facecolor": "white",
+    "savefig.dpi": 120,
+}
+BLUE, ORANGE = "#1c7ed6", "#e8590c"
+
+
+def quality_picture(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:
+    """PNG of the quality; ``image`` (H, W, 3) is the drawn pattern. The same input gives the same bytes."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(12.6, 3.8), layout="constrained")
+        piece, nearest, spectrum = figure.subplots(1, 3)
+        _piece(piece, image, quality.d_min_px)
+        _nearest(nearest, quality)
+        _spectrum(spectrum, quality)
+        buffer = BytesIO()
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+        return buffer.getvalue()
+
+
+def _piece(axes: Axes, image: NDArray[Any], d_min_px: float) -> None:
+    """What lies about one of the inner markers, 40 d_min wide."""
+    height, width = image.shape[:2]
+    side = int(min(40 * d_min_px, width, height))
+    left, top = (max(length * 3 // 8 - side // 2, 0) for length in (width, height))
+    piece = image[top : top + side, left : left + side]
+    shown = piece if piece.dtype == np.uint8 else (piece >> 8).astype(np.uint8)
+    extent = (left - 0.5, left + side - 0.5, top + side - 0.5, top - 0.5)
+    axes.imshow(shown, extent=extent, interpolation="nearest")
+    axes.set_title("a piece of the pattern, px")
+
+
+def _nearest(axes: Axes, quality: BlueNoise) -> None:
+    edges = quality.nearest_edges_px
+    axes.stairs(quality.nearest_share, edges, fill=True, color=BLUE)
+    axes.axvline(quality.d_min_px, color=ORANGE, linewidth=1)
+    axes.set_xlim(edges[0] - (edges[-2] - edges[0]) / 10, edges[-2])
+    axes.set_title(f"nearest neighbour: least {quality.nearest_min_px:.2f}, mean {quality.nearest_mean_px:.2f} px")
+    axes.set_xlabel(f"distance, px (line: d_min = {quality.d_min_px:g})")
+    axes.set_ylabel("share of dots")
+
+
+def _spectrum(axes: Axes, quality: BlueNoise) -> None:
+    frequency = quality.frequency_per_px
+    axes.axvspan(0, LOW / quality.d_min_px, color="#e7f5ff", linewidth=0)
+    axes.axhline(1, color="#868e96", linewidth=0.8, linestyle="--")
+    axes.plot(frequency, quality.power, color=BLUE)
+    axes.set_xlim(0, frequency[-1])
+    axes.set_ylim(bottom=0)
+    axes.text(frequency[0], 1.02, "independent dots", va="bottom", color="#868e96")
+    axes.set_title(f"power spectrum: {quality.low_frequency_power:.3f} at low frequencies (shaded)")
+    axes.set_xlabel("cycles per px")

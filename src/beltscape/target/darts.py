@@ -1,0 +1,151 @@
+"""Dart throwing: random points, none closer to another than a given distance."""
+
+from __future__ import annotations
+
+from math import floor, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+GRAIN_PX = 0.001
+"""Positions are whole multiples of this, so that distances are compared in exact integers."""
+
+FINE = 8
+"""Cells of the raster of free places across one d_min."""
+
+FRUITLESS = 20
+"""Rounds of at least MIN_ROUND darts without one hit before the plane counts as full."""
+
+MIN_ROUND, MAX_ROUND = 16384, 65536
+
+
+def throw_darts(
+    size_px: tuple[int, int],
+    count: int,
+    d_min_px: float,
+    keep_out: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Up to ``count`` points, uniform, accepted one after another only farther than ``d_min_px`` from all others.
+
+    Only darts that certainly miss (into raster cells wholly covered by one accepted dot) are left out, so that the
+    accepted ones are distributed as if every dart had been thrown at the whole plane. Fewer than ``count`` points
+    come back when the plane is full.
+
+    Parameters
+    ----------
+    size_px
+        Width and height; points lie in [-0.5, W - 0.5] × [-0.5, H - 0.5].
+    keep_out
+        (K, 3) x, y, radius of discs, px, that no point may lie in.
+
+    Returns
+    -------
+    (N, 2) float64 points in the order of acceptance, px, N ≤ count.
+
+    References
+    ----------
+    Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, Eqs. 4-5.
+    """
+    plane = _Plane(size_px, d_min_px, np.asarray(keep_out, dtype=np.float64))
+    fruitless = 0
+    while plane.count < count and fruitless < FRUITLESS:
+        wanted = count - plane.count
+        darts = plane.darts(rng, min(max(2 * wanted, MIN_ROUND), MAX_ROUND))
+        if darts.size == 0:
+            break
+        hits = plane.clear(darts)
+        hits = hits[_first_come(hits, plane.limit)][:wanted]
+        plane.put(hits)
+        fruitless = 0 if hits.size else fruitless + 1
+    return plane.points[: plane.count] * GRAIN_PX - 0.5
+
+
+class _Plane:
+    """The accepted points, in grains from the image's corner, with a grid to find them and one of free places."""
+
+    def __init__(self, size_px: tuple[int, int], d_min_px: float, keep_out: NDArray[np.float64]) -> None:
+        self.size = np.array(size_px) / GRAIN_PX
+        d = d_min_px / GRAIN_PX
+        self.limit = floor(d * d + 1e-3)  # a distance squared up to this is too close; ties are not accepted
+        self.keep_out = np.column_stack([keep_out[:, :2] + 0.5, keep_out[:, 2]]) / GRAIN_PX
+        self.cell = d / sqrt(2)  # at most one point in a cell
+        columns, rows = (np.floor(self.size / self.cell) + 5).astype(int)
+        self.index = np.full((rows, columns), -1, dtype=np.int64)
+        self.fine = d / FINE
+        width, height = np.ceil(self.size / self.fine).astype(int)
+        self.free = np.ones((height, width), dtype=bool)
+        self.points = np.full((1, 2), -(10**9), dtype=np.int64)  # the last row stands for "nobody"
+        self.count = 0
+
+    def darts(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
+        """(count, 2) darts, uniform over the free raster cells; none when there is no free cell."""
+        cells = np.flatnonzero(self.free)
+        if cells.size == 0:
+            return np.empty((0, 2), dtype=np.int64)
+        row, column = np.divmod(cells[rng.integers(cells.size, size=count)], self.free.shape[1])
+        xy = (np.stack([column, row], axis=-1) + rng.random((count, 2))) * self.fine
+        return np.rint(xy[(xy <= self.size).all(axis=1)]).astype(np.int64)
+
+    def clear(self, darts: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Those far enough from every accepted point and outside the kept-out discs."""
+        for x, y, radius in self.keep_out:
+            away = (darts[:, 0] - x) ** 2 + (darts[:, 1] - y) ** 2 > radius * radius
+            darts = darts[away]
+        column, row = self._cells(darts)
+        for dy, dx in _NEIGHBOURS:
+            other = self.points[self.index[row + dy, column + dx]]
+            away = ((darts - other) ** 2).sum(axis=1) > self.limit
+            darts, row, column = darts[away], row[away], column[away]
+        return darts
+
+    def put(self, points: NDArray[np.int64]) -> None:
+        """Accept points and mark the places they cover."""
+        column, row = self._cells(points)
+        self.index[row, column] = self.count + np.arange(len(points))
+        self.points = np.concatenate([self.points[:-1], points, self.points[-1:]])
+        self.count += len(points)
+        at = np.floor(points / self.fine).astype(np.int64)
+        height, width = self.free.shape
+        for dx, dy in _COVERED:
+            x, y = at[:, 0] + dx, at[:, 1] + dy
+            inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+            self.free[y[inside], x[inside]] = False
+
+    def _cells(self, points: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        column, row = np.floor(points.T / self.cell).astype(np.int64) + 2
+        return column, row
+
+
+_NEIGHBOURS = sorted(
+    ((dy, dx) for dy in range(-2, 3) for dx in range(-2, 3) if abs(dx) + abs(dy) < 4),
+    key=lambda offset: offset[0] ** 2 + offset[1] ** 2,
+)
+"""Grid cells that can hold a point within d_min, the nearest first."""
+
+_COVERED = [
+    (dx, dy)
+    for dy in range(-FINE, FINE + 1)
+    for dx in range(-FINE, FINE + 1)
+    if (abs(dx) + 1) ** 2 + (abs(dy) + 1) ** 2 <= FINE**2
+]
+"""Raster cells that a dot covers wholly, wherever in its own cell it lies."""
+
+
+def _first_come(darts: NDArray[np.int64], limit: int) -> NDArray[np.bool_]:
+    """Which darts of one round stay when each is held against all accepted before it."""
+    from scipy.spatial import cKDTree
+
+    stays = np.ones(len(darts), dtype=bool)
+    if len(darts) < 2:
+        return stays
+    pairs = cKDTree(darts).query_pairs(sqrt(limit) + 1, output_type="ndarray")  # earlier, later
+    pairs = pairs[((darts[pairs[:, 0]] - darts[pairs[:, 1]]) ** 2).sum(axis=1) <= limit]
+    open_ = stays.copy()
+    while pairs.size:
+        open_[pairs[:, 1]] = False  # now: darts without an undecided earlier neighbour; they stay
+        beaten = pairs[open_[pairs[:, 0]], 1]
+        stays[beaten] = False
+        pairs = pairs[~open_[pairs[:, 0]] & stays[pairs[:, 0]] & stays[pairs[:, 1]]]
+        open_[:] = stays
+    return stays

@@ -12,7 +12,6 @@ from beltscape.calibrate.se3 import (
     left_jacobian,
     left_jacobian_inverse,
     log,
-    right_jacobian_inverse,
     skew,
     small_adjoint,
 )
@@ -81,10 +80,8 @@ def test_the_left_jacobian_is_the_integral_of_the_adjoint(twist):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 0.3, 0.999, 1.001, 3.0])
-def test_inverse_jacobians_are_the_derivatives_of_log(angle):
+def test_the_inverse_jacobian_is_the_derivative_of_log(angle):
     twist = np.array([0.6 * angle, 0.0, -0.8 * angle, 120.0, -40.0, 300.0])
     steps = np.diag(np.repeat([1e-6, 1e-3], 3))
     left = [(log(exp(d) @ exp(twist)) - log(exp(-d) @ exp(twist))) / (2 * d.sum()) for d in steps]
-    right = [(log(exp(twist) @ exp(d)) - log(exp(twist) @ exp(-d))) / (2 * d.sum()) for d in steps]
     np.testing.assert_allclose(left_jacobian_inverse(twist), np.transpose(left), rtol=1e-6, atol=1e-5)
-    np.testing.assert_allclose(right_jacobian_inverse(twist), np.transpose(right), rtol=1e-6, atol=1e-5)

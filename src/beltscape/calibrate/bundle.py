@@ -33,15 +33,14 @@ class Bundle:
         # columns: intrinsics of all cameras, poses of all but the core, points; board poses are eliminated
         self.pose_start = INTRINSICS * self.cameras
         self.point_start = self.pose_start + 6 * (self.cameras - 1)
-        self.columns = self.point_start + 3 * self.points
+        self.warped = bool((prior.points_sigma_mm > 0).any())
+        self.columns = self.point_start + 3 * self.points * self.warped
         free = np.concatenate(
             [prior.intrinsics_free.ravel(), np.ones(6 * (self.cameras - 1), bool),
              np.tile(prior.points_sigma_mm > 0, self.points)]
-        )  # fmt: skip
+        )[: self.columns]  # fmt: skip
         self.free = np.flatnonzero(free)
-        self.gauge = _gauge_modes(prior.points_mm)
         self.information = self._prior_information()
-        self.warped = bool((prior.points_sigma_mm > 0).any())
         view = observations.frame * self.cameras + observations.camera
         starts = np.flatnonzero(np.diff(view, prepend=-1))
         self.views = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(view)], strict=True)]
@@ -163,7 +162,7 @@ class Bundle:
             state.cam_translation_mm + cams[:, 3:],
             _turned(state.board_rotation, boards[:, :3]),
             state.board_translation_mm + boards[:, 3:],
-            state.points_mm + shared[self.point_start :].reshape(-1, 3),
+            state.points_mm + shared[self.point_start :].reshape(-1, 3) if self.warped else state.points_mm,
         )
 
     def _placed(self, state: Geometry) -> tuple[Array, Array]:
@@ -182,7 +181,9 @@ class Bundle:
         """(columns,) distance of the shared parameters from what is known beforehand."""
         intrinsics = (state.intrinsics - self.prior.intrinsics).ravel()
         points = (state.points_mm - self.prior.points_mm).ravel()
-        return np.concatenate([intrinsics, np.zeros(self.point_start - self.pose_start), points])
+        return np.concatenate([intrinsics, np.zeros(self.point_start - self.pose_start), points])[
+            : self.columns
+        ]
 
     def _prior_information(self) -> Array:
         """(columns, columns) of the lens, of the board's corners, and of the gauge."""
@@ -190,10 +191,11 @@ class Bundle:
         for camera, own in enumerate(self.prior.intrinsics_information):
             columns = slice(INTRINSICS * camera, INTRINSICS * (camera + 1))
             information[columns, columns] = own
-        points = slice(self.point_start, None)
-        with np.errstate(divide="ignore"):
-            each = np.where(self.prior.points_sigma_mm > 0, self.prior.points_sigma_mm**-2.0, 0.0)
-        information[points, points] = np.diag(np.tile(each, self.points)) + GAUGE * self.gauge.T @ self.gauge
+        if self.warped:
+            points, gauge = slice(self.point_start, None), _gauge_modes(self.prior.points_mm)
+            with np.errstate(divide="ignore"):
+                each = np.where(self.prior.points_sigma_mm > 0, self.prior.points_sigma_mm**-2.0, 0.0)
+            information[points, points] = np.diag(np.tile(each, self.points)) + GAUGE * gauge.T @ gauge
         return information
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,15 @@ class Observations:
     """(N, 2) where it was found."""
     sigma_px: Array
     """(N,) one standard deviation of each coordinate."""
+
+    @classmethod
+    def of(cls, views: Iterable[tuple[int, int, Indices, Array]]) -> Observations:
+        """Views one after another: camera, frame, ids (n,) and pixels (n, 2) of its corners; σ is 1 px."""
+        rows = [
+            (np.full(len(ids), camera), np.full(len(ids), frame), ids, px) for camera, frame, ids, px in views
+        ]
+        camera, frame, point, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
+        return cls(camera, frame, point, pixels, np.ones(len(pixels)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

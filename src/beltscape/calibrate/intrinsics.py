@@ -9,7 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibrate.bundle import Bundle
+from beltscape.calibrate.bundle_data import Geometry, Observations, Prior
 from beltscape.calibrate.corners import Corners, Sightings
+from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.levenberg import minimise
 from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
@@ -106,7 +110,48 @@ def _solve(
     k3 = float(free.camera.distortion[4])
     if abs(k3) > 3 * free.sigma["k3"]:
         return free
-    return _run(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+    held = _without_k3(free, views, board_mm)
+    return held or _run(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+
+
+def _without_k3(
+    free: Monocular, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
+) -> Monocular | None:
+    """The minimum with k3 held at 0, from the one where it is free; None where it is not found from there."""
+    lens, poses = intrinsics(free.camera), list(free.cam_from_board.values())
+    lens[-1] = 0.0
+    adjusted = np.arange(len(lens)) < len(lens) - 1
+    bundle = Bundle(
+        Observations.of((0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())),
+        Prior(lens[None], np.zeros((1, 9, 9)), adjusted[None], board_mm, np.zeros(3)),
+    )
+    start = Geometry(
+        lens[None], np.eye(3)[None], np.zeros((1, 3)),
+        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
+    )  # fmt: skip
+    try:
+        found = minimise(bundle, start)
+        variance = np.diag(bundle.linearise(found.state).covariance())
+    except np.linalg.LinAlgError:
+        return None
+    if not found.converged:
+        return None
+    squares = (bundle.errors_px(found.state) ** 2).sum(axis=1)
+    frame, state = bundle.observations.frame, found.state
+    freedom = max(2 * len(frame) - len(variance) - 6 * len(poses), 1)
+    sigma = np.sqrt(variance * squares.sum() / freedom)
+    lens, per_view = state.intrinsics[0], np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
+    return Monocular(
+        camera=Camera(
+            free.camera.name, free.camera.size_px, lens[:2].copy(), lens[2:4].copy(), lens[4:].copy()
+        ),
+        sigma=dict(zip(PARAMETERS, (*sigma.tolist(), 0.0), strict=True)),
+        rms_px=float(np.sqrt(squares.mean())),
+        cam_from_board={frame: Pose(rotation, translation) for frame, rotation, translation in boards},
+        view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
+        held=("k3",),
+    )
 
 
 def _posed(

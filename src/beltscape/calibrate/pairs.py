@@ -160,19 +160,12 @@ def _observations(
     sightings: Sightings, first: Monocular, second: Monocular, common: Mapping[str, NDArray[np.int64]]
 ) -> Observations:
     """The common corners, in both images."""
-    rows = [
-        (
-            np.full(len(ids), camera),
-            np.full(len(ids), frame),
-            ids,
-            view.pixels[np.searchsorted(view.ids, ids)],
-        )
+    return Observations.of(
+        (camera, frame, ids, view.pixels[np.searchsorted(view.ids, ids)])
         for frame, (name, ids) in enumerate(common.items())
         for camera, own in enumerate((first, second))
         for view in (sightings.views[own.camera.name][name],)
-    ]
-    camera, frame, point, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return Observations(camera, frame, point, pixels, np.ones(len(pixels)))
+    )
 
 
 def _held(first: Monocular, second: Monocular, board_mm: Array) -> Prior:

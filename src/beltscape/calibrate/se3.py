@@ -91,11 +91,6 @@ def left_jacobian_inverse(twist: Array) -> Array:
     return inv(left_jacobian(twist))
 
 
-def right_jacobian_inverse(twist: Array) -> Array:
-    """(6, 6) with ``log(exp(ξ) @ exp(δ)) ≈ ξ + J⁻¹ δ``."""
-    return left_jacobian_inverse(-twist)
-
-
 def _turn_jacobian(turn: Array) -> Array:
     """(3, 3) left Jacobian of a rotation vector: what a twist's translation becomes while it turns."""
     angle = float(np.linalg.norm(turn))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from scipy.special import gammaincc
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.pairs import Pair
 from beltscape.calibrate.se3 import adjoint, log
+from beltscape.calibrate.ways import joint_covariance, measured, triangles
 from beltscape.core.pose import Pose
 
 Array = NDArray[np.float64]
@@ -150,66 +150,6 @@ def _costs(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str
                 other = pair.second if name == pair.first else pair.first
                 heapq.heappush(queue, (cost + pair.variance, other, name))
     return costs, previous
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """A measured way between two cameras, ``pose = true @ exp(gain ξ)``, ξ (6P,) the errors of all pairs in turn."""
-
-    pose: Pose
-    gain: Array
-    """(6, 6P)."""
-
-    def then(self, other: Step) -> Step:
-        """Go on by ``other`` from where one ends."""
-        return Step(other.pose @ self.pose, adjoint(self.pose.inverse()) @ other.gain + self.gain)
-
-
-def measured(pairs: Sequence[Pair], origin: str, to: str) -> Step:
-    """The pair between two cameras as ``to_from_origin``.
-
-    Raises
-    ------
-    KeyError
-        When the two were not measured together.
-    """
-    for i, pair in enumerate(pairs):
-        gain = np.zeros((6, 6 * len(pairs)))
-        if (pair.first, pair.second) == (origin, to):
-            gain[:, 6 * i : 6 * i + 6] = np.eye(6)
-            return Step(pair.second_from_first, gain)
-        if (pair.first, pair.second) == (to, origin):
-            gain[:, 6 * i : 6 * i + 6] = -adjoint(pair.second_from_first)
-            return Step(pair.second_from_first.inverse(), gain)
-    raise KeyError((origin, to))
-
-
-def triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
-    """Every three of some cameras of which all three pairs were measured, in the pairs' order."""
-    known = {frozenset((pair.first, pair.second)) for pair in pairs}
-    wanted = set(cameras)
-    names = dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second) if name in wanted)
-    return [
-        three
-        for three in combinations(names, 3)
-        if all(frozenset(two) in known for two in combinations(three, 2))
-    ]
-
-
-def joint_covariance(pairs: Sequence[Pair]) -> Array:
-    """(6P, 6P) of the errors of all pairs, with what pairs have in common because they share corners."""
-    joint = np.zeros((6 * len(pairs), 6 * len(pairs)))
-    by_camera: dict[str, list[int]] = {}
-    for i, pair in enumerate(pairs):
-        if not pair.influence:
-            joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
-        for name in pair.influence:
-            by_camera.setdefault(name, []).append(i)
-    for name, own in by_camera.items():
-        columns = np.concatenate([np.arange(6 * i, 6 * i + 6) for i in own])
-        shared = np.concatenate([pairs[i].influence[name] for i in own], axis=1)
-        joint[np.ix_(columns, columns)] += shared.T @ shared
-    return joint
 
 
 def path_errors(

@@ -10,15 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from beltscape.calibrate.levenberg import Damping, minimise
-from beltscape.calibrate.network import (
-    Network,
-    Step,
-    joint_covariance,
-    measured,
-    path_errors,
-    triangles,
-)
+from beltscape.calibrate.network import Network, path_errors
 from beltscape.calibrate.se3 import adjoint, exp, left_jacobian_inverse, log
+from beltscape.calibrate.ways import Step, joint_covariance, measured, triangles
 from beltscape.core.pose import Pose
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.report.pictures import Rgb, beside, panel, to_rgb
+from beltscape.report.pictures import GROUND, Rgb, beside, panel, to_rgb
 from beltscape.stereo.marker_grid import SIDE, MarkerGrid
 from beltscape.stereo.regions import region_outline
 
@@ -28,7 +28,10 @@ def regions_picture(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], column
         panels.append(panel(to_rgb(image) if grid is None else regions_drawn(image, grid), f"{name}: {said}"))
     rows = [beside(panels[i : i + columns]) for i in range(0, len(panels), columns)]
     width = max(row.shape[1] for row in rows)
-    return np.concatenate([np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows])
+    full = [np.full((row.shape[0], width, 3), GROUND, np.uint8) for row in rows]
+    for wide, row in zip(full, rows, strict=True):
+        wide[:, : row.shape[1]] = row
+    return np.concatenate(full)
 
 
 def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:
@@ -52,7 +55,7 @@ def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:
             else:
                 cv2.drawMarker(rgb, (u, v), _EXPECTED, cv2.MARKER_TILTED_CROSS, round(factor * typical), 2)
             color = _FOUND if grid.found[row, column] else _EXPECTED
-            _write(rgb, str(SIDE * row + column), (u + round(1.4 * factor * typical), v), color)
+            _write(rgb, str(SIDE * row + column), (u + round(1.2 * factor * typical) + 8, v), color)
     return rgb
 
 

@@ -13,8 +13,8 @@ from beltscape.stereo.marker_grid import SIDE, MarkerGrid
 from beltscape.stereo.search import search_range
 
 _OFF_RADII = 0.3
-"""How far from where the others put it a camera may see a marker, in its radii. Half a disc hidden shifts the centroid
-of the rest by 0.42."""
+"""How far from where the others put it a camera may see a marker, in its radii. Half a disc hidden shifts the
+centroid of the rest by 0.42."""
 _OFF_PX = 2.0
 """And in px, for small discs: the rig and the centroid are no better."""
 _LEAST, _SHARE = 4, 0.7
@@ -49,7 +49,7 @@ def agree(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGrid]:
 def seen_in_place(
     grids: Mapping[str, MarkerGrid], rig: Rig, kernels: Kernels
 ) -> tuple[NDArray[np.float64], dict[str, NDArray[np.bool_]]]:
-    """Markers in space: (16, 3) in the core's frame, mm, NaN where not believed, and by camera (16,) which it saw there.
+    """Markers in space, (16, 3) in the core's frame, mm, NaN where not believed; by camera (16,) which it saw there.
 
     Each is triangulated from all cameras that found it; while one of them sees it too far from there, the farthest
     is dropped. What is left must be the core and another camera.
@@ -65,7 +65,7 @@ def seen_in_place(
         if not columns.size:
             break
         pixels[worst[columns], columns] = np.nan
-    used = np.isfinite(pixels).all(axis=-1)
+    used: NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=-1))
     believed = used[names.index(rig.core)] & (used.sum(axis=0) >= 2) & (points[:, 2] > 0)
     points = np.where(believed[:, None], points, np.nan)
     return points, {name: used[i] & believed for i, name in enumerate(names)}

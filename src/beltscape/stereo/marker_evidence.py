@@ -61,7 +61,7 @@ def red_evidence(image: Image, largest_px: float) -> Evidence:
     if image.dtype == np.uint16:  # 12 bits are often stored in 16: only the scene itself says what is bright
         floor = _BRIGHTEST_SHARE * float(np.quantile(red[::4, ::4], 0.999))
     strength = np.maximum(red - green / np.maximum(gold, np.float32(1e-6)), 0)
-    return Evidence(mask=(strength > 0) & (red > floor), strength=strength, surround=_red_is_enough)
+    return Evidence(mask=(strength > 0.5 * floor) & (red > floor), strength=strength, surround=_red_is_enough)
 
 
 def flat_evidence(image: Image, radius_px: float) -> Evidence:

@@ -48,7 +48,7 @@ class MarkerGrid:
         return _completed(moved) if found.sum() >= 3 else replace(self, found=found)
 
     def placements(self) -> list[MarkerGrid]:
-        """Every way to say which row and column is which: four turns, and all shifts a missing row or column allows."""
+        """Every way to say which row and column is which: four turns, all shifts that missing ones allow."""
         options = []
         for turn in range(4):
             turned = MarkerGrid(

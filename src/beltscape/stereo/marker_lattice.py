@@ -25,7 +25,7 @@ _TURN_DEG = 50.0
 """Columns are sought within this angle of the image's u axis; which way is up is decided afterwards."""
 _PARTNERS = 4
 """Nearest candidates to either side that are tried as neighbours."""
-_TRIED = 16
+_TRIED = 10
 """Best seeds that are grown."""
 _LEAST = 6
 """Fewer than this in place can be chance."""
@@ -157,21 +157,28 @@ def _grown(markers: Markers, seed: Cells, size: tuple[int, int]) -> Lattice:
 
 def _grow(markers: Markers, cells: Cells, size: tuple[int, int]) -> Cells:
     cells = dict(cells)
+    span = max(size)
     while True:
-        offers = _offers(markers, cells, size)
         added = False
-        for _, index, cell in sorted(offers):
-            if index not in cells and cell not in cells.values() and _within({*cells.values(), cell}, size):
-                cells[index] = cell
-                added = True
+        for gap in range(1, span):  # the nearer the neighbour, the surer the place
+            for _, index, cell in sorted(_offers(markers, cells, size, gap)):
+                if (
+                    index not in cells
+                    and cell not in cells.values()
+                    and _within({*cells.values(), cell}, size)
+                ):
+                    cells[index] = cell
+                    added = True
+            if added:
+                break
         if not added:
             return cells
 
 
 def _offers(
-    markers: Markers, cells: Cells, size: tuple[int, int]
+    markers: Markers, cells: Cells, size: tuple[int, int], gap: int
 ) -> list[tuple[float, int, tuple[int, int]]]:
-    """Candidates close to the expected place of a free cell beside taken ones: how far off (0..1), which, cell."""
+    """Candidates near the expected place of a free cell ``gap`` from taken ones: how far off (0..1), which, cell."""
     index = np.array(list(cells))
     taken = np.array(list(cells.values()))
     model, at = projective(taken, markers.center_px[index]), markers.center_px
@@ -179,9 +186,11 @@ def _offers(
     relative = markers.radius_px / np.median(markers.radius_px[index])
     free = (relative > _RADII[0]) & (relative < _RADII[1])
     free[index] = False
+    if not free.any():
+        return []
     offers = []
-    for cell in _beside(cells, size):
-        beside = np.abs(taken - cell).max(axis=1) == 1
+    for cell in _beside(cells, size, gap):
+        beside = np.abs(taken - cell).max(axis=1) == gap
         known = taken[beside]
         steps = placed(model, np.array(cell, float)) - placed(model, known)
         expected = (at[index[beside]] + steps).mean(axis=0)
@@ -192,12 +201,13 @@ def _offers(
     return offers
 
 
-def _beside(cells: Cells, size: tuple[int, int]) -> list[tuple[int, int]]:
-    """Free cells next to taken ones with which the grid does not become too large, in a fixed order."""
-    taken = set(cells.values())
-    steps = [(c, r) for c in (-1, 0, 1) for r in (-1, 0, 1)]
-    free = {(c + dc, r + dr) for c, r in taken for dc, dr in steps} - taken
-    return sorted(cell for cell in free if _within({*taken, cell}, size))
+def _beside(cells: Cells, size: tuple[int, int], gap: int) -> list[tuple[int, int]]:
+    """Free cells ``gap`` from the nearest taken one that keep the grid small enough, in a fixed order."""
+    taken = np.array(list(cells.values()))
+    low, high = taken.min(axis=0) - gap, taken.max(axis=0) + gap
+    around = [(c, r) for c in range(low[0], high[0] + 1) for r in range(low[1], high[1] + 1)]
+    near = [cell for cell in around if np.abs(taken - cell).max(axis=1).min() == gap]
+    return [cell for cell in near if _within({*cells.values(), cell}, size)]
 
 
 def _within(cells: set[tuple[int, int]], size: tuple[int, int]) -> bool:

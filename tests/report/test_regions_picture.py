@@ -1,0 +1,33 @@
+"""The check picture names every camera and marks what was found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.core.frames import FrameSet
+from beltscape.report.regions import regions_drawn, regions_picture
+from beltscape.stereo.marker_grid import find_marker_grid
+from stereo.projected import picture, view
+
+
+def test_found_and_expected_markers_are_drawn_apart():
+    hidden = np.zeros((4, 4), bool)
+    hidden[1, 1] = True
+    image = picture(view(), hidden=hidden)
+    grid = find_marker_grid(image)
+    assert grid is not None
+    drawn = regions_drawn(image, grid)
+    assert drawn.shape == (750, 900, 3) and drawn.dtype == np.uint8
+    factor = 900 / 816
+    for row, column, color in ((0, 0, (80, 255, 120)), (1, 1, (255, 160, 60))):
+        u, v = (grid.center_px[row, column] * factor).astype(int)
+        assert (np.abs(drawn[v - 18 : v + 19, u - 18 : u + 19].astype(int) - color).max(axis=2) < 20).any()
+
+
+def test_cameras_without_markers_are_shown_too():
+    image = picture(view())
+    grid = find_marker_grid(image)
+    assert grid is not None
+    frames = FrameSet("000", {"cam0": image, "cam1": image, "cam2": image, "cam3": np.zeros_like(image)})
+    shown = regions_picture(frames, {"cam0": grid, "cam1": grid, "cam2": grid})
+    assert shown.shape[1] == 3 * 760 and shown.shape[0] > 2 * 600

@@ -47,7 +47,7 @@ def _against_truth(rendered: Path) -> list[str]:
     detected = time.perf_counter()
     chain = solve(sightings, board, "cam0", Silent())
     chained = time.perf_counter()
-    adjusted = adjust(chain, sightings, board)
+    adjusted = adjust(chain, board)
     done = time.perf_counter()
     pairs = Rig(chain.rig.core, chain.rig.cameras, (chain.network.chained or chain.network).cam_from_core)
     rigs = {

@@ -18,7 +18,7 @@ NOISE_PX = 0.1
 def adjusted(rig, board, poses):
     own = sightings(rig, board, poses, NOISE_PX)
     chain = solve(own, board, rig.core, Silent())
-    return chain, own, adjust(chain, own, board)
+    return chain, own, adjust(chain, board)
 
 
 def test_is_nearer_to_the_truth_than_the_chain(rig, board, poses):
@@ -27,7 +27,7 @@ def test_is_nearer_to_the_truth_than_the_chain(rig, board, poses):
         own = sightings(rig, board, poses, NOISE_PX, seed)
         chain = solve(own, board, rig.core, Silent())
         before = score_rig_against_truth(chain.rig, rig, load())
-        after = score_rig_against_truth(adjust(chain, own, board).rig, rig, load())
+        after = score_rig_against_truth(adjust(chain, board).rig, rig, load())
         better += after.depth_rms_mm < before.depth_rms_mm
         assert max(after.rotation_deg.values()) < max(before.rotation_deg.values())
     assert better >= 4
@@ -47,7 +47,7 @@ def test_wrong_corners_are_left_out(rig, board, poses):
     pixels[4] += 1.2
     disturbed = spoiled(own, first, "03", pixels)
     chain = solve(disturbed, board, rig.core, Silent())
-    found = adjust(chain, disturbed, board)
+    found = adjust(chain, board)
     o = found.bundle.observations
     camera = list(found.rig.cameras).index(first)
     of_view = (o.camera == camera) & (o.frame == found.frames.index("03"))
@@ -64,7 +64,7 @@ def test_depth_sigma_is_what_many_rigs_scatter(rig, board, poses, adjusted):
     errors = []
     for seed in range(16):
         own = sightings(rig, board, poses, NOISE_PX, 100 + seed)
-        again = adjust(solve(own, board, rig.core, Silent()), own, board).rig
+        again = adjust(solve(own, board, rig.core, Silent()), board).rig
         errors.append(triangulated_with(again, rig, points)[:, 2] - 650.0)
     actual = np.sqrt(np.nanmean(np.square(errors), axis=0))
     ratio = actual / sigma.sigma_mm[inner].ravel()

@@ -35,8 +35,8 @@ def test_charuco_corners_are_found_where_they_are(legacy, inverted, tilt):
     assert corners is not None
     assert corners.ids.tolist() == list(range(35))
     errors = corners.pixels - truth(CHARUCO, pose)
-    assert np.sqrt((errors**2).mean()) < 0.08
-    assert np.abs(errors.mean(axis=0)).max() < 0.04  # no shift by a fraction of a pixel
+    assert np.sqrt((errors**2).mean()) < 0.02
+    assert np.abs(errors.mean(axis=0)).max() < 0.01  # no shift by a fraction of a pixel
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
@@ -45,8 +45,8 @@ def test_chessboard_corners_are_found_where_they_are(tilt):
     corners = detector(CHESSBOARD, Variant())(view(LENS, pose, CHESSBOARD))
     assert corners is not None
     errors = corners.pixels - truth(CHESSBOARD, pose)
-    assert np.sqrt((errors**2).mean()) < 0.05
-    assert np.abs(errors.mean(axis=0)).max() < 0.02
+    assert np.sqrt((errors**2).mean()) < 0.02
+    assert np.abs(errors.mean(axis=0)).max() < 0.01
 
 
 @pytest.mark.parametrize("roll_deg", [0, 90, 180, 270])

@@ -42,3 +42,27 @@ def test_a_shuffled_camera_is_named(own, rig, board, seed):
     order = np.random.default_rng(seed).permutation(FRAMES)
     camera = "abcd"[seed % 4]
     assert blamed(own, rig, board, camera, dict(enumerate(order.tolist()))) == [(camera, None)]
+
+
+def test_two_shifted_cameras_of_four_are_both_named(rig, board, own):
+    mixed = Sightings(own.sizes_px, own.views, own.images)
+    for camera in "cd":
+        views = {f"{k:02d}": mixed.views[camera][f"{k - 1:02d}"] for k in range(1, FRAMES)}
+        mixed = Sightings(mixed.sizes_px, {**mixed.views, camera: views}, mixed.images)
+    points = corner_points_mm(board)
+    alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
+    found = misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
+    # two against two: those with the first camera are taken for right
+    assert [(m.camera, m.shift, m.others) for m in found] == [("c", 1, ("a", "b")), ("d", 1, ("a", "b"))]
+
+
+def test_two_shuffled_cameras_are_both_named(rig, board, own):
+    views = dict(own.views)
+    for camera, seed in (("b", 1), ("d", 2)):
+        order = np.random.default_rng(seed).permutation(FRAMES)
+        views[camera] = {f"{k:02d}": own.views[camera][f"{i:02d}"] for k, i in enumerate(order)}
+    mixed = Sightings(own.sizes_px, views, own.images)
+    points = corner_points_mm(board)
+    alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
+    found = misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
+    assert [(m.camera, m.others) for m in found] == [("b", ("a", "c")), ("d", ("a", "c"))]

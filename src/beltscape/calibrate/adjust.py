@@ -27,6 +27,8 @@ STUDENT_DOF = 5.0
 """Student's t with so many degrees of freedom weighs corners while the board's shape is found."""
 GATE = 4.5
 """Corners farther off than so many standard deviations are left out of the final adjustment."""
+MAJORITY = 0.5
+"""A view keeps at least this share of its corners, or none."""
 ROUNDS = 4
 SPREAD = 1.5
 """A camera is no more than this factor noisier, or quieter, than the rig."""
@@ -59,7 +61,7 @@ class Adjusted:
         return self.bundle.linearise(self.geometry)
 
 
-def adjust(chain: Chain, sightings: Sightings, board: Board) -> Adjusted:
+def adjust(chain: Chain, board: Board) -> Adjusted:
     """Adjust intrinsics, camera poses, board poses and, where it differs from the drawing, the board's shape.
 
     The shape is found first, with Student weights on all corners, so that a warped board is not mistaken for
@@ -67,7 +69,7 @@ def adjust(chain: Chain, sightings: Sightings, board: Board) -> Adjusted:
     worse together than each does alone (they are not synchronous), what a camera's own views say of its lens
     enters as a weighted prior, so that the misfit does not bend the lens.
     """
-    board_mm = corner_points_mm(board)
+    board_mm, sightings = corner_points_mm(board), chain.sightings
     with one_thread():
         frames, observations = _observations(chain, sightings, tuple(chain.rig.cameras))
         geometry = _start(chain, sightings, frames, board_mm)
@@ -255,11 +257,18 @@ def _gate(bundle: Bundle, geometry: Geometry, spread: float) -> tuple[NDArray[np
     cameras = len(geometry.intrinsics)
     robust = np.array([1.4826 * np.median(np.abs(errors[camera == c])) for c in range(cameras)])
     robust = _levelled(robust, np.bincount(camera, minlength=cameras), spread)
-    kept = np.linalg.norm(errors, axis=1) < GATE * robust[camera]
+    kept = _whole_views(np.linalg.norm(errors, axis=1) < GATE * robust[camera], bundle.observations)
     fitted = len(bundle.free) + 6 * len(geometry.board_rotation)
     share = 1 - fitted / max(2 * int(kept.sum()), fitted + 1)
     sigma = np.array([np.sqrt((errors[kept & (camera == c)] ** 2).mean() / share) for c in range(cameras)])
     return kept, _levelled(sigma, np.bincount(camera[kept], minlength=cameras), spread)
+
+
+def _whole_views(kept: NDArray[np.bool_], observations: Observations) -> NDArray[np.bool_]:
+    """Without what is left of views that lost most of their corners: the board was elsewhere, the rest is chance."""
+    view = observations.frame * (observations.camera.max() + 1) + observations.camera
+    share = np.bincount(view, kept) / np.bincount(view).clip(1)
+    return kept & (share[view] >= MAJORITY)
 
 
 def _rig(rig: Rig, geometry: Geometry) -> Rig:

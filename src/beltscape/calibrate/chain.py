@@ -11,6 +11,7 @@ from beltscape.calibrate.network import Network, associate, choose_core, groups
 from beltscape.calibrate.optimise import optimise
 from beltscape.calibrate.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.steady import one_thread
+from beltscape.calibrate.symmetry import same_numbering
 from beltscape.calibrate.sync import misfits
 from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
@@ -30,6 +31,8 @@ class Chain:
     """What each level of the hierarchy found, and the rig that follows."""
 
     rig: Rig
+    sightings: Sightings
+    """Of the rig's cameras, numbered from the same end of the board."""
     monocular: Mapping[str, Monocular]
     network: Network
 
@@ -62,6 +65,10 @@ def solve(
             except CalibrationError as error:
                 _survive(error, name, core, reporter)
             reporter.step("calibrating cameras", done, len(sightings.cameras))
+        numbering = same_numbering(sightings, monocular, board)
+        sightings, monocular = numbering.sightings, dict(numbering.monocular)
+        for line in numbering.ambiguous:
+            reporter.warn(line)
         for misfit in misfits(monocular, sorted(sightings.frames, key=natural)):
             if len(monocular) == 2:
                 raise CalibrationError(misfit.describe())
@@ -80,7 +87,7 @@ def solve(
         cameras={name: kept[name].camera for name in order},
         cam_from_core={name: network.cam_from_core[name] for name in order},
     )
-    return Chain(rig, kept, network)
+    return Chain(rig, sightings.restricted(order, sightings.frames), kept, network)
 
 
 def _tell_if_weak(found: Monocular, reporter: Reporter) -> None:

@@ -21,6 +21,10 @@ class Corners:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def chosen(self, which: NDArray[np.bool_]) -> Corners:
+        """Some of them."""
+        return Corners(self.ids[which], self.pixels[which])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted
-from beltscape.calibrate.uncertainty import camera_derivatives, depth_moves, parameter_columns, view_points
+from beltscape.calibrate.uncertainty import (
+    RigCovariance,
+    camera_derivatives,
+    depth_moves,
+    parameter_columns,
+    view_points,
+)
 from beltscape.core.pose import Pose, rotation_from_vector
 from beltscape.core.rig import Rig
 
@@ -61,7 +67,7 @@ class NextPose:
         )
 
 
-def next_pose(adjusted: Adjusted, covariance: Array) -> NextPose | None:
+def next_pose(adjusted: Adjusted, covariance: RigCovariance) -> NextPose | None:
     """Try the board at places, distances and tilts over the core's view; None where no camera would see it.
 
     A view adds the information of its corners, less what its own unknown pose takes; the best one leaves the
@@ -69,8 +75,9 @@ def next_pose(adjusted: Adjusted, covariance: Array) -> NextPose | None:
     """
     rig, geometry = adjusted.rig, adjusted.geometry
     distance = float(np.median(geometry.board_translation_mm[:, 2]))
-    free = np.flatnonzero(np.diag(covariance) > 0)
-    information = np.linalg.inv(covariance[np.ix_(free, free)])
+    free = np.flatnonzero(np.diag(covariance.matrix) > 0)
+    information = np.linalg.inv(covariance.matrix[np.ix_(free, free)])
+    sigma_px = covariance.inflation * adjusted.sigma_px
     points = view_points(rig, distance, 13)
     moves = depth_moves(rig, points)
     moves = moves[np.isfinite(moves).all(axis=1)][:, free]
@@ -80,9 +87,7 @@ def next_pose(adjusted: Adjusted, covariance: Array) -> NextPose | None:
     now = float(np.sqrt(np.trace(weight @ np.linalg.inv(information))))
     best: NextPose | None = None
     for pose, words in _candidates(rig, geometry.points_mm, distance):
-        added, seen_by = _information(
-            rig, pose.apply(geometry.points_mm), pose, geometry.points_mm, adjusted.sigma_px
-        )
+        added, seen_by = _information(rig, pose.apply(geometry.points_mm), pose, geometry.points_mm, sigma_px)
         if len(seen_by) < 2:
             continue
         then = float(np.sqrt(np.trace(weight @ np.linalg.inv(information + added[np.ix_(free, free)]))))

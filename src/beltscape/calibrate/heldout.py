@@ -60,7 +60,7 @@ def held_out_score(
 
 
 def _rig_of(sightings: Sightings, board: Board, core: str, known: Mapping[str, Camera] | None) -> Adjusted:
-    return adjust(solve(sightings, board, core, Silent(), known=known), sightings, board)
+    return adjust(solve(sightings, board, core, Silent(), known=known), board)
 
 
 def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:

@@ -29,7 +29,9 @@ class BundleLinear:
 
     def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
         """Schur complement (G, G), its right side (G,), inverses of the board blocks (F, 6, 6)."""
-        scaled = self._own + damping * self._own * np.eye(6)
+        diagonal = np.einsum("fii->fi", self._own)
+        unseen = diagonal == 0  # of a frame none of whose corners count, the pose stays as it is
+        scaled = self._own + (damping * diagonal + unseen)[:, :, None] * np.eye(6)
         inverse = np.asarray(np.linalg.inv(scaled), np.float64)
         each = self._coupling.reshape(len(self._gradient), -1, 6).swapaxes(0, 1)
         eliminated = np.matmul(each, inverse).swapaxes(0, 1).reshape(self._coupling.shape)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from beltscape.calibrate.corners import Corners, Sightings
 from beltscape.calibrate.detect import Variant, detector, to_8_bit
 from beltscape.calibrate.diagnose import describe_what_is_there
+from beltscape.calibrate.steady import one_thread
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
@@ -51,9 +52,10 @@ def find_board(
             image = read_image(job[2])
         except InputError as error:
             return f"{error}; going on without this image"
-        return (image.shape[1], image.shape[0]), detect(to_8_bit(image))
+        return (image.shape[1], image.shape[0]), detect(image)
 
-    results = list(zip(jobs, _in_parallel(look, jobs, reporter, "finding the board"), strict=True))
+    with one_thread():
+        results = list(zip(jobs, _in_parallel(look, jobs, reporter, "finding the board"), strict=True))
     sightings = _collect(capture, results, reporter)
     if not sightings.cameras:
         raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")

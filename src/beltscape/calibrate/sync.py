@@ -56,15 +56,12 @@ def misfits(cameras: Mapping[str, Monocular], frames: Sequence[str]) -> tuple[Mi
         for a, b in combinations(cameras, 2)
         if (fit := _best_shift(cameras[a], cameras[b], frames)) is not None
     }
-    found: list[Misfit] = []
-    remaining = list(cameras)
-    while len(remaining) > 1:
-        blamed = _most_blamed(remaining, fits)
-        if blamed is None:
-            break
-        remaining.remove(blamed)
-        found.append(Misfit(blamed, _shift_against(blamed, remaining, fits), tuple(remaining)))
-    return tuple(found)
+    together = _largest_agreeing(list(cameras), fits)
+    return tuple(
+        Misfit(name, _shift_against(name, together, fits), tuple(together))
+        for name in cameras
+        if name not in together and _mostly_bad(name, together, fits)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,18 +76,27 @@ class _Fit:
         return self.together and self.shift == 0
 
 
-def _most_blamed(names: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> str | None:
-    """The camera with the most bad pairs, if they are most of its pairs; of two cameras alone the second."""
-    bad = dict.fromkeys(names, 0)
-    total = dict.fromkeys(names, 0)
-    for (a, b), fit in fits.items():
-        if a in bad and b in bad:
-            for name in (a, b):
-                total[name] += 1
-                bad[name] += not fit.good
-    worst = max(reversed(names), key=lambda name: bad[name])
-    clear = len(names) == 2 or bad[worst] > max(bad[name] for name in names if name != worst)
-    return worst if bad[worst] and clear and 2 * bad[worst] > total[worst] else None
+def _largest_agreeing(names: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> list[str]:
+    """The largest set of cameras of which no two disagree, grown from each camera in turn; of equals the first."""
+    groups = []
+    for seed in names:
+        group = [seed]
+        for name in names:
+            if name != seed and all(_fit(name, other, fits) is not False for other in group):
+                group.append(name)
+        groups.append([name for name in names if name in group])
+    return max(groups, key=len, default=[])
+
+
+def _mostly_bad(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> bool:
+    known = [good for other in others if (good := _fit(name, other, fits)) is not None]
+    return 2 * known.count(False) > len(known)
+
+
+def _fit(a: str, b: str, fits: Mapping[tuple[str, str], _Fit]) -> bool | None:
+    """Whether two cameras agree; None where too few frames tell."""
+    fit = fits.get((a, b)) or fits.get((b, a))
+    return None if fit is None else fit.good
 
 
 def _shift_against(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> int | None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted
 from beltscape.calibrate.bundle import INTRINSICS
+from beltscape.calibrate.jackknife import disagreement
 from beltscape.calibrate.jacobian import by_pose, project
 from beltscape.calibrate.lens import intrinsics
 from beltscape.core.rig import Rig
@@ -30,6 +31,8 @@ class RigCovariance:
     """
     matrix: Array
     """(G, G)."""
+    inflation: float
+    """Factor that the standard deviations include because the views disagree by more than their noise; 1: none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +49,7 @@ class DepthSigma:
 
 
 def rig_covariance(adjusted: Adjusted) -> RigCovariance:
-    """Covariance of the cameras' parameters, everything else marginalised."""
+    """Covariance of the cameras' parameters, everything else marginalised; raised where the views disagree."""
     cameras = list(adjusted.rig.cameras)
     names = [f"{name}.{what}" for name in cameras for what in NAMES]
     names += [f"{name}.{what}" for name in cameras if name != adjusted.rig.core for what in POSE]
@@ -54,8 +57,11 @@ def rig_covariance(adjusted: Adjusted) -> RigCovariance:
     of_cameras = free[free < adjusted.bundle.point_start]
     full = np.zeros((len(names), len(names)))
     own = adjusted.linear().covariance()[: len(of_cameras), : len(of_cameras)]
-    full[np.ix_(of_cameras, of_cameras)] = (own + own.T) / 2
-    return RigCovariance(tuple(names), full)
+    distance = float(np.median(adjusted.geometry.board_translation_mm[:, 2]))
+    moves = depth_moves(adjusted.rig, view_points(adjusted.rig, distance, 13))[:, of_cameras]
+    inflation = disagreement(adjusted, own, moves[np.isfinite(moves).all(axis=1)])
+    full[np.ix_(of_cameras, of_cameras)] = inflation**2 * (own + own.T) / 2
+    return RigCovariance(tuple(names), full, inflation)
 
 
 def depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:

@@ -86,9 +86,9 @@ def calibrate(
     chain = solve(sightings, board, core, reporter, known=known)
     _warn_of_disagreement(chain, reporter)
     kernels = load()
-    own = sightings.restricted(chain.rig.cameras, sightings.frames)
+    own = chain.sightings
     reporter.step("adjusting everything together", 0, 1)
-    adjusted = adjust(chain, own, board)
+    adjusted = adjust(chain, board)
     covariance = rig_covariance(adjusted)
     reporter.step("adjusting everything together", 1, 1)
     evidence = examine(adjusted.rig, own, board, kernels, corners_mm=adjusted.geometry.points_mm)
@@ -113,7 +113,7 @@ def calibrate(
         rig=rig,
         covariance=covariance,
         depth_sigma=_depth_sigmas(rig, adjusted, covariance),
-        next_pose=next_pose(adjusted, covariance.matrix),
+        next_pose=next_pose(adjusted, covariance),
         evidence=evidence,
         training=training,
         held_out=held_out,

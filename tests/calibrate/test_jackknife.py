@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.calibrate.adjust import adjust
+from beltscape.calibrate.chain import solve
+from beltscape.calibrate.corners import Corners
+from beltscape.calibrate.uncertainty import depth_sigma, rig_covariance
+from beltscape.core.progress import Silent
+from beltscape.kernels import load
+from beltscape.target.board import corner_points_mm
+from synthetic.sightings import sightings
+
+NOISE_PX = 0.05
+
+
+def bent(rig, board, poses, amount_mm, seed):
+    """Sightings of a board that bends anew in every frame."""
+    own, rng = sightings(rig, board, poses, NOISE_PX, seed), np.random.default_rng(1000 + seed)
+    corners = corner_points_mm(board)
+    x, y = ((corners - corners.mean(axis=0)) / np.ptp(corners, axis=0).max())[:, :2].T
+    for frame, pose in enumerate(poses):
+        a, b, c = amount_mm * rng.normal(size=3)
+        shape = corners + np.stack([0 * x, 0 * x, 4 * (a * x**2 + b * x * y + c * y**2)], axis=1)
+        for name, camera in rig.cameras.items():
+            seen = own.views[name].get(f"{frame:02d}")
+            if seen is not None:
+                flat, curved = (
+                    camera.project((rig.cam_from_core[name] @ pose).apply(p[seen.ids]))
+                    for p in (corners, shape)
+                )
+                own.views[name][f"{frame:02d}"] = Corners(seen.ids, seen.pixels + curved - flat)
+    return own
+
+
+def found(rig, board, own):
+    return adjust(solve(own, board, rig.core, Silent()), board)
+
+
+def test_independent_noise_needs_no_inflation(rig, board, poses):
+    raised = [
+        rig_covariance(found(rig, board, sightings(rig, board, poses, NOISE_PX, seed))).inflation
+        for seed in range(6)
+    ]
+    assert sum(r > 1 for r in raised) <= 1
+    assert max(raised) < 2
+
+
+def test_a_board_that_bends_between_views_is_noticed_and_sigma_stays_true(rig, board, poses):
+    errors, sigmas, raised = [], [], []
+    for seed in range(8):
+        each = found(rig, board, bent(rig, board, poses, 0.5, seed))
+        covariance = rig_covariance(each)
+        sigma = depth_sigma(each.rig, covariance.matrix, 650.0, columns=9)
+        x, y = np.meshgrid(sigma.x_mm, sigma.y_mm)
+        points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 650.0)], axis=-1)
+        errors.append(depth_errors(each.rig, rig, points))
+        sigmas.append(sigma.sigma_mm.ravel())
+        raised.append(covariance.inflation)
+    ratio = np.sqrt(np.nanmean(np.square(errors)) / np.nanmean(np.square(sigmas)))
+    assert np.median(raised) > 1.5
+    assert 0.5 < ratio < 1.5
+
+
+def depth_errors(rig, truth, points_mm):
+    names = list(truth.cameras)
+    pixels = np.stack([truth.seen_under(rig, name, points_mm) for name in names])
+    return (
+        load().triangulate(np.stack([rig.projection(name) for name in names]), pixels)[:, 2] - points_mm[:, 2]
+    )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +73,11 @@ def blue_noise(pattern: Pattern) -> BlueNoise:
 
 def _nearest(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) distance to the nearest other point; empty for fewer than two."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     if len(points) < 2:
         return np.empty(0)
-    return cKDTree(points).query(points, k=2)[0][:, 1]
+    return KDTree(points).query(points, k=2)[0][:, 1]
 
 
 def _power(
@@ -85,15 +87,18 @@ def _power(
 
     The mean density outside the kept-out discs is taken away first: holes made on purpose are no clusters.
     """
-    from scipy.fft import next_fast_len, rfft2
+    from scipy.fft import next_fast_len
+
+    def cells(length_px: int) -> int:
+        return cast(int, next_fast_len(ceil(BINS_PER_D_MIN * length_px / d_min_px), real=True))
 
     width, height = size_px
-    columns, rows = (next_fast_len(int(np.ceil(BINS_PER_D_MIN * s / d_min_px)), real=True) for s in size_px)
+    columns, rows = (cells(s) for s in size_px)
     column = np.clip(np.floor((points[:, 0] + 0.5) * columns / width).astype(np.int64), 0, columns - 1)
     row = np.clip(np.floor((points[:, 1] + 0.5) * rows / height).astype(np.int64), 0, rows - 1)
     dots = np.bincount(row * columns + column, minlength=rows * columns).reshape(rows, columns)
     open_ = _outside((columns, rows), size_px, keep_out)
-    spectrum = rfft2(dots - open_ * (len(points) / open_.sum()), workers=1)
+    spectrum = np.fft.rfft2(dots - open_ * (len(points) / open_.sum()))
     across, along = np.arange(spectrum.shape[1]) / width, np.fft.fftfreq(rows, 1 / rows) / height
     radius = np.hypot(along[:, None], across) * d_min_px
     radius[0, 0] = np.inf  # the mean says nothing about clusters

@@ -63,7 +63,9 @@ def _nearest(axes: Axes, quality: BlueNoise) -> None:
     axes.stairs(quality.nearest_share, edges, fill=True, color=BLUE)
     axes.axvline(quality.d_min_px, color=ORANGE, linewidth=1)
     axes.set_xlim(edges[0] - (edges[-2] - edges[0]) / 10, edges[-2])
-    axes.set_title(f"nearest neighbour: least {quality.nearest_min_px:.2f}, mean {quality.nearest_mean_px:.2f} px")
+    axes.set_title(
+        f"nearest neighbour: least {quality.nearest_min_px:.2f}, mean {quality.nearest_mean_px:.2f} px"
+    )
     axes.set_xlabel(f"distance, px (line: d_min = {quality.d_min_px:g})")
     axes.set_ylabel("share of dots")
 

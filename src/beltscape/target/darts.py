@@ -7,8 +7,8 @@ from math import floor, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-GRAIN_PX = 0.001
-"""Positions are whole multiples of this, so that distances are compared in exact integers."""
+GRAINS = 1000
+"""Positions are whole thousandths of a pixel, so that distances are compared in exact integers."""
 
 FINE = 8
 """Cells of the raster of free places across one d_min."""
@@ -58,17 +58,17 @@ def throw_darts(
         hits = hits[_first_come(hits, plane.limit)][:wanted]
         plane.put(hits)
         fruitless = 0 if hits.size else fruitless + 1
-    return plane.points[: plane.count] * GRAIN_PX - 0.5
+    return (plane.points[: plane.count] - GRAINS / 2).astype(np.float64) / GRAINS
 
 
 class _Plane:
     """The accepted points, in grains from the image's corner, with a grid to find them and one of free places."""
 
     def __init__(self, size_px: tuple[int, int], d_min_px: float, keep_out: NDArray[np.float64]) -> None:
-        self.size = np.array(size_px) / GRAIN_PX
-        d = d_min_px / GRAIN_PX
+        self.size = np.array(size_px) * GRAINS
+        d = d_min_px * GRAINS
         self.limit = floor(d * d + 1e-3)  # a distance squared up to this is too close; ties are not accepted
-        self.keep_out = np.column_stack([keep_out[:, :2] + 0.5, keep_out[:, 2]]) / GRAIN_PX
+        self.keep_out = np.column_stack([keep_out[:, :2] + 0.5, keep_out[:, 2]]) * GRAINS
         self.cell = d / sqrt(2)  # at most one point in a cell
         columns, rows = (np.floor(self.size / self.cell) + 5).astype(int)
         self.index = np.full((rows, columns), -1, dtype=np.int64)
@@ -134,12 +134,12 @@ _COVERED = [
 
 def _first_come(darts: NDArray[np.int64], limit: int) -> NDArray[np.bool_]:
     """Which darts of one round stay when each is held against all accepted before it."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     stays = np.ones(len(darts), dtype=bool)
     if len(darts) < 2:
         return stays
-    pairs = cKDTree(darts).query_pairs(sqrt(limit) + 1, output_type="ndarray")  # earlier, later
+    pairs = KDTree(darts).query_pairs(sqrt(limit) + 1, output_type="ndarray")  # earlier, later
     pairs = pairs[((darts[pairs[:, 0]] - darts[pairs[:, 1]]) ** 2).sum(axis=1) <= limit]
     open_ = stays.copy()
     while pairs.size:

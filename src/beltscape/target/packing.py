@@ -16,7 +16,7 @@ COMFORTABLE = 0.95
 """Share of the saturated number that an automatic d_min asks for."""
 
 BORDER = 0.45
-"""Centres may lie on the border, so the plane acts as if this many d_min larger; measured, as is its half at discs."""
+"""Centres may lie on the border, so the plane acts as if this many d_min larger; measured, as its half at discs."""
 
 
 def capacity(size_px: tuple[int, int], d_min_px: float, keep_out_px: float, discs: int) -> float:

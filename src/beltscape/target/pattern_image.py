@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ def draw_pattern(pattern: Pattern, bits: Literal[8, 16] = 8) -> NDArray[np.uint8
         low = background[channel]
         value = low + under * (dot[channel] - low) + over * (marker[channel] - low)
         image[..., channel] = np.rint(np.clip(value, 0, 1) * top)
-    return image
+    return cast("NDArray[np.uint8] | NDArray[np.uint16]", image)
 
 
 def rgb_from_hex(color: str) -> NDArray[np.float64]:

@@ -1,0 +1,176 @@
+"""``beltscape target pattern --out DIR`` and ``beltscape target board --out DIR``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.errors import SettingsError
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the kinds of target and their arguments."""
+    kinds = parser.add_subparsers(dest="target", required=True, metavar="TARGET")
+    _add_pattern(kinds.add_parser("pattern", help="speckle pattern for the projector"))
+    _add_board(kinds.add_parser("board", help="calibration board to print in true size"))
+
+
+def _add_pattern(pattern: argparse.ArgumentParser) -> None:
+    pattern.add_argument("--out", type=Path, required=True, help="folder for pattern.* and quality.*")
+    pattern.add_argument(
+        "--preset",
+        choices=("paper", "fine", "dense"),
+        default="paper",
+        help="25,000, 50,000 or 100,000 dots (default: paper, 25,000)",
+    )
+    pattern.add_argument("--dots", type=int, metavar="N", help="number of dots, instead of the preset's")
+    pattern.add_argument(
+        "--size", nargs=2, type=int, metavar=("W", "H"), default=(1920, 1200), help="px (default: 1920 1200)"
+    )
+    pattern.add_argument(
+        "--d-min", type=float, metavar="PX", help="least distance of two dots (default: as large as fits)"
+    )
+    pattern.add_argument(
+        "--radius",
+        type=float,
+        metavar="PX",
+        help="of a dot (default: 0.34 d-min); a marker's is ten times it",
+    )
+    pattern.add_argument("--seed", type=int, default=0, metavar="N", help="another seed, another pattern")
+    pattern.add_argument(
+        "--grey",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        default=(1.0, 1.0),
+        help="levels of the dots, 0 background to 1 dot colour (default: 1 1)",
+    )
+    pattern.add_argument("--dot-color", metavar="#RRGGBB", default="#FFD700", help="(default: #FFD700, gold)")
+    pattern.add_argument("--background", metavar="#RRGGBB", default="#0A0A0A", help="(default: #0A0A0A)")
+    pattern.add_argument("--marker-color", metavar="#RRGGBB", default="#FF0000", help="(default: #FF0000)")
+    pattern.add_argument(
+        "--bits", type=int, choices=(8, 16), default=8, help="per channel of the image (default: 8)"
+    )
+    pattern.add_argument("--format", choices=("png", "tiff"), default="png", help="(default: png)")
+
+
+def _add_board(board: argparse.ArgumentParser) -> None:
+    board.add_argument(
+        "--out", type=Path, required=True, help="folder for board.pdf, .svg, .png and board.toml"
+    )
+    kind = board.add_mutually_exclusive_group(required=True)
+    kind.add_argument("--squares", nargs=2, type=int, metavar=("C", "R"), help="ChArUco: columns and rows")
+    kind.add_argument(
+        "--corners",
+        nargs=2,
+        type=int,
+        metavar=("C", "R"),
+        help="chessboard: columns and rows of inner corners",
+    )
+    board.add_argument("--square", type=float, required=True, metavar="MM", help="edge of a square")
+    board.add_argument("--marker", type=float, metavar="MM", help="ChArUco: edge of a marker")
+    board.add_argument("--dictionary", metavar="NAME", help="ChArUco: of the markers, as DICT_5X5_100")
+    board.add_argument("--page", help="A4 … A0, or WxH in mm (default: the smallest that holds the board)")
+    board.add_argument("--dpi", type=float, default=300.0, help="resolution of board.png (default: 300)")
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Make the target."""
+    from beltscape.files.atomic import output_folder
+
+    make = _board if arguments.target == "board" else _pattern
+    return make(arguments, output_folder(arguments.out), reporter)
+
+
+def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
+    from beltscape.files.toml_text import validated
+    from beltscape.target.pattern import PRESETS, PatternSettings, make_pattern
+    from beltscape.target.pattern_files import write_pattern_files
+
+    told = {
+        "size_px": arguments.size,
+        "seed": arguments.seed,
+        "count": PRESETS[arguments.preset] if arguments.dots is None else arguments.dots,
+        "d_min_px": arguments.d_min,
+        "radius_px": arguments.radius,
+        "grey": arguments.grey,
+        "dot_color": arguments.dot_color,
+        "background": arguments.background,
+        "marker_color": arguments.marker_color,
+    }
+    pattern = make_pattern(validated(Path("target pattern"), PatternSettings, told))
+    reporter.step("throwing dots", 1, 2)
+    files, quality = write_pattern_files(out, pattern, bits=arguments.bits, image_format=arguments.format)
+    reporter.step("drawing", 2, 2)
+    return {
+        "target": "pattern",
+        **pattern.settings.model_dump(),
+        "marker_radius_px": pattern.markers[0].radius_px,
+        "nearest_min_px": quality.nearest_min_px,
+        "nearest_mean_px": quality.nearest_mean_px,
+        "relative_radius": quality.relative_radius,
+        "low_frequency_power": quality.low_frequency_power,
+        "files": files,
+    }
+
+
+def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
+    from beltscape.files.toml_text import validated
+    from beltscape.target.board import CharucoBoard, Chessboard
+    from beltscape.target.print_board import lay_out, write_board_files
+
+    marks = {"marker": arguments.marker, "dictionary": arguments.dictionary}
+    if arguments.corners is not None:
+        model, told = Chessboard, {"corners": arguments.corners, "square_mm": arguments.square}
+        for option, value in marks.items():
+            if value is not None:
+                raise SettingsError(
+                    f"--{option} {value}: a chessboard has no markers; give --squares, or leave it out"
+                )
+    else:
+        model = CharucoBoard
+        for option, value in marks.items():
+            if value is None:
+                raise SettingsError(
+                    f"--{option} is missing; a ChArUco board needs --marker MM and --dictionary NAME"
+                )
+        told = {
+            "squares": arguments.squares,
+            "square_mm": arguments.square,
+            "marker_mm": arguments.marker,
+            "dictionary": arguments.dictionary,
+        }
+    if not 20 <= arguments.dpi <= 2400:
+        raise SettingsError(f"--dpi {arguments.dpi:g}: give a resolution from 20 to 2400")
+    printed = lay_out(validated(Path("target board"), model, told), arguments.page)
+    files = write_board_files(out, printed, arguments.dpi)
+    reporter.step("drawing", 1, 1)
+    return {
+        "target": "board",
+        "board": printed.board.model_dump(),
+        "page_mm": printed.sheet.size_mm,
+        "board_origin_mm": printed.origin_mm,
+        "dpi": arguments.dpi,
+        "files": files,
+    }
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    if result["target"] == "board":
+        (width, height), files = result["page_mm"], result["files"]
+        return (
+            f"board  {files['pdf']} on {width:g}×{height:g} mm; print at 100 %, check that the ruler is 100 mm\n"
+            f"       {files['svg']}, {files['png']}\n"
+            f"       {files['toml']} for beltscape calibrate"
+        )
+    (width, height), files = result["size_px"], result["files"]
+    return (
+        f"pattern {files['image']}, {result['count']} dots of radius {result['radius_px']:g} px on {width}×{height} px\n"
+        f"        d_min {result['d_min_px']:g} px, nearest neighbour {result['nearest_mean_px']:.2f} px on average\n"
+        f"        {files['pattern']}, {files['svg']}\n"
+        f"quality {files['picture']}: power {result['low_frequency_power']:.3f} at low frequencies (independent dots: 1)"
+    )

@@ -1,0 +1,73 @@
+"""Paper sizes, and whether something fits them."""
+
+from __future__ import annotations
+
+import re
+from math import ceil
+
+from beltscape.core.errors import SettingsError
+
+PAPERS_MM: dict[str, tuple[float, float]] = {
+    "A4": (210, 297),
+    "A3": (297, 420),
+    "A2": (420, 594),
+    "A1": (594, 841),
+    "A0": (841, 1189),
+}
+"""ISO 216, width and height upright, from small to large."""
+
+LARGEST_MM = 5080.0
+"""A PDF page is at most 14,400 points wide (ISO 32000-1, Annex C)."""
+
+
+def page_for(needed_mm: tuple[float, float], page: str | None) -> tuple[float, float]:
+    """Width and height in mm of a page that holds ``needed_mm``, turned as suits it best.
+
+    Parameters
+    ----------
+    page
+        A4 … A0, or WxH in mm (taken as it is); None takes the smallest of A4 … A0 that will do.
+
+    Raises
+    ------
+    SettingsError
+        When the page is unknown or too small, with one that is not.
+    """
+    wanted = None if page is None else _sizes(page)
+    for width, height in wanted or [size for name in PAPERS_MM for size in _sizes(name)]:
+        landscape = width > height
+        if _fits(needed_mm, (width, height)):
+            turned = (height, width)
+            better = landscape != (needed_mm[0] > needed_mm[1]) and _fits(needed_mm, turned)
+            return turned if better and wanted != [(width, height)] else (width, height)
+    named = "no paper up to A0" if page is None else f"page {page}"
+    raise SettingsError(
+        f"{named} holds the board with margin and ruler, {needed_mm[0]:g}×{needed_mm[1]:g} mm; "
+        f"give page {_enough(needed_mm)}, or smaller squares"
+    )
+
+
+def _sizes(page: str) -> list[tuple[float, float]]:
+    """Sizes a page can have: a named one upright or turned."""
+    if page.upper() in PAPERS_MM:
+        width, height = PAPERS_MM[page.upper()]
+        return [(width, height), (height, width)]
+    told = re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)", page)
+    size = (float(told[1]), float(told[2])) if told else (0.0, 0.0)
+    if min(size) <= 0 or max(size) > LARGEST_MM:
+        raise SettingsError(
+            f"page {page!r} is not known; give {', '.join(PAPERS_MM)}, or WxH in mm up to {LARGEST_MM:g}, as 600x400"
+        )
+    return [size]
+
+
+def _fits(needed: tuple[float, float], page: tuple[float, float]) -> bool:
+    return needed[0] <= page[0] + 1e-9 and needed[1] <= page[1] + 1e-9
+
+
+def _enough(needed: tuple[float, float]) -> str:
+    """The smallest page that does."""
+    for name in PAPERS_MM:
+        if any(_fits(needed, size) for size in _sizes(name)):
+            return name
+    return f"{ceil(needed[0])}x{ceil(needed[1])}"

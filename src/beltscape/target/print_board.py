@@ -1,0 +1,134 @@
+"""A calibration board as a sheet to print, in true size, with a ruler to check the print."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.files.atomic import write_bytes, write_text
+from beltscape.target.board import Board, CharucoBoard
+from beltscape.target.paper import page_for
+from beltscape.target.sheet import Sheet, letters
+from beltscape.target.sheet_pdf import sheet_pdf
+from beltscape.target.sheet_png import sheet_png
+from beltscape.target.sheet_svg import sheet_svg
+
+MARGIN_MM = 5.0
+"""White all round: what most printers cannot reach."""
+RULER_MM = 100.0
+FONT_MM = 2.6
+FOOT_MM = 11.0
+"""Ruler and text below the board."""
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedBoard:
+    """A board on its page."""
+
+    board: Board
+    sheet: Sheet
+    origin_mm: tuple[float, float]
+    """The board's top left corner on the page."""
+
+
+def lay_out(board: Board, page: str | None = None) -> PrintedBoard:
+    """Put a board on a page (A4 … A0, WxH in mm, or None: the smallest that holds it), or SettingsError.
+
+    A ChArUco board is drawn the way OpenCV draws it since 4.6, neither legacy nor inverted.
+    """
+    if isinstance(board, CharucoBoard):
+        board = board.model_copy(update={"legacy": False, "inverted": False})
+    columns, rows = board.grid
+    size = ((columns + 1) * board.square_mm, (rows + 1) * board.square_mm)
+    outlines, text_mm = letters(caption(board), FONT_MM)
+    widest = max(size[0], RULER_MM + 1, text_mm)
+    page_mm = page_for((widest + 2 * MARGIN_MM, size[1] + FOOT_MM + 2 * MARGIN_MM), page)
+    x, y = (page_mm[0] - size[0]) / 2, (page_mm[1] - size[1] - FOOT_MM) / 2
+    start = ((page_mm[0] - RULER_MM) / 2, y + size[1] + 3.5)
+    text_at = ((page_mm[0] - text_mm) / 2, y + size[1] + FOOT_MM - 0.8)
+    rectangles = np.concatenate([black_squares(board) + (x, y, 0, 0), ruler() + (*start, 0, 0)])
+    sheet = Sheet(page_mm, caption(board), rectangles, tuple(outline + text_at for outline in outlines))
+    return PrintedBoard(board, sheet, (x, y))
+
+
+def caption(board: Board) -> str:
+    """What the board is, as printed below it."""
+    if isinstance(board, CharucoBoard):
+        what = (
+            f"ChArUco, {board.squares[0]} × {board.squares[1]} squares of {board.square_mm:g} mm, "
+            f"markers {board.marker_mm:g} mm, {board.dictionary}"
+        )
+    else:
+        what = f"chessboard, {board.corners[0]} × {board.corners[1]} inner corners, squares of {board.square_mm:g} mm"
+    return f"{what}; print at 100 %: the ruler is {RULER_MM:g} mm long"
+
+
+def black_squares(board: Board) -> NDArray[np.float64]:
+    """(R, 4) x, y, width, height in mm of what is black, from the board's top left corner."""
+    columns, rows = board.grid
+    row, column = np.indices((rows + 1, columns + 1))
+    # OpenCV since 4.6 and the chessboard agree: the top left square is black
+    black = (row + column) % 2 == 0
+    squares = np.stack([column[black], row[black], np.ones(black.sum()), np.ones(black.sum())], axis=-1)
+    squares = squares * board.square_mm
+    return np.concatenate([squares, *_markers(board)]) if isinstance(board, CharucoBoard) else squares
+
+
+def _markers(board: CharucoBoard) -> list[NDArray[np.float64]]:
+    """(R, 4) black bits of each marker, neighbours in a row joined."""
+    theirs = board.opencv(legacy=False)
+    dictionary = theirs.getDictionary()
+    bits = int(dictionary.markerSize) + 2  # the border is one bit wide
+    bit_mm = board.marker_mm / bits
+    boxes = []
+    for number, corners in zip(theirs.getIds().ravel().tolist(), theirs.getObjPoints(), strict=True):
+        cell = np.floor(np.asarray(corners, dtype=np.float64)[:, :2].min(axis=0) / board.square_mm)
+        corner = cell * board.square_mm + (board.square_mm - board.marker_mm) / 2  # in double precision
+        runs = _runs(dictionary.generateImageMarker(number, bits) == 0)
+        boxes.append(runs * bit_mm + (*corner, 0, 0))
+    return boxes
+
+
+def _runs(black: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(R, 4) x, y, length, 1 of black cells in a row."""
+    steps = np.diff(np.pad(black, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, start = np.nonzero(steps == 1)
+    end = np.nonzero(steps == -1)[1]
+    return np.stack([start, row, end - start, np.ones_like(row)], axis=-1).astype(np.float64)
+
+
+def ruler() -> NDArray[np.float64]:
+    """(R, 4) boxes of a ruler: its end ticks' middles are RULER_MM apart, at x = 0 and x = RULER_MM."""
+    at = np.arange(int(RULER_MM) + 1)
+    long = np.where(at % 10 == 0, 3.0, np.where(at % 5 == 0, 2.2, 1.4))
+    thick = 0.15
+    ticks = np.stack([at - thick / 2, np.zeros(at.size), np.full(at.size, thick), long], axis=-1)
+    return np.concatenate([[[-thick / 2, 0, RULER_MM + thick, thick]], ticks])
+
+
+def board_toml(board: Board) -> str:
+    """board.toml of a board as it is printed."""
+    if isinstance(board, CharucoBoard):
+        return (
+            f'kind = "charuco"\nsquares = [{board.squares[0]}, {board.squares[1]}]\n'
+            f"square_mm = {board.square_mm!r}\nmarker_mm = {board.marker_mm!r}\n"
+            f'dictionary = "{board.dictionary}"\nlegacy = false\ninverted = false\n'
+        )
+    return (
+        f'kind = "chessboard"\ncorners = [{board.corners[0]}, {board.corners[1]}]\n'
+        f"square_mm = {board.square_mm!r}\n"
+    )
+
+
+def write_board_files(folder: Path, printed: PrintedBoard, dpi: float = 300) -> dict[str, Path]:
+    """Write board.pdf, board.svg, board.png and board.toml; what was written."""
+    png = sheet_png(printed.sheet, dpi)
+    files = {kind: folder / f"board.{kind}" for kind in ("pdf", "svg", "png", "toml")}
+    write_bytes(files["pdf"], sheet_pdf(printed.sheet))
+    write_text(files["svg"], sheet_svg(printed.sheet))
+    write_bytes(files["png"], png)
+    write_text(files["toml"], board_toml(printed.board))
+    return files

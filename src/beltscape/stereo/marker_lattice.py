@@ -25,7 +25,7 @@ _TURN_DEG = 50.0
 """Columns are sought within this angle of the image's u axis; which way is up is decided afterwards."""
 _PARTNERS = 4
 """Nearest candidates to either side that are tried as neighbours."""
-_TRIED = 10
+_TRIED = 16
 """Best seeds that are grown."""
 _LEAST = 6
 """Fewer than this in place can be chance."""

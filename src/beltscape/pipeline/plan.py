@@ -1,0 +1,44 @@
+"""What is given → a plan, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.files.atomic import output_folder, write_text
+from beltscape.files.json_text import write_json
+from beltscape.files.rig_json import write_rig
+from beltscape.files.toml_text import read_toml, validated
+from beltscape.plan.document import plan_document
+from beltscape.plan.plan import Plan
+from beltscape.plan.settings import PlanSettings
+from beltscape.report.plan import plan_page
+
+
+def plan_settings(path: Path | None, told: Mapping[str, Any]) -> PlanSettings:
+    """Settings from plan.toml, where there is one, with what was told beside it on top.
+
+    ``told`` has the file's form: a value by key, tables as mappings.
+
+    Raises
+    ------
+    InputError
+        With one line that names the key, the value and what it may be.
+    """
+    values = read_toml(path) if path else {}
+    for key, value in told.items():
+        below = values.get(key)
+        if isinstance(value, Mapping) and (below is None or isinstance(below, dict)):
+            values[key] = {**(below or {}), **value}
+        else:
+            values[key] = value
+    return validated(path or Path("plan"), PlanSettings, values)
+
+
+def write_plan(out: Path, plan: Plan) -> None:
+    """plan.json, rig.json (nominal) and report.html."""
+    output_folder(out)
+    write_json(out / "plan.json", {**plan_document(plan), "warnings": list(plan.warnings)})
+    write_rig(out / "rig.json", plan.planned.rig)
+    write_text(out / "report.html", plan_page(plan))

@@ -1,0 +1,125 @@
+"""How far the auxiliaries stand from the core: precision against what they can still see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.plan.footprint import area_mm2, footprint, overlap, strip
+from beltscape.plan.occlusion import seen_shares
+from beltscape.plan.precision import sigma_mm
+from beltscape.plan.settings import PlanSettings
+from beltscape.plan.station import PlannedRig, planned_rig
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A baseline and what comes of it."""
+
+    baseline_mm: float
+    tilt_deg: float
+    sigma_mm: float
+    """Of the height at the spot where all axes meet, all cameras seeing it."""
+    seen: tuple[float, ...]
+    """Chance that at least 0, 1, …, n auxiliaries see a spot between lumps that the core sees; worst place."""
+    covered: tuple[float, ...]
+    """Share of the strip at the edges that at least 0, 1, …, n auxiliaries have in their image; least plane."""
+    refused: str
+    """Why it is not taken; empty: it could be."""
+
+
+def enough(auxiliaries: int) -> int:
+    """How many auxiliaries are to see a spot: two, so that one can contradict the other, or the only one."""
+    return min(2, auxiliaries)
+
+
+def alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alternative, ...]:
+    """Baselines from near to far, in even steps of tilt's tangent, with the asked-for one where it is told."""
+    rig = settings.rig
+    depth = height_mm - sum(settings.belt.material_mm) / 2
+    shares = (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8)
+    baselines = {round(depth * share / 5) * 5.0 for share in shares}
+    if rig.baseline_mm is not None:
+        baselines.add(rig.baseline_mm)
+    found = [alternative(settings, height_mm, baseline) for baseline in sorted(baselines) if baseline > 0]
+    return tuple(each for each in found if each is not None)
+
+
+def alternative(settings: PlanSettings, height_mm: float, baseline_mm: float) -> Alternative | None:
+    """One baseline judged; None where a camera would look past the belt to the horizon."""
+    planned = planned_rig(settings, height_mm, baseline_mm)
+    try:
+        covered = _covered(settings, planned)
+    except InputError:
+        return None
+    seen = _seen(settings, planned)
+    sigma = float(sigma_mm(planned, planned.target_mm[None], settings.precision.sigma_px)[0])
+    tilt = float(np.rad2deg(planned.tilt_rad))
+    return Alternative(
+        baseline_mm, tilt, sigma, seen, covered, _refusal(settings, baseline_mm, tilt, seen, covered)
+    )
+
+
+def chosen(settings: PlanSettings, candidates: Sequence[Alternative]) -> Alternative:
+    """The told baseline, or the most precise of those that nothing speaks against.
+
+    Where something speaks against all of them, the one that auxiliaries see best.
+    """
+    told = settings.rig.baseline_mm
+    if told is not None:
+        found = [each for each in candidates if each.baseline_mm == told]
+        if not found:
+            raise InputError(
+                f"baseline_mm = {told:g}: auxiliaries would look past the belt to the horizon; give a shorter one"
+            )
+        return found[0]
+    number = enough(settings.rig.auxiliaries)
+    free = [each for each in candidates if not each.refused]
+    if free:
+        return min(free, key=lambda each: each.sigma_mm)
+    return max(candidates, key=lambda each: (min(each.seen[number], each.covered[1]), -each.baseline_mm))
+
+
+def _refusal(
+    settings: PlanSettings, baseline: float, tilt: float, seen: Sequence[float], covered: Sequence[float]
+) -> str:
+    rig, number = settings.rig, enough(settings.rig.auxiliaries)
+    widest = rig.max_baseline_mm or settings.belt.span_mm / 2
+    if baseline > widest:
+        return f"wider than {widest:g} mm"
+    if tilt > rig.max_angle_deg:
+        return f"views differ by more than {rig.max_angle_deg:g}°"
+    if seen[number] < rig.min_seen:
+        return f"lumps hide more than {1 - rig.min_seen:.0%}"
+    if covered[1] < 0.999:
+        return "not all in an auxiliary's image"
+    return ""
+
+
+def _seen(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
+    """The worst of the middle and the edges of the load."""
+    middle, half = planned.target_mm[2], settings.belt.span_mm / 2
+    worst: tuple[float, ...] | None = None
+    for x in (0.0, half, -half):
+        spot = np.array([x, 0.0, middle])
+        directions = []
+        for name in planned.rig.cameras:
+            to_camera = planned.position_mm(name) - spot
+            directions.append(to_camera[:2] / to_camera[2])
+        shares = seen_shares(directions[0], np.array(directions[1:]), settings.belt.lump_cover)
+        worst = shares if worst is None else tuple(map(min, worst, shares))
+    assert worst is not None
+    return worst
+
+
+def _covered(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
+    """The least share over the planes, of the strip that the core sees."""
+    rig, found = planned.rig, []
+    for height, width in settings.belt.planes:
+        base = strip(width, footprint(planned, rig.core, height))
+        if area_mm2(base) > 0:
+            found.append(overlap(base, [footprint(planned, name, height) for name in rig.auxiliaries]))
+    return tuple(map(min, zip(*found, strict=True)))

@@ -1,0 +1,107 @@
+"""Which part of the belt is seen by how many cameras, how finely, and how long the strip is that a frame gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.plan.footprint import Polygon, area_mm2, clip, footprint, overlap, strip
+from beltscape.plan.precision import projection_slope
+from beltscape.plan.settings import PlanSettings
+from beltscape.plan.station import PlannedRig
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneCoverage:
+    """Of one level plane over the belt."""
+
+    name: str
+    height_mm: float
+    width_mm: float
+    """To be seen."""
+    polygons: Mapping[str, Polygon]
+    """By camera: its image's rim."""
+    all_cameras: Polygon
+    """Seen by every camera."""
+    at_least: tuple[float, ...]
+    """Share of the strip that the core sees which at least 0, 1, …, n auxiliaries see too."""
+    overlap: Mapping[str, float]
+    """By auxiliary: its share of that strip."""
+    core_length_mm: float
+    """Along the belt: how long the core sees the full width."""
+    lengths_mm: tuple[float, ...]
+    """The same together with at least 0, 1, …, n auxiliaries."""
+    pixel_mm: Mapping[str, tuple[float, float, float]]
+    """By camera: finest, middle, coarsest edge of a square with the area of a pixel on the plane, over the strip."""
+
+
+def plane_coverage(planned: PlannedRig, name: str, height_mm: float, width_mm: float) -> PlaneCoverage:
+    """Everything about one plane."""
+    rig = planned.rig
+    polygons = {camera: footprint(planned, camera, height_mm) for camera in rig.cameras}
+    base = strip(width_mm, polygons[rig.core])
+    others = [polygons[camera] for camera in rig.auxiliaries]
+    common = polygons[rig.core]
+    for other in others:
+        common = clip(common, other)
+    whole = area_mm2(base)
+    lengths = tuple(_length(planned, height_mm, width_mm, number) for number in range(len(others) + 1))
+    return PlaneCoverage(
+        name=name,
+        height_mm=height_mm,
+        width_mm=width_mm,
+        polygons=polygons,
+        all_cameras=common,
+        at_least=overlap(base, others),
+        overlap={c: area_mm2(clip(base, polygons[c])) / whole for c in rig.auxiliaries},
+        core_length_mm=lengths[0],
+        lengths_mm=lengths,
+        pixel_mm={camera: _pixel_mm(planned, camera, height_mm, base) for camera in rig.cameras},
+    )
+
+
+def coverage(settings: PlanSettings, planned: PlannedRig) -> tuple[PlaneCoverage, ...]:
+    """Of the belt's level middle, its edges and the load at its highest."""
+    names = ("belt", "edges", "top")
+    return tuple(
+        plane_coverage(planned, name, height, width)
+        for name, (height, width) in zip(names, settings.belt.planes, strict=True)
+    )
+
+
+def usable_length_mm(planes: tuple[PlaneCoverage, ...], auxiliaries: int) -> float:
+    """How much belt a frame gives over the full width, seen by the core and so many auxiliaries, at every height."""
+    return min(plane.lengths_mm[auxiliaries] for plane in planes)
+
+
+def _length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries: int) -> float:
+    """Twice the largest |y| up to which the whole width is seen by the core and so many auxiliaries."""
+    across = np.linspace(-width_mm / 2, width_mm / 2, 81)
+
+    def whole(y: float) -> bool:
+        points = np.array([[x, side * y, height_mm] for side in (-1, 1) for x in across])
+        seen = sum(planned.sees(name, points).astype(int) for name in planned.rig.auxiliaries)
+        return bool((planned.sees(planned.rig.core, points) & (seen >= auxiliaries)).all())
+
+    if not whole(0.0):
+        return 0.0
+    low, high = 0.0, float(np.abs(footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
+    for _ in range(24):
+        middle = (low + high) / 2
+        low, high = (middle, high) if whole(middle) else (low, middle)
+    return 2 * low
+
+
+def _pixel_mm(planned: PlannedRig, name: str, height_mm: float, base: Polygon) -> tuple[float, float, float]:
+    """Finest, median, coarsest pixel over the strip's box, where the camera sees it; NaN where it sees nothing."""
+    (x0, y0), (x1, y1) = base.min(axis=0), base.max(axis=0)
+    x, y = np.meshgrid(np.linspace(x0, x1, 25), np.linspace(y0, y1, 25))
+    points = np.stack([x, y, np.full_like(x, height_mm)], axis=-1).reshape(-1, 3)
+    points = points[planned.sees(name, points)]
+    if not len(points):
+        return float("nan"), float("nan"), float("nan")
+    slope = projection_slope(planned.rig.cameras[name], planned.cam_from_world(name), points)[:, :, :2]
+    edge = 1 / np.sqrt(np.abs(np.linalg.det(slope)))
+    return float(edge.min()), float(np.median(edge)), float(edge.max())

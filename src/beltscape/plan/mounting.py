@@ -1,0 +1,85 @@
+"""How high the core camera hangs: the paper's Eq. 26, and what material and margins add to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.plan.settings import PlanSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Heights in mm; those named ``above_belt`` are over the level middle of the belt."""
+
+    eq26_mm: float
+    """Eq. 26 with the stated angle: from the lens down to the idlers' vertices."""
+    eq26_lens_mm: float
+    """The same with the angle that pixels and focal length give."""
+    recommended_above_belt_mm: float
+    """Sees the span, and the load at its highest, with a margin on either side."""
+    above_belt_mm: float
+    """Where the core camera hangs in this plan."""
+
+    def depth_mm(self, height_mm: float) -> float:
+        """Depth before the core camera of a surface so high above the level middle."""
+        return self.above_belt_mm - height_mm
+
+
+def mounting_height_mm(span_mm: float, angle_rad: float) -> float:
+    """Eq. 26, h ≥ (w/2) / tan(α/2): the least height from which an angle α sees a span w.
+
+    References
+    ----------
+    Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, Eq. 26.
+    """
+    return span_mm / 2 / float(np.tan(angle_rad / 2))
+
+
+def mounting(settings: PlanSettings) -> Mounting:
+    """Heights for a plan, or InputError where the belt cannot be seen whole."""
+    belt, camera, rig = settings.belt, settings.camera, settings.rig
+    angle = min(camera.angle_rad, camera.lens_angle_rad)
+    needed = [height + mounting_height_mm(width + 2 * rig.margin_mm, angle) for height, width in belt.planes]
+    recommended = max(needed)
+    least = belt.edge_mm + mounting_height_mm(belt.span_mm, angle)
+    _check(settings, least, recommended)
+    return Mounting(
+        eq26_mm=mounting_height_mm(belt.span_mm, camera.angle_rad),
+        eq26_lens_mm=mounting_height_mm(belt.span_mm, camera.lens_angle_rad),
+        recommended_above_belt_mm=recommended,
+        above_belt_mm=rig.height_mm or min(recommended, rig.max_height_mm),
+    )
+
+
+def _check(settings: PlanSettings, least: float, recommended: float) -> None:
+    belt, rig, focal = settings.belt, settings.rig, settings.camera.focal_mm
+    if least > rig.max_height_mm:
+        longest = focal * (rig.max_height_mm - belt.edge_mm) / (least - belt.edge_mm)
+        mend = (
+            f"give a lens of at most {np.floor(longest * 10) / 10:g} mm"
+            if longest >= 1
+            else "give more height"
+        )
+        raise InputError(
+            f"max_height_mm = {rig.max_height_mm:g}: a lens of {focal:g} mm sees the span of {belt.span_mm:g} mm only "
+            f"from {np.ceil(least):g} mm above the belt on; {mend}"
+        )
+    if rig.height_mm is None:
+        return
+    if rig.height_mm > rig.max_height_mm:
+        raise InputError(
+            f"height_mm = {rig.height_mm:g} is above max_height_mm = {rig.max_height_mm:g}; lower it"
+        )
+    if rig.height_mm < least:
+        raise InputError(
+            f"height_mm = {rig.height_mm:g}: a lens of {focal:g} mm does not see the span of {belt.span_mm:g} mm from "
+            f"there; give at least {np.ceil(least):g} mm, recommended are {np.ceil(recommended):g} mm"
+        )
+    if rig.height_mm <= belt.top_mm + 50:
+        raise InputError(
+            f"height_mm = {rig.height_mm:g}: the load reaches {belt.top_mm:g} mm and would touch the cameras; "
+            f"give at least {belt.top_mm + 50:g} mm"
+        )

@@ -1,0 +1,188 @@
+"""What a plan is made from; the defaults are the paper's rig (Table 1, section 3.1)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+TABLE_1_ANGLE_DEG = 57.0
+"""The horizontal angle of view that the paper states for its camera and lens."""
+
+Length = Annotated[float, Field(gt=0, le=20_000, allow_inf_nan=False)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Side = Annotated[int, Field(ge=16, le=20_000)]
+Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BeltSettings(_Part):
+    """The belt's cross-section and what lies on it."""
+
+    width_mm: Length = 800.0
+    """Of the belt, along its surface."""
+    span_mm: Length = 780.0
+    """w: between the vertices of the two side idlers, level."""
+    flat_mm: Annotated[float, Field(ge=0, le=20_000)] = 300.0
+    """Of the level middle."""
+    material_mm: tuple[Annotated[float, Field(ge=0, le=20_000)], Length] = (0.0, 150.0)
+    """Lowest and highest surface to measure, above the level middle."""
+    top_width_mm: Length | None = None
+    """How wide the load may be at its highest; None: as wide as the span, so that nothing that passes is missed."""
+    speed_m_s: Annotated[float, Field(ge=0, le=50)] = 2.0
+    lump_cover: Annotated[float, Field(ge=0, lt=1)] = 0.4
+    """Share of the load's area covered by lumps that stand out of it: what cameras may not see past."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> BeltSettings:
+        if self.span_mm > self.width_mm:
+            raise ValueError(
+                f"span_mm = {self.span_mm:g} is more than the belt's width_mm = {self.width_mm:g}"
+            )
+        if self.flat_mm >= self.span_mm:
+            raise ValueError(f"flat_mm = {self.flat_mm:g} must be smaller than span_mm = {self.span_mm:g}")
+        if self.material_mm[0] >= self.material_mm[1]:
+            raise ValueError(f"material_mm = {list(self.material_mm)}: the first must be the smaller one")
+        return self
+
+    @property
+    def trough_rad(self) -> float:
+        """Slope of the wings, from width, span and flat middle."""
+        return float(np.arccos((self.span_mm - self.flat_mm) / (self.width_mm - self.flat_mm)))
+
+    @property
+    def edge_mm(self) -> float:
+        """How high the belt's edges (the idlers' vertices) lie above the level middle."""
+        return (self.width_mm - self.flat_mm) / 2 * float(np.sin(self.trough_rad))
+
+    @property
+    def top_mm(self) -> float:
+        """The highest surface."""
+        return self.material_mm[1]
+
+    @property
+    def planes(self) -> tuple[tuple[float, float], ...]:
+        """(height above the level middle, width to be seen there), mm: belt, edges, top of the load."""
+        top = self.top_width_mm or self.span_mm
+        return ((0.0, self.flat_mm), (self.edge_mm, self.span_mm), (self.top_mm, top))
+
+
+class CameraSettings(_Part):
+    """Camera and lens."""
+
+    size_px: tuple[Side, Side] = (2448, 2048)
+    """Width (across the belt) and height."""
+    pitch_um: Annotated[float, Field(ge=0.5, le=50)] = 3.45
+    focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
+    f_number: Annotated[float, Field(ge=0.7, le=64)] = 2.8
+    angle_deg: Annotated[float, Field(gt=1, lt=170)] | None = None
+    """α, the horizontal angle of view as its maker states it; None: from pixels and focal length."""
+    max_fps: Positive = 79.1
+    quantum_efficiency: Share = 0.62
+    """Electrons per photon; of the brightest colour where the sensor has a colour mosaic."""
+    read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
+    full_well_e: Positive = 10_500.0
+    transmission: Share = 0.9
+    """Of the lens."""
+    bytes_per_pixel: Annotated[float, Field(ge=1, le=8)] = 1.0
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        return self.focal_mm * 1000 / self.pitch_um
+
+    @property
+    def lens_angle_rad(self) -> float:
+        """Horizontal angle of view of a pinhole with this focal length."""
+        return float(2 * np.arctan(self.size_px[0] / 2 / self.focal_px))
+
+    @property
+    def angle_rad(self) -> float:
+        """α for Eq. 26: as stated, or Table 1's for Table 1's camera, or from the lens."""
+        if self.angle_deg is not None:
+            return float(np.deg2rad(self.angle_deg))
+        table = CameraSettings.model_fields
+        named = ("size_px", "pitch_um", "focal_mm")
+        if all(getattr(self, key) == table[key].default for key in named):
+            return float(np.deg2rad(TABLE_1_ANGLE_DEG))
+        return self.lens_angle_rad
+
+
+class RigSettings(_Part):
+    """Where cameras may stand."""
+
+    auxiliaries: Annotated[int, Field(ge=1, le=8)] = 4
+    first_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Direction of the first auxiliary, from across the belt (+x) towards along it (+y)."""
+    height_mm: Length | None = None
+    """Of the core camera above the level middle of the belt; None: recommended."""
+    baseline_mm: Length | None = None
+    """From the core to each auxiliary; None: chosen."""
+    max_height_mm: Length = 3000.0
+    """Room above the belt."""
+    max_baseline_mm: Length | None = None
+    """Room beside the core; None: half the span."""
+    max_angle_deg: Annotated[float, Field(gt=1, le=80)] = 25.0
+    """Between core and auxiliary, seen from the load: images of one patch grow unlike beyond it."""
+    margin_mm: Annotated[float, Field(ge=0, le=5000)] = 10.0
+    """To be seen beside the belt on either side."""
+    min_seen: Share = 0.95
+    """Share of the surface between lumps, of what the core sees, that enough auxiliaries must see too."""
+
+
+class PrecisionSettings(_Part):
+    """How well a patch is matched."""
+
+    matching_sigma_px: Annotated[float, Field(gt=0, le=10)] = 0.02
+    """One standard deviation of a matched image coordinate in each camera, with the reference patch."""
+    patch_px: Annotated[int, Field(ge=3, le=501)] = 21
+    """Edge of the patch; σ falls with it as 1/edge from the reference of 21 px."""
+    calibration_sigma_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """Depth's σ from calibration, where it is known."""
+
+    @property
+    def sigma_px(self) -> float:
+        """Of a coordinate, with this patch."""
+        return self.matching_sigma_px * 21 / self.patch_px
+
+
+class LightSettings(_Part):
+    """The projector, the hall and the exposure."""
+
+    projector_lm: Annotated[float, Field(ge=0, le=1e7)] = 3000.0
+    lit_area_mm: tuple[Length, Length] | None = None
+    """What the projector's picture covers at the belt; None: what the core camera sees there."""
+    ambient_lux: Annotated[float, Field(ge=0, le=2e5)] = 300.0
+    reflectance: Share = 0.05
+    """Of the darkest material; rubber and coal."""
+    lumens_per_watt: Annotated[float, Field(gt=10, le=683)] = 300.0
+    """Of the light itself; white LEDs about 300."""
+    wavelength_nm: Annotated[float, Field(ge=300, le=1100)] = 560.0
+    exposure_us: Annotated[float, Field(ge=1, le=1e6)] | None = None
+    """None: the longest that keeps motion blur within `max_blur_px`, and a frame's time."""
+    max_blur_px: Annotated[float, Field(gt=0, le=100)] = 0.5
+    target_snr: Annotated[float, Field(gt=0, le=1000)] = 30.0
+    """Of a lit dot on the darkest material."""
+
+
+class PlanSettings(_Part):
+    """Everything."""
+
+    belt: BeltSettings = BeltSettings()
+    camera: CameraSettings = CameraSettings()
+    rig: RigSettings = RigSettings()
+    precision: PrecisionSettings = PrecisionSettings()
+    light: LightSettings = LightSettings()
+    frames_per_point: Annotated[int, Field(ge=1, le=100)] = 3
+    """How many frames are to see each piece of belt, so that they can be fused."""
+
+    @field_validator("frames_per_point", mode="before")
+    @classmethod
+    def _whole(cls, value: object) -> object:
+        if isinstance(value, bool):
+            raise ValueError("must be a whole number")
+        return value

@@ -1,0 +1,80 @@
+"""The planned rig: the core straight above the belt, the auxiliaries around it, all looking at one spot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose, rotation_from_vector
+from beltscape.core.rig import Rig
+from beltscape.plan.settings import CameraSettings, PlanSettings
+
+CORE_FROM_WORLD = np.diag([1.0, -1.0, -1.0])
+"""Rotation of a camera that looks straight down, its rows across the belt."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedRig:
+    """World: x across the belt, y along it, z up, mm; the origin on its level middle under the core."""
+
+    rig: Rig
+    core_from_world: Pose
+    baseline_mm: float
+    tilt_rad: float
+    """Between the optical axes of an auxiliary and the core."""
+    target_mm: NDArray[np.float64]
+    """(3,) where all axes meet."""
+
+    def cam_from_world(self, name: str) -> Pose:
+        """Of one camera."""
+        return self.rig.cam_from_core[name] @ self.core_from_world
+
+    def position_mm(self, name: str) -> NDArray[np.float64]:
+        """(3,) of one camera in the world."""
+        return self.cam_from_world(name).center_mm
+
+    def pixels(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 2) where a camera sees points (..., 3) of the world."""
+        return self.rig.cameras[name].project(self.cam_from_world(name).apply(points_mm))
+
+    def sees(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(...) whether points (..., 3) of the world fall on a camera's image."""
+        pixels = self.pixels(name, points_mm)
+        inside = (pixels >= -0.5) & (pixels <= np.array(self.rig.cameras[name].size_px) - 0.5)
+        return np.asarray(inside.all(axis=-1))
+
+
+def planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: float) -> PlannedRig:
+    """Core at ``height_mm``, auxiliaries level with it at 360°/n, each tilted towards the middle of the load.
+
+    An auxiliary is the core turned about the one level axis that brings its own axis to the spot, so that all
+    images are the same way up.
+    """
+    middle = sum(settings.belt.material_mm) / 2
+    target = np.array([0.0, 0.0, middle])
+    tilt = float(np.arctan2(baseline_mm, height_mm - middle))
+    core_from_world = Pose(CORE_FROM_WORLD.copy(), np.array([0.0, 0.0, height_mm]))
+    cameras = {"cam0": _camera("cam0", settings.camera)}
+    poses = {"cam0": Pose.identity()}
+    count = settings.rig.auxiliaries
+    for i in range(count):
+        name = f"cam{i + 1}"
+        angle = np.deg2rad(settings.rig.first_deg) + 2 * np.pi * i / count
+        across, along = np.cos(angle), np.sin(angle)
+        # in the core's axes (y down the image, against the belt's y) the camera stands at (across, -along)
+        cam_from_core = rotation_from_vector(tilt * np.array([along, across, 0.0]))
+        poses[name] = Pose(cam_from_core, -cam_from_core @ (baseline_mm * np.array([across, -along, 0.0])))
+        cameras[name] = _camera(name, settings.camera)
+    quality = {"planned": True, "height_mm": height_mm, "baseline_mm": baseline_mm}
+    return PlannedRig(Rig("cam0", cameras, poses, quality), core_from_world, baseline_mm, tilt, target)
+
+
+def _camera(name: str, settings: CameraSettings) -> Camera:
+    """The nominal camera: the lens's focal length, the axis through the middle, no distortion."""
+    size = settings.size_px
+    return Camera(
+        name, size, np.full(2, settings.focal_px), (np.array(size, np.float64) - 1) / 2, np.zeros(5)
+    )

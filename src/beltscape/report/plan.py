@@ -1,0 +1,274 @@
+"""The plan's report: can it be built, where everything goes, what it will see."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+
+import numpy as np
+
+from beltscape.plan.plan import Plan
+from beltscape.report.page import Figure, Item, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.plan_drawing import side_view, top_view
+from beltscape.report.plots import panels, to_png
+from beltscape.report.scene import rig_scene
+
+TOP_VIEW = (
+    "From above, images' rims at the height of the belt's edges: green where all cameras see it, dashed what a frame "
+    "gives over the full width at every height."
+)
+
+
+def plan_page(plan: Plan) -> str:
+    """report.html of a plan."""
+    sections = [
+        Section("The plan", "", [_tiles(plan)]),
+        Section("Where everything goes", _mounting_words(plan), [*_drawings(plan), _poses(plan), _scene(plan)]),
+        Section("Baseline", _baseline_words(plan), [_alternatives(plan)]),
+        Section(
+            "What is seen",
+            "Shares of the strip of belt that the core sees. Seen: in the image; what lumps hide is told above.",
+            [_coverage(plan), _pixels(plan)],
+        ),
+        Section("Depth", _sigma_words(plan), [Figure.png(sigma_plot(plan), "White: fewer than two cameras.")]),
+        Section("A moving belt", _motion_words(plan), [_motion(plan)]),
+        Section("Light", _light_words(plan), [_light(plan)]),
+    ]  # fmt: skip
+    return render("Rig plan", verdict(plan), sections, warnings=plan.warnings)
+
+
+def verdict(plan: Plan) -> str:
+    """The plan in a sentence or two."""
+    hang, count, edges = plan.mounting, len(plan.planned.rig.cameras), plan.planes[1]
+    seen = edges.at_least[plan.enough]
+    text = (
+        f"{count} cameras: the core {hang.above_belt_mm:.0f} mm above the belt, the others "
+        f"{plan.planned.baseline_mm:.0f} "
+        f"mm from it and tilted by {np.rad2deg(plan.planned.tilt_rad):.1f}°, see {seen:.1%} of the "
+        "belt under the core "
+        f"{plan.enough + 1} times, with {edges.pixel_mm['cam0'][1]:.2f} mm pixels and a depth σ of "
+        f"{plan.sigma_median_mm:.3f} mm from matching. "
+    )
+    lacks = []
+    if plan.light.snr < plan.settings.light.target_snr:
+        lacks.append(f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)")
+    if plan.motion.fps > plan.settings.camera.max_fps:
+        lacks.append("frame rate")
+    if plan.motion.blur_px > plan.settings.light.max_blur_px * (1 + 1e-9):
+        lacks.append("a shorter exposure")
+    return text + (f"What is missing: {', '.join(lacks)}." if lacks else "Light and frame rate suffice.")
+
+
+def _tiles(plan: Plan) -> Tiles:
+    hang, move, core = plan.mounting, plan.motion, plan.planes[1].pixel_mm["cam0"]
+    return Tiles(
+        [
+            Tile("least height by Eq. 26", f"{hang.eq26_mm:.1f}", "mm", "lens to the idlers' vertices"),
+            Tile("core above the belt", f"{hang.above_belt_mm:.0f}", "mm",
+                 f"recommended {hang.recommended_above_belt_mm:.0f} mm"),
+            Tile("baseline", f"{plan.planned.baseline_mm:.0f}", "mm",
+                 f"tilt {np.rad2deg(plan.planned.tilt_rad):.2f}°"),
+            Tile("pixel at the belt's edges", f"{core[1]:.3f}", "mm"),
+            Tile("depth σ, matching", f"{plan.sigma_median_mm:.3f}", "mm",
+                 f"{plan.sigma_in_this_light_mm:.3f} mm in this light"),
+            Tile("frames per second", f"{move.fps:.1f}", "",
+                 f"{move.gap_free_fps:.1f} without gaps; {move.data_mb_s:.0f} MB/s"),
+            Tile("exposure", f"{move.exposure_us:.0f}", "µs", f"{move.blur_px:.2f} px of motion blur"),
+            Tile("SNR of a dot", f"{plan.light.snr:.1f}", "", f"{plan.settings.light.target_snr:g} asked"),
+        ]
+    )  # fmt: skip
+
+
+def _mounting_words(plan: Plan) -> str:
+    hang, belt = plan.mounting, plan.settings.belt
+    return (
+        f"Eq. 26: h ≥ (w/2) / tan(α/2) = {hang.eq26_mm:.1f} mm for w = {belt.span_mm:g} mm and α = "
+        f"{np.rad2deg(plan.settings.camera.angle_rad):.2f}°, down to the idlers' vertices, which lie "
+        f"{belt.edge_mm:.0f} mm "
+        f"above the level middle of the belt. Recommended is what also sees the load's top, "
+        f"{plan.settings.belt.top_width_mm or belt.span_mm:.0f} mm wide at {belt.top_mm:.0f} mm, with "
+        f"{plan.settings.rig.margin_mm:g} mm on either side."
+    )
+
+
+def _drawings(plan: Plan) -> list[Item]:
+    def figure(svg: str, caption: str, *, wide: bool = False) -> Figure:
+        return Figure("data:image/svg+xml;base64," + b64encode(svg.encode()).decode(), caption, wide)
+
+    return [
+        figure(
+            side_view(plan),
+            "Across the belt: the core's view in orange, auxiliaries' in blue, the load in sand.",
+        ),
+        figure(side_view(plan, along=True), "Along the belt."),
+        figure(top_view(plan), TOP_VIEW, wide=True),
+    ]
+
+
+def _scene(plan: Plan) -> Turnable:
+    boards = {}
+    for plane in plan.planes:
+        half, length = plane.width_mm / 2, max(plane.core_length_mm, 1.0) / 2
+        x, y = np.array([-1, 1, 1, -1, -1]) * half, np.array([-1, -1, 1, 1, -1]) * length
+        outline = np.column_stack([x, y, np.full(5, plane.height_mm)])
+        boards[plane.name] = plan.planned.core_from_world.apply(outline)
+    scene = rig_scene(plan.planned.rig, length_mm=0.3 * plan.mounting.above_belt_mm, boards_mm=boards)
+    return Turnable(
+        scene, "The rig; grey: belt, edges and top of the load, as long as the core sees them whole."
+    )
+
+
+def _poses(plan: Plan) -> Table:
+    rows = []
+    for name in plan.planned.rig.cameras:
+        x, y, z = plan.planned.position_mm(name)
+        axis = plan.planned.cam_from_world(name).rotation[2]
+        tilt = np.rad2deg(np.arccos(np.clip(-axis[2], -1, 1)))
+        rows.append([name, f"{x:z.1f}", f"{y:z.1f}", f"{z:.1f}", f"{tilt:.2f}"])
+    return Table(
+        ["camera", "x across mm", "y along mm", "z up mm", "tilt °"],
+        rows,
+        "Lenses' positions over the belt's middle.",
+    )
+
+
+def _baseline_words(plan: Plan) -> str:
+    rig, number = plan.settings.rig, plan.enough
+    return (
+        "Depth's σ falls as Z²/(f·B), but from farther aside lumps hide more. Taken is the most "
+        "precise baseline from "
+        f"which {number} of {rig.auxiliaries} auxiliaries see at least {rig.min_seen:.0%} of the "
+        "places between lumps "
+        f"that the core sees, under at most {rig.max_angle_deg:g}°. Lumps: balls over "
+        f"{plan.settings.belt.lump_cover:.0%} "
+        "of the load, worst of its middle and edges."
+    )
+
+
+def _alternatives(plan: Plan) -> Table:
+    count = plan.settings.rig.auxiliaries
+    levels = sorted({1, plan.enough, count})
+    rows = [
+        [
+            f"{each.baseline_mm:.0f}" + (" ◄" if each is plan.chosen else ""), f"{each.tilt_deg:.1f}",
+            f"{each.sigma_mm:.4f}", *(f"{100 * each.seen[k]:.1f}" for k in levels),
+            f"{100 * each.covered[1]:.1f}", f"{100 * each.covered[-1]:.1f}", each.refused or "–",
+        ]
+        for each in plan.alternatives
+    ]  # fmt: skip
+    names = ["baseline mm", "tilt °", "σ mm", *(f"≥ {k} see %" for k in levels)]
+    caption = (
+        "σ where all axes meet. Seen: past lumps; covered: in the image, over the strip that the core sees."
+    )
+    return Table([*names, "≥ 1 cover %", "all cover %", "against it"], rows, caption)
+
+
+def _coverage(plan: Plan) -> Table:
+    count = plan.settings.rig.auxiliaries
+    names = ["plane", "height mm", "width mm", *(f"core + ≥ {k} %" for k in range(1, count + 1))]
+    rows = [
+        [
+            plane.name, f"{plane.height_mm:.0f}", f"{plane.width_mm:.0f}",
+            *(f"{100 * share:.1f}" for share in plane.at_least[1:]),
+            f"{plane.lengths_mm[0]:.0f}", f"{plane.lengths_mm[1]:.0f}", f"{plane.lengths_mm[-1]:.0f}",
+        ]
+        for plane in plan.planes
+    ]  # fmt: skip
+    caption = "Shares of the strip; and along the belt, how long its whole width is seen."
+    return Table([*names, "by core mm", "by ≥ 2 mm", "by all mm"], rows, caption)
+
+
+def _pixels(plan: Plan) -> Table:
+    rows = [
+        [name, *("{1:.3f} ({0:.3f} … {2:.3f})".format(*plane.pixel_mm[name]) for plane in plan.planes)]
+        for name in plan.planned.rig.cameras
+    ]
+    caption = "Edge of a pixel on the plane, mm: median (finest … coarsest)."
+    return Table(["camera", *(plane.name for plane in plan.planes)], rows, caption)
+
+
+def _sigma_words(plan: Plan) -> str:
+    precision = plan.settings.precision
+    calibration = precision.calibration_sigma_mm
+    return (
+        f"{precision.sigma_px:.4g} px of independent noise on each coordinate of a point in each camera, through the "
+        "projections of all cameras that see it, "
+        + (f"and {calibration:g} mm from calibration. " if calibration else "without calibration's part. ")
+        + f"In this light matching noise would be {plan.light.matching_sigma_px:.3f} px."
+    )
+
+
+def sigma_plot(plan: Plan) -> bytes:
+    """The σ maps, one scale for all."""
+    known = np.concatenate([each.sigma_mm[np.isfinite(each.sigma_mm)] for each in plan.sigma])
+    low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.0, 1.0)
+    figure, axes = panels(len(plan.sigma), columns=3, width=3.9, height=3.6)
+    image = None
+    for axis, each, plane in zip(axes, plan.sigma, plan.planes, strict=True):
+        extent = (each.x_mm[0], each.x_mm[-1], each.y_mm[0], each.y_mm[-1])
+        image = axis.imshow(
+            each.sigma_mm,
+            origin="lower",
+            extent=extent,
+            cmap="viridis",
+            vmin=low,
+            vmax=high,
+            interpolation="nearest",
+        )
+        axis.set(title=f"{plane.name}, {each.height_mm:.0f} mm", xlabel="x across, mm", ylabel="y along, mm")
+    if image is not None:
+        figure.colorbar(image, ax=axes, label="depth σ, mm", shrink=0.7, extend="max")
+    return to_png(figure)
+
+
+def _motion_words(plan: Plan) -> str:
+    move, belt = plan.motion, plan.settings.belt
+    return (
+        f"At {belt.speed_m_s:g} m/s; a frame gives {move.frame_length_mm:.0f} mm of belt over the "
+        "full width at every "
+        f"height, seen by the core and another camera. Each piece of belt in {plan.settings.frames_per_point} frames "
+        "lets them be fused."
+    )
+
+
+def _motion(plan: Plan) -> Table:
+    move, camera = plan.motion, plan.settings.camera
+    rows = [
+        ["longest exposure for the allowed blur", f"{move.max_exposure_us:.0f} µs"],
+        ["motion blur in this plan", f"{move.blur_mm:.3f} mm, {move.blur_px:.2f} px"],
+        ["frame rate without gaps", f"{move.gap_free_fps:.2f} per second"],
+        [f"with {plan.settings.frames_per_point} frames per point", f"{move.fps:.2f} per second"],
+        ["fastest belt with that many", f"{move.max_speed_m_s:.1f} m/s at {camera.max_fps:g} per second"],
+        ["data of all cameras", f"{move.data_mb_s:.0f} MB/s"],
+    ]
+    return Table(["", ""], rows)
+
+
+def _light_words(plan: Plan) -> str:
+    light = plan.settings.light
+    return (
+        f"{light.projector_lm:g} lm over what the core sees of the belt, {light.ambient_lux:g} lx in "
+        "the hall, material of "
+        f"reflectance {light.reflectance:g}, lens at f/{plan.settings.camera.f_number:g}: a diffuse "
+        "surface through the "
+        "camera equation, shot and read noise."
+        if light.lit_area_mm is None
+        else f"{light.projector_lm:g} lm over {light.lit_area_mm[0]:g} × {light.lit_area_mm[1]:g} mm."
+    )
+
+
+def _light(plan: Plan) -> Table:
+    light = plan.light
+    blur = ", ".join(
+        f"{name} {px:.1f}" for name, px in zip(("belt", "edges", "top"), plan.defocus_px, strict=True)
+    )
+    rows = [
+        ["projector on the belt", f"{light.illuminance_lux:.0f} lx"],
+        ["electrons in a lit dot, in a gap", f"{light.dot_e:.0f}, {light.gap_e:.0f}"],
+        ["noise in a dot", f"{light.noise_e:.1f}"],
+        ["SNR of a dot", f"{light.snr:.1f} (asked {plan.settings.light.target_snr:g})"],
+        ["exposure for the asked SNR", f"{light.needed_exposure_us:.0f} µs"],
+        ["or projector while exposing", f"{light.needed_lumens:.0f} lm"],
+        ["light in the image's corner", f"{100 * light.corner:.0f} %"],
+        ["out of focus, px", blur],
+    ]
+    return Table(["", ""], rows)

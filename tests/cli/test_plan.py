@@ -1,0 +1,129 @@
+"""``beltscape plan`` from the outside."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltscape.cli import main as program
+from beltscape.core.pose import Pose
+from beltscape.files.rig_json import read_rig
+
+
+@pytest.fixture(autouse=True)
+def desk(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(program.COMMANDS, "plan", "a rig before it exists")
+    return tmp_path
+
+
+def test_the_papers_rig(capsys):
+    assert program.main(["plan", "--out", "out"]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("Eq. 26    718.3 mm above the idlers' vertices at 57.00°\n")
+    assert "warning: the stated angle of view is 57.0°" in said.err
+    assert {p.name for p in Path("out").iterdir()} == {"plan.json", "rig.json", "report.html"}
+
+
+def test_json_and_files_say_the_same_and_the_rig_is_the_plans(capsys):
+    assert program.main(["plan", "--out", "out", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    written = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))
+    assert {**printed, "report": None} == {**written, "report": None}
+    rig, plan = read_rig(Path("out/rig.json")), written["rig"]
+    core_from_world = Pose.of(plan["core_from_world"]["rotation"], plan["core_from_world"]["translation_mm"])
+    assert rig.core == plan["core"]
+    for name, camera in plan["cameras"].items():
+        pose = rig.cam_from_core[name] @ core_from_world
+        np.testing.assert_allclose(pose.center_mm, camera["position_mm"], atol=1e-9)
+        spot = rig.cameras[name].project(pose.apply(np.array(plan["target_mm"])))
+        np.testing.assert_allclose(spot, rig.cameras[name].center_px, atol=1e-6)
+
+
+def test_the_same_plan_twice_is_the_same_bytes():
+    for out in ("a", "b"):
+        assert program.main(["plan", "--auxiliaries", "2", "--out", out]) == 0
+    for name in ("plan.json", "rig.json", "report.html"):
+        assert Path("a", name).read_bytes() == Path("b", name).read_bytes()
+
+
+def test_the_report_stands_alone():
+    program.main(["plan", "--out", "out"])
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    drawings = [
+        base64.b64decode(d).decode() for d in re.findall(r"data:image/svg\+xml;base64,([^\"]+)", page)
+    ]
+    assert len(drawings) == 3
+    for text in (page, *drawings):
+        assert re.findall(r"https?://(?!www\.w3\.org/2000/svg)[^\"'\s)]+", text) == []
+        assert not re.search(r"(?:src|href)=[\"'](?!data:)", text)
+    from xml.dom.minidom import parseString
+
+    for drawing in drawings:
+        assert parseString(drawing).documentElement.tagName == "svg"
+    assert "718.3" in page
+
+
+def test_options_go_before_the_file(capsys):
+    Path("plan.toml").write_text(
+        "frames_per_point = 2\n[belt]\nwidth_mm = 1200\nspan_mm = 1100\nspeed_m_s = 3\n[rig]\nauxiliaries = 3\n"
+    )
+    assert program.main(["plan", "--plan", "plan.toml", "--speed", "1.5", "--json"]) == 0
+    settings = json.loads(capsys.readouterr().out)["settings"]
+    assert (settings["belt"]["width_mm"], settings["belt"]["speed_m_s"]) == (1200, 1.5)
+    assert (settings["rig"]["auxiliaries"], settings["frames_per_point"]) == (3, 2)
+
+
+def test_every_option_reaches_a_setting(capsys):
+    from beltscape.cli.plan import _OPTIONS
+    from beltscape.plan.settings import PlanSettings
+
+    known = PlanSettings().model_dump()
+    for option in _OPTIONS:
+        place = known
+        for key in option.key.split("."):
+            assert key in place
+            place = place[key]
+        if place is not None:  # the help's default is the model's
+            words = " ".join(f"{v:g}" for v in place) if isinstance(place, tuple) else f"{place:g}"
+            assert f"({words})" in option.help
+
+
+@pytest.mark.parametrize(
+    ("words", "toml", "line"),
+    [
+        (["--focal", "50"], "", "max_height_mm = 3000: a lens of 50 mm sees the span of 780 mm only from"),
+        (["--focal", "-1"], "", "plan: camera.focal_mm = -1.0: must be greater than or equal to 1"),
+        (["--span", "900"], "", "plan: belt = "),
+        (["--height", "500"], "", "height_mm = 500: a lens of 8 mm does not see the span of 780 mm"),
+        (["--plan", "plan.toml"], "[belt]\nwidht_mm = 3\n", "plan.toml: unknown key belt.widht_mm"),
+        (["--plan", "plan.toml"], "belt = 3\n", "plan.toml: belt = 3"),
+        (["--plan", "gone.toml"], "", "gone.toml: no such file"),
+        (["--plan", "plan.toml"], "[belt\n", "plan.toml: not TOML"),
+        (["--baseline", "9000"], "", "baseline_mm = 9000: auxiliaries would look past the belt"),
+    ],
+)
+def test_what_cannot_be_is_one_line(capsys, words, toml, line):
+    if toml:
+        Path("plan.toml").write_text(toml)
+    assert program.main(["plan", *words]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert said[0].startswith(f"beltscape: {line}")
+
+
+def test_help_imports_nothing_heavy():
+    import subprocess
+    import sys
+
+    code = (
+        "import argparse, sys, beltscape.cli.plan as p\np.add_arguments(argparse.ArgumentParser())\n"
+        "print(sorted({'numpy', 'pydantic', 'cv2'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from beltscape.core.errors import InputError
+from beltscape.plan.baseline import alternatives, chosen
+from beltscape.plan.plan import make_plan
+from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return make_plan(PlanSettings())
+
+
+def test_the_papers_rig_sees_the_whole_belt_three_times(paper):
+    assert paper.planes[1].at_least[2] == pytest.approx(1, abs=1e-6)
+    assert paper.planes[1].lengths_mm[1] > 580  # the paper: 0.58 m along the belt, from lower down
+    assert not paper.chosen.refused
+
+
+def test_of_those_that_nothing_speaks_against_the_most_precise_is_taken(paper):
+    free = [each for each in paper.alternatives if not each.refused]
+    assert paper.chosen.sigma_mm == min(each.sigma_mm for each in free)
+    sigmas = [each.sigma_mm for each in paper.alternatives]
+    seen = [each.seen[2] for each in paper.alternatives]
+    assert sigmas == sorted(sigmas, reverse=True)
+    assert seen == sorted(seen, reverse=True)
+
+
+def test_rougher_loads_bring_the_cameras_closer(paper):
+    rough = PlanSettings(belt=BeltSettings(lump_cover=0.75))
+    assert make_plan(rough).chosen.baseline_mm < paper.chosen.baseline_mm
+
+
+def test_a_told_baseline_is_taken_and_its_price_named():
+    plan = make_plan(PlanSettings(rig=RigSettings(baseline_mm=600)))
+    assert plan.planned.baseline_mm == 600
+    assert any(line.startswith("the baseline of 600 mm has its price: wider than") for line in plan.warnings)
+
+
+def test_a_baseline_beyond_the_horizon_is_refused():
+    settings = PlanSettings(rig=RigSettings(baseline_mm=5000))
+    with pytest.raises(InputError, match="baseline_mm = 5000: auxiliaries would look past the belt"):
+        chosen(settings, alternatives(settings, 900.0))
+
+
+def test_where_all_have_a_price_the_best_seen_is_taken():
+    plan = make_plan(PlanSettings(rig=RigSettings(max_baseline_mm=1)))
+    assert plan.chosen.seen[2] == max(each.seen[2] for each in plan.alternatives)
+    assert plan.chosen.refused
+
+
+def test_the_differing_angles_of_table_1_are_told(paper):
+    assert "stated angle of view is 57.0°" in paper.warnings[0]
+    assert "718.3 mm" in paper.warnings[0]
+    assert not any(
+        "angle of view" in w for w in make_plan(PlanSettings(camera=CameraSettings(focal_mm=9))).warnings
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        (PlanSettings(belt=BeltSettings(speed_m_s=40)), "frames a second are needed, the camera gives 79.1"),
+        (
+            PlanSettings(light=LightSettings(exposure_us=1000)),
+            "px of motion blur; expose at most 82 µs for 0.5 px",
+        ),
+        (PlanSettings(light=LightSettings(projector_lm=10)), "too little light: SNR"),
+        (PlanSettings(light=LightSettings(exposure_us=400_000)), "does not fit"),
+        (PlanSettings(light=LightSettings(exposure_us=5000)), "white surfaces saturate"),
+        (PlanSettings(camera=CameraSettings(f_number=0.7)), "out of focus by up to"),
+        (PlanSettings(rig=RigSettings(height_mm=850)), "below the recommended height"),
+        (PlanSettings(rig=RigSettings(height_mm=850)), "at the top the full width of 780 mm is not seen"),
+    ],
+)
+def test_what_is_missing_is_said(settings, line):
+    assert any(line in warning for warning in make_plan(settings).warnings)
+
+
+def test_more_cameras_are_more_precise():
+    def sigma(auxiliaries):
+        rig = RigSettings(auxiliaries=auxiliaries, baseline_mm=250)
+        return make_plan(PlanSettings(rig=rig)).sigma_median_mm
+
+    found = [sigma(n) for n in (1, 2, 4, 6)]
+    assert found == sorted(found, reverse=True)
+    assert found[0] / found[2] > 2
+
+
+def test_in_bad_light_sigma_grows_and_calibration_does_not(paper):
+    assert paper.sigma_in_this_light_mm == pytest.approx(
+        paper.sigma_median_mm * paper.light.matching_sigma_px / 0.02, rel=1e-9
+    )
+    assert np.isfinite(paper.sigma_in_this_light_mm)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"belt": {"span_mm": 900}},
+        {"belt": {"flat_mm": 790}},
+        {"belt": {"material_mm": [100, 50]}},
+        {"camera": {"focal_mm": 0}},
+        {"rig": {"auxiliaries": 9}},
+        {"frames_per_point": True},
+        {"lens": {}},
+    ],
+)
+def test_settings_have_bounds(values):
+    with pytest.raises(ValidationError):
+        PlanSettings.model_validate(values)

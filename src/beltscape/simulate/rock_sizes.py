@@ -1,0 +1,60 @@
+"""How large broken rock is: size distributions by mass, and sizes drawn from them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Millimetres = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
+_STEPS = 4000
+
+
+class SizeSettings(BaseModel):
+    """Share of the mass that passes a sieve of width d, cut off at both ends.
+
+    Rosin–Rammler: 1 − exp(−ln 2·(d/median)ⁿ); Gaudin–Schuhmann: (d/largest)ⁿ.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    law: Literal["rosin-rammler", "gaudin-schuhmann"] = "rosin-rammler"
+    smallest_mm: Millimetres = 10.0
+    largest_mm: Millimetres = 79.0
+    median_mm: Millimetres = 50.0
+    """By mass, of the uncut Rosin–Rammler law."""
+    exponent: Annotated[float, Field(gt=0, le=20)] = 2.5
+    """How narrow the distribution is."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> SizeSettings:
+        if self.smallest_mm >= self.largest_mm:
+            raise ValueError(
+                f"smallest_mm = {self.smallest_mm:g} must be below largest_mm = {self.largest_mm:g}"
+            )
+        return self
+
+    def passing(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Share of the mass of rocks no larger than sizes (N,), 0 at the smallest and 1 at the largest."""
+        ends = self._uncut(np.array([self.smallest_mm, self.largest_mm]))
+        inside = np.clip(size_mm, self.smallest_mm, self.largest_mm)
+        return (self._uncut(inside) - ends[0]) / (ends[1] - ends[0])
+
+    def _uncut(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self.law == "gaudin-schuhmann":
+            return (size_mm / self.largest_mm) ** self.exponent
+        return 1 - np.exp(-np.log(2) * (size_mm / self.median_mm) ** self.exponent)
+
+
+def draw_sizes(settings: SizeSettings, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(count,) sizes in mm whose mass (∝ d³) follows the law, in random order.
+
+    Drawn one from each of ``count`` equal shares of the number distribution, so that even few rocks follow it.
+    """
+    edges = np.geomspace(settings.smallest_mm, settings.largest_mm, _STEPS + 1)
+    middles = np.sqrt(edges[1:] * edges[:-1])
+    number = np.cumsum(np.diff(settings.passing(edges)) / middles**3)  # so much mass in rocks of d³ each
+    share = np.concatenate([[0.0], number / number[-1]])
+    quantiles = (np.arange(count) + rng.random(count)) / max(count, 1)
+    return rng.permutation(np.interp(quantiles, share, edges))

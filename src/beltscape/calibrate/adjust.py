@@ -14,7 +14,7 @@ from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.intrinsics import PARAMETERS
 from beltscape.calibrate.lens import intrinsics, lens_prior
 from beltscape.calibrate.levenberg import Damping, minimise
-from beltscape.calibrate.score import board_pose
+from beltscape.calibrate.resection import board_pose
 from beltscape.calibrate.steady import one_thread
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose

@@ -95,11 +95,13 @@ def pair_influence(
         where = [
             (lens.rows[frame] + 2 * corners[:, None] + np.arange(2)).ravel() for frame, corners in at.items()
         ]
-        own[np.concatenate(where)] += direct[:, side * side_rows : (side + 1) * side_rows].T
-        squares = float(((pixels[side] - found) ** 2).sum())
-        seen = max(float(np.sqrt(squares / side_rows / freedom)), NOISE_FLOOR_PX)
-        covariance += seen**2 * own.T @ own
+        here = direct[:, side * side_rows : (side + 1) * side_rows]
+        own[np.concatenate(where)] += here.T
         influence[lens.camera] = lens.sigma_px * own
+        # what the pair shows beyond the camera's own noise was not there when the lens was found
+        seen = float(((pixels[side] - found) ** 2).sum()) / side_rows / freedom
+        beyond = max(seen - lens.sigma_px**2, 0.0)
+        covariance += influence[lens.camera].T @ influence[lens.camera] + beyond * here @ here.T
     return influence, covariance
 
 

@@ -22,6 +22,8 @@ from beltscape.core.progress import Reporter
 
 Array = NDArray[np.float64]
 
+MISFIT_FACTOR = 1.5
+"""Two cameras may fit so much worse than each alone before their frames are taken for different instants."""
 MIN_COMMON = 6
 """Corners that two cameras must share in a frame for it to count."""
 
@@ -41,9 +43,9 @@ class Pair:
     covariance: Array
     """(6, 6) of the twist ξ = (rad, mm) in ``second_from_first = true @ exp(ξ)`` (Eq. 14), to first order.
 
-    It contains the noise of the corners, as large as the pair's own residuals show it, both directly and by way of
-    the intrinsics that were found from the same corners. It does not contain what makes residuals without being
-    noise: a bent board, a lens the model does not describe, images of different instants.
+    It contains the noise of the corners, as large as the pair's own residuals show it, what the cameras' own noise
+    does by way of the intrinsics found from the same corners, and, where the pair fits worse than its cameras alone,
+    that the frames are not of one instant. It does not contain a bent board or a lens the model does not describe.
     """
     rejected: Mapping[str, str] = field(default_factory=dict)
     """Frame → why it was left out."""
@@ -111,6 +113,7 @@ def calibrate_pair(
             a, b = responses or [lens_response(sightings, own, board_mm) for own in (first, second)]
             pose, boards = solution.second_from_first, solution.first_from_board
             influence, covariance = pair_influence(sightings, (a, b), pose, boards, board_mm, common)
+            covariance = covariance + _misfit(solution, first, second)
             return Pair(
                 *names, pose, solution.rms_px, tuple(common), corners, covariance, rejected, influence
             )  # fmt: skip
@@ -118,6 +121,20 @@ def calibrate_pair(
             rejected[frame] = f"RMS {error:.2f} px in the pair, the median frame has {median:.2f} px"
             del common[frame]
     return None
+
+
+def _misfit(solution: _Solution, first: Monocular, second: Monocular) -> Array:
+    """(6, 6) what frames that are not of one instant add: each is off by what the two cameras fit worse than alone.
+
+    The board moved in between, by a distance and a turn of which the pixels tell the size only; over F frames it
+    averages to 1/√F. Without it, weights by the noise alone would follow one such frame into the absurd.
+    """
+    alone = max(first.rms_px, second.rms_px)
+    excess_px = np.sqrt(max(solution.rms_px**2 - (MISFIT_FACTOR * alone) ** 2, 0.0))
+    boards = solution.first_from_board.values()
+    distance_mm = float(np.median([pose.translation_mm[2] for pose in boards]))
+    angle = excess_px / float(np.mean([own.camera.focal_px.mean() for own in (first, second)]))
+    return np.diag(np.repeat([angle, angle * distance_mm], 3) ** 2) / len(solution.first_from_board)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from beltscape.calibrate.corners import Corners, Sightings
+from beltscape.calibrate.resection import board_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
@@ -138,28 +137,6 @@ def _project(
     rig: Rig, name: str, core_from_board: Pose, points_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
-
-
-def board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: NDArray[np.float64]) -> Pose:
-    """The board's pose that fits all cameras of one frame best, reprojection errors weighted alike."""
-    name = max(views, key=lambda n: len(views[n]))
-    corners, camera = views[name], rig.cameras[name]
-    ideal = camera.undistort(corners.pixels)
-    _, rotation, translation = cv2.solvePnP(
-        board_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
-    )
-    start = rig.cam_from_core[name].inverse() @ Pose.of(rotation, translation)
-
-    def errors(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        pose = Pose.of(x[:3], x[3:])
-        parts = [_project(rig, n, pose, board_mm[c.ids]) - c.pixels for n, c in views.items()]
-        return np.nan_to_num(
-            np.concatenate(parts).ravel(), nan=1e3
-        )  # behind a camera: far off, not undefined
-
-    x0 = np.concatenate([start.rotation_vector, start.translation_mm])
-    x = least_squares(errors, x0, method="lm", x_scale=np.repeat([1e-3, 1.0], 3)).x
-    return Pose.of(x[:3], x[3:])
 
 
 def _triangulated(

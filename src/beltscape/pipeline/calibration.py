@@ -100,7 +100,7 @@ def calibrate(
     training = score(evidence)
     rig = replace(
         adjusted.rig,
-        quality=_quality(board, adjusted, held_out, training),
+        quality=_quality(board, adjusted, covariance, held_out, training),
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
     return Calibration(
@@ -152,12 +152,15 @@ def _warn_of_doubt(board: Board, adjusted: Adjusted, halves: HeldOut | None, rep
         )
 
 
-def _quality(board: Board, adjusted: Adjusted, held_out: Score | None, training: Score) -> Mapping[str, Any]:
+def _quality(
+    board: Board, adjusted: Adjusted, covariance: RigCovariance, held_out: Score | None, training: Score
+) -> Mapping[str, Any]:
     """What rig.json says of itself, with the board's own shape, which `check` needs."""
     shaped = bool(np.any(adjusted.shape_mm))
     return {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),
+        "sigma_inflation": covariance.inflation,
         "board": board.model_dump(),
         "board_corners_mm": adjusted.geometry.points_mm if shaped else None,
     }

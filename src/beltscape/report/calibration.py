@@ -53,7 +53,7 @@ def calibration_page(
                 _cameras(chain, adjusted, covariance),
             ],
         ),
-        _depth_section(depth_sigma),
+        _depth_section(depth_sigma, covariance.inflation),
         _next_section(adjusted, board, following),
         *_view_sections(adjusted, evidence),
         _network_section(chain),
@@ -74,12 +74,17 @@ def _verdict(chain: Chain, board: Board, score: Score, unseen: bool) -> str:
     )
 
 
-def _depth_section(depth_sigma: Sequence[DepthSigma]) -> Section:
+def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Section:
     caption = "By place in the core camera's view; white: two cameras do not see it."
+    raised = (
+        f" The views disagree {inflation:.1f} times more than the noise of single corners explains (a board that "
+        "bends, a lens the model does not follow): σ is raised by as much."
+    )
     return Section(
         "What it does to depth",
         "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
-        "the farthest boards were. Matching adds its own; heights over the belt suffer less: most of it is common.",
+        "the farthest boards were. Matching adds its own; heights over the belt suffer less: most of it is common."
+        + (raised if inflation > 1 else ""),
         [Figure.png(depth_sigma_plot(depth_sigma), caption)],
     )
 

@@ -64,8 +64,8 @@ def _check(settings: PlanSettings, least: float, recommended: float) -> None:
             else "give more height"
         )
         raise InputError(
-            f"max_height_mm = {rig.max_height_mm:g}: a lens of {focal:g} mm sees the span of {belt.span_mm:g} mm only "
-            f"from {np.ceil(least):g} mm above the belt on; {mend}"
+            f"max_height_mm = {rig.max_height_mm:g}: a lens of {focal:g} mm sees the span of {belt.span_mm:g} mm "
+            f"only from {np.ceil(least):g} mm above the belt on; {mend}"
         )
     if rig.height_mm is None:
         return
@@ -75,8 +75,8 @@ def _check(settings: PlanSettings, least: float, recommended: float) -> None:
         )
     if rig.height_mm < least:
         raise InputError(
-            f"height_mm = {rig.height_mm:g}: a lens of {focal:g} mm does not see the span of {belt.span_mm:g} mm from "
-            f"there; give at least {np.ceil(least):g} mm, recommended are {np.ceil(recommended):g} mm"
+            f"height_mm = {rig.height_mm:g}: a lens of {focal:g} mm does not see the span of {belt.span_mm:g} mm "
+            f"from there; give at least {np.ceil(least):g} mm, recommended are {np.ceil(recommended):g} mm"
         )
     if rig.height_mm <= belt.top_mm + 50:
         raise InputError(

@@ -1,0 +1,91 @@
+"""A world ready to be looked at, and how its colours, its light and its highlights make one picture."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.simulate.mitsuba_light import emitters
+from beltscape.simulate.mitsuba_scene import Look, shapes
+from beltscape.simulate.pinhole import Pinhole
+from beltscape.simulate.view import View
+from beltscape.simulate.world import World
+
+
+class LitScene:
+    """A world as Mitsuba scenes, each built when first needed."""
+
+    def __init__(self, mi: Any, world: World, *, texture_filter: str) -> None:
+        self._mi, self._world, self._filter = mi, world, texture_filter
+        self._glossy = any(solid.gloss > 0 for solid in world.solids)
+
+    def scattered(self, view: View, pinholes: list[Pinhole], bounces: int) -> list[NDArray[np.float32]]:
+        """Each pinhole's picture (h, w, 3) along random paths: with noise."""
+        return [view.scattered(self._real, pinhole, bounces) for pinhole in pinholes]
+
+    def direct(
+        self, view: View, pinholes: list[Pinhole], coarse: Pinhole, ambient_samples: int
+    ) -> list[NDArray[np.float32]]:
+        """Each pinhole's picture (h, w, 3) of direct light; the hall's light, which is smooth, at ``coarse``."""
+        hall = _smoothed(view.hall(self._white, coarse, ambient_samples))
+        gloss = view.hall(self._highlights, coarse, ambient_samples)[..., :3] if self._glossy else None
+        pictures = []
+        for pinhole in pinholes:
+            light = _resampled(hall, coarse, pinhole)
+            extra = _resampled(gloss, coarse, pinhole) if gloss is not None else np.float32(0)
+            if self._world.projector is not None:
+                light = light + view.projected(self._white, pinhole)
+                if self._glossy:
+                    extra = extra + view.projected(self._highlights, pinhole)
+            pictures.append(view.shine(self._shining, pinhole) * light + extra)
+        return pictures
+
+    @cached_property
+    def _real(self) -> Any:
+        return self._scene("real", lit=True)
+
+    @cached_property
+    def _white(self) -> Any:
+        return self._scene("white", lit=True)
+
+    @cached_property
+    def _highlights(self) -> Any:
+        return self._scene("highlights", lit=True)
+
+    @cached_property
+    def _shining(self) -> Any:
+        return self._scene("shining", lit=False)
+
+    def _scene(self, look: Look, *, lit: bool) -> Any:
+        lights = emitters(self._mi, self._world) if lit else {}
+        solids = shapes(self._mi, self._world.solids, look, texture_filter=self._filter)
+        return self._mi.load_dict({"type": "scene", **lights, **solids})
+
+
+def _smoothed(hall: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w, 4) light and the share of surface in each pixel → (h, w, 3) light on the surface, noise smoothed."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(hall, (0, 0), 1.0)
+    return smooth[..., :3] / np.maximum(smooth[..., 3:], np.float32(1e-6))
+
+
+def _resampled(picture: NDArray[np.float32], source: Pinhole, target: Pinhole) -> NDArray[np.float32]:
+    """A coarse pinhole's picture on another's pixels; the hole's place in the lens is of no matter to it."""
+    import cv2
+
+    scale = source.focal_px / target.focal_px
+    to_source = np.zeros((2, 3))
+    for axis in (0, 1):
+        axis_px, source_px = (
+            pinhole.film_px[axis] / 2 - 0.5 - pinhole.crop_px[axis] + pinhole.shift_px[axis]
+            for pinhole in (target, source)
+        )
+        to_source[axis, axis] = scale
+        to_source[axis, 2] = source_px - scale * axis_px
+    size = (target.crop_px[2], target.crop_px[3])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(picture, to_source, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)

@@ -1,0 +1,88 @@
+"""A world as its cameras see it: the light on every pixel, before any sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from beltscape.core.errors import InputError
+from beltscape.simulate.lit_scene import LitScene
+from beltscape.simulate.optics import Lens, Optics
+from beltscape.simulate.renderer import Engine, mitsuba
+from beltscape.simulate.view import View
+from beltscape.simulate.world import Station, World
+
+
+class RenderSettings(BaseModel):
+    """How carefully is rendered."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    oversample: Annotated[int, Field(ge=1, le=8)] = 2
+    """Sub-samples per pixel, in each direction."""
+    passes: Annotated[int, Field(ge=1, le=256)] = 3
+    """Interleaved sets of such sub-samples; Fibonacci numbers (2, 3, 5, 8, 13) interleave best."""
+    ambient_samples: Annotated[int, Field(ge=1, le=256)] = 4
+    """Rays per pixel that find out how much of the hall's light arrives."""
+    bounces: Annotated[int, Field(ge=0, le=8)] = 0
+    """How often light may go from surface to surface before it reaches a camera: 0 is direct light only, without
+    noise in the projector's light; more is sampled at random and wants many passes."""
+    texture_filter: Literal["nearest", "bilinear"] = "nearest"
+    """Of solids' textures: sharp texels, or blended ones."""
+    engine: Engine = "auto"
+
+
+def render(
+    world: World,
+    station: Station,
+    optics: Mapping[str, Optics],
+    settings: RenderSettings | None = None,
+    *,
+    seed: int = 0,
+) -> dict[str, NDArray[np.float32]]:
+    """Light per camera, (H, W, 3) float32 linear RGB; 1 is a white surface under ambient light of 1.
+
+    Parameters
+    ----------
+    world
+        What is seen, and the light.
+    station
+        The cameras.
+    optics
+        By camera name; a camera that is not named is not rendered.
+    settings
+        How carefully.
+    seed
+        Of the light paths: take another for every frame. The result is the same for any number of threads.
+
+    Raises
+    ------
+    InputError
+        If a solid, the projector or a camera cannot be rendered.
+    SettingsError
+        If the engine is not there.
+    """
+    settings = settings or RenderSettings()
+    for name in optics:
+        if name not in station.rig.cameras:
+            raise InputError(
+                f"optics of {name}: the rig has no such camera; it has {', '.join(station.rig.cameras)}"
+            )
+    mi = mitsuba(settings.engine)
+    scene = LitScene(mi, world, texture_filter=settings.texture_filter)
+    images = {}
+    for name, its_optics in optics.items():
+        lens = Lens(station.rig.cameras[name], its_optics, settings.oversample)
+        seeds = np.random.default_rng([seed, crc32(name.encode())])
+        view = View(mi, station.cam_from_world(name), seeds)
+        pinholes = lens.pinholes(settings.passes)
+        if settings.bounces > 0:
+            pictures = scene.scattered(view, pinholes, settings.bounces)
+        else:
+            pictures = scene.direct(view, pinholes, lens.coarse(), settings.ambient_samples)
+        images[name] = lens.develop(pinholes, pictures)
+    return images

@@ -1,0 +1,44 @@
+"""A world through the time-of-flight camera: rays cast through every sub-pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.core.pose import Pose
+from beltscape.simulate.tof import TofFrame, Truth, subpixel_rays, tof_frame
+from beltscape.simulate.tof_settings import TofSettings
+from beltscape.simulate.trace import RayScene
+from beltscape.simulate.world import World
+
+
+def tof_of(
+    world: World,
+    tof_from_world: Pose,
+    settings: TofSettings | None = None,
+    *,
+    seed: int = 0,
+    samples: int = 3,
+) -> TofFrame:
+    """What the camera at a pose makes of a world; its own light only, projector and textures are not seen."""
+    chosen = settings or TofSettings()
+    return tof_frame(truth_of(world, tof_from_world, chosen, samples), chosen, seed)
+
+
+def truth_of(world: World, tof_from_world: Pose, settings: TofSettings, samples: int) -> Truth:
+    """Depth, albedo (the mean of a solid's red, green and blue) and slope for samples² rays per pixel."""
+    rays = subpixel_rays(settings, samples)
+    along = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1).reshape(-1, 3)
+    directions = along @ tof_from_world.rotation
+    scene = RayScene(world.solids)
+    hits = scene.hits(tof_from_world.center_mm, directions)
+    met = hits.face >= 0
+    normals = scene.normals(np.where(met, hits.face, 0))
+    cosine = np.abs((normals * directions).sum(axis=1)) / np.linalg.norm(directions, axis=1)
+    solid_albedo = np.array([float(np.mean(solid.reflectance)) for solid in world.solids])
+    albedo = solid_albedo[np.where(met, scene.solid_of_face[hits.face], 0)]
+    shape = rays.shape[:2]
+    return Truth(  # the rays' z is 1, so that distance in lengths of a ray is depth
+        np.where(met, hits.distance, np.nan).reshape(shape),
+        np.where(met, albedo, 0).reshape(shape),
+        np.where(met, cosine, 0).reshape(shape),
+    )

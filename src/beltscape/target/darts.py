@@ -54,7 +54,7 @@ def throw_darts(
         darts = plane.darts(rng, min(max(2 * wanted, MIN_ROUND), MAX_ROUND))
         if darts.size == 0:
             break
-        hits = plane.clear(darts)
+        hits = plane.clear(darts)[: plane.crowd]
         hits = hits[_first_come(hits, plane.limit)][:wanted]
         plane.put(hits)
         fruitless = 0 if hits.size else fruitless + 1
@@ -68,6 +68,7 @@ class _Plane:
         self.size = np.array(size_px) * GRAINS
         d = d_min_px * GRAINS
         self.limit = floor(d * d + 1e-3)  # a distance squared up to this is too close; ties are not accepted
+        self.crowd = 64 + int(2 * self.size.prod() / self.limit)  # more at once would mostly hit each other
         self.keep_out = np.column_stack([keep_out[:, :2] + 0.5, keep_out[:, 2]]) * GRAINS
         self.cell = d / sqrt(2)  # at most one point in a cell
         columns, rows = (np.floor(self.size / self.cell) + 5).astype(int)

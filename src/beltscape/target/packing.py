@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf, pi
+from math import pi
 
 SATURATED = 0.5470735
 """Area share of discs of diameter d_min thrown at random until none fits: Zhang & Torquato, Phys. Rev. E 88, 053312
@@ -27,16 +27,15 @@ def capacity(size_px: tuple[int, int], d_min_px: float, keep_out_px: float, disc
     return max(area, 0) * SATURATED / (pi / 4 * d_min_px * d_min_px)
 
 
-def largest_d_min(saturated: Callable[[float], float], count: float, below_px: float = inf) -> float:
-    """The largest d_min below ``below_px``, in steps of 0.01 px, at which ``saturated(d_min)`` is still ``count``.
+def largest_d_min(saturated: Callable[[float], float], count: float) -> float:
+    """The largest d_min, in steps of 0.01 px, at which ``saturated(d_min)`` is still ``count``.
 
     ``saturated`` must not grow with d_min. 0.0 when even 0.01 px is too much.
     """
     step, low, high = 0.01, 0, 1
-    while saturated(high * step) >= count and high * step < below_px:
+    while saturated(high * step) >= count:
         high *= 2
     while high - low > 1:
         middle = (low + high) // 2
-        fits = saturated(middle * step) >= count and middle * step < below_px
-        low, high = (middle, high) if fits else (low, middle)
+        low, high = (middle, high) if saturated(middle * step) >= count else (low, middle)
     return round(low * step, 2)

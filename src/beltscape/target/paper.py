@@ -40,10 +40,10 @@ def page_for(needed_mm: tuple[float, float], page: str | None) -> tuple[float, f
             turned = (height, width)
             better = landscape != (needed_mm[0] > needed_mm[1]) and _fits(needed_mm, turned)
             return turned if better and wanted != [(width, height)] else (width, height)
-    named = "no paper up to A0" if page is None else f"page {page}"
+    short = "more than A0" if page is None else f"more than page {page}"
     raise SettingsError(
-        f"{named} holds the board with margin and ruler, {needed_mm[0]:g}×{needed_mm[1]:g} mm; "
-        f"give page {_enough(needed_mm)}, or smaller squares"
+        f"the board with margin, ruler and text needs {ceil(needed_mm[0])}×{ceil(needed_mm[1])} mm, {short}; "
+        f"give {_enough(needed_mm)}smaller squares"
     )
 
 
@@ -66,8 +66,9 @@ def _fits(needed: tuple[float, float], page: tuple[float, float]) -> bool:
 
 
 def _enough(needed: tuple[float, float]) -> str:
-    """The smallest page that does."""
+    """The smallest page that does, where there is one."""
     for name in PAPERS_MM:
         if any(_fits(needed, size) for size in _sizes(name)):
-            return name
-    return f"{ceil(needed[0])}x{ceil(needed[1])}"
+            return f"page {name}, or "
+    size = ceil(needed[0]), ceil(needed[1])
+    return f"page {size[0]}x{size[1]}, or " if max(size) <= LARGEST_MM else ""

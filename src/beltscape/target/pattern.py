@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from math import floor, inf
+from math import floor
 from typing import Annotated
 
 import numpy as np
@@ -162,7 +162,8 @@ def _widest_dot(settings: PatternSettings) -> float:
 
 
 def _radius(settings: PatternSettings, d_min_px: float) -> float:
-    return settings.radius_px or round(RADIUS_OF_D_MIN * d_min_px, 2)
+    """As told, or in proportion to d_min but not too wide for the markers that go with it."""
+    return settings.radius_px or min(round(RADIUS_OF_D_MIN * d_min_px, 2), _down(_widest_dot(settings)))
 
 
 def _marker_radius(radius_px: float) -> float:
@@ -186,13 +187,12 @@ def _most(settings: PatternSettings, d_min_px: float, share: float = REACHABLE) 
 
 
 def _automatic_d_min(settings: PatternSettings) -> float:
-    """The largest d_min at which the count is comfortably thrown and markers made to suit still fit."""
-    room = _widest_dot(settings) / RADIUS_OF_D_MIN if settings.radius_px is None else inf
-    return largest_d_min(lambda d: _most(settings, d, COMFORTABLE), settings.count, room)
+    """The largest d_min at which the count is comfortably thrown."""
+    return largest_d_min(lambda d: _most(settings, d, COMFORTABLE), settings.count)
 
 
 def _too_many(settings: PatternSettings, d_min_px: float, most: int) -> str:
-    largest = largest_d_min(lambda d: _most(settings, d), settings.count, d_min_px)
+    largest = largest_d_min(lambda d: _most(settings, d), settings.count)
     least = 2 * (settings.radius_px or MIN_RADIUS_PX / RADIUS_OF_D_MIN / 2)
     mend = f", or d_min up to {largest:g} px" if largest >= least else ""
     return f"{settings.count} dots do not fit {_size(settings)} at d_min {d_min_px:g} px; at most {most} do{mend}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def lay_out(board: Board, page: str | None = None) -> PrintedBoard:
     x, y = (page_mm[0] - size[0]) / 2, (page_mm[1] - size[1] - FOOT_MM) / 2
     start = ((page_mm[0] - RULER_MM) / 2, y + size[1] + 3.5)
     text_at = ((page_mm[0] - text_mm) / 2, y + size[1] + FOOT_MM - 0.8)
-    rectangles = np.concatenate([black_squares(board) + (x, y, 0, 0), ruler() + (*start, 0, 0)])
+    rectangles = np.concatenate([_moved(black_squares(board), (x, y)), _moved(ruler(), start)])
     sheet = Sheet(page_mm, caption(board), rectangles, tuple(outline + text_at for outline in outlines))
     return PrintedBoard(board, sheet, (x, y))
 
@@ -69,12 +70,12 @@ def caption(board: Board) -> str:
 def black_squares(board: Board) -> NDArray[np.float64]:
     """(R, 4) x, y, width, height in mm of what is black, from the board's top left corner."""
     columns, rows = board.grid
-    row, column = np.indices((rows + 1, columns + 1))
+    row, column = np.indices((rows + 1, columns + 1), dtype=np.float64)
     # OpenCV since 4.6 and the chessboard agree: the top left square is black
     black = (row + column) % 2 == 0
     squares = np.stack([column[black], row[black], np.ones(black.sum()), np.ones(black.sum())], axis=-1)
-    squares = squares * board.square_mm
-    return np.concatenate([squares, *_markers(board)]) if isinstance(board, CharucoBoard) else squares
+    markers = _markers(board) if isinstance(board, CharucoBoard) else []
+    return np.concatenate([squares * board.square_mm, *markers])
 
 
 def _markers(board: CharucoBoard) -> list[NDArray[np.float64]]:
@@ -88,8 +89,13 @@ def _markers(board: CharucoBoard) -> list[NDArray[np.float64]]:
         cell = np.floor(np.asarray(corners, dtype=np.float64)[:, :2].min(axis=0) / board.square_mm)
         corner = cell * board.square_mm + (board.square_mm - board.marker_mm) / 2  # in double precision
         runs = _runs(dictionary.generateImageMarker(number, bits) == 0)
-        boxes.append(runs * bit_mm + (*corner, 0, 0))
+        boxes.append(_moved(runs * bit_mm, corner))
     return boxes
+
+
+def _moved(boxes: NDArray[np.float64], by: Iterable[float]) -> NDArray[np.float64]:
+    """Boxes (R, 4) shifted by x, y."""
+    return boxes + np.array([*by, 0, 0])
 
 
 def _runs(black: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -102,11 +108,12 @@ def _runs(black: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 def ruler() -> NDArray[np.float64]:
     """(R, 4) boxes of a ruler: its end ticks' middles are RULER_MM apart, at x = 0 and x = RULER_MM."""
-    at = np.arange(int(RULER_MM) + 1)
+    at = np.arange(RULER_MM + 1)
     long = np.where(at % 10 == 0, 3.0, np.where(at % 5 == 0, 2.2, 1.4))
     thick = 0.15
     ticks = np.stack([at - thick / 2, np.zeros(at.size), np.full(at.size, thick), long], axis=-1)
-    return np.concatenate([[[-thick / 2, 0, RULER_MM + thick, thick]], ticks])
+    line = np.array([[-thick / 2, 0, RULER_MM + thick, thick]])
+    return np.concatenate([line, ticks])
 
 
 def board_toml(board: Board) -> str:

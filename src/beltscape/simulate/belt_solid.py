@@ -106,6 +106,10 @@ def belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
     top, along = settings.section_mm, settings._along_mm
     step = np.gradient(top, axis=0)
     down = np.column_stack([step[:, 1], -step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
+    down[[0, -1]] = [
+        0.0,
+        -1 / np.cos(np.deg2rad(settings.wing_deg)),
+    ]  # cut upright: from above one sees no edge
     mesh = extruded(np.concatenate([top, (top + settings.thickness_mm * down)[::-1]]), along)
     sections = np.arange(len(mesh.vertices_mm)) // (2 * len(top))
     hanging = mesh.vertices_mm - np.outer(settings._sag(along)[sections], [0, 0, 1])

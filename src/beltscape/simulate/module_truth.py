@@ -1,0 +1,54 @@
+"""A module's true dimensions, quantity by quantity as they are measured."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+from beltscape.core.pose import Pose
+from beltscape.target.module import Cube, Cylinder, Feature, Module
+
+
+def module_quantities(module: Module, world_from_module: Pose) -> dict[str, Any]:
+    """The document of `<name>_module.json`.
+
+    ``features`` has an entry ``{"name", "quantity", "true_mm"}`` for each quantity that measuring features names;
+    ``places`` the highest point over the flat belt's plane z = 0 and the middle of each footprint, in the world.
+    """
+    length, width, _ = module.base.size_mm
+    entries = [("base", "length", length), ("base", "width", width)]
+    for feature in module.features:
+        entries += [(feature.name, quantity, value) for quantity, value in _quantities(feature)]
+    cubes = sorted(module.cube, key=lambda cube: -cube.edge_mm)
+    entries += [
+        (f"step:{large.name}-{small.name}", "height_difference", large.edge_mm - small.edge_mm)
+        for large, small in pairwise(cubes)
+    ]
+    return {
+        "units": "mm",
+        "world_from_module": {
+            "rotation": world_from_module.rotation,
+            "translation_mm": world_from_module.translation_mm,
+        },
+        "features": [
+            {"name": name, "quantity": quantity, "true_mm": value} for name, quantity, value in entries
+        ],
+        "places": {feature.name: _place(feature, world_from_module) for feature in module.features},
+    }
+
+
+def _quantities(feature: Feature) -> list[tuple[str, float]]:
+    if isinstance(feature, Cube):
+        return [("edge", feature.edge_mm), ("height", feature.edge_mm)]
+    if isinstance(feature, Cylinder):
+        return [("diameter", feature.diameter_mm), ("height", feature.height_mm)]
+    return [("radius", feature.diameter_mm / 2)]
+
+
+def _place(feature: Feature, world_from_module: Pose) -> dict[str, Any]:
+    if isinstance(feature, Cube):
+        height = feature.edge_mm
+    else:
+        height = feature.height_mm if isinstance(feature, Cylinder) else feature.diameter_mm
+    foot = world_from_module.translation_mm + world_from_module.rotation[:, :2] @ feature.center_mm
+    return {"footprint_mm": foot, "top_mm": foot[2] + height}

@@ -169,8 +169,9 @@ def summary(result: Mapping[str, Any]) -> str:
         )
     (width, height), files = result["size_px"], result["files"]
     return (
-        f"pattern {files['image']}, {result['count']} dots on {width}×{height} px, radius {result['radius_px']:g} px\n"
-        f"        d_min {result['d_min_px']:g} px, nearest neighbour {result['nearest_mean_px']:.2f} px on average\n"
+        f"pattern {files['image']}, {result['count']} dots on {width}×{height} px\n"
+        f"        radius {result['radius_px']:g} px, d_min {result['d_min_px']:g} px, "
+        f"nearest neighbour {result['nearest_mean_px']:.2f} px on average\n"
         f"        {files['pattern']}, {files['svg']}\n"
         f"quality {files['picture']}: power {result['low_frequency_power']:.3f} at low frequencies (1 if independent)"
     )

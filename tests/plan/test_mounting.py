@@ -56,7 +56,9 @@ def test_the_belts_section_keeps_its_lengths():
         (PlanSettings(rig=RigSettings(height_mm=900, max_height_mm=850)),
          "height_mm = 900 is above max_height_mm = 850; lower it"),
         (PlanSettings(rig=RigSettings(height_mm=900), belt=BeltSettings(material_mm=(0, 880), top_width_mm=10)),
-         "height_mm = 900: the load reaches 880 mm and would touch the cameras; give at least 930 mm"),
+         "height_mm = 900: the load reaches 880 mm and would touch the cameras; give at least 931 mm"),
+        (PlanSettings(rig=RigSettings(), belt=BeltSettings(material_mm=(0, 2990), top_width_mm=10)),
+         "max_height_mm = 3000: the load reaches 2990 mm and would touch the cameras; give at least 3041 mm"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_said_in_a_line(settings, line):

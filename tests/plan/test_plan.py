@@ -91,6 +91,33 @@ def test_more_cameras_are_more_precise():
     assert found[0] / found[2] > 2
 
 
+@pytest.mark.parametrize("auxiliaries", [1, 2, 3, 8])
+def test_any_number_of_auxiliaries_finds_a_baseline_without_a_price(auxiliaries):
+    plan = make_plan(PlanSettings(rig=RigSettings(auxiliaries=auxiliaries)))
+    assert not plan.chosen.refused
+    assert plan.chosen.seen[plan.enough] >= plan.settings.rig.share_seen
+    assert len(plan.planned.rig.cameras) == auxiliaries + 1
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        PlanSettings(belt=BeltSettings(flat_mm=0)),
+        PlanSettings(belt=BeltSettings(speed_m_s=0)),
+        PlanSettings(belt=BeltSettings(span_mm=800)),
+        PlanSettings(belt=BeltSettings(material_mm=(0, 2900))),
+        PlanSettings(light=LightSettings(projector_lm=0)),
+        PlanSettings(light=LightSettings(lit_area_mm=(800, 600))),
+    ],
+)
+def test_odd_plants_are_planned_and_reported(settings):
+    from beltscape.report.plan import plan_page
+
+    plan = make_plan(settings)
+    assert "Rig plan" in plan_page(plan)
+    assert not any("inf" in warning.split() for warning in plan.warnings)
+
+
 def test_in_bad_light_sigma_grows_and_calibration_does_not(paper):
     assert paper.sigma_in_this_light_mm == pytest.approx(
         paper.sigma_median_mm * paper.light.matching_sigma_px / 0.02, rel=1e-9

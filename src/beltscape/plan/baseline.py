@@ -31,11 +31,6 @@ class Alternative:
     """Why it is not taken; empty: it could be."""
 
 
-def enough(auxiliaries: int) -> int:
-    """How many auxiliaries are to see a spot: two, so that one can contradict the other, or the only one."""
-    return min(2, auxiliaries)
-
-
 def alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alternative, ...]:
     """Baselines from near to far, in even steps of tilt's tangent, with the asked-for one where it is told."""
     rig = settings.rig
@@ -76,26 +71,26 @@ def chosen(settings: PlanSettings, candidates: Sequence[Alternative]) -> Alterna
                 f"baseline_mm = {told:g}: auxiliaries would look past the belt to the horizon; give a shorter one"
             )
         return found[0]
-    number = enough(settings.rig.auxiliaries)
+    number = settings.rig.enough
     free = [each for each in candidates if not each.refused]
     if free:
         return min(free, key=lambda each: each.sigma_mm)
-    return max(candidates, key=lambda each: (min(each.seen[number], each.covered[1]), -each.baseline_mm))
+    return max(candidates, key=lambda each: (min(each.seen[number], each.covered[number]), -each.baseline_mm))
 
 
 def _refusal(
     settings: PlanSettings, baseline: float, tilt: float, seen: Sequence[float], covered: Sequence[float]
 ) -> str:
-    rig, number = settings.rig, enough(settings.rig.auxiliaries)
+    rig, number = settings.rig, settings.rig.enough
     widest = rig.max_baseline_mm or settings.belt.span_mm / 2
     if baseline > widest:
         return f"wider than {widest:g} mm"
     if tilt > rig.max_angle_deg:
         return f"views differ by more than {rig.max_angle_deg:g}°"
-    if seen[number] < rig.min_seen:
-        return f"lumps hide more than {1 - rig.min_seen:.0%}"
-    if covered[1] < 0.999:
-        return "not all in an auxiliary's image"
+    if seen[number] < rig.share_seen:
+        return f"lumps hide more than {1 - rig.share_seen:.0%}"
+    if covered[number] < rig.share_seen:
+        return "too little in the auxiliaries' images"
     return ""
 
 

@@ -9,6 +9,9 @@ import numpy as np
 from beltscape.core.errors import InputError
 from beltscape.plan.settings import PlanSettings
 
+CLEARANCE_MM = 50.0
+"""Least distance between lenses and load."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
@@ -45,41 +48,44 @@ def mounting(settings: PlanSettings) -> Mounting:
     needed = [height + mounting_height_mm(width + 2 * rig.margin_mm, angle) for height, width in belt.planes]
     recommended = max(needed)
     least = belt.edge_mm + mounting_height_mm(belt.span_mm, angle)
-    _check(settings, least, recommended)
+    _check_lens(settings, least)
+    height = rig.height_mm or min(recommended, rig.max_height_mm)
+    _check_height(settings, height, least, recommended)
     return Mounting(
         eq26_mm=mounting_height_mm(belt.span_mm, camera.angle_rad),
         eq26_lens_mm=mounting_height_mm(belt.span_mm, camera.lens_angle_rad),
         recommended_above_belt_mm=recommended,
-        above_belt_mm=rig.height_mm or min(recommended, rig.max_height_mm),
+        above_belt_mm=height,
     )
 
 
-def _check(settings: PlanSettings, least: float, recommended: float) -> None:
+def _check_lens(settings: PlanSettings, least: float) -> None:
     belt, rig, focal = settings.belt, settings.rig, settings.camera.focal_mm
-    if least > rig.max_height_mm:
-        longest = focal * (rig.max_height_mm - belt.edge_mm) / (least - belt.edge_mm)
-        mend = (
-            f"give a lens of at most {np.floor(longest * 10) / 10:g} mm"
-            if longest >= 1
-            else "give more height"
-        )
-        raise InputError(
-            f"max_height_mm = {rig.max_height_mm:g}: a lens of {focal:g} mm sees the span of {belt.span_mm:g} mm "
-            f"only from {np.ceil(least):g} mm above the belt on; {mend}"
-        )
-    if rig.height_mm is None:
+    if least <= rig.max_height_mm:
         return
-    if rig.height_mm > rig.max_height_mm:
+    longest = focal * (rig.max_height_mm - belt.edge_mm) / (least - belt.edge_mm)
+    mend = (
+        f"give a lens of at most {np.floor(longest * 10) / 10:g} mm" if longest >= 1 else "give more height"
+    )
+    raise InputError(
+        f"max_height_mm = {rig.max_height_mm:g}: a lens of {focal:g} mm sees the span of {belt.span_mm:g} mm "
+        f"only from {np.ceil(least):g} mm above the belt on; {mend}"
+    )
+
+
+def _check_height(settings: PlanSettings, height: float, least: float, recommended: float) -> None:
+    belt, rig = settings.belt, settings.rig
+    key = "max_height_mm" if rig.height_mm is None else "height_mm"
+    if height > rig.max_height_mm:
+        raise InputError(f"height_mm = {height:g} is above max_height_mm = {rig.max_height_mm:g}; lower it")
+    if height < least:
         raise InputError(
-            f"height_mm = {rig.height_mm:g} is above max_height_mm = {rig.max_height_mm:g}; lower it"
+            f"{key} = {height:g}: a lens of {settings.camera.focal_mm:g} mm does not see the span of "
+            f"{belt.span_mm:g} mm from there; give at least {np.ceil(least):g} mm, recommended are "
+            f"{np.ceil(recommended):g} mm"
         )
-    if rig.height_mm < least:
+    if height <= belt.top_mm + CLEARANCE_MM:
         raise InputError(
-            f"height_mm = {rig.height_mm:g}: a lens of {focal:g} mm does not see the span of {belt.span_mm:g} mm "
-            f"from there; give at least {np.ceil(least):g} mm, recommended are {np.ceil(recommended):g} mm"
-        )
-    if rig.height_mm <= belt.top_mm + 50:
-        raise InputError(
-            f"height_mm = {rig.height_mm:g}: the load reaches {belt.top_mm:g} mm and would touch the cameras; "
-            f"give at least {belt.top_mm + 50:g} mm"
+            f"{key} = {height:g}: the load reaches {belt.top_mm:g} mm and would touch the cameras; "
+            f"give at least {np.floor(belt.top_mm + CLEARANCE_MM) + 1:g} mm"
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltscape.core.errors import InputError
-from beltscape.plan.baseline import Alternative, alternatives, chosen, enough
+from beltscape.plan.baseline import Alternative, alternatives, chosen
 from beltscape.plan.coverage import PlaneCoverage, coverage, usable_length_mm
 from beltscape.plan.light import LightBudget, defocus_px, light_budget
 from beltscape.plan.motion import Motion, motion
@@ -39,7 +39,7 @@ class Plan:
     @property
     def enough(self) -> int:
         """How many auxiliaries have to see a place."""
-        return enough(self.settings.rig.auxiliaries)
+        return self.settings.rig.enough
 
     @property
     def sigma_median_mm(self) -> float:
@@ -129,19 +129,21 @@ def _geometry_warnings(plan: Plan) -> list[str]:
 def _light_warnings(plan: Plan) -> list[str]:
     settings, move, light = plan.settings, plan.motion, plan.light
     found = []
-    if move.fps > settings.camera.max_fps:
+    if settings.camera.max_fps < move.fps < np.inf:
         found.append(
             f"{move.fps:.1f} frames a second are needed, the camera gives {settings.camera.max_fps:g}: at most "
             f"{move.max_speed_m_s:.2f} m/s with {settings.frames_per_point} frames per point"
         )
-    if move.exposure_us * move.fps > 1e6:
+    if 1e6 < move.exposure_us * move.fps < np.inf:
         found.append(f"an exposure of {move.exposure_us:.0f} µs does not fit {move.fps:.1f} frames a second")
     if move.blur_px > settings.light.max_blur_px * (1 + 1e-9):
         found.append(
             f"{move.blur_px:.2f} px of motion blur; expose at most {move.max_exposure_us:.0f} µs for "
             f"{settings.light.max_blur_px:g} px"
         )
-    if light.snr < settings.light.target_snr:
+    if light.snr == 0:
+        found.append("the projector is off: nothing tells places of a bare belt apart")
+    elif light.snr < 0.995 * settings.light.target_snr:
         found.append(
             f"too little light: SNR {light.snr:.1f} in {light.exposure_us:.0f} µs, "
             f"{settings.light.target_snr:g} asked; "

@@ -68,7 +68,7 @@ class BeltSettings(_Part):
     def planes(self) -> tuple[tuple[float, float], ...]:
         """(height above the level middle, width to be seen there), mm: belt, edges, top of the load."""
         top = self.top_width_mm or self.span_mm
-        return ((0.0, self.flat_mm), (self.edge_mm, self.span_mm), (self.top_mm, top))
+        return ((0.0, max(self.flat_mm, 10.0)), (self.edge_mm, self.span_mm), (self.top_mm, top))
 
 
 class CameraSettings(_Part):
@@ -130,8 +130,18 @@ class RigSettings(_Part):
     """Between core and auxiliary, seen from the load: images of one patch grow unlike beyond it."""
     margin_mm: Annotated[float, Field(ge=0, le=5000)] = 10.0
     """To be seen beside the belt on either side."""
-    min_seen: Share = 0.95
-    """Share of the surface between lumps, of what the core sees, that enough auxiliaries must see too."""
+    min_seen: Share | None = None
+    """Share of what the core sees that enough auxiliaries must see too; None: 0.95, and 0.85 with one or two."""
+
+    @property
+    def enough(self) -> int:
+        """How many auxiliaries are to see a spot: two, so that one can contradict the other; one, of one or two."""
+        return 2 if self.auxiliaries > 2 else 1
+
+    @property
+    def share_seen(self) -> float:
+        """`min_seen`, told or not."""
+        return self.min_seen or (0.95 if self.auxiliaries > 2 else 0.85)
 
 
 class PrecisionSettings(_Part):

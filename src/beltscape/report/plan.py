@@ -49,7 +49,7 @@ def verdict(plan: Plan) -> str:
         f"{plan.sigma_median_mm:.3f} mm from matching. "
     )
     lacks = []
-    if plan.light.snr < plan.settings.light.target_snr:
+    if plan.light.snr < 0.995 * plan.settings.light.target_snr:
         lacks.append(f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)")
     if plan.motion.fps > plan.settings.camera.max_fps:
         lacks.append("frame rate")
@@ -136,7 +136,7 @@ def _baseline_words(plan: Plan) -> str:
     return (
         "Depth's σ falls as Z²/(f·B), but from farther aside lumps hide more. Taken is the most "
         "precise baseline from "
-        f"which {number} of {rig.auxiliaries} auxiliaries see at least {rig.min_seen:.0%} of the "
+        f"which {number} of {rig.auxiliaries} auxiliaries see at least {rig.share_seen:.0%} of the "
         "places between lumps "
         f"that the core sees, under at most {rig.max_angle_deg:g}°. Lumps: balls over "
         f"{plan.settings.belt.lump_cover:.0%} "

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.simulate.tof import Truth, subpixel_rays, tof_camera, tof_frame, wiggling_mm
+from beltscape.simulate.tof_multipath import gathered
 from beltscape.simulate.tof_phase import combined, repeat_mm, unambiguous_mm
 from beltscape.simulate.tof_settings import TofSettings
 
@@ -150,6 +151,17 @@ def test_light_of_one_bounce_agrees_with_a_sum_over_every_pixel():
     inner = (slice(8, -8), slice(8, -8))
     away = np.abs(np.arange(48) - 23.5) > 6  # nearer to the line a disc is a coarse stand-in
     assert np.abs(coarse_bias[inner] - fine_bias[inner])[:, away].max() < 0.25 * fine_bias[inner].max()
+
+
+def test_a_wall_at_right_angles_fills_its_share_of_a_points_sky():
+    """Form factor of a wall of height h, very long, at a distance a: (1 − a / √(a² + h²)) / 2."""
+    height, a, cell = 600.0, 100.0, 10.0
+    y, z = np.meshgrid(np.arange(-6000, 6000, cell) + cell / 2, np.arange(0, height, cell) + cell / 2)
+    wall_at = np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()])
+    facing = np.tile([1.0, 0.0, 0.0], (y.size, 1))
+    sources = (wall_at, facing, np.full(y.size, cell**2), np.ones(y.size))
+    found = gathered(np.array([[a, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), sources, 1e-3)
+    assert abs(found[0]) == pytest.approx((1 - a / np.hypot(a, height)) / 2, rel=0.01)
 
 
 def test_scattered_light_draws_the_dark_to_the_bright():

@@ -42,12 +42,12 @@ def one_bounce(seen: Surface, settings: TofSettings, frequency_hz: float) -> NDA
     for start in range(0, len(which), rows):
         some = which[start : start + rows]
         at = (points[0][some], points[1][some])
-        arriving[some] = _gathered(seen.points_mm[at], seen.normals[at], sources, frequency_hz)
+        arriving[some] = gathered(seen.points_mm[at], seen.normals[at], sources, frequency_hz)
     grid = _grid(arriving, seen, settings.receiver_px)
     return albedo * _spread(grid, seen.hit.shape, settings.receiver_px)
 
 
-def _gathered(
+def gathered(
     points: Array, normals: Array, sources: tuple[Array, Array, Array, Array], frequency_hz: float
 ) -> NDArray[np.complex128]:
     """(N,) phasor of irradiance at points (N, 3) from discs: places, normals, areas mm², their radiosity."""

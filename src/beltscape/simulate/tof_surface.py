@@ -43,21 +43,39 @@ def surface(depth_mm: Array, albedo: Array, cosine: Array | None, rays: Array, s
     Without cosines they come from the depth: each axis takes the smaller of the differences to both neighbours, so
     that a normal does not lean over a step.
     """
-    along = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1)
+    length = np.sqrt(1 + (rays**2).sum(axis=-1))
     met = np.isfinite(depth_mm) & (depth_mm > 0)
-    points = np.where(met[..., None], along * np.where(met, depth_mm, 1.0)[..., None], np.nan)
-    normals = _normals(points)
-    length = np.linalg.norm(along, axis=-1)
-    distance = np.where(met, depth_mm * length, 0.0)
+    depth = np.where(met, depth_mm, np.nan)
     if cosine is None:
-        cosine = np.where(np.isfinite(normals[..., 0]), -(normals * along).sum(axis=-1) / length, 1.0)
+        cosine = _cosines(depth, rays, length)
+    distance = np.where(met, depth * length, 0.0)
     back = np.where(met, albedo * np.clip(cosine, 0, 1) / np.where(met, distance / 1000, 1) ** 2, 0.0)
     middle = (slice(samples // 2, None, samples),) * 2
+    points = _points(depth[middle], rays[middle])
     rows, columns = (n // samples for n in depth_mm.shape)
-    blocks = along.reshape(rows, samples, columns, samples, 3).mean(axis=(1, 3))
-    hit = met.reshape(rows, samples, columns, samples).any(axis=(1, 3))
-    albedo = np.where(met, albedo, 0.0)
-    return Surface(samples, blocks, distance, albedo, back, hit, points[middle], normals[middle])
+    centres = rays.reshape(rows, samples, columns, samples, 2).mean(axis=(1, 3))
+    return Surface(
+        samples=samples,
+        rays=np.concatenate([centres, np.ones((rows, columns, 1))], axis=-1),
+        distance_mm=distance,
+        albedo=np.where(met, albedo, 0.0),
+        strength=back,
+        hit=met.reshape(rows, samples, columns, samples).any(axis=(1, 3)),
+        points_mm=points,
+        normals=_normals(points),
+    )
+
+
+def _points(depth_mm: Array, rays: Array) -> Array:
+    """(H, W, 3) in the camera's frame; NaN where there is no depth."""
+    return np.concatenate([rays * depth_mm[..., None], depth_mm[..., None]], axis=-1)
+
+
+def _cosines(depth_mm: Array, rays: Array, length: Array) -> Array:
+    """(H, W) between surface normal and ray; 1 where the normal is unknown."""
+    normals = _normals(_points(depth_mm, rays))
+    cosine = -((normals[..., :2] * rays).sum(axis=-1) + normals[..., 2]) / length
+    return np.where(np.isfinite(cosine), cosine, 1.0)
 
 
 def _normals(points: Array) -> Array:

@@ -9,7 +9,7 @@ from beltscape.core.errors import SettingsError
 from beltscape.simulate.belt_solid import BeltSettings, belt_solids
 from beltscape.simulate.dropping import footprints
 from beltscape.simulate.fines import FinesSettings, HeightField, fines_mesh, make_fines, relaxed
-from beltscape.simulate.heap import HeapSettings, make_heap
+from beltscape.simulate.heap import HeapSettings, carried, make_heap
 from beltscape.simulate.rock_sizes import SizeSettings
 from beltscape.simulate.rocks import Rock
 from beltscape.simulate.shapes import Mesh, height_field, sphere
@@ -188,6 +188,14 @@ def test_a_heap_may_be_rocks_alone_or_fines_alone():
     fines = make_heap(SETTINGS.model_copy(update={"rocks": 0}), BELT)
     assert [solid.name for solid in fines.solids] == ["fines"]
     assert fines.rocks.center_mm.shape == (0, 3)
+
+
+def test_a_heap_is_carried_along_the_belt(heap):
+    for before, after in zip(heap.solids, carried(heap.solids, 250.0), strict=True):
+        np.testing.assert_allclose(
+            after.vertices_mm - before.vertices_mm, np.tile([0, 250.0, 0], (len(before.vertices_mm), 1))
+        )
+        assert (after.name, after.texture is before.texture) == (before.name, True)
 
 
 def test_rocks_wider_than_the_belt_are_refused():

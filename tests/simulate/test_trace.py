@@ -119,6 +119,28 @@ def test_depth_of_a_cylinder_is_the_round_ones():
     assert (np.abs(hits.distance - side) / np.maximum(steep, 1))[on_side].max() < 0.005
 
 
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_among_triangles_anyhow_the_nearest_is_met_where_float64_has_it(seed):
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-200, 200, (60, 1, 3)) + rng.uniform(-90, 90, (60, 3, 3))
+    soup = Mesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3))
+    eye = rng.uniform([-100, -100, 500], [100, 100, 700])
+    rays = rng.uniform(-200, 200, (400, 3)) - eye
+    found = RayScene([solid(soup)]).hits(eye, rays)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    # of each ray and face: signs of the volumes between ray and edges; where the ray crosses the plane
+    normal = np.cross(b - a, c - a)
+    t = ((a - eye) * normal).sum(axis=1) / (rays @ normal.T)
+    sides = [((eye - p) * np.cross(q - p, rays[:, None])).sum(axis=2) for p, q in ((a, b), (b, c), (c, a))]
+    inside = np.all([side > 0 for side in sides], axis=0) | np.all([side < 0 for side in sides], axis=0)
+    t = np.where(inside & (t > 0), t, np.inf)
+    np.testing.assert_allclose(found.distance, t.min(axis=1), rtol=1e-12)
+    met = np.isfinite(found.distance)
+    assert met.sum() > 50
+    np.testing.assert_array_equal(found.face[met], t.argmin(axis=1)[met])
+
+
 def test_no_ray_slips_between_triangles_and_of_two_close_surfaces_the_nearer_is_met():
     x = np.linspace(-50, 50, 101)
     flat = height_field(x, x, np.zeros((101, 101)))
@@ -139,6 +161,8 @@ def test_a_ray_with_nan_meets_nothing():
     assert np.isinf(hits.distance[0])
     assert hits.distance[1] == pytest.approx(9)
     assert hits.face[0] == -1
+    nowhere = RayScene([solid(ground())]).hits(np.zeros(3), np.full((2, 3), np.nan))
+    assert np.isinf(nowhere.distance).all()
 
 
 def test_a_wall_hides_what_is_behind_it():

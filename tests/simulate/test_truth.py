@@ -7,7 +7,7 @@ from beltscape.simulate.heap import HeapSettings, make_heap
 from beltscape.simulate.load_truth import true_area_mm2, true_load
 from beltscape.simulate.shapes import box, sphere
 from beltscape.simulate.trace import RayScene
-from beltscape.simulate.truth import ceilings, core_truth, rock_of_pixel
+from beltscape.simulate.truth import ceilings, core_truth, core_view, rock_of_pixel
 from beltscape.simulate.world import Label
 from simulate.scenes import BELT, SIZE_PX, load, station, world
 
@@ -15,7 +15,7 @@ from simulate.scenes import BELT, SIZE_PX, load, station, world
 def test_the_pinhole_grid_and_the_image_show_the_same_surface():
     here, there = station(), world(load(box([80, 60, 50])))
     camera, pose = here.rig.core_camera, here.core_from_world
-    pinhole, image = core_truth(there, here), core_truth(there, here, distorted=True)
+    pinhole, image = core_view(there, here), core_view(there, here, distorted=True)
     for truth, distorted in ((pinhole, False), (image, True)):
         rows, columns = np.nonzero(truth.label == Label.MATERIAL)
         assert len(rows) > 100
@@ -82,7 +82,7 @@ def test_ceilings_are_shares_of_the_region():
 def test_the_rock_a_pixel_shows_is_where_the_record_says():
     heap = make_heap(HeapSettings(rocks=150, seed=2), BELT)
     there = world(*heap.solids)
-    truth = core_truth(there, station())
+    truth = core_view(there, station())
     rock = rock_of_pixel(truth, there.solids, heap)
     assert ((rock >= 0) <= (truth.label == Label.MATERIAL)).all()
     camera, pose = station().rig.core_camera, station().core_from_world

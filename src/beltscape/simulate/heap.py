@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -89,6 +90,12 @@ def make_heap(settings: HeapSettings, belt: BeltSettings) -> Heap:
     if rocks:
         solids.append(rocks_solid([rock.mesh for rock in rocks], places, shades, rng))
     return Heap(fines, _records(rocks, places), tuple(solids))
+
+
+def carried(solids: Sequence[Solid], along_mm: float) -> tuple[Solid, ...]:
+    """The same solids after the belt has carried them that far along +y."""
+    way = np.array([0.0, along_mm, 0.0])
+    return tuple(replace(solid, vertices_mm=solid.vertices_mm + way) for solid in solids)
 
 
 def _records(rocks: list[Rock], at_mm: NDArray[np.float64]) -> Rocks:

@@ -18,8 +18,8 @@ from beltscape.simulate.world import Label, Projector, Solid, Station, World
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CoreTruth:
-    """The truth on one of the core camera's grids of H × W pixels."""
+class CoreView:
+    """What is before the core camera, on one of its grids of H × W pixels."""
 
     depth_mm: NDArray[np.float64]
     """(H, W) along the optical axis, exact to 1e-6 mm; NaN where there is nothing."""
@@ -29,6 +29,12 @@ class CoreTruth:
     """(H, W) index of the world's solid; -1 where there is nothing."""
     face: NDArray[np.int64]
     """(H, W) index of the face within its solid; -1 where there is nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoreTruth(CoreView):
+    """The same, and who else sees it."""
+
     seen: Mapping[str, NDArray[np.bool_]]
     """By auxiliary camera: (H, W), whether the pixel's point is in its image and not hidden."""
     lit: NDArray[np.bool_]
@@ -43,49 +49,79 @@ class CoreTruth:
         return views
 
 
-def core_truth(
+def core_view(
     world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
-) -> CoreTruth:
-    """Trace the core camera's undistorted pinhole grid, or its image as it is taken.
+) -> CoreView:
+    """Trace the core camera's undistorted pinhole grid, or (``distorted``) its image as it is taken.
 
     ``scene`` saves the building of the world's ray scene where there is one already.
     """
     scene = scene or RayScene(world.solids)
     camera, pose = station.rig.core_camera, station.core_from_world
-    rays = pixel_rays(camera, pose, distorted=distorted)
-    hits = scene.hits(pose.center_mm, rays)
-    met = hits.face >= 0
-    surface = _Surface(scene, pose.center_mm + hits.distance[met, None] * rays[met], hits.face[met])
-    shape = camera.size_px[::-1]
-    solid = scene.solid_of_face[surface.face]
+    return _Surface.met(scene, pose.center_mm, pixel_rays(camera, pose, distorted=distorted)).view(camera)
 
-    def spread(values: NDArray[Any], empty: float) -> NDArray[Any]:
-        whole = np.full(len(rays), empty, values.dtype)
-        whole[met] = values
-        return whole.reshape(shape)
 
+def core_truth(
+    world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
+) -> CoreTruth:
+    """`core_view`, and from which auxiliaries and from the projector each of its points is in view."""
+    scene = scene or RayScene(world.solids)
+    camera, pose = station.rig.core_camera, station.core_from_world
+    surface = _Surface.met(scene, pose.center_mm, pixel_rays(camera, pose, distorted=distorted))
+    view = surface.view(camera)
+    seen = {
+        name: surface.seen_by(station.rig.cameras[name], station.cam_from_world(name))
+        for name in station.rig.auxiliaries
+    }
+    shape = view.label.shape
     return CoreTruth(
-        depth_mm=spread(hits.distance[met], np.nan),
-        label=spread(scene.label_of_face[surface.face], Label.NOTHING),
-        solid=spread(solid, -1),
-        face=spread(surface.face - scene.first_face[solid], -1),
-        seen={
-            name: spread(surface.seen_by(station.rig.cameras[name], station.cam_from_world(name)), False)
-            for name in station.rig.auxiliaries
-        },
-        lit=spread(surface.lit_by(world.projector), False),
+        depth_mm=view.depth_mm,
+        label=view.label,
+        solid=view.solid,
+        face=view.face,
+        seen={name: surface.spread(there, False).reshape(shape) for name, there in seen.items()},
+        lit=surface.spread(surface.lit_by(world.projector), False).reshape(shape),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Surface:
-    """The places that the core's rays met."""
+    """The places that rays met."""
 
     scene: RayScene
+    hit: NDArray[np.bool_]
+    """(R,) which of the rays met something: N of them."""
+    depth_mm: NDArray[np.float64]
+    """(N,)."""
     points_mm: NDArray[np.float64]
     """(N, 3)."""
     face: NDArray[np.int64]
     """(N,)."""
+
+    @classmethod
+    def met(cls, scene: RayScene, eye_mm: NDArray[np.float64], rays: NDArray[np.float64]) -> _Surface:
+        """By rays (R, 3) from an eye (3,)."""
+        hits = scene.hits(eye_mm, rays)
+        hit = hits.face >= 0
+        depth = hits.distance[hit]
+        return cls(scene, hit, depth, eye_mm + depth[:, None] * rays[hit], hits.face[hit])
+
+    def spread(self, values: NDArray[Any], empty: float) -> NDArray[Any]:
+        """(R,) values (N,) back in the place of their rays."""
+        whole = np.full(len(self.hit), empty, values.dtype)
+        whole[self.hit] = values
+        return whole
+
+    def view(self, camera: Camera) -> CoreView:
+        """On the grid of the camera whose rays they were."""
+        shape = camera.size_px[::-1]
+        solid = self.scene.solid_of_face[self.face]
+        return CoreView(
+            depth_mm=self.spread(self.depth_mm, np.nan).reshape(shape),
+            label=self.spread(self.scene.label_of_face[self.face], Label.NOTHING).reshape(shape),
+            solid=self.spread(solid, -1).reshape(shape),
+            face=self.spread(self.face - self.scene.first_face[solid], -1).reshape(shape),
+        )
 
     def seen_by(self, camera: Camera, cam_from_world: Pose) -> NDArray[np.bool_]:
         """(N,) whether they are in the camera's image and not hidden."""
@@ -119,7 +155,7 @@ def ceilings(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, float]:
     return shares
 
 
-def rock_of_pixel(truth: CoreTruth, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
+def rock_of_pixel(truth: CoreView, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
     """(H, W) number of the heap's rock that a pixel shows, -1 where it shows none."""
     which = [i for i, solid in enumerate(solids) if solid.name == "rocks"]
     rock = np.searchsorted(heap.rocks.first_face, truth.face, side="right") - 1

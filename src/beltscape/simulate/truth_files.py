@@ -38,7 +38,7 @@ from beltscape.simulate.load_truth import TrueLoad, true_load
 from beltscape.simulate.module_truth import module_quantities
 from beltscape.simulate.sight import in_image
 from beltscape.simulate.trace import RayScene
-from beltscape.simulate.truth import CoreTruth, ceilings, core_truth, rock_of_pixel
+from beltscape.simulate.truth import CoreTruth, CoreView, ceilings, core_truth, core_view, rock_of_pixel
 from beltscape.simulate.world import Label, Projector, Station, World
 from beltscape.target.board import Board, corner_points_mm
 from beltscape.target.module import Module
@@ -65,7 +65,7 @@ def write_truth(folder: Path, name: str, world: World, station: Station, known: 
     write_belt(folder, known.belt)
     scene = RayScene(world.solids)
     truth = core_truth(world, station, scene=scene)
-    image = core_truth(world, station, distorted=True, scene=scene)
+    image = core_view(world, station, distorted=True, scene=scene)
     write_depth(folder / f"{name}_depth.npz", world, truth, image, known.heap)
     left, right = known.belt.half_width_mm
     load = true_load(world, known.across_mm or (-left, right), known.along_mm)
@@ -136,7 +136,7 @@ def write_boards(folder: Path, station: Station, board: Board, world_from_board:
     write_json(folder / "board_poses.json", document)
 
 
-def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreTruth, heap: Heap | None) -> None:
+def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, heap: Heap | None) -> None:
     """A scene's depth file, as described above."""
     rocks = {} if heap is None else {"rock": rock_of_pixel(truth, world.solids, heap)}
     write_arrays(

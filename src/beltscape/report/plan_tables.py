@@ -1,0 +1,101 @@
+"""The plan's tables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.plan.plan import Plan
+from beltscape.report.page import Table
+
+
+def poses_table(plan: Plan) -> Table:
+    """Where each lens is."""
+    rows = []
+    for name in plan.planned.rig.cameras:
+        x, y, z = plan.planned.position_mm(name)
+        axis = plan.planned.cam_from_world(name).rotation[2]
+        tilt = np.rad2deg(np.arccos(np.clip(-axis[2], -1, 1)))
+        rows.append([name, f"{x:z.1f}", f"{y:z.1f}", f"{z:.1f}", f"{tilt:.2f}"])
+    return Table(
+        ["camera", "x across mm", "y along mm", "z up mm", "tilt °"],
+        rows,
+        "Lenses' positions over the belt's middle.",
+    )
+
+
+def alternatives_table(plan: Plan) -> Table:
+    """Baselines and what speaks against them."""
+    count = plan.settings.rig.auxiliaries
+    levels = sorted({1, plan.enough, count})
+    rows = [
+        [
+            f"{each.baseline_mm:.0f}" + (" ◄" if each is plan.chosen else ""), f"{each.tilt_deg:.1f}",
+            f"{each.sigma_mm:.4f}", *(f"{100 * each.seen[k]:.1f}" for k in levels),
+            f"{100 * each.covered[1]:.1f}", f"{100 * each.covered[-1]:.1f}", each.refused or "–",
+        ]
+        for each in plan.alternatives
+    ]  # fmt: skip
+    names = ["baseline mm", "tilt °", "σ mm", *(f"≥ {k} see %" for k in levels)]
+    caption = (
+        "σ where all axes meet. Seen: past lumps; covered: in the image, over the strip that the core sees."
+    )
+    return Table([*names, "≥ 1 cover %", "all cover %", "against it"], rows, caption)
+
+
+def coverage_table(plan: Plan) -> Table:
+    """Shares seen, and lengths of belt."""
+    count = plan.settings.rig.auxiliaries
+    names = ["plane", "height mm", "width mm", *(f"core + ≥ {k} %" for k in range(1, count + 1))]
+    rows = [
+        [
+            plane.name, f"{plane.height_mm:.0f}", f"{plane.width_mm:.0f}",
+            *(f"{100 * share:.1f}" for share in plane.at_least[1:]),
+            f"{plane.lengths_mm[0]:.0f}", f"{plane.lengths_mm[1]:.0f}", f"{plane.lengths_mm[-1]:.0f}",
+        ]
+        for plane in plan.planes
+    ]  # fmt: skip
+    caption = "Shares of the strip; and along the belt, how long its whole width is seen."
+    return Table([*names, "by core mm", "by ≥ 2 mm", "by all mm"], rows, caption)
+
+
+def pixels_table(plan: Plan) -> Table:
+    """Pixels' edges on the belt."""
+    rows = [
+        [name, *("{1:.3f} ({0:.3f} … {2:.3f})".format(*plane.pixel_mm[name]) for plane in plan.planes)]
+        for name in plan.planned.rig.cameras
+    ]
+    caption = "Edge of a pixel on the plane, mm: median (finest … coarsest)."
+    return Table(["camera", *(plane.name for plane in plan.planes)], rows, caption)
+
+
+def motion_table(plan: Plan) -> Table:
+    """Exposure, frame rate, data."""
+    move, camera = plan.motion, plan.settings.camera
+    rows = [
+        ["longest exposure for the allowed blur", f"{move.max_exposure_us:.0f} µs"],
+        ["motion blur in this plan", f"{move.blur_mm:.3f} mm, {move.blur_px:.2f} px"],
+        ["frame rate without gaps", f"{move.gap_free_fps:.2f} per second"],
+        [f"with {plan.settings.frames_per_point} frames per point", f"{move.fps:.2f} per second"],
+        ["fastest belt with that many", f"{move.max_speed_m_s:.1f} m/s at {camera.max_fps:g} per second"],
+        ["data of all cameras", f"{move.data_mb_s:.0f} MB/s"],
+    ]
+    return Table(["", ""], rows)
+
+
+def light_table(plan: Plan) -> Table:
+    """Electrons and what is missing."""
+    light = plan.light
+    blur = ", ".join(
+        f"{name} {px:.1f}" for name, px in zip(("belt", "edges", "top"), plan.defocus_px, strict=True)
+    )
+    rows = [
+        ["projector on the belt", f"{light.illuminance_lux:.0f} lx"],
+        ["electrons in a lit dot, in a gap", f"{light.dot_e:.0f}, {light.gap_e:.0f}"],
+        ["noise in a dot", f"{light.noise_e:.1f}"],
+        ["SNR of a dot", f"{light.snr:.1f} (asked {plan.settings.light.target_snr:g})"],
+        ["exposure for the asked SNR", f"{light.needed_exposure_us:.0f} µs"],
+        ["or projector while exposing", f"{light.needed_lumens:.0f} lm"],
+        ["light in the image's corner", f"{100 * light.corner:.0f} %"],
+        ["out of focus, px", blur],
+    ]
+    return Table(["", ""], rows)

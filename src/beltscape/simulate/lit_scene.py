@@ -70,22 +70,18 @@ def _smoothed(hall: NDArray[np.float32]) -> NDArray[np.float32]:
     import cv2
 
     smooth = cv2.GaussianBlur(hall, (0, 0), 1.0)
-    return smooth[..., :3] / np.maximum(smooth[..., 3:], np.float32(1e-6))
+    return np.asarray(smooth[..., :3] / np.maximum(smooth[..., 3:], np.float32(1e-6)), np.float32)
 
 
 def _resampled(picture: NDArray[np.float32], source: Pinhole, target: Pinhole) -> NDArray[np.float32]:
-    """A coarse pinhole's picture on another's pixels; the hole's place in the lens is of no matter to it."""
+    """A coarse pinhole's picture on another's pixels, as if all lay in the plane in focus."""
     import cv2
 
+    middle = np.zeros(1)
+    source_px, target_px = np.ravel(source.pixels(middle, middle)), np.ravel(target.pixels(middle, middle))
     scale = source.focal_px / target.focal_px
-    to_source = np.zeros((2, 3))
-    for axis in (0, 1):
-        axis_px, source_px = (
-            pinhole.film_px[axis] / 2 - 0.5 - pinhole.crop_px[axis] + pinhole.shift_px[axis]
-            for pinhole in (target, source)
-        )
-        to_source[axis, axis] = scale
-        to_source[axis, 2] = source_px - scale * axis_px
+    to_source = np.column_stack([np.eye(2) * scale, source_px - scale * target_px])
     size = (target.crop_px[2], target.crop_px[3])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return cv2.warpAffine(picture, to_source, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    fine = cv2.warpAffine(picture, to_source, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(fine, np.float32)

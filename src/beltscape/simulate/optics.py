@@ -119,7 +119,7 @@ class Lens:
             pixels = np.stack(np.meshgrid(np.arange(width), first + np.arange(height)), axis=-1)
             cosine = (1 + (self.camera.undistort(pixels) ** 2).sum(axis=-1, keepdims=True)) ** -0.5
             image = image * (cosine**self.optics.falloff).astype(np.float32)
-        return np.ascontiguousarray(image)
+        return np.ascontiguousarray(image, np.float32)
 
 
 def _kernel(sigma_px: float, n: int) -> NDArray[np.float64]:

@@ -26,8 +26,8 @@ class RenderSettings(BaseModel):
     """Sub-samples per pixel, in each direction."""
     passes: Annotated[int, Field(ge=1, le=256)] = 3
     """Interleaved sets of such sub-samples; Fibonacci numbers (2, 3, 5, 8, 13) interleave best."""
-    ambient_samples: Annotated[int, Field(ge=1, le=256)] = 4
-    """Rays per pixel that find out how much of the hall's light arrives."""
+    ambient_samples: Annotated[int, Field(ge=1, le=256)] = 9
+    """Rays per pixel that find out how much of the hall's light arrives; rounded up to a square."""
     bounces: Annotated[int, Field(ge=0, le=8)] = 0
     """How often light may go from surface to surface before it reaches a camera: 0 is direct light only, without
     noise in the projector's light; more is sampled at random and wants many passes."""
@@ -43,6 +43,7 @@ def render(
     settings: RenderSettings | None = None,
     *,
     seed: int = 0,
+    share: tuple[int, int] = (0, 1),
 ) -> dict[str, NDArray[np.float32]]:
     """Light per camera, (H, W, 3) float32 linear RGB; 1 is a white surface under ambient light of 1.
 
@@ -58,6 +59,10 @@ def render(
         How carefully.
     seed
         Of the light paths: take another for every frame. The result is the same for any number of threads.
+
+    share
+        (index, count): of so many pictures that will be averaged this is that one, so that their sub-samples
+        interleave.
 
     Raises
     ------
@@ -79,7 +84,8 @@ def render(
         lens = Lens(station.rig.cameras[name], its_optics, settings.oversample)
         seeds = np.random.default_rng([seed, crc32(name.encode())])
         view = View(mi, station.cam_from_world(name), seeds)
-        pinholes = lens.pinholes(settings.passes)
+        index, count = share
+        pinholes = lens.pinholes(settings.passes * count)[index::count]
         if settings.bounces > 0:
             pictures = scene.scattered(view, pinholes, settings.bounces)
         else:

@@ -1,0 +1,71 @@
+"""A moving belt: what stands at other places while the shutter is open."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.simulate.optics import Optics
+from beltscape.simulate.render import RenderSettings, render
+from beltscape.simulate.world import Label, Station, World
+
+_STEP_PX = 0.3
+
+
+def moved(world: World, along_mm: float, labels: Collection[int] = (Label.MATERIAL,)) -> World:
+    """The world with its solids of these labels moved along the belt; the projector stays."""
+    step = np.array([0.0, along_mm, 0.0])
+    return replace(
+        world,
+        solids=tuple(
+            replace(solid, vertices_mm=solid.vertices_mm + step) if solid.label in labels else solid
+            for solid in world.solids
+        ),
+    )
+
+
+def instants(
+    world: World, station: Station, travel_mm: float, labels: Collection[int] = (Label.MATERIAL,)
+) -> list[World]:
+    """The world at as many instants of an exposure as keep each step on the belt below 0.3 px.
+
+    ``world`` is the middle of the exposure, in which the belt travels ``travel_mm``.
+    """
+    px_per_mm = max(
+        float(camera.focal_px.max() / station.cam_from_world(name).translation_mm[2])
+        for name, camera in station.rig.cameras.items()
+    )
+    count = max(1, int(np.ceil(abs(travel_mm) * px_per_mm / _STEP_PX)))
+    return [moved(world, travel_mm * ((k + 0.5) / count - 0.5), labels) for k in range(count)]
+
+
+def render_exposure(
+    worlds: Sequence[World],
+    station: Station,
+    optics: Mapping[str, Optics],
+    settings: RenderSettings | None = None,
+    *,
+    seed: int = 0,
+) -> dict[str, NDArray[np.float32]]:
+    """Mean light of several instants, as `render` gives it for one.
+
+    The settings' passes and ambient samples are shared out among the instants, so that an exposure costs about
+    what a still costs as long as there are no more instants than passes.
+    """
+    settings = settings or RenderSettings()
+    shared = settings.model_copy(
+        update={
+            "passes": -(-settings.passes // len(worlds)),
+            "ambient_samples": -(-settings.ambient_samples // len(worlds)),
+        }
+    )
+    total: dict[str, NDArray[np.float32]] = {}
+    for index, world in enumerate(worlds):
+        share = (index, len(worlds))
+        images = render(world, station, optics, shared, seed=seed * len(worlds) + index, share=share)
+        for name, image in images.items():
+            total[name] = total[name] + image if name in total else image
+    return {name: image / np.float32(len(worlds)) for name, image in total.items()}

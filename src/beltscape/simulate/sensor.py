@@ -1,0 +1,98 @@
+"""A camera's sensor: light on its pixels → the numbers in the image file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+_RGGB = ((0, 1), (1, 2))  # channel by row and column of the mosaic
+
+
+class Sensor(BaseModel):
+    """How light becomes numbers. The defaults give a noise of 1.5 of 255 at mid grey."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    colour: Literal["grey", "rgb", "bayer", "demosaiced"] = "grey"
+    """Monochrome; three sensors in one; the raw RGGB mosaic; RGB interpolated from it."""
+    bits: Literal[8, 12, 16] = 8
+    """12 bits are kept in 16, as 0 … 4095."""
+    electrons_at_1: Annotated[float, Field(gt=0, le=1e7)] = 12_000.0
+    """What a white surface under ambient light of 1 yields: exposure, aperture and quantum efficiency in one."""
+    full_well_e: Annotated[float, Field(gt=0, le=1e7)] = 14_000.0
+    """Electrons that saturate a pixel; they give the largest number at a gain of 1."""
+    gain: Annotated[float, Field(gt=0, le=100)] = 1.0
+    """Of the amplifier, with its spread from camera to camera."""
+    read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 5.0
+    """Standard deviation."""
+    shot_noise: bool = True
+    """Whether light comes in quanta."""
+    black_level: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """What darkness gives, as a share of the largest number."""
+    gamma: Annotated[float, Field(ge=1, le=4)] = 1.0
+    """Numbers follow light to the power of 1/gamma; 1 is linear."""
+
+
+def expose(
+    irradiance: NDArray[np.float32], sensor: Sensor, seed: int | Sequence[int]
+) -> NDArray[np.uint8 | np.uint16]:
+    """The image a sensor makes of light (H, W, 3).
+
+    Parameters
+    ----------
+    irradiance
+        Linear RGB, 1 for a white surface under ambient light of 1.
+    sensor
+        How light becomes numbers.
+    seed
+        Of the noise; see `noise_seed`. The same seed gives the same image.
+
+    Returns
+    -------
+    image
+        (H, W), or (H, W, 3) RGB for a sensor of colours; uint8, or uint16 for more than 8 bits.
+    """
+    generator = np.random.default_rng(seed)
+    electrons = _filtered(irradiance, sensor) * np.float32(sensor.electrons_at_1)
+    if sensor.shot_noise:
+        electrons = generator.poisson(electrons).astype(np.float32)
+    electrons = np.minimum(electrons, np.float32(sensor.full_well_e))
+    if sensor.read_noise_e > 0:
+        noise = generator.standard_normal(electrons.shape, dtype=np.float32)
+        electrons = electrons + np.float32(sensor.read_noise_e) * noise
+    signal = electrons * np.float32(sensor.gain / sensor.full_well_e)
+    signal = sensor.black_level + (1 - sensor.black_level) * signal
+    top = 2**sensor.bits - 1
+    kind = np.uint8 if sensor.bits == 8 else np.uint16
+    level = np.clip(signal, 0.0, 1.0) ** (1 / sensor.gamma)
+    image = np.rint(top * level).astype(kind)
+    return _demosaiced(image) if sensor.colour == "demosaiced" else image
+
+
+def noise_seed(seed: int, camera: str, frame: str) -> list[int]:
+    """A seed of its own for every image of a capture, whatever the order in which they are made."""
+    return [seed, crc32(camera.encode()), crc32(frame.encode())]
+
+
+def _filtered(irradiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.float32]:
+    """Light behind each pixel's own filter: (H, W), or (H, W, 3) where each pixel has all three."""
+    light = np.maximum(irradiance, np.float32(0))
+    if sensor.colour == "rgb":
+        return light
+    if sensor.colour == "grey":
+        return light.mean(axis=-1)  # no filters: all colours count alike
+    mosaic = np.empty(light.shape[:2], np.float32)
+    for row in (0, 1):
+        for column in (0, 1):
+            mosaic[row::2, column::2] = light[row::2, column::2, _RGGB[row][column]]
+    return mosaic
+
+
+def _demosaiced(mosaic: NDArray[np.uint8 | np.uint16]) -> NDArray[np.uint8 | np.uint16]:
+    import cv2
+
+    return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2RGB), mosaic.dtype)

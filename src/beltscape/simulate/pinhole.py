@@ -80,11 +80,21 @@ def pinholes(
 def _interleaved(count: int) -> list[tuple[float, float]]:
     """Offsets within ±0.5: a lattice, so that edges of any direction are met at evenly spaced places.
 
-    The rank-1 lattice whose generator is next to the golden section; Fibonacci numbers are best.
+    The rank-1 lattice whose generator is next to the golden section; Fibonacci numbers are best. In the order that
+    spreads neighbours in the list as well: motion takes one after the other.
     """
     coprime = [step for step in range(1, count + 1) if gcd(step, count) == 1]
     step = min(coprime, key=lambda s: abs(s - count * 0.618034))
-    return [((k + 0.5) / count - 0.5, (k * step % count + 0.5) / count - 0.5) for k in range(count)]
+    stride = max(coprime, key=lambda s: _nearest(count, (1, s, s * step)))
+    order = np.arange(count) * stride % count
+    shifts = (np.column_stack([order, order * step % count]) + 0.5) / count - 0.5
+    return [(float(x), float(y)) for x, y in shifts]
+
+
+def _nearest(count: int, generator: tuple[int, ...]) -> float:
+    """Smallest distance between points of the periodic lattice of multiples of a generator."""
+    points = np.outer(np.arange(1, count), generator) % count
+    return float((np.minimum(points, count - points) ** 2).sum(axis=1).min(initial=count**2))
 
 
 def _spread(count: int, aperture_mm: float) -> list[tuple[float, float]]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
@@ -13,8 +15,16 @@ from beltscape.simulate.sensor import Sensor
 from beltscape.simulate.world import Station, World
 
 
-@dataclass(frozen=True, slots=True)
-class DeadProjector:
+Degrees = Annotated[float, Field(ge=-180, le=180)]
+Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+class _Fault(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class DeadProjector(_Fault):
     """The projector's light is off."""
 
     def on(self, world: World) -> World:
@@ -22,14 +32,13 @@ class DeadProjector:
         return replace(world, projector=None)
 
 
-@dataclass(frozen=True, slots=True)
-class MovedCamera:
+class MovedCamera(_Fault):
     """A camera was knocked after the rig had been calibrated."""
 
     camera: str
-    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
     """Rotation vector in its own frame."""
-    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_mm: tuple[Millimetres, Millimetres, Millimetres] = (0.0, 0.0, 0.0)
     """Of its centre, in its own frame."""
 
     def on(self, station: Station) -> Station:
@@ -46,15 +55,14 @@ class MovedCamera:
         return Station(Rig(rig.core, rig.cameras, cam_from_core), core_from_world)
 
 
-@dataclass(frozen=True, slots=True)
-class Dirt:
+class Dirt(_Fault):
     """Specks on a lens or its window, far out of focus: soft dark blobs that stay where they are."""
 
     camera: str
-    specks_px: tuple[tuple[float, float, float], ...]
+    specks_px: tuple[tuple[Pixels, Pixels, Annotated[float, Field(gt=0, le=1e4)]], ...]
     """Column, row and radius of each."""
-    opacity: float = 0.6
-    """Share of the light that a speck's middle holds back, 0 … 1."""
+    opacity: Annotated[float, Field(ge=0, le=1)] = 0.6
+    """Share of the light that a speck's middle holds back."""
 
     def on(self, irradiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Light (H, W, 3) behind the dirt."""
@@ -66,26 +74,24 @@ class Dirt:
         return irradiance * left[..., None].astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True)
-class OverExposure:
+class OverExposure(_Fault):
     """A camera's exposure time is wrong by a factor."""
 
     camera: str
-    factor: float = 4.0
+    factor: Annotated[float, Field(gt=0, le=1000)] = 4.0
 
     def on(self, sensor: Sensor) -> Sensor:
         """The sensor as it is driven."""
         return sensor.model_copy(update={"electrons_at_1": sensor.electrons_at_1 * self.factor})
 
 
-@dataclass(frozen=True, slots=True)
-class MissingFrames:
+class MissingFrames(_Fault):
     """A camera does not deliver some frames: every so many-th, from one on."""
 
     camera: str
-    every: int = 1
+    every: Annotated[int, Field(ge=1)] = 1
     """1: all of them."""
-    first: int = 0
+    first: Annotated[int, Field(ge=0)] = 0
 
     def has(self, camera: str, frame: int) -> bool:
         """Whether this camera delivers the frame of this number."""

@@ -14,7 +14,6 @@ from beltscape.core.rig import Rig
 from beltscape.simulate.sensor import Sensor
 from beltscape.simulate.world import Station, World
 
-
 Degrees = Annotated[float, Field(ge=-180, le=180)]
 Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Pixels = Annotated[float, Field(ge=-1e5, le=1e5)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,16 +53,11 @@ def render_exposure(
 ) -> dict[str, NDArray[np.float32]]:
     """Mean light of several instants, as `render` gives it for one.
 
-    The settings' passes and ambient samples are shared out among the instants, so that an exposure costs about
-    what a still costs as long as there are no more instants than passes.
+    The settings' samples are shared out among the instants, so that an exposure costs little more light paths than
+    a still.
     """
     settings = settings or RenderSettings()
-    shared = settings.model_copy(
-        update={
-            "passes": -(-settings.passes // len(worlds)),
-            "ambient_samples": -(-settings.ambient_samples // len(worlds)),
-        }
-    )
+    shared = _shared(settings, len(worlds))
     total: dict[str, NDArray[np.float32]] = {}
     for index, world in enumerate(worlds):
         share = (index, len(worlds))
@@ -69,3 +65,16 @@ def render_exposure(
         for name, image in images.items():
             total[name] = total[name] + image if name in total else image
     return {name: image / np.float32(len(worlds)) for name, image in total.items()}
+
+
+def _shared(settings: RenderSettings, count: int) -> RenderSettings:
+    """What each of so many instants takes, to come to the settings' samples together."""
+    samples = settings.passes * settings.oversample**2 / count
+    oversample = settings.oversample if samples >= settings.oversample**2 else 1
+    return settings.model_copy(
+        update={
+            "oversample": oversample,
+            "passes": ceil(samples / oversample**2),
+            "ambient_samples": ceil(settings.ambient_samples / count),
+        }
+    )

@@ -26,7 +26,7 @@ class RenderSettings(BaseModel):
     """Sub-samples per pixel, in each direction."""
     passes: Annotated[int, Field(ge=1, le=256)] = 3
     """Interleaved sets of such sub-samples; Fibonacci numbers (2, 3, 5, 8, 13) interleave best."""
-    ambient_samples: Annotated[int, Field(ge=1, le=256)] = 9
+    ambient_samples: Annotated[int, Field(ge=1, le=256)] = 4
     """Rays per pixel that find out how much of the hall's light arrives; rounded up to a square."""
     bounces: Annotated[int, Field(ge=0, le=8)] = 0
     """How often light may go from surface to surface before it reaches a camera: 0 is direct light only, without

@@ -14,6 +14,9 @@ from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 
 COMMANDS = {
+    "plan": "belt, camera and lens → heights, poses, coverage, depth σ, light, frame rate",
+    "target": "speckle pattern for the projector, calibration board to print in true size",
+    "simulate": "a rendered capture of a scene, with its exact truth",
     "demo": "the whole chain on a small rig that ships with Beltscape, ending in a report",
     "calibrate": "images of a board → rig.json, calibration.json, report.html",
     "check": "score a rig on board views it has never seen, in px and in mm",

@@ -1,0 +1,137 @@
+"""The cameras and the projector of a scenario, as they stand over the belt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.files.rig_json import read_rig
+from beltscape.simulate.scenario import ProjectorSpec, RigSpec
+from beltscape.simulate.world import Projector, Station
+from beltscape.target.pattern import PRESETS, Pattern, PatternSettings, make_pattern
+from beltscape.target.pattern_image import draw_pattern
+from beltscape.target.pattern_json import read_pattern
+
+Array = NDArray[np.float64]
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+"""Rotation of a camera that looks straight down, its rows across the belt."""
+FOCAL, CENTER, PLACE_MM, TURN = 0.004, 0.01, 5.0, np.deg2rad(0.7)
+"""Standard deviations at a scatter of 1."""
+DISTORTION = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
+
+
+def station(spec: RigSpec, seed: int) -> Station:
+    """The true rig, and where it stands.
+
+    Raises
+    ------
+    InputError
+        When ``spec.file`` cannot be read.
+    """
+    core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
+    if spec.file is not None:
+        given = read_rig(spec.file)
+        cameras = {name: scaled(camera, spec.scale) for name, camera in given.cameras.items()}
+        return Station(Rig(given.core, cameras, given.cam_from_core), core_from_world)
+    rng = np.random.default_rng([seed, 1])
+    count = spec.auxiliaries + 1
+    cameras = {f"cam{i}": _camera(f"cam{i}", spec, rng) for i in range(count)}
+    from_world = [
+        _knocked(_looking(place, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng)
+        for place in _places(spec)
+    ]
+    core_from_world = from_world[0]
+    poses = {f"cam{i}": pose @ core_from_world.inverse() for i, pose in enumerate(from_world)}
+    poses["cam0"] = Pose.identity()
+    return Station(Rig("cam0", cameras, poses), core_from_world)
+
+
+def scaled(camera: Camera, scale: float) -> Camera:
+    """The camera with its pixels put together: pixel (0, 0) stays the centre of the top-left one."""
+    size = tuple(round(side * scale) for side in camera.size_px)
+    factor = np.array(size) / np.array(camera.size_px)
+    return replace(
+        camera,
+        size_px=(size[0], size[1]),
+        focal_px=camera.focal_px * factor,
+        center_px=(camera.center_px + 0.5) * factor - 0.5,
+    )
+
+
+def projector(spec: ProjectorSpec, seed: int) -> Projector:
+    """The projector with its pattern.
+
+    Raises
+    ------
+    InputError, SettingsError
+        When the pattern cannot be read or made.
+    """
+    pattern = _pattern(spec, seed)
+    width, height = pattern.size_px
+    position = np.array(spec.position_mm)
+    focal = width * float(np.linalg.norm(position)) / spec.covers_mm
+    lens = Camera(
+        "projector", (width, height), np.full(2, focal), (np.array([width, height]) - 1) / 2, np.zeros(5)
+    )
+    light = (draw_pattern(pattern, 16) / np.float32(65535)) ** np.float32(spec.gamma)
+    if spec.blur_px > 0:
+        light = cv2.GaussianBlur(light, (0, 0), spec.blur_px, borderType=cv2.BORDER_CONSTANT)
+    return Projector(lens, _looking(position, np.zeros(3)), light.astype(np.float32), spec.power)
+
+
+def _pattern(spec: ProjectorSpec, seed: int) -> Pattern:
+    if str(spec.pattern) in PRESETS:
+        return make_pattern(
+            PatternSettings(size_px=spec.size_px, seed=seed, count=PRESETS[str(spec.pattern)])
+        )
+    pattern = read_pattern(Path(spec.pattern))
+    if pattern.size_px != spec.size_px:
+        raise InputError(
+            f"{spec.pattern}: the pattern has {pattern.size_px[0]}×{pattern.size_px[1]} px, the projector "
+            f"{spec.size_px[0]}×{spec.size_px[1]}; set projector.size_px"
+        )
+    return pattern
+
+
+def _camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
+    size = np.array(spec.size_px)
+    across = 1000 * spec.focal_mm / spec.pitch_um * (1 + spec.scatter * FOCAL * rng.normal())
+    focal = across * np.array(
+        [1.0, 1 + spec.scatter * FOCAL / 10 * rng.normal()]
+    )  # pixels are all but square
+    center = (size - 1) / 2 + spec.scatter * CENTER * size[0] * rng.normal(size=2)
+    distortion = np.array(spec.distortion) + spec.scatter * DISTORTION * rng.normal(size=5)
+    return scaled(Camera(name, spec.size_px, focal, center, distortion), spec.scale)
+
+
+def _places(spec: RigSpec) -> list[Array]:
+    """(3,) of each camera, the core first."""
+    angles = np.deg2rad(spec.first_deg) + 2 * np.pi * np.arange(spec.auxiliaries) / spec.auxiliaries
+    around = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
+    return [np.array([0.0, 0.0, spec.height_mm]) + place for place in (np.zeros(3), *around)]
+
+
+def _looking(place: Array, at: Array) -> Pose:
+    """cam_from_world of a camera that looks straight down, turned by the shortest way towards a spot."""
+    down, wanted = np.array([0.0, 0.0, -1.0]), (at - place) / np.linalg.norm(at - place)
+    axis = np.cross(down, wanted)
+    sine = float(np.linalg.norm(axis))
+    turn = axis / sine * np.arctan2(sine, float(down @ wanted)) if sine > 0 else axis
+    rotation = DOWN @ Pose.of(turn, np.zeros(3)).rotation.T
+    return Pose(rotation, -rotation @ place)
+
+
+def _knocked(pose: Pose, scatter: float, rng: np.random.Generator) -> Pose:
+    """Mounted a little off."""
+    turn = Pose.of(scatter * TURN * rng.normal(size=3), np.zeros(3)).rotation
+    center = pose.center_mm + scatter * PLACE_MM * rng.normal(size=3)
+    return Pose(turn @ pose.rotation, -turn @ pose.rotation @ center)

@@ -1,0 +1,183 @@
+"""What is to be simulated, as a scene's TOML file says it; the defaults are the paper's laboratory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.simulate.belt_solid import BeltSettings
+from beltscape.simulate.faults import Dirt, MissingFrames, MovedCamera, OverExposure
+from beltscape.simulate.heap import HeapSettings
+from beltscape.simulate.optics import Optics
+from beltscape.simulate.render import RenderSettings
+from beltscape.simulate.sensor import Sensor
+from beltscape.simulate.tof_settings import TofSettings
+
+Length = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
+Place = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+KINDS = {
+    "calibration": "a board, held into the cameras' view in many poses",
+    "module": "the calibration module on the belt",
+    "belt_empty": "the empty belt",
+    "belt_loaded": "a heap of rocks on the belt",
+    "belt_moving": "the heap passing by, with encoder.csv",
+}
+"""Scenes by kind."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class RigSpec(_Part):
+    """The cameras: the paper's (Table 1), the core straight above the belt and the others around it, or one's own."""
+
+    file: Path | None = None
+    """rig.json of the true rig, as planned or calibrated; None: built from the rest."""
+    height_mm: Length = 744.0
+    """Of the core over the belt's level middle."""
+    auxiliaries: Annotated[int, Field(ge=1, le=16)] = 4
+    baseline_mm: Length = 300.0
+    """From the core to each auxiliary, level."""
+    first_deg: Angle = 0.0
+    """Direction of the first auxiliary, from across the belt towards along it."""
+    aim_mm: Place = 60.0
+    """Height over the belt of the spot that all look at."""
+    size_px: tuple[Annotated[int, Field(ge=64, le=20_000)], Annotated[int, Field(ge=64, le=20_000)]] = (
+        2448,
+        2048,
+    )
+    pitch_um: Annotated[float, Field(ge=0.5, le=50)] = 3.45
+    focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
+    scale: Annotated[float, Field(gt=0.02, le=1)] = 0.5
+    """Of the images to the sensor: 0.5 averages 2 × 2 pixels."""
+    distortion: tuple[Place, Place, Place, Place, Place] = (-0.08, 0.1, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 on average."""
+    scatter: Annotated[float, Field(ge=0, le=10)] = 1.0
+    """How differently lenses turn out and cameras are mounted. 0: as drawn; 1: with standard deviations of 0.4 % of
+    the focal length, 1 % of the width for the principal point, 5 mm and 0.7° of mounting."""
+
+
+class ProjectorSpec(_Part):
+    """The projector beside the core."""
+
+    position_mm: tuple[Place, Place, Place] = (50.0, -50.0, 757.0)
+    """In the world: x across, y along, z over the belt's level middle."""
+    covers_mm: Length = 960.0
+    """Width of its picture on the level middle; it aims at the origin."""
+    size_px: tuple[Annotated[int, Field(ge=64, le=8192)], Annotated[int, Field(ge=64, le=8192)]] = (
+        1920,
+        1200,
+    )
+    pattern: Path | Literal["paper", "fine", "dense"] = "paper"
+    """A preset of ``target pattern``, or its pattern.json."""
+    power: Annotated[float, Field(ge=0, le=1e4)] = 10.0
+    """Irradiance of a white pixel on a surface facing it at 1000 mm, in units of the hall's light."""
+    blur_px: Annotated[float, Field(ge=0, le=20)] = 0.7
+    """Of its lens, in its own pixels."""
+    gamma: Annotated[float, Field(ge=1, le=4)] = 2.2
+    """Light follows the pattern's pixel values to this power."""
+
+
+class ModuleSpec(_Part):
+    """Where the module lies."""
+
+    file: Path | None = None
+    """module.toml; None: the paper's module."""
+    x_mm: Place = 0.0
+    y_mm: Place = 0.0
+    turn_deg: Angle = 8.0
+    reflectance: Annotated[float, Field(gt=0, le=1)] = 0.55
+
+
+class BoardSpec(_Part):
+    """The board and how it is held; every frame another pose."""
+
+    file: Path | None = None
+    """board.toml; None: ChArUco 11 × 8, squares of 34 mm."""
+    depth_mm: tuple[Length, Length] = (560.0, 760.0)
+    """Of its middle from the core."""
+    tilt_deg: Annotated[float, Field(ge=0, le=75)] = 32.0
+    """At most."""
+    reach: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """How far its middle goes towards the edges of the core's view, as a share."""
+
+
+class MotionSpec(_Part):
+    """The belt's motion; matters for belt_moving."""
+
+    speed_mm_s: Annotated[float, Field(ge=-1e5, le=1e5)] = 1000.0
+    """Towards +y; negative: towards −y."""
+    frames_per_s: Annotated[float, Field(gt=0, le=1e5)] = 5.0
+    exposure_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Motion blur of an exposure as long; 0: none, as with a flash."""
+    start_mm: Place | None = None
+    """Where the heap's middle is in the first frame; None: it comes into view."""
+    encoder_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
+    """What the encoder says over what the belt does."""
+
+
+class TofSpec(_Part):
+    """A time-of-flight camera straight above the belt."""
+
+    height_mm: Length = 744.0
+    camera: TofSettings = TofSettings()
+
+
+class Faults(_Part):
+    """What goes wrong."""
+
+    dead_projector: bool = False
+    dirt: tuple[Dirt, ...] = ()
+    moved_camera: tuple[MovedCamera, ...] = ()
+    over_exposure: tuple[OverExposure, ...] = ()
+    missing_frames: tuple[MissingFrames, ...] = ()
+
+
+class Scenario(_Part):
+    """A scene."""
+
+    kind: Literal["calibration", "module", "belt_empty", "belt_loaded", "belt_moving"]
+    seed: Seed = 1
+    """Of everything that differs by chance."""
+    frames: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    """None: 24 of a calibration, of a moving belt until the heap has passed, else 1."""
+    speckle: bool = True
+    """Whether the projector is on; never in a calibration."""
+    colour: bool | None = None
+    """RGB images; None: where the projector is on."""
+    auto_exposure: bool = True
+    """Expose so that the core's first image is as bright as its range bears; else as ``sensor`` says."""
+    gain_spread: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    """Gains differ from camera to camera by up to this share."""
+    ambient: Annotated[float, Field(ge=0, le=1e4)] = 1.0
+    rig: RigSpec = RigSpec()
+    optics: Optics = Optics()
+    sensor: Sensor = Sensor()
+    projector: ProjectorSpec = ProjectorSpec()
+    belt: BeltSettings = BeltSettings()
+    heap: HeapSettings = HeapSettings()
+    module: ModuleSpec = ModuleSpec()
+    board: BoardSpec = BoardSpec()
+    motion: MotionSpec = MotionSpec()
+    tof: TofSpec | None = None
+    faults: Faults = Faults()
+    render: RenderSettings = RenderSettings()
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Scenario:
+        if self.board.depth_mm[0] >= self.board.depth_mm[1]:
+            raise ValueError(
+                f"board.depth_mm = {list(self.board.depth_mm)}: the first must be the smaller one"
+            )
+        return self
+
+    @property
+    def lit(self) -> bool:
+        """Whether the projector's pattern is on the scene."""
+        return self.speckle and self.kind != "calibration" and not self.faults.dead_projector

@@ -1,0 +1,34 @@
+"""The simulated plant as a camera: frame sets one after the other, as many as one takes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from itertools import count
+
+from beltscape.core.frames import FrameSet
+from beltscape.simulate.scenario import Scenario
+from beltscape.simulate.stage import Stage
+
+
+class SimulatedSource:
+    """A `FrameSource` of a scenario; endless unless told how many frames.
+
+    On a moving belt the heap comes by again and again, a piece of empty belt in between.
+    """
+
+    def __init__(self, scenario: Scenario, *, frames: int | None = None) -> None:
+        self.stage = Stage(scenario)
+        self._frames = frames
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras."""
+        return tuple(self.stage.station.rig.cameras)
+
+    def __len__(self) -> int:
+        return sys.maxsize if self._frames is None else self._frames
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        for frame in count() if self._frames is None else range(self._frames):
+            yield self.stage.frame(frame)

@@ -1,0 +1,218 @@
+"""A scenario made ready: what stands where in every frame, and the images that the cameras take of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from beltscape.core.frames import FrameSet, Image
+from beltscape.core.pose import Pose
+from beltscape.simulate.belt_solid import belt_solids
+from beltscape.simulate.board_solid import board_solid
+from beltscape.simulate.heap import Heap, carried, make_heap
+from beltscape.simulate.held import board_poses
+from beltscape.simulate.laboratory import projector, station
+from beltscape.simulate.module_solid import module_on_belt, module_solids
+from beltscape.simulate.motion import instants, render_exposure
+from beltscape.simulate.render import RenderSettings, render
+from beltscape.simulate.scenario import Scenario
+from beltscape.simulate.sensor import Sensor, expose, noise_seed
+from beltscape.simulate.world import Projector, Solid, Station, World
+from beltscape.target.board import Board, read_board
+from beltscape.target.module import Module, read_module
+
+VIEWS = 24
+"""Of a calibration board."""
+BRIGHT, BRIGHTEST = 0.998, 0.85
+"""Auto exposure puts this quantile of the core's first image at this share of the full well."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """All of it is made when first needed, and the same for the same scenario."""
+
+    scenario: Scenario
+
+    @cached_property
+    def station(self) -> Station:
+        """The rig as it was calibrated: the truth."""
+        return station(self.scenario.rig, self.scenario.seed)
+
+    @cached_property
+    def standing(self) -> Station:
+        """The rig as it stands now, knocked cameras knocked."""
+        now = self.station
+        if self.scenario.kind != "calibration":
+            for fault in self.scenario.faults.moved_camera:
+                now = fault.on(now)
+        return now
+
+    @cached_property
+    def projector(self) -> Projector | None:
+        """None where it is off."""
+        return projector(self.scenario.projector, self.scenario.seed) if self.scenario.lit else None
+
+    @cached_property
+    def belt(self) -> tuple[Solid, Solid]:
+        """Belt and floor."""
+        return belt_solids(self.scenario.belt)
+
+    @cached_property
+    def heap(self) -> Heap | None:
+        """Where the scene has one; the same on the still and on the moving belt."""
+        loaded = self.scenario.kind in ("belt_loaded", "belt_moving")
+        return make_heap(self.scenario.heap, self.scenario.belt) if loaded else None
+
+    @cached_property
+    def module(self) -> Module | None:
+        """Where the scene has one."""
+        return read_module(self.module_file) if self.scenario.kind == "module" else None
+
+    @property
+    def module_file(self) -> Path:
+        """module.toml."""
+        return self.scenario.module.file or Path(str(files("beltscape") / "data" / "module.toml"))
+
+    @cached_property
+    def world_from_module(self) -> Pose | None:
+        """Where the module lies."""
+        lies = self.scenario.module
+        return module_on_belt(self.module, lies.x_mm, lies.y_mm, lies.turn_deg) if self.module else None
+
+    @cached_property
+    def board(self) -> Board | None:
+        """Where the scene has one."""
+        given = self.scenario.board.file or Path(str(files("beltscape") / "data" / "board.toml"))
+        return read_board(given) if self.scenario.kind == "calibration" else None
+
+    @cached_property
+    def world_from_board(self) -> tuple[Pose, ...]:
+        """By frame; none without a board."""
+        if self.board is None:
+            return ()
+        seed = self.scenario.seed
+        return board_poses(self.scenario.board, self.board, self.station, self.frame_count, seed)
+
+    def name(self, frame: int) -> str:
+        """Of a frame."""
+        return f"{frame:03d}"
+
+    def time_s(self, frame: int) -> float:
+        """When a frame is taken."""
+        return frame / self.scenario.motion.frames_per_s
+
+    def belt_mm(self, frame: int) -> float:
+        """How far the belt has moved, towards +y, since the first frame."""
+        return self.scenario.motion.speed_mm_s * self.time_s(frame) if self._moves else 0.0
+
+    def heap_mm(self, frame: int) -> float:
+        """Where the heap's middle is; once out of view, it comes again."""
+        if not self._moves:
+            return 0.0
+        start, far = self.scenario.motion.start_mm, self._far_mm
+        if start is None:
+            start = -far if self.scenario.motion.speed_mm_s >= 0 else far
+        return float((start + self.belt_mm(frame) + far) % (2 * far) - far)
+
+    @cached_property
+    def frame_count(self) -> int:
+        """Number of frames of a capture."""
+        if self.scenario.frames is not None:
+            return self.scenario.frames
+        if self.scenario.kind == "calibration":
+            return VIEWS
+        step = abs(self.scenario.motion.speed_mm_s) / self.scenario.motion.frames_per_s
+        return int(np.ceil(2 * self._far_mm / step)) if self._moves and step else 1
+
+    def world(self, frame: int) -> World:
+        """What stands where in a frame."""
+        return World(self._solids(frame), self.projector, self.scenario.ambient)
+
+    def frame(self, frame: int) -> FrameSet:
+        """The images of a frame, without those that a fault keeps back."""
+        lost = [f for f in self.scenario.faults.missing_frames if not f.has(f.camera, frame)]
+        there = [name for name in self.station.rig.cameras if name not in {f.camera for f in lost}]
+        light = self._light(frame, there)
+        images = {name: self._taken(name, frame, light[name]) for name in there}
+        return FrameSet(self.name(frame), images, time_ns=round(self.time_s(frame) * 1e9))
+
+    @property
+    def _moves(self) -> bool:
+        return self.scenario.kind == "belt_moving"
+
+    @cached_property
+    def _far_mm(self) -> float:
+        """How far off the heap's middle is when its end leaves the core's view of the belt's level middle."""
+        camera = self.station.rig.core_camera
+        view = camera.size_px[1] / 2 / camera.focal_px[1] * self.station.core_from_world.center_mm[2]
+        return float(max(abs(end) for end in self.scenario.heap.fines.along_mm) + view)
+
+    def _solids(self, frame: int) -> tuple[Solid, ...]:
+        if self.board is not None:  # calibrated before there is a belt below
+            return (self.belt[1], board_solid(self.board, self.world_from_board[frame]))
+        if self.module is not None and self.world_from_module is not None:
+            lies = self.scenario.module
+            return (*self.belt, *module_solids(self.module, self.world_from_module, lies.reflectance))
+        if self.heap is not None:
+            return (*self.belt, *carried(self.heap.solids, self.heap_mm(frame)))
+        return self.belt
+
+    def _light(self, frame: int, names: list[str]) -> dict[str, np.ndarray]:
+        scenario, world = self.scenario, self.world(frame)
+        optics = dict.fromkeys(names, scenario.optics)
+        seed = scenario.seed * 100_003 + frame
+        travel = scenario.motion.speed_mm_s * scenario.motion.exposure_us * 1e-6 if self._moves else 0.0
+        if travel:
+            worlds = instants(world, self.standing, travel)
+            light = render_exposure(worlds, self.standing, optics, scenario.render, seed=seed)
+        else:
+            light = render(world, self.standing, optics, scenario.render, seed=seed)
+        for dirt in scenario.faults.dirt:
+            if dirt.camera in light:
+                light[dirt.camera] = dirt.on(light[dirt.camera])
+        return light
+
+    def _taken(self, name: str, frame: int, light: np.ndarray) -> Image:
+        sensor = self._sensor.model_copy(update={"gain": self._sensor.gain * self._gains[name]})
+        for fault in self.scenario.faults.over_exposure:
+            sensor = fault.on(sensor) if fault.camera == name else sensor
+        image = expose(light, sensor, noise_seed(self.scenario.seed, name, self.name(frame)))
+        return cast("Image", image)
+
+    @cached_property
+    def _gains(self) -> dict[str, float]:
+        rng, spread = np.random.default_rng([self.scenario.seed, 2]), self.scenario.gain_spread
+        return {name: float(rng.uniform(1 - spread, 1 + spread)) for name in self.station.rig.cameras}
+
+    @cached_property
+    def _sensor(self) -> Sensor:
+        """As given, its colours and its exposure chosen where that is left to us."""
+        scenario, sensor = self.scenario, self.scenario.sensor
+        colour = scenario.colour if scenario.colour is not None else scenario.lit
+        if colour and sensor.colour == "grey":
+            sensor = sensor.model_copy(update={"colour": "rgb"})
+        if not scenario.auto_exposure:
+            return sensor
+        core = self.station.rig.core
+        quick = RenderSettings(oversample=1, passes=1, ambient_samples=1, engine=scenario.render.engine)
+        middle = self._brightest_frame
+        light = render(self.world(middle), self.station, {core: scenario.optics}, quick, seed=scenario.seed)[
+            core
+        ]
+        seen = light if sensor.colour == "rgb" else light.mean(axis=-1)
+        full = max(float(np.quantile(seen, BRIGHT)), 1e-6)
+        return sensor.model_copy(
+            update={"electrons_at_1": BRIGHTEST * sensor.full_well_e / full / sensor.gain}
+        )
+
+    @property
+    def _brightest_frame(self) -> int:
+        """The first, or the one with the heap nearest to the middle."""
+        if not self._moves:
+            return 0
+        return min(range(min(self.frame_count, 10_000)), key=lambda i: abs(self.heap_mm(i)))

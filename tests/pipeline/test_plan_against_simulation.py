@@ -1,0 +1,74 @@
+"""A rig that nobody has tuned on: planned, simulated, measured; the plan's promises against the result."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.core.progress import Silent
+from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.pipeline.reconstruction import reconstruct_capture
+from beltscape.pipeline.simulation import read_scenario, simulate
+from beltscape.plan.plan import make_plan
+from beltscape.plan.precision import sigma_map
+from beltscape.plan.settings import PlanSettings
+
+SETTINGS = {
+    "camera": {"size_px": (512, 432), "pitch_um": 3.45, "focal_mm": 1.6},
+    "belt": {"width_mm": 650.0, "span_mm": 630.0, "flat_mm": 260.0, "material_mm": (0.0, 120.0)},
+    "rig": {"auxiliaries": 3, "first_deg": 25.0, "height_mm": 640.0, "baseline_mm": 230.0},
+}
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return make_plan(PlanSettings.model_validate(SETTINGS))
+
+
+@pytest.fixture(scope="module")
+def measured(planned, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("planned")
+    write_rig(folder / "planned.json", planned.planned.rig)
+    belt = planned.settings.belt
+    told = {
+        "seed": 11,
+        "rig": {"file": str(folder / "planned.json"), "scale": 1.0, "height_mm": 640.0},
+        "belt": {
+            "width_mm": 650.0,
+            "flat_mm": 260.0,
+            "wing_deg": float(np.rad2deg(planned.settings.belt.trough_rad)),
+        },
+        "projector": {"covers_mm": 800.0, "position_mm": (40.0, -60.0, 660.0)},
+        "render": {"oversample": 2, "passes": 2, "ambient_samples": 1},
+    }
+    simulate(read_scenario("belt_empty", told), folder / "capture", Silent())
+    rig = folder / "capture" / "truth" / "rig.json"
+    reconstruct_capture(folder / "capture", read_rig(rig), folder / "out", Silent())
+    truth = np.load(folder / "capture" / "truth" / "belt_empty_depth.npz")
+    return truth, read_float_tiff(folder / "out" / "000" / "depth.tiff")
+
+
+def test_what_is_promised_to_be_seen_is_seen(planned, measured):
+    truth, _ = measured
+    belt = truth["label"] == 1
+    camera = planned.planned.rig.core_camera
+    half = planned.settings.belt.flat_mm / 2 / 640.0 * camera.focal_px[0]
+    columns = (
+        np.abs(np.arange(belt.shape[1]) - camera.center_px[0]) < half
+    )  # the level middle: a plane of the plan
+    for count in (1, 2, 3):
+        seen = float((truth["views"] >= count)[belt & columns].mean())
+        assert seen == pytest.approx(planned.planes[0].at_least[count], abs=0.02)
+
+
+def test_depth_scatters_as_much_as_promised(planned, measured):
+    truth, depth = measured
+    good = (truth["label"] == 1) & truth["lit"] & (truth["views"] == 3)
+    error = (depth - truth["depth_mm"])[good]
+    actual = 1.4826 * float(np.nanmedian(np.abs(error - np.nanmedian(error))))
+    plane = planned.planes[0]
+    promised = float(
+        np.nanmedian(sigma_map(planned.settings, planned.planned, 0.0, plane.core_length_mm).sigma_mm)
+    )
+    assert 0.5 < actual / promised < 2.0

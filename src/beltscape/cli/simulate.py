@@ -61,5 +61,6 @@ def summary(result: Mapping[str, Any]) -> str:
             f"{result['scene']}: {result['frames']} frames of {len(result['cameras'])} cameras",
             f"capture {result['capture']}",
             f"truth   {result['truth']}",
+            f"picture {result['preview']}",
         ]
     )

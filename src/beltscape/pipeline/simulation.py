@@ -21,6 +21,7 @@ from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.files.text import read_text
 from beltscape.files.toml_text import read_toml, validated
+from beltscape.report.simulation import simulated_picture
 from beltscape.simulate.laboratory import DOWN
 from beltscape.simulate.load_truth import true_load
 from beltscape.simulate.scenario import KINDS, Scenario
@@ -76,6 +77,9 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
             write_image(out / name / f"{images.frame}.png", image)
         if scenario.tof is not None:
             _write_tof(stage, frame, out / "tof")
+        if frame == count // 2:  # of a moving heap: when it is there
+            view = core_view(stage.world(frame), stage.station)
+            write_image(out / "preview.png", simulated_picture(images, view.depth_mm))
         reporter.step("rendering", frame + 1, count)
     if scenario.kind == "belt_moving":
         write_text(out / "encoder.csv", _encoder(stage))
@@ -88,6 +92,7 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
         "scene": scenario.kind,
         "capture": out,
         "truth": out / "truth",
+        "preview": out / "preview.png",
         "cameras": cameras,
         "frames": count,
     }

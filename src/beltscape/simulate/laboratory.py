@@ -29,7 +29,7 @@ FOCAL, CENTER, PLACE_MM, TURN = 0.004, 0.01, 5.0, np.deg2rad(0.7)
 DISTORTION = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
 
 
-def station(spec: RigSpec, seed: int) -> Station:
+def station(spec: RigSpec) -> Station:
     """The true rig, and where it stands.
 
     Raises
@@ -42,7 +42,7 @@ def station(spec: RigSpec, seed: int) -> Station:
         given = read_rig(spec.file)
         cameras = {name: scaled(camera, spec.scale) for name, camera in given.cameras.items()}
         return Station(Rig(given.core, cameras, given.cam_from_core), core_from_world)
-    rng = np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([spec.seed, 1])
     count = spec.auxiliaries + 1
     cameras = {f"cam{i}": _camera(f"cam{i}", spec, rng) for i in range(count)}
     from_world = [
@@ -67,7 +67,7 @@ def scaled(camera: Camera, scale: float) -> Camera:
     )
 
 
-def projector(spec: ProjectorSpec, seed: int) -> Projector:
+def projector(spec: ProjectorSpec) -> Projector:
     """The projector with its pattern.
 
     Raises
@@ -75,7 +75,7 @@ def projector(spec: ProjectorSpec, seed: int) -> Projector:
     InputError, SettingsError
         When the pattern cannot be read or made.
     """
-    pattern = _pattern(spec, seed)
+    pattern = _pattern(spec)
     width, height = pattern.size_px
     position = np.array(spec.position_mm)
     focal = width * float(np.linalg.norm(position)) / spec.covers_mm
@@ -88,10 +88,10 @@ def projector(spec: ProjectorSpec, seed: int) -> Projector:
     return Projector(lens, _looking(position, np.zeros(3)), light.astype(np.float32), spec.power)
 
 
-def _pattern(spec: ProjectorSpec, seed: int) -> Pattern:
+def _pattern(spec: ProjectorSpec) -> Pattern:
     if str(spec.pattern) in PRESETS:
         return make_pattern(
-            PatternSettings(size_px=spec.size_px, seed=seed, count=PRESETS[str(spec.pattern)])
+            PatternSettings(size_px=spec.size_px, seed=spec.seed, count=PRESETS[str(spec.pattern)])
         )
     pattern = read_pattern(Path(spec.pattern))
     if pattern.size_px != spec.size_px:

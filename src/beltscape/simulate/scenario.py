@@ -37,6 +37,8 @@ class _Part(BaseModel):
 class RigSpec(_Part):
     """The cameras: the paper's (Table 1), the core straight above the belt and the others around it, or one's own."""
 
+    seed: Seed = 1
+    """Of how the lenses turned out and the cameras were mounted: another seed, another plant."""
     file: Path | None = None
     """rig.json of the true rig, as planned or calibrated; None: built from the rest."""
     height_mm: Length = 744.0
@@ -76,6 +78,8 @@ class ProjectorSpec(_Part):
     )
     pattern: Path | Literal["paper", "fine", "dense"] = "paper"
     """A preset of ``target pattern``, or its pattern.json."""
+    seed: Seed = 1
+    """Of a preset's dots."""
     power: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     """Irradiance of a white pixel on a surface facing it at 1000 mm, in units of the hall's light."""
     blur_px: Annotated[float, Field(ge=0, le=20)] = 0.7
@@ -144,7 +148,7 @@ class Scenario(_Part):
 
     kind: Literal["calibration", "module", "belt_empty", "belt_loaded", "belt_moving"]
     seed: Seed = 1
-    """Of everything that differs by chance."""
+    """Of what differs by chance from capture to capture: noise, heap, how the board is held; not the plant itself."""
     frames: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """None: 24 of a calibration, of a moving belt until the heap has passed, else 1."""
     speckle: bool = True

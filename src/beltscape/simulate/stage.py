@@ -41,7 +41,7 @@ class Stage:
     @cached_property
     def station(self) -> Station:
         """The rig as it was calibrated: the truth."""
-        return station(self.scenario.rig, self.scenario.seed)
+        return station(self.scenario.rig)
 
     @cached_property
     def standing(self) -> Station:
@@ -55,7 +55,7 @@ class Stage:
     @cached_property
     def projector(self) -> Projector | None:
         """None where it is off."""
-        return projector(self.scenario.projector, self.scenario.seed) if self.scenario.lit else None
+        return projector(self.scenario.projector) if self.scenario.lit else None
 
     @cached_property
     def belt(self) -> tuple[Solid, Solid]:
@@ -66,7 +66,9 @@ class Stage:
     def heap(self) -> Heap | None:
         """Where the scene has one; the same on the still and on the moving belt."""
         loaded = self.scenario.kind in ("belt_loaded", "belt_moving")
-        return make_heap(self.scenario.heap, self.scenario.belt) if loaded else None
+        settings = self.scenario.heap
+        drawn = settings.model_copy(update={"seed": settings.seed + self.scenario.seed})
+        return make_heap(drawn, self.scenario.belt) if loaded else None
 
     @cached_property
     def module(self) -> Module | None:
@@ -186,7 +188,7 @@ class Stage:
 
     @cached_property
     def _gains(self) -> dict[str, float]:
-        rng, spread = np.random.default_rng([self.scenario.seed, 2]), self.scenario.gain_spread
+        rng, spread = np.random.default_rng([self.scenario.rig.seed, 2]), self.scenario.gain_spread
         return {name: float(rng.uniform(1 - spread, 1 + spread)) for name in self.station.rig.cameras}
 
     @cached_property

@@ -44,6 +44,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         "method": arguments.method,
         "auxiliaries": result.auxiliaries,
         "depth_range_mm": result.depth_range_mm,
+        "regions": result.regions,
         "frames": result.frames,
     }
 

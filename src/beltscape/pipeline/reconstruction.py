@@ -18,6 +18,7 @@ from beltscape.files.atomic import output_folder
 from beltscape.files.capture import read_capture
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
+from beltscape.pipeline.regions import write_regions
 from beltscape.report.pictures import preview
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cloud import cloud_from_depth, undistorted
@@ -49,6 +50,8 @@ class Reconstruction:
     depth_range_mm: tuple[float, float]
     frames: tuple[Mapping[str, Any], ...]
     """Per frame: plain values for JSON."""
+    regions: Path | None
+    """The check picture of the projected markers and their regions; None where none were seen."""
 
 
 def reconstruct_capture(
@@ -63,6 +66,8 @@ def reconstruct_capture(
     settings: PairwiseSettings | None = None,
 ) -> Reconstruction:
     """Reconstruct every frame of a capture into ``out``: rig.json and a folder per frame.
+
+    The markers of the first frame that can be measured, where it shows any, are drawn in regions.png.
 
     Raises
     ------
@@ -81,10 +86,13 @@ def reconstruct_capture(
     near_far = depth_range_mm or depth_range(source, rig, settings, reporter)
     write_rig(out / "rig.json", rig)
     documents: list[Mapping[str, Any]] = []
+    regions: Path | None = None
     for frame in reconstruct(source, rig, auxiliaries, near_far, settings, reporter):
+        if not documents:
+            regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
         documents.append(_write(out / frame.frame_set.frame, frame, rig))
         reporter.step("reconstructing", len(documents), len(source))
-    return Reconstruction(auxiliaries, near_far, tuple(documents))
+    return Reconstruction(auxiliaries, near_far, tuple(documents), regions)
 
 
 def _write(folder: Path, frame: Frame, rig: Rig) -> Mapping[str, Any]:

@@ -64,6 +64,12 @@ class RigSpec(_Part):
     """How differently lenses turn out and cameras are mounted. 0: as drawn; 1: with standard deviations of 0.4 % of
     the focal length, 1 % of the width for the principal point, 5 mm and 0.7° of mounting."""
 
+    @model_validator(mode="after")
+    def _looks_down(self) -> RigSpec:
+        if self.aim_mm >= self.height_mm:
+            raise ValueError(f"aim_mm = {self.aim_mm:g}: must be below height_mm = {self.height_mm:g}")
+        return self
+
 
 class ProjectorSpec(_Part):
     """The projector beside the core."""
@@ -86,6 +92,12 @@ class ProjectorSpec(_Part):
     """Of its lens, in its own pixels."""
     gamma: Annotated[float, Field(ge=1, le=4)] = 2.2
     """Light follows the pattern's pixel values to this power."""
+
+    @model_validator(mode="after")
+    def _over_the_belt(self) -> ProjectorSpec:
+        if self.position_mm[2] <= 0:
+            raise ValueError(f"position_mm = {list(self.position_mm)}: z must be over the belt, above 0")
+        return self
 
 
 class ModuleSpec(_Part):
@@ -158,7 +170,7 @@ class Scenario(_Part):
     auto_exposure: bool = True
     """Expose so that the core's first image is as bright as its range bears; else as ``sensor`` says."""
     gain_spread: Annotated[float, Field(ge=0, lt=1)] = 0.05
-    """Gains differ from camera to camera by up to this share."""
+    """Brightness differs from camera to camera by up to this share."""
     ambient: Annotated[float, Field(ge=0, le=1e4)] = 1.0
     rig: RigSpec = RigSpec()
     optics: Optics = Optics()

@@ -14,7 +14,8 @@ from beltscape.simulate.stage import Stage
 class SimulatedSource:
     """A `FrameSource` of a scenario; endless unless told how many frames.
 
-    On a moving belt the heap comes by again and again, a piece of empty belt in between.
+    On a moving belt the heap comes by again and again, a piece of empty belt in between; a calibration's board is
+    held as in its capture, from the first pose again after the last.
     """
 
     def __init__(self, scenario: Scenario, *, frames: int | None = None) -> None:

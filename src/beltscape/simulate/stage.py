@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 
+from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.pose import Pose
 from beltscape.simulate.belt_solid import belt_solids
@@ -28,6 +29,8 @@ from beltscape.target.module import Module, read_module
 
 VIEWS = 24
 """Of a calibration board."""
+MANY = 100_000
+"""Frames, as bounded for `Scenario.frames`."""
 BRIGHT, BRIGHTEST = 0.998, 0.85
 """Auto exposure puts this quantile of the core's first image at this share of the full well."""
 
@@ -94,7 +97,7 @@ class Stage:
 
     @cached_property
     def world_from_board(self) -> tuple[Pose, ...]:
-        """By frame; none without a board."""
+        """By frame, and then again from the first; none without a board."""
         if self.board is None:
             return ()
         seed = self.scenario.seed
@@ -123,13 +126,20 @@ class Stage:
 
     @cached_property
     def frame_count(self) -> int:
-        """Number of frames of a capture."""
+        """Number of frames of a capture; InputError where the heap takes too many to pass."""
         if self.scenario.frames is not None:
             return self.scenario.frames
         if self.scenario.kind == "calibration":
             return VIEWS
         step = abs(self.scenario.motion.speed_mm_s) / self.scenario.motion.frames_per_s
-        return int(np.ceil(2 * self._far_mm / step)) if self._moves and step else 1
+        if not self._moves or step == 0:
+            return 1
+        if 2 * self._far_mm > MANY * step:
+            raise InputError(
+                f"motion.speed_mm_s = {self.scenario.motion.speed_mm_s:g}: the heap takes more than {MANY} frames "
+                "to pass; say with frames how many to take"
+            )
+        return int(np.ceil(2 * self._far_mm / step))
 
     def world(self, frame: int) -> World:
         """What stands where in a frame."""
@@ -137,11 +147,15 @@ class Stage:
 
     def frame(self, frame: int) -> FrameSet:
         """The images of a frame, without those that a fault keeps back."""
-        lost = [f for f in self.scenario.faults.missing_frames if not f.has(f.camera, frame)]
-        there = [name for name in self.station.rig.cameras if name not in {f.camera for f in lost}]
+        there = self.delivering(frame)
         light = self._light(frame, there)
         images = {name: self._taken(name, frame, light[name]) for name in there}
         return FrameSet(self.name(frame), images, time_ns=round(self.time_s(frame) * 1e9))
+
+    def delivering(self, frame: int) -> list[str]:
+        """Cameras that deliver a frame."""
+        faults = self.scenario.faults.missing_frames
+        return [name for name in self.station.rig.cameras if all(fault.has(name, frame) for fault in faults)]
 
     @property
     def _moves(self) -> bool:
@@ -156,7 +170,8 @@ class Stage:
 
     def _solids(self, frame: int) -> tuple[Solid, ...]:
         if self.board is not None:  # calibrated before there is a belt below
-            return (self.belt[1], board_solid(self.board, self.world_from_board[frame]))
+            pose = self.world_from_board[frame % self.frame_count]
+            return (self.belt[1], board_solid(self.board, pose))
         if self.module is not None and self.world_from_module is not None:
             lies = self.scenario.module
             return (*self.belt, *module_solids(self.module, self.world_from_module, lies.reflectance))
@@ -180,14 +195,16 @@ class Stage:
         return light
 
     def _taken(self, name: str, frame: int, light: np.ndarray) -> Image:
-        sensor = self._sensor.model_copy(update={"gain": self._sensor.gain * self._gains[name]})
+        # not the amplifier's gain: with a smaller one a saturated pixel would not give the largest number
+        seen = self._sensor.electrons_at_1 * self._sensitivity[name]
+        sensor = self._sensor.model_copy(update={"electrons_at_1": seen})
         for fault in self.scenario.faults.over_exposure:
             sensor = fault.on(sensor) if fault.camera == name else sensor
         image = expose(light, sensor, noise_seed(self.scenario.seed, name, self.name(frame)))
         return cast("Image", image)
 
     @cached_property
-    def _gains(self) -> dict[str, float]:
+    def _sensitivity(self) -> dict[str, float]:
         rng, spread = np.random.default_rng([self.scenario.rig.seed, 2]), self.scenario.gain_spread
         return {name: float(rng.uniform(1 - spread, 1 + spread)) for name in self.station.rig.cameras}
 
@@ -206,7 +223,7 @@ class Stage:
         light = render(self.world(middle), self.station, {core: scenario.optics}, quick, seed=scenario.seed)[
             core
         ]
-        seen = light if sensor.colour == "rgb" else light.mean(axis=-1)
+        seen = light.mean(axis=-1) if sensor.colour == "grey" else light
         full = max(float(np.quantile(seen, BRIGHT)), 1e-6)
         return sensor.model_copy(
             update={"electrons_at_1": BRIGHTEST * sensor.full_well_e / full / sensor.gain}

@@ -16,7 +16,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.atomic import output_folder, write_text
 from beltscape.files.depth_tiff import write_float_tiff
-from beltscape.files.images import write_image
+from beltscape.files.images import EXTENSIONS, write_image
 from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.files.text import read_text
@@ -24,6 +24,8 @@ from beltscape.files.toml_text import read_toml, validated
 from beltscape.report.simulation import simulated_picture
 from beltscape.simulate.laboratory import DOWN
 from beltscape.simulate.load_truth import true_load
+from beltscape.simulate.optics import Lens
+from beltscape.simulate.renderer import chosen
 from beltscape.simulate.scenario import KINDS, Scenario
 from beltscape.simulate.stage import Stage
 from beltscape.simulate.tof import tof_camera
@@ -38,6 +40,7 @@ from beltscape.simulate.truth_files import (
     write_truth,
 )
 from beltscape.simulate.world import World
+from beltscape.target.pattern import PRESETS
 from beltscape.target.print_board import board_toml
 
 
@@ -60,14 +63,27 @@ def read_scenario(scene: str, told: Mapping[str, Any]) -> Scenario:
     else:
         raise InputError(f"{scene}: no such scene; give a .toml file, or one of {', '.join(KINDS)}")
     for key, value in told.items():
-        values[key] = {**values.get(key, {}), **value} if isinstance(value, Mapping) else value
+        own = values.get(key, {})
+        if not isinstance(value, Mapping):
+            values[key] = value
+        elif isinstance(own, Mapping):  # what is no table is told of below
+            values[key] = {**own, **value}
     return validated(path if path.suffix == ".toml" else Path(scene), Scenario, values)
 
 
 def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    """Render the capture and write it with its truth; the result names what was written."""
+    """Render the capture and write it with its truth; the result names what was written.
+
+    Raises
+    ------
+    InputError, SettingsError
+        Before anything is written, when the scene cannot be rendered or the folder holds another capture.
+    OutputError
+        When the folder cannot be written to.
+    """
     stage = Stage(scenario)
     _ready(stage)
+    _alone(stage, out)
     output_folder(out)
     count = stage.frame_count
     _write_truth(stage, out / "truth", reporter)
@@ -100,19 +116,33 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
 
 def _ready(stage: Stage) -> None:
     """Everything that may be refused, before anything is written."""
-    _ = (stage.standing, stage.projector, stage.heap, stage.world_from_module, stage.world_from_board)
-    known = stage.station.rig.cameras
-    faults = stage.scenario.faults
+    known, scenario = stage.station.rig.cameras, stage.scenario
+    faults = scenario.faults
     for fault in (*faults.dirt, *faults.moved_camera, *faults.over_exposure, *faults.missing_frames):
         if fault.camera not in known:
             raise InputError(f"faults: the rig has no camera {fault.camera}; it has {', '.join(known)}")
+    _ = (stage.standing, stage.projector, stage.heap, stage.world_from_module, stage.world_from_board)
+    chosen(scenario.render.engine)
+    for camera in known.values():
+        Lens(camera, scenario.optics, 1).coarse()  # refuses a distortion that folds
+
+
+def _alone(stage: Stage, out: Path) -> None:
+    """InputError when images of another capture would stay among the new ones."""
+    frames = range(stage.frame_count)
+    own = {out / name / f"{stage.name(frame)}.png" for frame in frames for name in stage.delivering(frame)}
+    others = sorted(path for path in out.glob("*/*") if path.suffix.lower() in EXTENSIONS and path not in own)
+    if others:
+        raise InputError(
+            f"{out}: holds another capture ({others[0].relative_to(out)}); choose another folder"
+        )
 
 
 def _resolve(values: dict[str, Any], folder: Path) -> None:
     """Relative paths of a scene's file, taken from its folder."""
     for table, key in (("rig", "file"), ("module", "file"), ("board", "file"), ("projector", "pattern")):
         own = values.get(table)
-        if isinstance(own, dict) and isinstance(own.get(key), str) and Path(own[key]).suffix:
+        if isinstance(own, dict) and isinstance(own.get(key), str) and own[key] not in PRESETS:
             own[key] = str(folder / own[key])
 
 

@@ -19,7 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help=f"{', '.join(SCENES)}, or a scene's TOML file")
     parser.add_argument("--out", type=Path, required=True, help="folder for the capture, its truth in truth/")
     parser.add_argument("--frames", type=int, help="how many (as the scene needs)")
-    parser.add_argument("--seed", type=int, help="of noise, heap and poses of the board, not of the plant (1)")
+    parser.add_argument(
+        "--seed", type=int, help="of noise, heap and poses of the board, not of the plant (1)"
+    )
     parser.add_argument(
         "--size", choices=SIZES, help="of the images: the sensor's, or 2 × 2, 4 × 4 put together"
     )

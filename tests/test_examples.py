@@ -1,4 +1,4 @@
-"""The examples: every scene is one that the program takes, every script runs or at least names what there is."""
+"""The examples and the commands of the manual: each scene is one that the program takes, each command one it has."""
 
 from __future__ import annotations
 
@@ -23,11 +23,15 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 SCENES = sorted(EXAMPLES.rglob("02_simulate/*.toml"))
 SHELL = sorted(EXAMPLES.rglob("*.sh"))
+MANUALS = [
+    ROOT / "README.md",
+    *(ROOT / "docs" / f"{name}.md" for name in ("planning", "targets", "simulator")),
+]
 PYTHON = sorted(EXAMPLES.rglob("*.py"))
 
 
 def told(path: Path) -> list[list[str]]:
-    """Arguments of each call of the program in a shell script."""
+    """Arguments of each call of the program in a shell script, or on a line of its own in a manual."""
     text = path.read_text().replace("\\\n", " ")
     lines = [line.strip() for line in text.splitlines() if line.strip().startswith("beltscape ")]
     return [shlex.split(line, comments=True)[1:] for line in lines]
@@ -64,8 +68,8 @@ def test_the_plan_is_taken():
     assert plan_settings(path, {}).belt.width_mm == read_toml(path)["belt"]["width_mm"]
 
 
-@pytest.mark.parametrize("script", SHELL, ids=lambda path: path.parent.name)
-def test_every_command_of_a_script_is_one_that_the_program_has(script):
+@pytest.mark.parametrize("script", [*SHELL, *MANUALS], ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_every_command_told_is_one_that_the_program_has(script):
     calls = told(script)
     assert calls
     for command, *arguments in calls:

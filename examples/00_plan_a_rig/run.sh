@@ -1,6 +1,6 @@
 #!/bin/sh
 # From a belt to a rig: how high, how far apart, how precise, how fast. report.html first.
-#   sh examples/00_plan_a_rig/run.sh [FOLDER]                   two seconds
+#   sh examples/00_plan_a_rig/run.sh [FOLDER]                   five seconds
 set -eu
 here=$(dirname "$0")
 out=${1:-out/examples/plan}

@@ -1,6 +1,6 @@
 #!/bin/sh
 # What one prints and what one projects.
-#   sh examples/01_targets/run.sh [FOLDER]                      half a minute
+#   sh examples/01_targets/run.sh [FOLDER]                      ten seconds
 set -eu
 out=${1:-out/examples/targets}
 

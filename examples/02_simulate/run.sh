@@ -1,6 +1,6 @@
 #!/bin/sh
 # Renders every scene of this folder, each a capture with its truth in truth/.
-#   sh examples/02_simulate/run.sh [FOLDER]                     some five minutes on two cores
+#   sh examples/02_simulate/run.sh [FOLDER]                     some seven minutes on two cores
 set -eu
 here=$(dirname "$0")
 out=${1:-out/examples/scenes}

@@ -1,6 +1,6 @@
 #!/bin/sh
 # The whole chain on a simulated plant: from board views to cubic millimetres, and how far off they are.
-#   sh examples/03_calibrate_and_measure/run.sh [FOLDER]        about ten minutes on two cores
+#   sh examples/03_calibrate_and_measure/run.sh [FOLDER]        about four minutes on two cores
 set -eu
 here=$(dirname "$0")
 out=${1:-out/examples/chain}

@@ -168,7 +168,7 @@ def test_a_pattern_of_ones_own_must_be_of_the_projectors_size(tmp_path):
     write_pattern(own, make_pattern(PatternSettings(size_px=(320, 200), count=500, seed=3)))
     assert projector(SMALL.model_copy(update={"pattern": own})).pattern.mean() > 0
     with pytest.raises(
-        InputError, match="320×200 px, the projector 1920×1200; set projector.size_px"
+        InputError, match=r"320×200 px, the projector 1920×1200; set projector\.size_px"
     ) as said:
         projector(ProjectorSpec(pattern=own))
     assert str(said.value).startswith(str(own))

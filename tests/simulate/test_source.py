@@ -1,0 +1,47 @@
+"""The simulated plant as a camera: what it gives is what a capture would hold."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+
+from beltscape.core.progress import Silent
+from beltscape.files.capture import read_capture
+from beltscape.files.images import read_image
+from beltscape.pipeline.simulation import simulate
+from beltscape.simulate.source import SimulatedSource
+from simulate.tiny import tiny
+
+SCENE = tiny("belt_moving", frames=2, speckle=False, motion={"start_mm": 0.0, "speed_mm_s": 400.0})
+
+
+def test_it_gives_what_the_capture_holds(tmp_path):
+    simulate(SCENE, tmp_path / "capture", Silent())
+    capture = read_capture(tmp_path / "capture")
+    source = SimulatedSource(SCENE, frames=2)
+    assert source.cameras == capture.cameras
+    assert len(source) == 2
+    frames = list(source)
+    assert tuple(frame.frame for frame in frames) == capture.frames
+    for frame in frames:
+        assert tuple(frame.images) == capture.cameras
+        for name, image in frame.images.items():
+            np.testing.assert_array_equal(image, read_image(capture.files[name][frame.frame]))
+
+
+def test_it_never_ends_unless_told():
+    source = SimulatedSource(SCENE)
+    assert len(source) > 10**9
+    frames = list(islice(source, 2))
+    assert [frame.frame for frame in frames] == ["000", "001"]
+    assert [frame.time_ns for frame in frames] == [0, 200_000_000]
+    assert (frames[0].images["cam0"] != frames[1].images["cam0"]).any()
+
+
+def test_a_calibration_goes_on_from_its_first_pose():
+    board = tiny("calibration", frames=1)
+    first, again = SimulatedSource(board, frames=2)
+    assert (first.frame, again.frame) == ("000", "001")
+    change = again.images["cam0"].astype(float) - first.images["cam0"]
+    assert 0 < change.std() < 5  # noise

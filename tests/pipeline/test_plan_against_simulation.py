@@ -30,7 +30,6 @@ def planned():
 def measured(planned, tmp_path_factory):
     folder = tmp_path_factory.mktemp("planned")
     write_rig(folder / "planned.json", planned.planned.rig)
-    belt = planned.settings.belt
     told = {
         "seed": 11,
         "rig": {"file": str(folder / "planned.json"), "scale": 1.0, "height_mm": 640.0},

@@ -202,7 +202,7 @@ def test_a_board_is_found_where_the_truth_has_it(tmp_path):
     found = np.concatenate(errors)
     assert len(errors) >= 12
     assert np.linalg.norm(found.mean(axis=0)) < 0.01
-    assert np.sqrt((found**2).sum(axis=1).mean()) < 0.15
+    assert np.sqrt((found**2).sum(axis=1).mean()) < 0.03
 
 
 def _large_board(folder: Path) -> Path:

@@ -40,7 +40,7 @@ def station(spec: RigSpec) -> Station:
     core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
     if spec.file is not None:
         given = read_rig(spec.file)
-        cameras = {name: scaled(camera, spec.scale) for name, camera in given.cameras.items()}
+        cameras = {name: scaled(camera, spec.image_scale) for name, camera in given.cameras.items()}
         return Station(Rig(given.core, cameras, given.cam_from_core), core_from_world)
     rng = np.random.default_rng([spec.seed, 1])
     count = spec.auxiliaries + 1
@@ -110,7 +110,7 @@ def _camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
     )  # pixels are all but square
     center = (size - 1) / 2 + spec.scatter * CENTER * size[0] * rng.normal(size=2)
     distortion = np.array(spec.distortion) + spec.scatter * DISTORTION * rng.normal(size=5)
-    return scaled(Camera(name, spec.size_px, focal, center, distortion), spec.scale)
+    return scaled(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
 
 
 def _places(spec: RigSpec) -> list[Array]:

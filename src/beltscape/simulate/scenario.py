@@ -56,8 +56,8 @@ class RigSpec(_Part):
     )
     pitch_um: Annotated[float, Field(ge=0.5, le=50)] = 3.45
     focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
-    scale: Annotated[float, Field(gt=0.02, le=1)] = 0.5
-    """Of the images to the sensor: 0.5 averages 2 × 2 pixels."""
+    scale: Annotated[float, Field(gt=0.02, le=1)] | None = None
+    """Of the images to the sensor: 0.5 averages 2 × 2 pixels. None: 0.5, and 1 where the rig comes from a file."""
     distortion: tuple[Place, Place, Place, Place, Place] = (-0.08, 0.1, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3 on average."""
     scatter: Annotated[float, Field(ge=0, le=10)] = 1.0
@@ -69,6 +69,11 @@ class RigSpec(_Part):
         if self.aim_mm >= self.height_mm:
             raise ValueError(f"aim_mm = {self.aim_mm:g}: must be below height_mm = {self.height_mm:g}")
         return self
+
+    @property
+    def image_scale(self) -> float:
+        """`scale`, told or not."""
+        return self.scale or (0.5 if self.file is None else 1.0)
 
 
 class ProjectorSpec(_Part):

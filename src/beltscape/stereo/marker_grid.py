@@ -20,7 +20,7 @@ SIDE = 4
 class MarkerGrid:
     """The pattern's markers in one image; row and column as in the pattern up to whole quarter turns.
 
-    A camera cannot know how it is turned about the pattern; `beltscape.stereo.marker_agreement.agree` gives all cameras
+    A camera cannot know how it is turned about the pattern; `marker_agreement.agree` gives all cameras
     of a rig the same rows and columns.
     """
 

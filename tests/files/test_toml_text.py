@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -72,3 +74,27 @@ def test_missing_files_folders_and_other_encodings_are_said(tmp_path):
         with pytest.raises(InputError) as error:
             read_toml(path)
         assert str(error.value) == f"{path}: {message}"
+
+
+class Inner(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    height_mm: float = 1.0
+    aim_mm: float = 0.0
+
+
+class Outer(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    rig: Inner = Inner()
+    faults: tuple[Inner, ...] = ()
+    tof: Inner | None = None
+
+
+@pytest.mark.parametrize("table", ["rig", "tof"])
+def test_an_unknown_key_in_a_table_is_told_with_the_tables_own_keys(table):
+    with pytest.raises(InputError, match=rf"unknown key {table}\.heigth_mm; did you mean height_mm\?"):
+        validated(Path("scene.toml"), Outer, {table: {"heigth_mm": 3}})
+
+
+def test_so_is_one_in_a_list_of_tables():
+    with pytest.raises(InputError, match=r"unknown key faults\[1\]\.zzz; known: height_mm, aim_mm"):
+        validated(Path("scene.toml"), Outer, {"faults": [{"aim_mm": 1}, {"zzz": 3}]})

@@ -32,7 +32,28 @@ def validated(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
     except ValidationError as error:
         # a misspelt key is also a missing one: the misspelling comes first
         first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-        raise InputError(f"{path}: {_in_words(first, list(model.model_fields))}") from error
+        raise InputError(f"{path}: {_in_words(first, _known(model, first['loc']))}") from error
+
+
+def _known(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
+    """The keys of the table in which ``place`` names one; empty where that is no table of a fixed form."""
+    from pydantic import BaseModel
+
+    tables: list[Any] = [model]
+    for part in place[:-1]:
+        if isinstance(part, str):
+            inside = [t.model_fields[part].annotation for t in tables if part in t.model_fields]
+            tables = [t for each in inside for t in _models(each, BaseModel)]
+    return [key for table in tables for key in table.model_fields]
+
+
+def _models(annotation: Any, base: type) -> list[Any]:
+    """The models that a field may hold: itself, or among its alternatives or elements."""
+    from typing import get_args
+
+    if isinstance(annotation, type) and issubclass(annotation, base):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models(argument, base)]
 
 
 def _in_words(error: Any, known: list[str]) -> str:
@@ -41,7 +62,7 @@ def _in_words(error: Any, known: list[str]) -> str:
 
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"])[1:]
     if error["type"] == "extra_forbidden":
-        near = get_close_matches(key, known, n=1)
+        near = get_close_matches(str(error["loc"][-1]), known, n=1)
         return f"unknown key {key}; " + (f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}")
     if error["type"] == "missing":
         return f"{key} is missing"

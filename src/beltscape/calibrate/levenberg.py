@@ -42,6 +42,10 @@ class Problem(Protocol[State]):
         ...
 
 
+ROUNDING = 1e-26
+"""Share of the first F below which F is rounding: residuals of exact data do not fall to zero."""
+
+
 @dataclass(frozen=True, slots=True)
 class Damping:
     """How λ follows the gain ratio ρ = [F(X) − F(X + δ)] / [F(X) − L(X + δ)] (Eq. 20)."""
@@ -79,10 +83,11 @@ def minimise(problem: Problem[State], state: State, damping: Damping | None = No
     rule = damping or Damping()
     lam = rule.start
     linear = problem.linearise(state)
+    nothing = ROUNDING * linear.cost
     for iteration in range(1, rule.iterations + 1):
         step = linear.step(lam)
         promised = linear.predicted_drop(step)
-        if not promised > rule.tolerance * linear.cost:
+        if not promised > max(rule.tolerance * linear.cost, nothing):
             return Minimum(state, linear.cost, iteration, converged=True)
         candidate = problem.moved(state, step)
         cost = problem.cost(candidate)

@@ -87,8 +87,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.toml_text import validated
+    from beltscape.pipeline.pattern_files import write_pattern_files
     from beltscape.target.pattern import PRESETS, PatternSettings, make_pattern
-    from beltscape.target.pattern_files import write_pattern_files
 
     told = {
         "size_px": arguments.size,

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter
@@ -211,10 +210,8 @@ def _write_tof(stage: Stage, frame: int, folder: Path) -> None:
     if spec is None:
         return
     tof_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
-    found = tof_of(
-        stage.world(frame), tof_from_world, spec.camera, seed=stage.scenario.seed * 100_003 + frame
-    )
-    camera: Camera = replace(tof_camera(spec.camera), name="tof")
+    found = tof_of(stage.world(frame), tof_from_world, spec.camera, seed=stage.seed(frame))
+    camera = replace(tof_camera(spec.camera), name="tof")
     write_rig(folder / "rig.json", Rig("tof", {"tof": camera}, {"tof": Pose.identity()}))
     for name, values in (
         ("depth", found.depth_mm),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -94,8 +94,7 @@ def make_heap(settings: HeapSettings, belt: BeltSettings) -> Heap:
 
 def carried(solids: Sequence[Solid], along_mm: float) -> tuple[Solid, ...]:
     """The same solids after the belt has carried them that far along +y."""
-    way = np.array([0.0, along_mm, 0.0])
-    return tuple(replace(solid, vertices_mm=solid.vertices_mm + way) for solid in solids)
+    return tuple(solid.carried(along_mm) for solid in solids)
 
 
 def _records(rocks: list[Rock], at_mm: NDArray[np.float64]) -> Rocks:

@@ -18,14 +18,8 @@ _STEP_PX = 0.3
 
 def moved(world: World, along_mm: float, labels: Collection[int] = (Label.MATERIAL,)) -> World:
     """The world with its solids of these labels moved along the belt; the projector stays."""
-    step = np.array([0.0, along_mm, 0.0])
-    return replace(
-        world,
-        solids=tuple(
-            replace(solid, vertices_mm=solid.vertices_mm + step) if solid.label in labels else solid
-            for solid in world.solids
-        ),
-    )
+    carried = tuple(solid.carried(along_mm) if solid.label in labels else solid for solid in world.solids)
+    return replace(world, solids=carried)
 
 
 def instants(

@@ -107,6 +107,10 @@ class Stage:
         """Of a frame."""
         return f"{frame:03d}"
 
+    def seed(self, frame: int) -> int:
+        """Of what differs by chance in a frame's light."""
+        return self.scenario.seed * 100_003 + frame
+
     def time_s(self, frame: int) -> float:
         """When a frame is taken."""
         return frame / self.scenario.motion.frames_per_s
@@ -182,7 +186,7 @@ class Stage:
     def _light(self, frame: int, names: list[str]) -> dict[str, np.ndarray]:
         scenario, world = self.scenario, self.world(frame)
         optics = dict.fromkeys(names, scenario.optics)
-        seed = scenario.seed * 100_003 + frame
+        seed = self.seed(frame)
         travel = scenario.motion.speed_mm_s * scenario.motion.exposure_us * 1e-6 if self._moves else 0.0
         if travel:
             worlds = instants(world, self.standing, travel)

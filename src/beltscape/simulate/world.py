@@ -5,7 +5,7 @@ World frame: x across the belt, y along it, z up, mm; the origin lies on the emp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -46,6 +46,10 @@ class Solid:
     """(V, 2) texture coordinates; u to the right, v down, (0, 0) at the outer corner of the top-left texel."""
     gloss: float = 0.0
     """Share of light that is reflected as by a rough plastic surface; 0: purely diffuse."""
+
+    def carried(self, along_mm: float) -> Solid:
+        """The same after the belt has carried it that far along +y."""
+        return replace(self, vertices_mm=self.vertices_mm + np.array([0.0, along_mm, 0.0]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ from typing import Literal
 from beltscape.files.atomic import write_bytes, write_text
 from beltscape.files.images import write_image
 from beltscape.files.json_text import write_json
+from beltscape.report.blue_noise import quality_picture
 from beltscape.target.blue_noise import BlueNoise, blue_noise
-from beltscape.target.blue_noise_picture import quality_picture
 from beltscape.target.pattern import Pattern
 from beltscape.target.pattern_image import draw_pattern
 from beltscape.target.pattern_json import write_pattern

@@ -8,8 +8,8 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.files.images import read_image
+from beltscape.pipeline.pattern_files import write_pattern_files
 from beltscape.target.pattern import PatternSettings, make_pattern
-from beltscape.target.pattern_files import write_pattern_files
 from beltscape.target.pattern_image import draw_pattern
 from beltscape.target.pattern_json import read_pattern
 from beltscape.target.pattern_svg import pattern_svg

@@ -2,48 +2,29 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.report.plots import STYLE, panels, to_png
 from beltscape.target.blue_noise import LOW, BlueNoise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-STYLE: dict[str, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.edgecolor": "#868e96",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlelocation": "left",
-    "xtick.color": "#495057",
-    "ytick.color": "#495057",
-    "figure.facecolor": "white",
-    "savefig.dpi": 120,
-}
 BLUE, ORANGE = "#1c7ed6", "#e8590c"
 
 
 def quality_picture(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:
     """PNG of the quality; ``image`` (H, W, 3) is the drawn pattern. The same input gives the same bytes."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(12.6, 3.8), layout="constrained")
-        piece, nearest, spectrum = figure.subplots(1, 3)
+    figure, (piece, nearest, spectrum) = panels(3, columns=3, height=3.8)
+    with mpl.rc_context(dict(STYLE)):
         _piece(piece, image, quality.d_min_px)
         _nearest(nearest, quality)
         _spectrum(spectrum, quality)
-        buffer = BytesIO()
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
-        return buffer.getvalue()
+    return to_png(figure)
 
 
 def _piece(axes: Axes, image: NDArray[Any], d_min_px: float) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 
 from beltscape.calibrate.corners import Corners
@@ -33,6 +31,4 @@ def turned_corners(corners: Corners, board: Board, turn: int) -> Corners:
     former = np.rot90(np.arange(columns * rows).reshape(rows, columns), turn).ravel()
     ids = np.argsort(former)[corners.ids]
     order = np.argsort(ids)
-    rest = {field.name: getattr(corners, field.name) for field in fields(corners) if field.name != "ids"}
-    moved = {name: None if values is None else values[order] for name, values in rest.items()}
-    return replace(corners, ids=ids[order].astype(np.int64), **moved)
+    return Corners(ids[order].astype(np.int64), corners.pixels[order])

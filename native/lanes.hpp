@@ -1,37 +1,142 @@
-// Lanes: the number type a kernel is written over. A GCC vector on the CPU, a plain double elsewhere (CUDA,
-// tests).
+// Lanes: the number type F a kernel is written over, and the few operations a kernel needs of it. F is a GCC
+// vector (Floats, Doubles) on the CPU and a plain float or double in CUDA; one template text serves both:
+//
+//   template <class F>
+//   BELTSCAPE_INLINE void lengths(const float* x, const float* y, float* out, int count) {
+//       for (int i = 0; i < count; i += Lane<F>::count) {
+//           const F a = load_first<F>(x + i, count - i), b = load_first<F>(y + i, count - i);
+//           store_first(out + i, square_root(a * a + b * b), count - i);
+//       }
+//   }
+//
+// MaskOf<F> is what comparing two F gives; masks join with & and |, and `negate` reverses one.
+// Everything is IEEE without fused or reordered steps: every level and every lane gives the same bits.
 #pragma once
 
+#ifndef __CUDACC_RTC__  // NVRTC knows std::size_t by itself and has no standard headers
 #include <cstddef>
+#endif
+
+#ifdef __CUDACC__
+#define BELTSCAPE_INLINE __host__ __device__ inline
+#else
+#define BELTSCAPE_INLINE inline
+#endif
 
 namespace beltscape {
 
-#if defined(__AVX512F__)
-inline constexpr std::size_t kLanes = 8;
-#elif defined(__AVX__)
-inline constexpr std::size_t kLanes = 4;
-#else
-inline constexpr std::size_t kLanes = 2;
-#endif
-
-typedef double Doubles __attribute__((vector_size(kLanes * sizeof(double))));
-
-// How many points one value of F carries, and how one of them is reached.
+// How many points one value of F carries, the types of its integers and masks, and how one lane is reached.
 template <class F>
 struct Lane;
 
-template <>
-struct Lane<double> {
-    static constexpr std::size_t count = 1;
-    static void set(double& lanes, std::size_t, double value) { lanes = value; }
-    static double get(const double& lanes, std::size_t) { return lanes; }
+template <class F>
+using IntOf = typename Lane<F>::Int;
+template <class F>
+using MaskOf = typename Lane<F>::Mask;
+
+template <class T>
+struct ScalarLane {
+    using Int = int;
+    using Mask = bool;
+    static constexpr int count = 1;
+    BELTSCAPE_INLINE static void set(T& lanes, int, T value) { lanes = value; }
+    BELTSCAPE_INLINE static T get(T lanes, int) { return lanes; }
 };
 
 template <>
-struct Lane<Doubles> {
-    static constexpr std::size_t count = kLanes;
-    static void set(Doubles& lanes, std::size_t i, double value) { lanes[i] = value; }
-    static double get(const Doubles& lanes, std::size_t i) { return lanes[i]; }
-};
+struct Lane<float> : ScalarLane<float> {};
+template <>
+struct Lane<double> : ScalarLane<double> {};
+template <>
+struct Lane<int> : ScalarLane<int> {};
+
+BELTSCAPE_INLINE bool is_finite(double a) { return a - a == 0; }
+
+BELTSCAPE_INLINE bool negate(bool mask) { return !mask; }
+BELTSCAPE_INLINE bool any(bool mask) { return mask; }
+BELTSCAPE_INLINE bool not_a_number(float a) { return a != a; }
+
+BELTSCAPE_INLINE float select(bool mask, float a, float b) { return mask ? a : b; }
+BELTSCAPE_INLINE int select(bool mask, int a, int b) { return mask ? a : b; }
+
+// `lesser` and `greater` give b where either is NaN, `clamp` gives `low` for NaN: clean an index before a
+// gather.
+BELTSCAPE_INLINE float lesser(float a, float b) { return a < b ? a : b; }
+BELTSCAPE_INLINE float greater(float a, float b) { return a > b ? a : b; }
+BELTSCAPE_INLINE float clamp(float a, float low, float high) { return lesser(greater(a, low), high); }
+BELTSCAPE_INLINE int lesser(int a, int b) { return a < b ? a : b; }
+BELTSCAPE_INLINE int greater(int a, int b) { return a > b ? a : b; }
+BELTSCAPE_INLINE int clamp(int a, int low, int high) { return lesser(greater(a, low), high); }
+
+// From float to int: |a| < 2^31 and not NaN. `to_int` goes towards zero, `floor_int` downwards.
+BELTSCAPE_INLINE float to_float(int a) { return static_cast<float>(a); }
+BELTSCAPE_INLINE int to_int(float a) { return static_cast<int>(a); }
+BELTSCAPE_INLINE int floor_int(float a) { return to_int(a) - (to_float(to_int(a)) > a ? 1 : 0); }
+
+BELTSCAPE_INLINE int absolute(int a) { return a < 0 ? -a : a; }
+#ifdef __CUDACC__
+BELTSCAPE_INLINE float absolute(float a) { return fabsf(a); }
+BELTSCAPE_INLINE float square_root(float a) { return sqrtf(a); }
+#else
+BELTSCAPE_INLINE float absolute(float a) { return __builtin_fabsf(a); }
+BELTSCAPE_INLINE float square_root(float a) { return __builtin_sqrtf(a); }
+#endif
+
+// base[index] as float; T is float, unsigned char, unsigned short, ...
+template <class T>
+BELTSCAPE_INLINE float gather(const T* base, int index) {
+    return static_cast<float>(base[index]);
+}
+
+BELTSCAPE_INLINE void store(float* to, float a) { *to = a; }
+BELTSCAPE_INLINE void store(int* to, int a) { *to = a; }
+
+}  // namespace beltscape
+
+#ifndef __CUDACC__
+#include "vectors.hpp"
+#endif
+
+namespace beltscape {
+
+// Lane<F>::count neighbours from any address, as F (also for unsigned char and unsigned short images).
+template <class F, class T>
+BELTSCAPE_INLINE F load(const T* from) {
+    if constexpr (Lane<F>::count == 1)
+        return static_cast<F>(*from);
+    else
+        return load_vector<F>(from);
+}
+
+// The tail of a row: the first `count` lanes (>= 1, may be more than there are) are read, the others are 0.
+template <class F, class T>
+BELTSCAPE_INLINE F load_first(const T* from, int count) {
+    if (count >= Lane<F>::count) return load<F>(from);
+    F lanes{};
+    for (int i = 0; i < count; ++i) Lane<F>::set(lanes, i, static_cast<float>(from[i]));
+    return lanes;
+}
+
+// ... and only as many written.
+template <class F, class T>
+BELTSCAPE_INLINE void store_first(T* to, F lanes, int count) {
+    if (count >= Lane<F>::count) return store(to, lanes);
+    for (int i = 0; i < count; ++i) to[i] = Lane<F>::get(lanes, i);
+}
+
+template <class F, class T>
+BELTSCAPE_INLINE F broadcast(T value) {
+    F lanes{};
+    for (int i = 0; i < Lane<F>::count; ++i) Lane<F>::set(lanes, i, value);
+    return lanes;
+}
+
+// 0, 1, 2, ...: the columns of a row's lanes, for `broadcast<IntOf<F>>(x) + lane_numbers<F>()`.
+template <class F>
+BELTSCAPE_INLINE IntOf<F> lane_numbers() {
+    IntOf<F> lanes{};
+    for (int i = 0; i < Lane<F>::count; ++i) Lane<IntOf<F>>::set(lanes, i, i);
+    return lanes;
+}
 
 }  // namespace beltscape

@@ -1,24 +1,26 @@
-// Independent strips of an index range on a few threads. Each index is computed by itself, so the result
-// does not depend on the number of threads.
+// A fixed list of jobs on a few threads. Which thread takes which job is left to chance, so a job may write
+// only what is its own and the cut into jobs may not depend on the threads: then neither does the result.
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <thread>
 #include <vector>
 
 namespace beltscape {
 
-template <class Strip>
-void for_strips(std::size_t count, std::size_t threads, std::size_t grain, const Strip& strip) {
+// Calls job(0) ... job(count - 1), each once, on `threads` threads (0 = all cores); jobs may not throw.
+template <class Job>
+void for_jobs(std::size_t count, std::size_t threads, const Job& job) {
     if (threads == 0) threads = std::max(1u, std::thread::hardware_concurrency());
-    threads = std::max<std::size_t>(1, std::min(threads, count / grain));
-    const std::size_t size = (count + threads - 1) / threads;
-    std::vector<std::jthread> others;
-    others.reserve(threads - 1);
-    for (std::size_t t = 1; t < threads; ++t)
-        others.emplace_back([&, t] { strip(std::min(t * size, count), std::min((t + 1) * size, count)); });
-    strip(0, std::min(size, count));
+    std::atomic<std::size_t> next = 0;
+    const auto work = [&] {
+        for (std::size_t i = next++; i < count; i = next++) job(i);
+    };
+    std::vector<std::jthread> others;  // joined at the end of the scope
+    for (std::size_t t = 1; t < std::min(threads, count); ++t) others.emplace_back(work);
+    work();
 }
 
 }  // namespace beltscape

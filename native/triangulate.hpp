@@ -4,23 +4,20 @@
 // 3x3 normal equations, one lane per point. A camera that does not see a point (NaN) enters with weight 0.
 #pragma once
 
-#include <cmath>
-#include <cstddef>
-#include <limits>
-
 #include "lanes.hpp"
 
 namespace beltscape {
 
 // A point is refused when |N| |N^-1| (Frobenius) of its normal matrix exceeds this: rays (nearly) parallel.
 inline constexpr double kMaxCondition = 1e12;
+inline constexpr double kNotMeasured = __builtin_nan("");
 
 // Upper triangle of the normal matrix N = AtA, and Atb.
 template <class F>
 struct Normal {
     F xx{}, xy{}, xz{}, yy{}, yz{}, zz{}, bx{}, by{}, bz{};
 
-    void add(F ax, F ay, F az, F b) {
+    BELTSCAPE_INLINE void add(F ax, F ay, F az, F b) {
         xx += ax * ax, xy += ax * ay, xz += ax * az, yy += ay * ay, yz += ay * az, zz += az * az;
         bx += ax * b, by += ay * b, bz += az * b;
     }
@@ -32,7 +29,7 @@ struct Point {
 };
 
 template <class F>
-Point<F> solve(const Normal<F>& n) {
+BELTSCAPE_INLINE Point<F> solve(const Normal<F>& n) {
     const F cxx = n.yy * n.zz - n.yz * n.yz, cxy = n.xz * n.yz - n.xy * n.zz, cxz = n.xy * n.yz - n.xz * n.yy;
     const F cyy = n.xx * n.zz - n.xz * n.xz, cyz = n.xy * n.xz - n.xx * n.yz, czz = n.xx * n.yy - n.xy * n.xy;
     const F inverse_det = 1.0 / (n.xx * cxx + n.xy * cxy + n.xz * cxz);
@@ -51,16 +48,18 @@ struct TriangulateInput {
     std::size_t cameras, points;
 };
 
+// Points first ... first + count - 1, at most as many as F has lanes.
 template <class F>
-void triangulate_lanes(const TriangulateInput& in, std::size_t first, std::size_t count, double* out) {
+BELTSCAPE_INLINE void triangulate_lanes(const TriangulateInput& in, std::size_t first, int count,
+                                        double* out) {
     Normal<F> normal;
     F views{};
     for (std::size_t c = 0; c < in.cameras; ++c) {
         const double* m = in.projections + 12 * c;
         const double* pixel = in.pixels + 2 * (c * in.points + first);
         F u{}, v{}, seen{};
-        for (std::size_t i = 0; i < count; ++i) {
-            if (!std::isfinite(pixel[2 * i]) || !std::isfinite(pixel[2 * i + 1])) continue;
+        for (int i = 0; i < count; ++i) {
+            if (!is_finite(pixel[2 * i]) || !is_finite(pixel[2 * i + 1])) continue;
             Lane<F>::set(u, i, pixel[2 * i]), Lane<F>::set(v, i, pixel[2 * i + 1]),
                 Lane<F>::set(seen, i, 1.0);
         }
@@ -71,19 +70,14 @@ void triangulate_lanes(const TriangulateInput& in, std::size_t first, std::size_
                    (m[7] - v * m[11]) * seen);
     }
     const Point<F> point = solve(normal);
-    for (std::size_t i = 0; i < count; ++i) {
+    for (int i = 0; i < count; ++i) {
         const bool good = Lane<F>::get(views, i) > 1.5 &&
                           Lane<F>::get(point.condition_squared, i) < kMaxCondition * kMaxCondition;
-        double* target = out + 3 * (first + i);
-        target[0] = good ? Lane<F>::get(point.x, i) : std::numeric_limits<double>::quiet_NaN();
-        target[1] = good ? Lane<F>::get(point.y, i) : std::numeric_limits<double>::quiet_NaN();
-        target[2] = good ? Lane<F>::get(point.z, i) : std::numeric_limits<double>::quiet_NaN();
+        double* target = out + 3 * (first + static_cast<std::size_t>(i));
+        target[0] = good ? Lane<F>::get(point.x, i) : kNotMeasured;
+        target[1] = good ? Lane<F>::get(point.y, i) : kNotMeasured;
+        target[2] = good ? Lane<F>::get(point.z, i) : kNotMeasured;
     }
-}
-
-inline void triangulate_strip(const TriangulateInput& in, std::size_t begin, std::size_t end, double* out) {
-    for (std::size_t first = begin; first < end; first += kLanes)
-        triangulate_lanes<Doubles>(in, first, end - first < kLanes ? end - first : kLanes, out);
 }
 
 }  // namespace beltscape

@@ -1,0 +1,14 @@
+// Every family of kernels has one binding file; module.cpp calls them. Arrays were checked in Python
+// (kernels/native.py), and a binding releases the GIL for the work.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+namespace beltscape {
+
+namespace nb = nanobind;
+
+void bind_triangulate(nb::module_& m);
+
+}  // namespace beltscape

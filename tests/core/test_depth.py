@@ -10,9 +10,8 @@ from strategies import seeds
 
 
 def depth_map(depth: np.ndarray) -> DepthMap:
-    return DepthMap(
-        depth.astype(np.float32), np.full(depth.shape, 0.1, np.float32), np.ones(depth.shape, np.uint8)
-    )
+    ones = np.ones(depth.shape, np.float32)
+    return DepthMap(depth.astype(np.float32), 0.1 * ones, ones.astype(np.uint8), ones)
 
 
 @given(st.integers(1, 12), st.integers(1, 9), seeds)

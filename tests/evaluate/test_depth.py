@@ -9,7 +9,8 @@ from beltscape.evaluate.depth import interior_pixels, robust_sigma, score_depth
 
 
 def depth_map(z: np.ndarray, sigma_mm: float = 0.1) -> DepthMap:
-    return DepthMap(z.astype(np.float32), np.full(z.shape, sigma_mm, np.float32), np.ones(z.shape, np.uint8))
+    ones = np.ones(z.shape, np.float32)
+    return DepthMap(z.astype(np.float32), ones * np.float32(sigma_mm), ones.astype(np.uint8), ones)
 
 
 def test_every_share_counts_what_it_says():

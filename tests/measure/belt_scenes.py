@@ -196,7 +196,8 @@ def depth_map(
         wrong = rng.random(depth.shape) < gross
         depth[wrong] += rng.normal(0, 40, int(wrong.sum()))
     sigma = np.full(depth.shape, max(noise_mm, 1e-3), np.float32)
-    return DepthMap(depth.astype(np.float32), sigma, np.full(depth.shape, 4, np.uint8))
+    views = np.full(depth.shape, 4, np.uint8)
+    return DepthMap(depth.astype(np.float32), sigma, views, np.isfinite(depth).astype(np.float32))
 
 
 def _turned(rays: Rays, center_mm: tuple[float, float], yaw_deg: float) -> Rays:

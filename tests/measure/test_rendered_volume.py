@@ -27,7 +27,8 @@ def camera() -> Camera:
 
 def depth(scene: str) -> DepthMap:
     z = np.load(TRUTH / f"{scene}_depth_cam0.npz")["z_pinhole"].astype(np.float32)
-    return DepthMap(z, np.full(z.shape, 1e-3, np.float32), np.full(z.shape, 4, np.uint8))
+    ones = np.ones(z.shape, np.float32)
+    return DepthMap(z, 1e-3 * ones, 4 * ones.astype(np.uint8), ones)
 
 
 def origin_mm() -> np.ndarray:

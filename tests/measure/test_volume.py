@@ -148,7 +148,8 @@ def test_round_belts_are_measured_too() -> None:
 def test_maps_of_two_sizes_are_refused() -> None:
     scene = Scene(TROUGH)
     depth = depth_map(scene.depth_mm())
-    half = DepthMap(depth.depth_mm[::2, ::2], depth.sigma_mm[::2, ::2], depth.views[::2, ::2])
+    maps = (depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence)
+    half = DepthMap(*(values[::2, ::2] for values in maps))
     with pytest.raises(InputError, match="153×129 and 306×257 pixels"):
         measure_volume(half, depth, scene.camera, VolumeSettings(), across_mm=None, along_mm=None)
 

@@ -11,11 +11,19 @@ from beltscape.stereo.cloud import cloud_from_depth
 CAMERA = camera("cam0", (120, 90))
 
 
+def measured(z: np.ndarray) -> DepthMap:
+    """What a matcher says of a depth (H, W) in mm."""
+    there = np.isfinite(z)
+    return DepthMap(
+        z, np.where(there, np.float32(0.1), np.nan), there.astype(np.uint8), there.astype(np.float32)
+    )
+
+
 def plane(normal: np.ndarray, distance_mm: float) -> DepthMap:
     """Depth of the plane normal·P = distance."""
     rays = np.concatenate([CAMERA.rays(), np.ones((90, 120, 1))], axis=-1)
     z = (distance_mm / (rays @ normal)).astype(np.float32)
-    return DepthMap(z, np.full_like(z, 0.1), np.full(z.shape, 4, np.uint8))
+    return measured(z)
 
 
 @pytest.mark.parametrize("tilt", [(0, 0), (0.5, -0.2), (-0.6, 0.5)])
@@ -31,7 +39,7 @@ def test_normals_do_not_lean_across_a_step_and_gaps_make_no_points():
     z = np.full((90, 120), 700, np.float32)
     z[:, 60:] = 650
     z[10:20, 10:20] = np.nan
-    cloud = cloud_from_depth(DepthMap(z, z * 0 + 0.1, np.ones(z.shape, np.uint8)), CAMERA, None)
+    cloud = cloud_from_depth(measured(z), CAMERA, None)
     assert len(cloud.points_mm) == z.size - 100
     np.testing.assert_allclose(cloud.normals, np.tile([0, 0, -1], (len(cloud.normals), 1)), atol=1e-3)
     np.testing.assert_array_equal(cloud.sigma_mm, np.float32(0.1))
@@ -40,7 +48,7 @@ def test_normals_do_not_lean_across_a_step_and_gaps_make_no_points():
 def test_a_pixel_alone_has_no_normal():
     z = np.full((90, 120), np.nan, np.float32)
     z[40, 50] = 700
-    cloud = cloud_from_depth(DepthMap(z, z * 0 + 0.1, np.ones(z.shape, np.uint8)), CAMERA, None)
+    cloud = cloud_from_depth(measured(z), CAMERA, None)
     assert cloud.points_mm.shape == (1, 3)
     assert np.isnan(cloud.normals).all()
 

@@ -40,6 +40,8 @@ def test_a_synthetic_belt_is_measured_without_bias_and_with_honest_sigma(belt):
     assert depth.depth_mm.dtype == depth.sigma_mm.dtype == np.float32
     assert np.array_equal(np.isnan(depth.sigma_mm), np.isnan(depth.depth_mm))
     assert np.array_equal(depth.views == 0, np.isnan(depth.depth_mm))
+    assert depth.confidence.dtype == np.float32
+    np.testing.assert_array_equal(depth.confidence, depth.views / np.float32(4))
 
 
 def test_the_mean_beats_each_pair(belt):

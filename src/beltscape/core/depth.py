@@ -20,6 +20,8 @@ class DepthMap:
     """(H, W) float32, one standard deviation of it."""
     views: NDArray[np.uint8]
     """(H, W) uint8: how many auxiliary cameras measured the pixel."""
+    confidence: NDArray[np.float32]
+    """(H, W) float32, 0..1: probability-like trust that the pixel is not a false surface; 0 where not measured."""
 
     @property
     def measured(self) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
@@ -29,10 +30,11 @@ class FrameResult:
 
 
 def write_frame(folder: Path, depth: DepthMap, cloud: PointCloud, preview: Image) -> None:
-    """depth.tiff, sigma.tiff, views.png, cloud.ply and preview.png of one frame."""
+    """depth.tiff, sigma.tiff, confidence.tiff, views.png, cloud.ply and preview.png of one frame."""
     output_folder(folder)
     write_float_tiff(folder / "depth.tiff", depth.depth_mm)
     write_float_tiff(folder / "sigma.tiff", depth.sigma_mm)
+    write_float_tiff(folder / "confidence.tiff", depth.confidence)
     write_image(folder / "views.png", depth.views)
     write_cloud(folder / "cloud.ply", cloud)
     write_image(folder / "preview.png", preview)
@@ -50,17 +52,23 @@ def read_frame(folder: Path) -> FrameResult:
         raise InputError(f"{folder}: no such folder; give a frame folder of beltscape reconstruct")
     rig = read_rig(folder.parent / "rig.json")
     depth, sigma = read_float_tiff(folder / "depth.tiff"), read_float_tiff(folder / "sigma.tiff")
+    confidence = _confidence(folder / "confidence.tiff", depth)
     width, height = rig.core_camera.size_px
-    for name, values in (("depth.tiff", depth), ("sigma.tiff", sigma)):
+    for name, values in (("depth.tiff", depth), ("sigma.tiff", sigma), ("confidence.tiff", confidence)):
         if values.shape != (height, width):
             raise InputError(
                 f"{folder / name}: {values.shape[1]}×{values.shape[0]} px, but the rig's core camera {rig.core} "
                 f"has {width}×{height}; the rig.json beside the frame is another rig's"
             )
-    return FrameResult(folder, rig, DepthMap(depth, sigma, _views(folder / "views.png", depth)))
+    return FrameResult(folder, rig, DepthMap(depth, sigma, _views(folder / "views.png", depth), confidence))
 
 
-def _views(path: Path, depth: np.ndarray) -> np.ndarray:
+def _confidence(path: Path, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Trust in each pixel; full where there is a depth, if nobody wrote it down."""
+    return read_float_tiff(path) if path.is_file() else np.isfinite(depth).astype(np.float32)
+
+
+def _views(path: Path, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     """How many auxiliaries measured each pixel; at least one where there is a depth, if nobody wrote it down."""
     if path.is_file():
         views = read_image(path)

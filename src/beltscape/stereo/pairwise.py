@@ -77,7 +77,8 @@ class PairwiseReconstructor:
         scale = float(np.mean([pair.focal_px * pair.baseline_mm for pair in pairs]))
         agreement = self.settings.agreement_px
         fused = fuse(np.stack(depths), None if agreement is None else agreement / scale)
-        return DepthMap(fused.depth_mm, depth_sigma(fused, scale), fused.views)
+        confidence = fused.views / np.float32(len(names))  # the share of pairs that agree
+        return DepthMap(fused.depth_mm, depth_sigma(fused, scale), fused.views, confidence)
 
 
 def reconstruct_pairwise(

@@ -1,4 +1,4 @@
-"""``beltscape import PATH --out rig.json [--format opencv|kalibr|colmap|ros] [--core CAM]``."""  # noqa: N999
+"""``beltscape import PATH --out rig.json [--format opencv|kalibr|colmap|ros|vic3d] [--core CAM]``."""  # noqa: N999
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.core.progress import Reporter
-from beltscape.files.exchange import FORMATS
+from beltscape.files.exchange import READABLE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("source", metavar="PATH", type=Path, help="file, or folder of camera files")
     parser.add_argument("--out", type=Path, required=True, help="rig.json to write")
-    parser.add_argument("--format", choices=list(FORMATS), help="whose words it is in (default: found out)")
+    parser.add_argument("--format", choices=list(READABLE), help="whose words it is in (default: found out)")
     parser.add_argument("--core", metavar="CAM", help="core camera (default: the file's reference)")
 
 

@@ -285,7 +285,7 @@ def test_ros_camera_info_and_a_tree_of_transforms(put):
         ("r.json", COLMAP, "]\n  }\n]", "]\n  }, {\"cameras\": []}\n]", r"holds 2 rigs; keep the one to be read"),
         ("l.yaml", ROS_LEFT, "plumb_bob", "equidistant",
          r"l\.yaml\.distortion_model = 'equidistant' is not known, only plumb_bob, rat"),
-        ("l.yaml", "a: 1\n", "", "", r"is none of opencv, kalibr, colmap, ros; give a calibration file, or its"),
+        ("l.yaml", "a: 1\n", "", "", r"is none of opencv, kalibr, colmap, ros, vic3d; give a calibration file"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_one_line_with_file_value_and_mend(put, name, text, old, new, line):
@@ -305,7 +305,7 @@ def test_what_is_not_there_is_said(put, tmp_path):
     with pytest.raises(InputError, match=r"no camera 'cam9'; choose the core among cam0, cam1, cam2"):
         import_rig(put("c.yaml", KALIBR), Silent(), core="cam9")
     with pytest.raises(
-        InputError, match=r"format 'matlab' is not known; there are opencv, kalibr, colmap, ros"
+        InputError, match=r"format 'matlab' is not known; there are opencv, kalibr, colmap, ros, vic3d"
     ):
         import_rig(tmp_path / "c.yaml", Silent(), kind="matlab")
     with pytest.raises(InputError, match=r"has no cam0; give a camchain\.yaml"):

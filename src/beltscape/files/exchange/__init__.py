@@ -1,4 +1,4 @@
-"""A rig in the words of other programs: OpenCV, Kalibr, COLMAP, ROS; one file per format.
+"""A rig in the words of other programs: OpenCV, Kalibr, COLMAP, ROS, VIC-3D; one file per format.
 
 Every format shares OpenCV's camera axes (x right, y down, z forward) and lens model; they differ in units, in the
 direction and the reference of their transforms and in where pixel (0, 0) lies. Each module says what it writes and
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
 """Name of a format → its module here, imported only when it is asked for."""
 
+READABLE = {**FORMATS, "vic3d": "vic3d"}
+"""These, and the formats that are read but not written."""
+
 RIG_JSON = "rig.json"
 """What `recognise` calls Beltscape's own format."""
 
@@ -33,7 +36,7 @@ class Format(Protocol):
     """What a format's module offers."""
 
     def recognises(self, document: Any) -> bool:
-        """Whether a parsed YAML or JSON file is of this format."""
+        """Whether a parsed YAML, JSON or XML file is of this format."""
         ...
 
     def read(self, path: Path, warn: Callable[[str], None]) -> Described:
@@ -47,6 +50,8 @@ class Format(Protocol):
 
 def export_rig(path: Path, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
     """Write ``rig`` at ``path`` in the format ``kind``; warns of what the format cannot hold."""
+    if kind in READABLE and kind not in FORMATS:
+        raise InputError(f"format {kind!r} is read, not written; there are {', '.join(FORMATS)}")
     with _errors_of(path):
         return _module(kind).write(path, rig, lambda text: reporter.warn(f"{path}: {text}"))
 
@@ -82,9 +87,9 @@ def recognise(path: Path) -> str:
     documents = [read_document(file) for file in (yaml_files(path) if path.is_dir() else [path])]
     if any(isinstance(d, dict) and str(d.get("format")).startswith("beltscape-rig/") for d in documents):
         return RIG_JSON
-    found = [name for name in FORMATS if any(_module(name).recognises(d) for d in documents)]
+    found = [name for name in READABLE if any(_module(name).recognises(d) for d in documents)]
     if len(found) != 1:
-        what = f"could be {' or '.join(found)}" if found else f"is none of {', '.join(FORMATS)}"
+        what = f"could be {' or '.join(found)}" if found else f"is none of {', '.join(READABLE)}"
         raise InputError(f"{path}: {what}; give a calibration file, or its --format")
     return found[0]
 
@@ -94,9 +99,9 @@ def _read(path: Path, kind: str, reporter: Reporter) -> Described:
 
 
 def _module(kind: str) -> Format:
-    if kind not in FORMATS:
-        raise InputError(f"format {kind!r} is not known; there are {', '.join(FORMATS)}")
-    return import_module(f"{__name__}.{FORMATS[kind]}")  # pyright: ignore[reportReturnType]
+    if kind not in READABLE:
+        raise InputError(f"format {kind!r} is not known; there are {', '.join(READABLE)}")
+    return import_module(f"{__name__}.{READABLE[kind]}")  # pyright: ignore[reportReturnType]
 
 
 @contextmanager

@@ -1,10 +1,11 @@
-"""YAML as OpenCV, Kalibr and ROS write it, parsed and written; JSON where a file is named so and looks it."""
+"""YAML as OpenCV, Kalibr and ROS write it, parsed and written; JSON and XML where a file is named so and looks it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import yaml
 
@@ -45,9 +46,12 @@ _Dumper.add_representer(
 
 
 def read_document(path: Path) -> Any:
-    """A parsed YAML or JSON file, or InputError naming the place that is wrong."""
+    """A parsed YAML or JSON file, an XML file's root element, or InputError naming the place that is wrong."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
+        if data.startswith(b"<?xml"):
+            return _xml(path, data)
+        text = data.decode("utf-8-sig")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
@@ -65,6 +69,14 @@ def read_document(path: Path) -> Any:
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise InputError(f"{path}: not YAML ({where}{problem})") from error
+
+
+def _xml(path: Path, data: bytes) -> ElementTree.Element:
+    """The root element; the document itself says its encoding."""
+    try:
+        return ElementTree.fromstring(data)
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: not XML ({error})") from error
 
 
 def write_yaml(path: Path, document: Mapping[str, Any], head: str = "") -> None:

@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev demo test check format bench docs lock clean
+.PHONY: help install dev demo test sanitize check format bench docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 NATIVE := CMakeLists.txt pyproject.toml $(wildcard native/*)
@@ -34,6 +34,16 @@ demo: install ## the whole chain on a small rig; writes out/demo/report.html
 
 test: dev ## every test
 	$(BIN)/python -m pytest
+
+# The sanitized build stands apart: its own folder, found through PYTHONPATH; -S leaves the editable install out.
+SANITIZED := build/sanitize
+sanitize: dev ## the tests of the kernels under the address and undefined-behaviour sanitizers
+	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --upgrade --target $(SANITIZED)/site \
+	  -C build-dir=$(SANITIZED)/cmake -C cmake.define.BELTSCAPE_SANITIZE=ON -C install.strip=false .
+	site=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libstdc++.so)" PYTHONMALLOC=malloc \
+	  ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONPATH=$(SANITIZED)/site:$$site \
+	  $(BIN)/python -S -m pytest -n0 --capture=sys tests/kernels --ignore tests/kernels/test_cuda_compile.py
 
 check: dev ## format, lint, types, import floors
 	$(BIN)/ruff format --check .

@@ -13,10 +13,6 @@
 // Everything is IEEE without fused or reordered steps: every level and every lane gives the same bits.
 #pragma once
 
-#ifndef __CUDACC_RTC__  // NVRTC knows std::size_t by itself and has no standard headers
-#include <cstddef>
-#endif
-
 #ifdef __CUDACC__
 #define BELTSCAPE_INLINE __host__ __device__ inline
 #else
@@ -24,6 +20,10 @@
 #endif
 
 namespace beltscape {
+
+using size_t = decltype(sizeof 0);  // NVRTC has no standard headers
+inline constexpr float kNotANumber = __builtin_bit_cast(float, 0x7fc00000);
+inline constexpr float kInfinity = __builtin_bit_cast(float, 0x7f800000);
 
 // How many points one value of F carries, the types of its integers and masks, and how one lane is reached.
 template <class F>
@@ -68,7 +68,8 @@ BELTSCAPE_INLINE int lesser(int a, int b) { return a < b ? a : b; }
 BELTSCAPE_INLINE int greater(int a, int b) { return a > b ? a : b; }
 BELTSCAPE_INLINE int clamp(int a, int low, int high) { return lesser(greater(a, low), high); }
 
-// From float to int: |a| < 2^31 and not NaN. `to_int` goes towards zero, `floor_int` downwards.
+// From float to int: |a| < 2^31 and not NaN. `to_int` goes towards zero, `floor_int` downwards. (Back again,
+// GCC may keep the sign of -0 in a plain float; vectors never do.)
 BELTSCAPE_INLINE float to_float(int a) { return static_cast<float>(a); }
 BELTSCAPE_INLINE int to_int(float a) { return static_cast<int>(a); }
 BELTSCAPE_INLINE int floor_int(float a) { return to_int(a) - (to_float(to_int(a)) > a ? 1 : 0); }

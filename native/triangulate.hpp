@@ -10,7 +10,6 @@ namespace beltscape {
 
 // A point is refused when |N| |N^-1| (Frobenius) of its normal matrix exceeds this: rays (nearly) parallel.
 inline constexpr double kMaxCondition = 1e12;
-inline constexpr double kNotMeasured = __builtin_nan("");
 
 // Upper triangle of the normal matrix N = AtA, and Atb.
 template <class F>
@@ -45,16 +44,15 @@ BELTSCAPE_INLINE Point<F> solve(const Normal<F>& n) {
 struct TriangulateInput {
     const double* projections;
     const double* pixels;
-    std::size_t cameras, points;
+    size_t cameras, points;
 };
 
 // Points first ... first + count - 1, at most as many as F has lanes.
 template <class F>
-BELTSCAPE_INLINE void triangulate_lanes(const TriangulateInput& in, std::size_t first, int count,
-                                        double* out) {
+BELTSCAPE_INLINE void triangulate_lanes(const TriangulateInput& in, size_t first, int count, double* out) {
     Normal<F> normal;
     F views{};
-    for (std::size_t c = 0; c < in.cameras; ++c) {
+    for (size_t c = 0; c < in.cameras; ++c) {
         const double* m = in.projections + 12 * c;
         const double* pixel = in.pixels + 2 * (c * in.points + first);
         F u{}, v{}, seen{};
@@ -73,10 +71,10 @@ BELTSCAPE_INLINE void triangulate_lanes(const TriangulateInput& in, std::size_t 
     for (int i = 0; i < count; ++i) {
         const bool good = Lane<F>::get(views, i) > 1.5 &&
                           Lane<F>::get(point.condition_squared, i) < kMaxCondition * kMaxCondition;
-        double* target = out + 3 * (first + static_cast<std::size_t>(i));
-        target[0] = good ? Lane<F>::get(point.x, i) : kNotMeasured;
-        target[1] = good ? Lane<F>::get(point.y, i) : kNotMeasured;
-        target[2] = good ? Lane<F>::get(point.z, i) : kNotMeasured;
+        double* target = out + 3 * (first + static_cast<size_t>(i));
+        target[0] = good ? Lane<F>::get(point.x, i) : kNotANumber;
+        target[1] = good ? Lane<F>::get(point.y, i) : kNotANumber;
+        target[2] = good ? Lane<F>::get(point.z, i) : kNotANumber;
     }
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
@@ -15,6 +16,10 @@ _VERTEX = np.dtype(
     + [(name, "u1") for name in ("red", "green", "blue")]
     + [("sigma", "<f4")]
 )
+_PACKED = np.dtype([("point", "V12"), ("normal", "V12"), ("color", "V3"), ("sigma", "<f4")])
+"""The same 31 bytes, copied in four pieces instead of ten."""
+_BLOCK = 1 << 16
+"""Vertices put together at a time: they stay in the cache, and the file's content is never held twice."""
 _HEADER = """ply
 format binary_little_endian 1.0
 comment beltscape: frame {frame}, millimetres
@@ -35,16 +40,24 @@ end_header
 
 def write_cloud(path: Path, cloud: PointCloud) -> None:
     """Write a cloud, atomically."""
-    vertices = np.empty(len(cloud.points_mm), _VERTEX)
-    for i, axis in enumerate("xyz"):
-        vertices[axis] = cloud.points_mm[:, i]
-        vertices[f"n{axis}"] = cloud.normals[:, i]
-    for i, channel in enumerate(("red", "green", "blue")):
-        vertices[channel] = cloud.colors[:, i]
-    vertices["sigma"] = cloud.sigma_mm
+    count = len(cloud.points_mm)
     with replacing(path) as temporary, temporary.open("wb") as file:
-        file.write(_HEADER.format(frame=cloud.frame, count=len(vertices)).encode("ascii"))
-        file.write(vertices.tobytes())
+        file.write(_HEADER.format(frame=cloud.frame, count=count).encode("ascii"))
+        block = np.empty(min(count, _BLOCK), _PACKED)
+        for first in range(0, count, _BLOCK):
+            some = slice(first, first + _BLOCK)
+            part = block[: count - first]
+            part["point"] = _items(cloud.points_mm[some], "<f4")
+            part["normal"] = _items(cloud.normals[some], "<f4")
+            part["color"] = _items(cloud.colors[some], "u1")
+            part["sigma"] = cloud.sigma_mm[some]
+            file.write(part.data)
+
+
+def _items(rows: NDArray[np.generic], dtype: str) -> NDArray[np.void]:
+    """(n,) view of (n, 3) rows as one item each, which NumPy copies several times faster than three numbers."""
+    packed = np.ascontiguousarray(rows, dtype)
+    return packed.view((np.void, 3 * packed.itemsize))[:, 0]
 
 
 def read_cloud(path: Path) -> PointCloud:

@@ -73,5 +73,5 @@ def _views(path: Path, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
     if path.is_file():
         views = read_image(path)
         if views.shape == depth.shape and views.dtype == np.uint8:
-            return views
+            return np.asarray(views, np.uint8)
     return np.isfinite(depth).astype(np.uint8)

@@ -21,7 +21,7 @@ from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.regions import write_regions
 from beltscape.report.pictures import preview
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.cloud import cloud_from_depth, undistorted
+from beltscape.stereo.cloud import CloudBuilder
 from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
 from beltscape.stereo.search import find_depth_range
 from beltscape.stereo.settings import PairwiseSettings
@@ -87,18 +87,19 @@ def reconstruct_capture(
     write_rig(out / "rig.json", rig)
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
+    builder = CloudBuilder(rig.core_camera)
     for frame in reconstruct(source, rig, auxiliaries, near_far, settings, reporter):
         if not documents:
             regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
-        documents.append(_write(out / frame.frame_set.frame, frame, rig))
+        documents.append(_write(out / frame.frame_set.frame, frame, builder))
         reporter.step("reconstructing", len(documents), len(source))
     return Reconstruction(auxiliaries, near_far, tuple(documents), regions)
 
 
-def _write(folder: Path, frame: Frame, rig: Rig) -> Mapping[str, Any]:
-    depth, camera, image = frame.depth, rig.core_camera, frame.frame_set.images[rig.core]
-    cloud = cloud_from_depth(depth, camera, image)
-    write_frame(folder, depth, cloud, preview(depth, undistorted(image, camera)))
+def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
+    depth, image = frame.depth, frame.frame_set.images[builder.camera.name]
+    cloud = builder.cloud(depth, image)
+    write_frame(folder, depth, cloud, preview(depth, builder.undistorted(image)))
     measured = depth.measured.any()
     return {
         "frame": frame.frame_set.frame,

@@ -1,6 +1,6 @@
 // The lanes of the CPU: GCC vectors as wide as the level's registers, with the operations of lanes.hpp (which
 // includes this file; include that one). No intrinsics: GCC 12 makes one or two instructions of each but
-// `gather`, where the loop is within 15 % of vgatherdps, and `any`.
+// `gather`, where the loop is within 20 % of vgatherdps, and `any`.
 #pragma once
 
 #include <cstdint>

@@ -30,6 +30,9 @@ from beltscape.files.exchange import values
 from beltscape.files.exchange.described import Described
 from beltscape.files.exchange.text import read_document
 
+SKEW_PX = 1e-3
+"""A skew that moves the image by less is left out without a word."""
+
 
 def recognises(document: Any) -> bool:
     """XML with a camera that has an orientation."""
@@ -61,10 +64,11 @@ def rotation_from_angles(degrees: NDArray[np.float64]) -> NDArray[np.float64]:
 def _camera(name: str, entry: Element, size: list[str], warn: Callable[[str], None]) -> Camera:
     cx, cy, fx, fy, skew, k1, k2, k3 = values.numbers((entry.text or "").split(), f"camera {name}", 8)
     camera = values.camera(name, name, size, [fx, fy], [cx, cy], [k1, k2, 0.0, 0.0, k3])
-    farthest = max(cy, camera.size_px[1] - 1 - cy) / fy
-    if skew:
-        warn(f"{name}: its skew of {skew:.3g} px is left out, which moves the image by up to "
-             f"{abs(skew) * farthest:.2g} px")  # fmt: skip
+    moved_px = abs(skew) * max(cy, camera.size_px[1] - 1 - cy) / fy
+    if moved_px > SKEW_PX:
+        warn(
+            f"{name}: its skew of {skew:.3g} px is left out, which moves the image by up to {moved_px:.2g} px"
+        )
     return camera
 
 

@@ -1,0 +1,84 @@
+"""Depth matchers on real stereo pairs; prints a table.
+
+    python benchmarks/real.py [REAL]
+
+REAL is a folder with the pairs of `beltscape.evaluate.real_pairs` (default: ../shared/data/real beside the
+repository); a pair that is not there is named and left out.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.evaluate.depth import robust_sigma
+from beltscape.evaluate.disparity_pair import DisparityPair
+from beltscape.evaluate.real_pairs import METHODS, dice_auto, dice_gt4, motorcycle
+from beltscape.evaluate.speckle_pair import SpecklePair
+
+PAIRS = {"dice_gt4_speckle": dice_gt4, "dice_stereo_auto": dice_auto, "middlebury_motorcycle": motorcycle}
+SUBSETS_PX = (1, 9, 25)
+
+
+def real_pairs(folder: Path) -> list[str]:
+    """Two tables as lines of Markdown: agreement with correspondences, and shares of true disparity."""
+    there = [read(folder / name) for name, read in PAIRS.items() if (folder / name).is_dir()]
+    points = [
+        "| real pair | method | depth over | points | measured | median px | robust σ px | P95 px | > 1 px | s |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    shares = [
+        "| real pair | method | of | pixels | measured | < 0.5 px | < 1 px | < 2 px | median px | > 4 px | s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    notes = []
+    for pair in there:
+        if isinstance(pair, SpecklePair):
+            points += _agreements(pair)
+            off = pair.epipolar_px()
+            notes.append(
+                f"{pair.name}: reference beside its epipolar lines by {np.median(off):+.3f} px (median), "
+                f"robust σ {robust_sigma(off):.3f} px, P95 {np.percentile(np.abs(off), 95):.3f} px."
+            )
+        else:
+            shares += _shares(pair)
+    notes += [f"{name}: not there." for name in PAIRS if not (folder / name).is_dir()]
+    return [*points, "", *shares, "", *notes]
+
+
+def _agreements(pair: SpecklePair) -> list[str]:
+    rows = []
+    for method, reconstruct in METHODS.items():
+        start = time.perf_counter()
+        depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
+        took = time.perf_counter() - start
+        for edge in SUBSETS_PX:
+            a = pair.agreement_px(depth, subset_px=edge)
+            rows.append(
+                f"| {pair.name} | {method} | {edge}×{edge} px | {a.points} | {a.measured:.1%} | "
+                f"{a.median_px:+.4f} | {a.robust_sigma_px:.4f} | {a.p95_px:.3f} | {a.gross:.2%} | {took:.2f} |"
+            )
+    return rows
+
+
+def _shares(pair: DisparityPair) -> list[str]:
+    rows = []
+    for method, reconstruct in METHODS.items():
+        start = time.perf_counter()
+        depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
+        took = time.perf_counter() - start
+        for label, region in (("all", None), ("seen by both", pair.seen_by_both())):
+            s = pair.score(depth, region)
+            rows.append(
+                f"| {pair.name} | {method} | {label} | {s.pixels} | {s.coverage:.1%} | {s.within_half_px:.1%} | "
+                f"{s.within_1px:.1%} | {s.within_2px:.1%} | {s.median_px:.3f} | {s.gross:.2%} | {took:.2f} |"
+            )
+    return rows
+
+
+if __name__ == "__main__":
+    default = Path(__file__).parents[2] / "shared" / "data" / "real"
+    print("\n".join(real_pairs(Path(sys.argv[1]) if len(sys.argv) > 1 else default)))

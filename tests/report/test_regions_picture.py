@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.frames import FrameSet
+from beltscape.report.pictures import PANEL_PX
 from beltscape.report.regions import regions_drawn, regions_picture
 from beltscape.stereo.marker_grid import find_marker_grid
 from stereo.projected import picture, view
@@ -30,4 +31,4 @@ def test_cameras_without_markers_are_shown_too():
     assert grid is not None
     frames = FrameSet("000", {"cam0": image, "cam1": image, "cam2": image, "cam3": np.zeros_like(image)})
     shown = regions_picture(frames, {"cam0": grid, "cam1": grid, "cam2": grid})
-    assert shown.shape[1] == 3 * 760 and shown.shape[0] > 2 * 600
+    assert shown.shape[1] == 3 * PANEL_PX and shown.shape[0] > 2 * 600

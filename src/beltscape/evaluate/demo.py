@@ -53,8 +53,8 @@ class SceneResult:
     """On the depth map's grid."""
     depth: Mapping[str, DepthScore]
     """By method."""
-    error_mm: NDArray[np.float64]
-    """(H, W) measured minus true depth of the pairwise method; NaN where either is missing."""
+    true_mm: NDArray[np.float64]
+    """(H, W) true depth where it is compared; NaN elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +111,7 @@ def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Re
         depth_map=depths["pairwise"],
         core_image=image,
         depth={method: score_depth(depth, true_mm, region) for method, depth in depths.items()},
-        error_mm=np.where(region, depths["pairwise"].depth_mm - true_mm, np.nan),
+        true_mm=np.where(region, true_mm, np.nan),
     )
 
 

@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 
 from beltscape.core.rig import Rig
-from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, METHODS, Demo, SceneResult
+from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, METHODS, Demo
 from beltscape.evaluate.depth import DepthScore
 from beltscape.files.images import read_image
 from beltscape.files.ply import read_cloud
+from beltscape.report.depth_picture import depth_panel, error_picture, sigma_panel
+from beltscape.report.legend import NEAR_TO_FAR, Scale
 from beltscape.report.page import Figure, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import Rgb, beside, colored, colored_difference, panel, preview_panels
+from beltscape.report.pictures import panel, sheet, to_rgb
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.report.volume import height_plot, litres, profiles_plot
 
@@ -105,9 +107,9 @@ def _scene(demo: Demo) -> Scene:
     chosen = np.random.default_rng(0).permutation(len(cloud.points_mm))[:CLOUD_POINTS]
     points = cloud.points_mm[np.sort(chosen)].astype(np.float64)
     depth = points[:, 2]
-    colors = colored(-depth[None], -float(np.quantile(depth, 0.99)), -float(np.quantile(depth, 0.01)))[0]
+    scale = Scale(float(np.quantile(depth, 0.01)), float(np.quantile(depth, 0.99)), NEAR_TO_FAR)
     cameras = rig_scene(rig, length_mm=0.25 * float(np.median(depth)))
-    return Scene(cameras.lines, cameras.labels, points, colors)
+    return Scene(cameras.lines, cameras.labels, points, scale.colored(depth))
 
 
 def _rectification(demo: Demo) -> Figure:
@@ -146,17 +148,17 @@ def _depth_row(score: DepthScore) -> list[str]:
 
 def _scene_figure(demo: Demo, scene: str) -> Figure:
     result = demo.scenes[scene]
-    image, depth, sigma = preview_panels(result.depth_map, result.core_image)
-    picture = np.concatenate([beside([image, depth]), beside([sigma, _error_panel(result)])])
+    depth = result.depth_map
+    panels = [
+        panel(to_rgb(result.core_image), "core camera, undistorted"),
+        depth_panel(depth),
+        sigma_panel(depth),
+        error_picture(depth, result.true_mm, limit_mm=ERROR_MM),
+    ]
     return Figure.of(
-        picture,
+        sheet(panels, 2),
         f"{TITLES[scene].capitalize()}: image, depth, its σ, and the error against the truth.",
     )
-
-
-def _error_panel(result: SceneResult) -> Rgb:
-    scale = (-ERROR_MM, ERROR_MM, "mm")
-    return panel(colored_difference(result.error_mm, ERROR_MM), "measured minus true", scale, None)
 
 
 def _smaller(image: np.ndarray, width_px: int = 2000) -> np.ndarray:

@@ -19,7 +19,7 @@ from beltscape.files.capture import read_capture
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.regions import write_regions
-from beltscape.report.pictures import preview
+from beltscape.report.depth_picture import frame_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cloud import CloudBuilder
 from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
@@ -97,9 +97,9 @@ def reconstruct_capture(
 
 
 def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
-    depth, image = frame.depth, frame.frame_set.images[builder.camera.name]
-    cloud = builder.cloud(depth, image)
-    write_frame(folder, depth, cloud, preview(depth, builder.undistorted(image)))
+    depth = frame.depth
+    cloud = builder.cloud(depth, frame.frame_set.images[builder.camera.name])
+    write_frame(folder, depth, cloud, frame_picture(depth))
     measured = depth.measured.any()
     return {
         "frame": frame.frame_set.frame,

@@ -1,39 +1,21 @@
-"""Depth and uncertainty as colours, with a scale that one can read."""
+"""Pictures under titles, with legends that one can read, side by side."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image, grey
+from beltscape.report.legend import PAPER, QUIET, Rgb, Scale, Swatches, keyed, text_width, write
 
-Rgb = NDArray[np.uint8]
-
-GROUND = np.array([38, 42, 48], np.uint8)
-"""What is not measured."""
-_INK = (235, 238, 241)
-_PANEL_PX = 760
-
-
-def colored(values: NDArray[np.floating], low: float, high: float, colormap: int = cv2.COLORMAP_TURBO) -> Rgb:
-    """(H, W) values → (H, W, 3) RGB between ``low`` and ``high``; NaN dark grey."""
-    scaled = np.clip((values - low) / max(high - low, 1e-9), 0, 1)
-    eight = np.rint(255 * np.nan_to_num(scaled)).astype(np.uint8)
-    image = np.asarray(cv2.applyColorMap(eight, colormap)[..., ::-1], np.uint8).copy()
-    image[~np.isfinite(values)] = GROUND
-    return image
-
-
-def colored_difference(values: NDArray[np.floating], limit: float) -> Rgb:
-    """(H, W) values → (H, W, 3) RGB: blue below 0, white at 0, red above, full at ±``limit``; NaN dark grey."""
-    share = np.clip(np.nan_to_num(values) / limit, -1, 1)[..., None]
-    low, high = np.array([23.0, 78.0, 166.0]), np.array([178.0, 24.0, 43.0])
-    end = np.where(share < 0, low, high)
-    image = np.rint(250 + np.abs(share) * (end - 250)).astype(np.uint8)
-    image[~np.isfinite(values)] = GROUND
-    return image
+PANEL_PX = 800
+"""Width of a panel."""
+_MARGIN_PX = 12
+_BODY_PX = PANEL_PX - 2 * _MARGIN_PX
+_HEAD_PX = 36
 
 
 def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, float]:
@@ -48,33 +30,42 @@ def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, flo
 def panel(
     image: Rgb,
     title: str,
-    scale: tuple[float, float, str] | None = None,
-    colormap: int | None = cv2.COLORMAP_TURBO,
+    legend: Scale | Swatches | None = None,
+    *,
+    key: Swatches | None = None,
+    note: str = "",
 ) -> Rgb:
-    """One picture with its title and, where given, a colour scale (low, high, unit) below; None: differences."""
-    factor = _PANEL_PX / image.shape[1]
-    interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
-    body = cv2.resize(image, (_PANEL_PX, round(image.shape[0] * factor)), interpolation=interpolation)
-    head = np.full((34, _PANEL_PX, 3), GROUND, np.uint8)
-    foot = np.full((44, _PANEL_PX, 3), GROUND, np.uint8)
-    _write(head, title, (10, 23))
-    if scale is not None:
-        low, high, unit = scale
-        steps = np.linspace(0, 1, _PANEL_PX - 20)[None].repeat(10, axis=0)
-        ramp = colored_difference(2 * steps - 1, 1) if colormap is None else colored(steps, 0, 1, colormap)
-        foot[6:16, 10:-10] = ramp
-        for position in (0.0, 0.5, 1.0):
-            text = f"{low + position * (high - low):.4g} {unit}"
-            width = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
-            _write(foot, text, (int(10 + position * (_PANEL_PX - 20 - width)), 34), 0.45)
-    return np.concatenate([head, np.asarray(body, np.uint8), foot])
+    """One picture, ``PANEL_PX`` wide, with its title, a note to the right of it, and its legend below.
+
+    The key tells the colours that stand for no value of a scale.
+    """
+    factor = _BODY_PX / image.shape[1]
+    way = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    body = cv2.resize(image, (_BODY_PX, max(round(image.shape[0] * factor), 1)), interpolation=way)
+    head = np.full((_HEAD_PX, _BODY_PX, 3), PAPER, np.uint8)
+    write(head, title, (0, 26), 18)
+    write(head, note, (_BODY_PX - text_width(note, 14), 26), 14, QUIET)
+    parts = [head, np.asarray(body, np.uint8)]
+    if isinstance(legend, Scale) and key is not None:
+        parts.append(keyed(legend, key, _BODY_PX))
+    elif legend is not None:
+        parts.append(legend.legend(_BODY_PX))
+    sides = ((0, _MARGIN_PX // 2), (_MARGIN_PX, _MARGIN_PX), (0, 0))
+    return np.pad(np.concatenate(parts), sides, constant_values=PAPER[0])
 
 
-def beside(panels: list[Rgb]) -> Rgb:
-    """Panels of one height side by side."""
-    height = max(p.shape[0] for p in panels)
-    padded = [np.pad(p, ((0, height - p.shape[0]), (0, 0), (0, 0))) for p in panels]
-    return np.ascontiguousarray(np.concatenate(padded, axis=1))
+def sheet(panels: Sequence[Rgb], columns: int) -> Rgb:
+    """Panels in rows of so many, on white."""
+    rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
+    width = PANEL_PX * min(columns, len(panels))
+    heights = [max(p.shape[0] for p in row) for row in rows]
+    page = np.full((sum(heights), width, 3), PAPER, np.uint8)
+    top = 0
+    for row, height in zip(rows, heights, strict=True):
+        for i, one in enumerate(row):
+            page[top : top + one.shape[0], i * PANEL_PX : (i + 1) * PANEL_PX] = one
+        top += height
+    return page
 
 
 def to_rgb(image: Image) -> Rgb:
@@ -91,30 +82,3 @@ def thumbnail(image: Image, width_px: int = 480) -> Rgb:
     return np.asarray(
         cv2.resize(to_rgb(image), None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8
     )
-
-
-def preview(depth: DepthMap, core_image: Image) -> Rgb:
-    """preview.png: what the core camera saw, its depth and the depth's standard deviation."""
-    return beside(list(preview_panels(depth, core_image)))
-
-
-def preview_panels(depth: DepthMap, core_image: Image) -> tuple[Rgb, Rgb, Rgb]:
-    """The three pictures of a preview: core image (undistorted), depth, σ."""
-    near, far = span(depth.depth_mm)
-    sigma_top = span(depth.sigma_mm, 0.02)[1]
-    return (
-        panel(to_rgb(core_image), "core camera, undistorted"),
-        panel(
-            colored(-depth.depth_mm, -far, -near), f"depth: {depth.coverage:.1%} measured", (far, near, "mm")
-        ),
-        panel(
-            colored(depth.sigma_mm, 0, sigma_top, cv2.COLORMAP_VIRIDIS),
-            "one standard deviation of the depth",
-            (0, sigma_top, "mm"),
-            cv2.COLORMAP_VIRIDIS,
-        ),
-    )
-
-
-def _write(image: Rgb, text: str, where: tuple[int, int], size: float = 0.55) -> None:
-    cv2.putText(image, text, where, cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
-from beltscape.report.pictures import Rgb, beside, panel, to_rgb
+from beltscape.report.legend import Rgb
+from beltscape.report.pictures import panel, sheet, to_rgb
 from beltscape.stereo.rectified import RectifiedImages
 from beltscape.stereo.rectify import upright_turns
 
@@ -22,7 +23,7 @@ def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -
     Corresponding points lie on lines of one colour. Pairs about a vertical baseline are shown upright, so that
     their rows stand on end.
     """
-    rows = []
+    panels = []
     for images in pairs:
         name, pair = images.pair.auxiliary, images.pair
         before_core, before_aux = _before(rig, frame_set, images)
@@ -32,17 +33,13 @@ def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -
             if np.isfinite(images.rows.rms_px)
             else "rows not measured"
         )
-        rows.append(
-            beside(
-                [
-                    panel(before_core, f"before: {pair.core}"),
-                    panel(before_aux, f"before: {name}"),
-                    panel(after_core, f"after: {pair.core}"),
-                    panel(after_aux, f"after: {name}, {off} ({images.rows.points} points)"),
-                ]
-            )
-        )
-    return np.concatenate(rows)
+        panels += [
+            panel(before_core, f"before: {pair.core}"),
+            panel(before_aux, f"before: {name}"),
+            panel(after_core, f"after: {pair.core}"),
+            panel(after_aux, f"after: {name}", note=f"{off} ({images.rows.points} points)"),
+        ]
+    return sheet(panels, 4)
 
 
 def _after(images: RectifiedImages) -> tuple[Rgb, Rgb]:

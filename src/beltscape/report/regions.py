@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.report.pictures import GROUND, Rgb, beside, panel, to_rgb
+from beltscape.report.legend import Rgb
+from beltscape.report.pictures import panel, sheet, to_rgb
 from beltscape.stereo.marker_grid import SIDE, MarkerGrid
 from beltscape.stereo.regions import region_outline
 
@@ -26,12 +27,7 @@ def regions_picture(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], column
         grid = grids.get(name)
         said = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"
         panels.append(panel(to_rgb(image) if grid is None else regions_drawn(image, grid), f"{name}: {said}"))
-    rows = [beside(panels[i : i + columns]) for i in range(0, len(panels), columns)]
-    width = max(row.shape[1] for row in rows)
-    full = [np.full((row.shape[0], width, 3), GROUND, np.uint8) for row in rows]
-    for wide, row in zip(full, rows, strict=True):
-        wide[:, : row.shape[1]] = row
-    return np.concatenate(full)
+    return sheet(panels, columns)
 
 
 def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:

@@ -6,16 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
-from beltscape.report.pictures import Rgb, beside, colored, panel, span, to_rgb
+from beltscape.report.legend import NEAR_TO_FAR, Rgb, Scale
+from beltscape.report.pictures import panel, sheet, span, to_rgb
 
 
 def simulated_picture(frame_set: FrameSet, depth_mm: NDArray[np.float64], columns: int = 3) -> Rgb:
     """(H, W, 3) RGB: the cameras' images, brightened, and the core's true depth (H, W) in its undistorted image."""
-    near, far = span(depth_mm)
+    scale = Scale(*span(depth_mm), NEAR_TO_FAR)
     panels = [panel(to_rgb(image), name) for name, image in frame_set.images.items()]
-    panels.append(panel(colored(-depth_mm, -far, -near), "true depth", (far, near, "mm")))
-    height = max(p.shape[0] for p in panels)
-    panels = [np.pad(p, ((0, height - p.shape[0]), (0, 0), (0, 0))) for p in panels]
-    panels += [np.zeros_like(panels[0])] * (-len(panels) % columns)
-    rows = [beside(panels[i : i + columns]) for i in range(0, len(panels), columns)]
-    return np.ascontiguousarray(np.concatenate(rows))
+    panels.append(panel(scale.colored(depth_mm), "true depth, mm", scale))
+    return sheet(panels, columns)

@@ -1,0 +1,162 @@
+"""Colours for values, and the legends that say which is which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Rgb = NDArray[np.uint8]
+Color = tuple[int, int, int]
+
+PAPER: Color = (255, 255, 255)
+INK: Color = (52, 58, 64)
+QUIET: Color = (134, 142, 150)
+"""Of notes and ticks, and of what is not measured."""
+LEGEND_PX = 50
+"""Height of a legend."""
+_BAR_PX = 12
+_BAR = slice(8, 8 + _BAR_PX)
+"""Rows of the ramp and of the patches."""
+_STEPS = 4
+"""Between ticks, at least."""
+_PATCH_PX = 16
+
+
+def _through(*anchors: Color) -> Rgb:
+    """(256, 3): a colour map through evenly spaced colours."""
+    where = np.linspace(0, 1, len(anchors))
+    channels = np.array(anchors, np.float64).T
+    return np.rint([np.interp(np.linspace(0, 1, 256), where, c) for c in channels]).T.astype(np.uint8)
+
+
+def _of_opencv(name: int) -> Rgb:
+    ramp = np.arange(256, dtype=np.uint8)[:, None]
+    return np.ascontiguousarray(np.asarray(cv2.applyColorMap(ramp, name))[:, 0, ::-1], np.uint8)
+
+
+TURBO, VIRIDIS = _of_opencv(cv2.COLORMAP_TURBO), _of_opencv(cv2.COLORMAP_VIRIDIS)
+"""(256, 3) for heights and for magnitudes."""
+NEAR_TO_FAR = TURBO[235:14:-1]
+"""(221, 3) for depths, near in red; its ends are not too dark to be shaded."""
+DIFFERENCE = _through((23, 78, 166), (250, 250, 250), (178, 24, 43))
+"""(256, 3) blue below, white at and red above the middle."""
+TRUST = _through((217, 72, 15), (253, 174, 97), (255, 248, 196), (130, 190, 230), (24, 100, 171))
+"""(256, 3) from doubt, orange, to trust, blue."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scale:
+    """Colours between two values, linear or logarithmic; what is beyond has the end's colour."""
+
+    low: float
+    high: float
+    colormap: Rgb
+    """(n, 3) RGB, n up to 256."""
+    log: bool = False
+
+    def colored(self, values: NDArray[np.floating]) -> Rgb:
+        """(...) values → (..., 3) RGB; NaN grey."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = self._share(values.astype(np.float32))
+        known = ~np.isnan(share)
+        eight = np.rint((len(self.colormap) - 1) * np.where(known, np.clip(share, 0, 1), 0)).astype(np.uint8)
+        image = self.colormap.take(eight, axis=0)
+        image[~known] = QUIET
+        return image
+
+    def legend(self, width_px: int) -> Rgb:
+        """(LEGEND_PX, width, 3): a ramp with ticks at round values."""
+        image = _paper(width_px)
+        image[_BAR] = self.colormap[np.linspace(0, len(self.colormap) - 1, width_px).astype(int)]
+        for value in self.ticks():
+            u = round(float(self._share(np.array([value], np.float32))[0]) * (width_px - 1))
+            image[_BAR.stop : _BAR.stop + 5, max(u - 1, 0) : u + 1] = QUIET
+            text = f"{value:.6g}".replace("-", "−")
+            left = min(max(u - text_width(text, 13) // 2, 0), width_px - text_width(text, 13))
+            write(image, text, (left, _BAR.stop + 20), 13)
+        return image
+
+    def ticks(self) -> list[float]:
+        """Round values within the scale."""
+        if not self.log:
+            step = round_below((self.high - self.low) / _STEPS)
+            first, last = np.ceil(self.low / step - 1e-6), np.floor(self.high / step + 1e-6)
+            return [float(np.round(n * step, 9) + 0.0) for n in np.arange(first, last + 1)]
+        decades = range(int(np.floor(np.log10(self.low))), int(np.ceil(np.log10(self.high))) + 1)
+        for digits in ((1, 2, 5), (1,)):
+            ticks = [d * 10.0**n for n in decades for d in digits]
+            ticks = [t for t in ticks if self.low * 0.999 <= t <= self.high * 1.001]
+            if len(ticks) <= 3 * _STEPS:
+                break
+        return ticks
+
+    def _share(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        low, high = (np.log(self.low), np.log(self.high)) if self.log else (self.low, self.high)
+        return ((np.log(values) if self.log else values) - np.float32(low)) / np.float32(high - low)
+
+
+@dataclass(frozen=True, slots=True)
+class Swatches:
+    """One colour for each of a few words."""
+
+    entries: Sequence[tuple[str, Color]]
+
+    def legend(self, width_px: int) -> Rgb:
+        """(LEGEND_PX, width, 3): a patch before each word."""
+        image, left = _paper(width_px), 0
+        for text, color in self.entries:
+            image[_BAR.start - 2 : _BAR.stop + 2, left : left + _PATCH_PX] = color
+            write(image, text, (left + _PATCH_PX + 7, _BAR.stop - 1), 14)
+            left += self._step(text)
+        return image
+
+    @property
+    def width_px(self) -> int:
+        """What they take."""
+        return sum(self._step(text) for text, _ in self.entries)
+
+    @staticmethod
+    def _step(text: str) -> int:
+        return _PATCH_PX + 7 + text_width(text, 14) + 20
+
+
+def keyed(scale: Scale, key: Swatches, width_px: int) -> Rgb:
+    """(LEGEND_PX, width, 3): a scale, and to the right of it the colours that stand for no value."""
+    ramp = scale.legend(width_px - key.width_px - _PATCH_PX)
+    return np.concatenate([ramp, _paper(_PATCH_PX), key.legend(key.width_px)], axis=1)
+
+
+def round_above(value: float) -> float:
+    """The least of 1, 2, 5, 10, 20, … (and of tenths of these) that is not below a positive value."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * next((d for d in (1, 2, 5) if d * decade >= value * (1 - 1e-9)), 10))
+
+
+def round_below(value: float) -> float:
+    """The greatest of 1, 2, 5, 10, 20, … (and of tenths of these) that is not above a positive value."""
+    return 1 / round_above(1 / value)
+
+
+def write(image: Rgb, text: str, left_base: tuple[int, int], size: int, color: Color = INK) -> None:
+    """Draw text into an image; the position is the left end of its base line, px."""
+    cv2.putText(image, text, left_base, color, _font(), size, 400)
+
+
+def text_width(text: str, size: int) -> int:
+    """Width of a text, px."""
+    return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, 400)[2])
+
+
+def _paper(width_px: int) -> Rgb:
+    return np.full((LEGEND_PX, width_px, 3), PAPER, np.uint8)
+
+
+@cache
+def _font() -> Any:
+    return cv2.FontFace("sans")

@@ -1,4 +1,4 @@
-"""depth.tiff and sigma.tiff: float32 millimetres, NaN = not measured."""
+"""depth.tiff, sigma.tiff, confidence.tiff: one float32 plane each; millimetres are NaN where not measured."""
 
 from __future__ import annotations
 

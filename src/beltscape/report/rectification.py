@@ -37,7 +37,7 @@ def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -
             panel(before_core, f"before: {pair.core}"),
             panel(before_aux, f"before: {name}"),
             panel(after_core, f"after: {pair.core}"),
-            panel(after_aux, f"after: {name}", note=f"{off} ({images.rows.points} points)"),
+            panel(after_aux, f"after: {name}, {off} ({images.rows.points} points)"),
         ]
     return sheet(panels, 4)
 

@@ -1,4 +1,4 @@
-"""The kernels in plain NumPy, float64: what the fast ones are held against. Written to be read."""
+"""Points from rays: the reference of `triangulate`."""
 
 from __future__ import annotations
 
@@ -11,20 +11,13 @@ MAX_CONDITION = 1e12
 """A point is refused when ‖N‖·‖N⁻¹‖ (Frobenius) of its normal matrix exceeds this."""
 
 
-class ReferenceKernels:
-    """Every kernel, one obvious step after another."""
-
-    name = "reference"
-
-    def triangulate(
-        self, projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0
-    ) -> NDArray[np.float64]:
-        """See `beltscape.kernels.Kernels.triangulate`; ``threads`` is ignored here."""
-        del threads
-        projections, pixels = triangulation_input(projections, pixels)
-        return np.array([_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]).reshape(
-            -1, 3
-        )
+def triangulate(
+    projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0
+) -> NDArray[np.float64]:
+    """See `beltscape.kernels.Kernels.triangulate`; ``threads`` is ignored here."""
+    del threads
+    projections, pixels = triangulation_input(projections, pixels)
+    return np.array([_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]).reshape(-1, 3)
 
 
 def _triangulate_point(projections: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,5 @@
 // Every family of kernels has one binding file; module.cpp calls them. Arrays were checked in Python
-// (kernels/native.py), and a binding releases the GIL for the work.
+// (kernels/native/), and a binding releases the GIL for the work.
 #pragma once
 
 #include <nanobind/nanobind.h>

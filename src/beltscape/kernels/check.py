@@ -22,3 +22,16 @@ def triangulation_input(
             f"not {pixels.shape}"
         )
     return projections, pixels
+
+
+def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]) -> NDArray[np.float32]:
+    """The array as contiguous float32 of a shape, or KernelError; a letter in ``shape`` is any size >= 1."""
+    array = np.ascontiguousarray(array, dtype=np.float32)
+    fits = array.ndim == len(shape) and all(
+        have == want if isinstance(want, int) else have > 0
+        for have, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+        raise KernelError(f"{name} must have the shape {wanted}, not {array.shape}")
+    return array

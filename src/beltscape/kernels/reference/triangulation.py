@@ -14,7 +14,7 @@ MAX_CONDITION = 1e12
 def triangulate(
     projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0
 ) -> NDArray[np.float64]:
-    """See `beltscape.kernels.Kernels.triangulate`; ``threads`` is ignored here."""
+    """See `beltscape.kernels.protocol.triangulation`; ``threads`` is ignored here."""
     del threads
     projections, pixels = triangulation_input(projections, pixels)
     return np.array([_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]).reshape(-1, 3)

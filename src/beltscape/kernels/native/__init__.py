@@ -1,4 +1,4 @@
-"""The kernels in C++, one module per instruction-set level; the best one is chosen at import."""
+"""The kernels in C++, one module per instruction-set level; the best one is chosen at import. A family a file."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-import numpy as np
-from numpy.typing import NDArray
-
 from beltscape.core.errors import KernelError
-from beltscape.kernels.check import triangulation_input
+from beltscape.kernels.native.triangulation import Triangulation
 
 _ORDER = ("base", "v2", "v3", "v4")
 
@@ -30,18 +27,9 @@ def levels() -> tuple[str, ...]:
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
 
 
-class NativeKernels:
-    """The kernels of one instruction-set level."""
+class NativeKernels(Triangulation):
+    """The kernels of one instruction-set level; every family is a base class, in its own file."""
 
     def __init__(self, level: str) -> None:
         self.name = level
         self._module = _module(level)
-
-    def triangulate(
-        self, projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0
-    ) -> NDArray[np.float64]:
-        """See `beltscape.kernels.Kernels.triangulate`."""
-        projections, pixels = triangulation_input(projections, pixels)
-        out = np.empty((pixels.shape[1], 3))
-        self._module.triangulate(projections, pixels, out, threads)
-        return out

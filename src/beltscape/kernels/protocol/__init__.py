@@ -1,0 +1,17 @@
+"""What a set of kernels offers: a family a file, each a protocol; `Kernels` is all of them."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from beltscape.kernels.protocol.triangulation import Triangulates
+
+
+class Kernels(Triangulates, Protocol):
+    """What every set of kernels offers; stages receive one as a value.
+
+    Every kernel takes ``threads`` (0 takes all cores), on which its result does not depend, and raises
+    KernelError where the shapes of its arrays do not fit each other.
+    """
+
+    name: str

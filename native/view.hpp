@@ -28,6 +28,7 @@ struct Moving {
     F u, v, du, dv;
 };
 
+// All of these are NaN for what is not before the auxiliary.
 template <class F>
 struct Ideal {
     F x, y, inverse_depth;  // x and y before distortion
@@ -38,19 +39,31 @@ BELTSCAPE_INLINE Ideal<F> ideal(const View& view, F u, F v, F s) {
     const float* d = view.direction;
     const F x = d[0] * u + d[1] * v + d[2] + view.shift[0] * s;
     const F y = d[3] * u + d[4] * v + d[5] + view.shift[1] * s;
-    const F inverse_depth = 1.0f / (d[6] * u + d[7] * v + d[8] + view.shift[2] * s);
+    const F depth = d[6] * u + d[7] * v + d[8] + view.shift[2] * s;
+    const F inverse_depth = select(depth > 0.0f, 1.0f / depth, broadcast<F>(kNotANumber));
     return {x * inverse_depth, y * inverse_depth, inverse_depth};
+}
+
+template <class F>
+struct Pixel {
+    F u, v;
+};
+
+// The auxiliary's pixel of a direction (x, y, 1) in its frame.
+template <class F>
+BELTSCAPE_INLINE Pixel<F> image_of(const View& view, F x, F y) {
+    const F xx = x * x, xy = x * y, yy = y * y, rr = xx + yy;
+    const F radial = 1.0f + rr * (view.k1 + rr * (view.k2 + rr * view.k3));
+    const F distorted_x = x * radial + 2.0f * view.p1 * xy + view.p2 * (rr + 2.0f * xx);
+    const F distorted_y = y * radial + view.p1 * (rr + 2.0f * yy) + 2.0f * view.p2 * xy;
+    return {distorted_x * view.focal_u + view.center_u, distorted_y * view.focal_v + view.center_v};
 }
 
 template <class F>
 BELTSCAPE_INLINE Seen<F> see(const View& view, F u, F v, F s) {
     const auto [x, y, inverse_depth] = ideal(view, u, v, s);
-    const F xx = x * x, xy = x * y, yy = y * y, rr = xx + yy;
-    const F radial = 1.0f + rr * (view.k1 + rr * (view.k2 + rr * view.k3));
-    const F distorted_x = x * radial + 2.0f * view.p1 * xy + view.p2 * (rr + 2.0f * xx);
-    const F distorted_y = y * radial + view.p1 * (rr + 2.0f * yy) + 2.0f * view.p2 * xy;
-    return {distorted_x * view.focal_u + view.center_u, distorted_y * view.focal_v + view.center_v,
-            s * inverse_depth};
+    const auto [seen_u, seen_v] = image_of(view, x, y);
+    return {seen_u, seen_v, s * inverse_depth};
 }
 
 template <class F>

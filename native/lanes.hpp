@@ -127,9 +127,7 @@ BELTSCAPE_INLINE void store_first(T* to, F lanes, int count) {
 
 template <class F, class T>
 BELTSCAPE_INLINE F broadcast(T value) {
-    F lanes{};
-    for (int i = 0; i < Lane<F>::count; ++i) Lane<F>::set(lanes, i, value);
-    return lanes;
+    return value - F{};  // keeps -0; setting lanes one by one costs an instruction each
 }
 
 // 0, 1, 2, ...: the columns of a row's lanes, for `broadcast<IntOf<F>>(x) + lane_numbers<F>()`.

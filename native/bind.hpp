@@ -9,6 +9,8 @@ namespace beltscape {
 
 namespace nb = nanobind;
 
+void bind_occlusion(nb::module_& m);
 void bind_triangulate(nb::module_& m);
+void bind_warp(nb::module_& m);
 
 }  // namespace beltscape

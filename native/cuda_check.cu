@@ -2,7 +2,10 @@
 // it: tests/kernels/test_cuda_compile.py compiles it with NVRTC, which needs no GPU. A new shared header adds
 // its include and one kernel here.
 #include "lanes.hpp"
+#include "occlusion.hpp"
+#include "prefilter.hpp"
 #include "triangulate.hpp"
+#include "warp.hpp"
 
 namespace beltscape {
 
@@ -28,6 +31,31 @@ __global__ void check_lanes(const float* in, const unsigned char* bytes, const u
                             int count, float* out) {
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
     if (x < count) every_operation<float>(in, bytes, words, count, x, out);
+}
+
+// A thread takes a row, then a column.
+__global__ void check_prefilter(float* image, int width, int height) {
+    const int line = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
+    const size_t step = static_cast<size_t>(width);
+    if (line < height) prefilter_rows<1>(image + line * step, width, kGain * kGain, image + line * step);
+    __syncthreads();
+    if (line < width) prefilter_columns<float>(image + line, height, step, 1);
+}
+
+// A thread takes a pixel.
+__global__ void check_warp(View view, Spline spline, const float* s, int width, float* value, float* slope) {
+    const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), row = static_cast<int>(blockIdx.y);
+    const size_t at = row * static_cast<size_t>(width);
+    if (x < width) warp_row<float>(view, spline, s + at, row, x, x + 1, value + at, slope + at);
+}
+
+// A thread takes a row.
+__global__ void check_occlusion(View view, const float* s, int width, int height, float tolerance,
+                                float* buffer, unsigned char* out) {
+    const int row = static_cast<int>(blockIdx.x);
+    const size_t at = row * static_cast<size_t>(width);
+    splat_row<float>(view, s + at, row, width, width, height, buffer);
+    visible_row<float>(view, s + at, row, width, width, height, buffer, tolerance, out + at);
 }
 
 }  // namespace beltscape

@@ -49,6 +49,8 @@ template <>
 struct Lane<double> : ScalarLane<double> {};
 template <>
 struct Lane<int> : ScalarLane<int> {};
+template <>
+struct Lane<bool> : ScalarLane<bool> {};
 
 BELTSCAPE_INLINE bool is_finite(double a) { return a - a == 0; }
 
@@ -89,8 +91,14 @@ BELTSCAPE_INLINE float gather(const T* base, int index) {
     return static_cast<float>(base[index]);
 }
 
+// base[index] ... base[index + 3].
+BELTSCAPE_INLINE void gather_four(const float* base, int index, float (&taps)[4]) {
+    for (int i = 0; i < 4; ++i) taps[i] = base[index + i];
+}
+
 BELTSCAPE_INLINE void store(float* to, float a) { *to = a; }
 BELTSCAPE_INLINE void store(int* to, int a) { *to = a; }
+BELTSCAPE_INLINE void store(unsigned char* to, int a) { *to = static_cast<unsigned char>(a); }
 
 }  // namespace beltscape
 
@@ -122,7 +130,7 @@ BELTSCAPE_INLINE F load_first(const T* from, int count) {
 template <class F, class T>
 BELTSCAPE_INLINE void store_first(T* to, F lanes, int count) {
     if (count >= Lane<F>::count) return store(to, lanes);
-    for (int i = 0; i < count; ++i) to[i] = Lane<F>::get(lanes, i);
+    for (int i = 0; i < count; ++i) to[i] = static_cast<T>(Lane<F>::get(lanes, i));
 }
 
 template <class F, class T>

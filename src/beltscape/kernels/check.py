@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,3 +37,19 @@ def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]
         wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         raise KernelError(f"{name} must have the shape {wanted}, not {array.shape}")
     return array
+
+
+def spline(coefficients: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Contiguous float32 coefficients (h, w) of an image of at least 4 × 4, or KernelError."""
+    coefficients = float32("coefficients", coefficients, ("h", "w"))
+    if min(coefficients.shape) < 4:
+        raise KernelError(f"coefficients must be of at least 4 × 4 pixels, not {coefficients.shape}")
+    return coefficients
+
+
+def image_sizes(sizes: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
+    """The (width, height) as they are, or KernelError."""
+    for size in sizes:
+        if min(size) < 1:
+            raise KernelError(f"an image's size must be positive, not {size}")
+    return sizes

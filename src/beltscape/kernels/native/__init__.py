@@ -8,7 +8,9 @@ from importlib.util import find_spec
 from types import ModuleType
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.native.occlusion import Occlusion
 from beltscape.kernels.native.triangulation import Triangulation
+from beltscape.kernels.native.warping import Warping
 
 _ORDER = ("base", "v2", "v3", "v4")
 
@@ -27,7 +29,7 @@ def levels() -> tuple[str, ...]:
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
 
 
-class NativeKernels(Triangulation):
+class NativeKernels(Triangulation, Warping, Occlusion):
     """The kernels of one instruction-set level; every family is a base class, in its own file."""
 
     def __init__(self, level: str) -> None:

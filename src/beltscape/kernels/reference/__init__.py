@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from beltscape.kernels.reference.occlusion import nearness_buffers, visible
 from beltscape.kernels.reference.triangulation import triangulate
+from beltscape.kernels.reference.warping import spline_coefficients, warp
 
 
 class ReferenceKernels:
@@ -10,3 +12,7 @@ class ReferenceKernels:
 
     name = "reference"
     triangulate = staticmethod(triangulate)
+    spline_coefficients = staticmethod(spline_coefficients)
+    warp = staticmethod(warp)
+    nearness_buffers = staticmethod(nearness_buffers)
+    visible = staticmethod(visible)

@@ -12,15 +12,17 @@ def see(view: NDArray[np.floating], u: Array, v: Array, s: Array) -> tuple[Array
     """Pixel (u, v) of the auxiliary and nearness to it, for core pixels (u, v) at nearness s; shapes broadcast.
 
     ``view`` is (21,): direction (9, row by row), shift (3), focal u, v, centre u, v, k1, k2, p1, p2, k3. The
-    point lies at direction @ (u, v, 1) + shift · s in the auxiliary's frame, up to scale.
+    point lies at direction @ (u, v, 1) + shift · s in the auxiliary's frame, up to scale. NaN where that is not
+    before the auxiliary.
     """
     view = np.asarray(view, np.float64)
     direction, shift = view[:9].reshape(3, 3), view[9:12]
     (focal_u, focal_v, center_u, center_v), (k1, k2, p1, p2, k3) = view[12:16], view[16:]
     point = [row[0] * u + row[1] * v + row[2] + t * s for row, t in zip(direction, shift, strict=True)]
-    x, y = point[0] / point[2], point[1] / point[2]
+    depth = np.where(point[2] > 0, point[2], np.nan)
+    x, y = point[0] / depth, point[1] / depth
     rr = x * x + y * y
     radial = 1 + rr * (k1 + rr * (k2 + rr * k3))
     distorted_x = x * radial + 2 * p1 * x * y + p2 * (rr + 2 * x * x)
     distorted_y = y * radial + p1 * (rr + 2 * y * y) + 2 * p2 * x * y
-    return distorted_x * focal_u + center_u, distorted_y * focal_v + center_v, s / point[2]
+    return distorted_x * focal_u + center_u, distorted_y * focal_v + center_v, s / depth

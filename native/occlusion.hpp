@@ -1,0 +1,66 @@
+// What an auxiliary sees of the core's surface: a buffer of what lies nearest to it, and which of the core's
+// pixels are that nearest.
+#pragma once
+
+#include "view.hpp"
+
+namespace beltscape {
+
+// The core's pixels from (x, v) on as an auxiliary sees them, one F of them.
+template <class F>
+BELTSCAPE_INLINE Seen<F> seen_from(const View& view, const float* s, int v, int x, int end) {
+    const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
+    return see(view, u, broadcast<F>(to_float(v)), load_first<F>(s + x, end - x));
+}
+
+#ifdef __CUDA_ARCH__
+// Other threads raise the same pixel; what is above 0 is ordered like its bits.
+__device__ inline void raise(float& nearest, float nearness) {
+    atomicMax(reinterpret_cast<int*>(&nearest), __float_as_int(nearness));
+}
+#else
+BELTSCAPE_INLINE void raise(float& nearest, float nearness) { nearest = greater(nearest, nearness); }
+#endif
+
+// Raises the 2x2 pixels of `buffer` (height, width) about where each pixel of the core's row v is seen to its
+// nearness; s has the row's `end` values.
+template <class F>
+BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
+                                float* buffer) {
+    for (int x = 0; x < end; x += Lane<F>::count) {
+        const Seen<F> seen = seen_from<F>(view, s, v, x, end);
+        const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
+                               (seen.v < to_float(height)) & (seen.nearness > 0.0f);
+        const IntOf<F> columns = floor_int(clamp(seen.u, -1.0f, to_float(width)));
+        const IntOf<F> rows = floor_int(clamp(seen.v, -1.0f, to_float(height)));
+        for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) {
+            if (!Lane<MaskOf<F>>::get(hits, i)) continue;
+            const int column = Lane<IntOf<F>>::get(columns, i), row = Lane<IntOf<F>>::get(rows, i);
+            const float nearness = Lane<F>::get(seen.nearness, i);
+            float* const at = buffer + static_cast<long long>(row) * width + column;
+            if (column >= 0 && row >= 0) raise(at[0], nearness);
+            if (column + 1 < width && row >= 0) raise(at[1], nearness);
+            if (column >= 0 && row + 1 < height) raise(at[width], nearness);
+            if (column + 1 < width && row + 1 < height) raise(at[width + 1], nearness);
+        }
+    }
+}
+
+// 1 where the pixel of the core's row v is seen in the image and nothing in `buffer` (height, width) lies
+// more than `tolerance` before it at the nearest pixel, else 0.
+template <class F>
+BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int end, int width, int height,
+                                  const float* buffer, float tolerance, unsigned char* out) {
+    for (int x = 0; x < end; x += Lane<F>::count) {
+        const Seen<F> seen = seen_from<F>(view, s, v, x, end);
+        const F u = seen.u + 0.5f, w = seen.v + 0.5f;
+        const MaskOf<F> inside = (u >= 0.0f) & (u < to_float(width)) & (w >= 0.0f) & (w < to_float(height));
+        const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
+        const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
+        const F nearest = gather(buffer, row * width + column);
+        const MaskOf<F> clear = inside & (nearest <= seen.nearness + tolerance);
+        store_first(out + x, select(clear, broadcast<IntOf<F>>(1), broadcast<IntOf<F>>(0)), end - x);
+    }
+}
+
+}  // namespace beltscape

@@ -1,0 +1,70 @@
+// The value and the slopes of a cubic B-spline at any place, from the coefficients of prefilter.hpp.
+#pragma once
+
+#include "lanes.hpp"
+
+namespace beltscape {
+
+struct Spline {
+    const float* coefficients;  // (height, width)
+    int width, height;
+};
+
+template <class F>
+struct Sample {
+    F value, du, dv;
+};
+
+// A place's 4x4 coefficients: the index of the first, and how far the place lies past the second one's
+// centre.
+template <class F>
+struct Footprint {
+    IntOf<F> first;
+    F u, v;
+    MaskOf<F> inside;  // all 16 within the image; else `first` is some other footprint that is
+};
+
+// The image is at least 4 x 4; u and v may be anything.
+template <class F>
+BELTSCAPE_INLINE Footprint<F> footprint(const Spline& spline, F u, F v) {
+    const float right = to_float(spline.width - 2), bottom = to_float(spline.height - 2);
+    const F near_u = clamp(u, 1.0f, right), near_v = clamp(v, 1.0f, bottom);
+    const IntOf<F> x = clamp(to_int(near_u), 1, spline.width - 3);
+    const IntOf<F> y = clamp(to_int(near_v), 1, spline.height - 3);
+    const MaskOf<F> inside = (u >= 1.0f) & (u < right) & (v >= 1.0f) & (v < bottom);
+    return {(y - 1) * spline.width + x - 1, near_u - to_float(x), near_v - to_float(y), inside};
+}
+
+// What the four coefficients of a row or column count for, `at` 0 ... 1 past the second, and its derivative.
+template <class F>
+struct Weights {
+    F value[4], slope[4];
+};
+
+template <class F>
+BELTSCAPE_INLINE Weights<F> cubic_weights(F at) {
+    const F to = 1.0f - at, square = at * at, to_square = to * to;
+    const F half = 0.5f * square, to_half = 0.5f * to_square;
+    return {{to_half * to * (1.0f / 3), (2.0f / 3) - half * (2.0f - at), (2.0f / 3) - to_half * (2.0f - to),
+             half * at * (1.0f / 3)},
+            {-to_half, at * (1.5f * at - 2.0f), to * (2.0f - 1.5f * to), half}};
+}
+
+template <class F>
+BELTSCAPE_INLINE F weighted(const F (&weights)[4], const F (&taps)[4]) {
+    return (weights[0] * taps[0] + weights[1] * taps[1]) + (weights[2] * taps[2] + weights[3] * taps[3]);
+}
+
+template <class F>
+BELTSCAPE_INLINE Sample<F> sample(const Spline& spline, const Footprint<F>& place) {
+    const Weights<F> across = cubic_weights(place.u), down = cubic_weights(place.v);
+    F rows[4], slopes[4];
+    for (int y = 0; y < 4; ++y) {
+        F taps[4];
+        gather_four(spline.coefficients + y * spline.width, place.first, taps);
+        rows[y] = weighted(across.value, taps), slopes[y] = weighted(across.slope, taps);
+    }
+    return {weighted(down.value, rows), weighted(down.value, slopes), weighted(down.slope, rows)};
+}
+
+}  // namespace beltscape

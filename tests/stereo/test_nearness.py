@@ -10,11 +10,14 @@ from hypothesis import strategies as st
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.kernels import load
 from beltscape.kernels.reference.view import see
 from beltscape.stereo.nearness import nearness_unit, view_row
 from strategies import looking_rigs, seeds
 
 steps = st.sampled_from([1, 2, 4])
+
+LENS = np.array([-0.1, 0.05, 1e-3, -5e-4, 0.01])
 
 
 @given(looking_rigs(), seeds, steps, steps)
@@ -81,3 +84,22 @@ def test_beside_the_core_a_step_of_nearness_moves_a_pixel_by_one():
         for s in (7, 8)
     ]
     assert u[1] - u[0] == pytest.approx(0.9, rel=1e-5)  # of the mean focal length, 1000; across it is 900
+
+
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_the_kernels_see_a_pixel_where_the_rig_does(name):
+    """In float32 on full frames: a spline whose coefficients are its columns' numbers has u as its value."""
+    camera = Camera("core", (1224, 1024), np.full(2, 1160.0), np.array([609.3, 514.8]), LENS)
+    poses = {"core": Pose.identity(), "left": Pose.of([0.03, 0.12, -0.02], [-140, 9, -20])}
+    poses["right"] = Pose.of([-0.05, -0.15, 0.04], [170, -11, 15])
+    rig = Rig("core", dict.fromkeys(poses, camera), poses)
+    unit = nearness_unit(rig, rig.auxiliaries)
+    z = np.random.default_rng(1).uniform(900, 1100, (1024, 1224))
+    v, u = np.indices(z.shape)
+    points = np.stack([(u - 609.3) / 1160 * z, (v - 514.8) / 1160 * z, z], axis=-1)
+    pixels = camera.project(rig.cam_from_core[name].apply(points))
+    for axis, ramp in enumerate((u, v)):
+        value, _ = load().warp(1 / (z * unit), view_row(rig, name, unit), ramp)
+        assert np.isfinite(value).mean() > 0.8
+        error = np.abs(value - pixels[..., axis])
+        assert np.nanmax(error) < 1e-3

@@ -4,6 +4,7 @@
 #include "lanes.hpp"
 #include "occlusion.hpp"
 #include "prefilter.hpp"
+#include "sweep.hpp"
 #include "triangulate.hpp"
 #include "warp.hpp"
 
@@ -56,6 +57,23 @@ __global__ void check_occlusion(View view, const float* s, int width, int height
     const size_t at = row * static_cast<size_t>(width);
     splat_row<float>(view, s + at, row, width, width, height, buffer);
     visible_row<float>(view, s + at, row, width, width, height, buffer, tolerance, out + at);
+}
+
+// A thread takes a pixel and gathers its window itself.
+__global__ void check_sweep(View view, Image core, Image image, float s, float floor, float* out) {
+    const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
+    WindowSums<float> sums{}, own{};
+    for (int i = 0; i < 9; ++i) {
+        const int column = clamp(x + i % 3 - 1, 0, core.width - 1),
+                  row = clamp(y + i / 3 - 1, 0, core.height - 1);
+        const float a = core.pixels[static_cast<size_t>(row) * core.width + column];
+        const float b = swept<float>(view, image, to_float(column), to_float(row), s);
+        own.aux += a, own.aux_squared += a * a;
+        sums.aux += b, sums.aux_squared += b * b, sums.product += a * b;
+    }
+    if (x < core.width)
+        out[static_cast<size_t>(y) * core.width + x] =
+            dissimilarity(sums, core_window(own.aux, own.aux_squared, floor), floor);
 }
 
 }  // namespace beltscape

@@ -18,6 +18,7 @@ const char* cpu_level() {
 
 NB_MODULE(BELTSCAPE_MODULE, m) {
     m.def("cpu_level", &cpu_level);
+    beltscape::bind_coarse(m);
     beltscape::bind_occlusion(m);
     beltscape::bind_triangulate(m);
     beltscape::bind_warp(m);

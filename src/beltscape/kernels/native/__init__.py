@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from types import ModuleType
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.native.coarse import Coarse
 from beltscape.kernels.native.occlusion import Occlusion
 from beltscape.kernels.native.triangulation import Triangulation
 from beltscape.kernels.native.warping import Warping
@@ -29,7 +30,7 @@ def levels() -> tuple[str, ...]:
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
 
 
-class NativeKernels(Triangulation, Warping, Occlusion):
+class NativeKernels(Triangulation, Warping, Occlusion, Coarse):
     """The kernels of one instruction-set level; every family is a base class, in its own file."""
 
     def __init__(self, level: str) -> None:

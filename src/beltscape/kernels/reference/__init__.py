@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from beltscape.kernels.reference.aggregation import aggregate
+from beltscape.kernels.reference.coarse import coarse
 from beltscape.kernels.reference.occlusion import nearness_buffers, visible
+from beltscape.kernels.reference.sweep import sweep
 from beltscape.kernels.reference.triangulation import triangulate
 from beltscape.kernels.reference.warping import spline_coefficients, warp
 
@@ -16,3 +19,6 @@ class ReferenceKernels:
     warp = staticmethod(warp)
     nearness_buffers = staticmethod(nearness_buffers)
     visible = staticmethod(visible)
+    sweep = staticmethod(sweep)
+    aggregate = staticmethod(aggregate)
+    coarse = staticmethod(coarse)

@@ -1,0 +1,123 @@
+// Binds sweep_band.hpp, aggregate.hpp and both at once.
+#include <nanobind/stl/vector.h>
+
+#include "aggregate.hpp"
+#include "bind_grid.hpp"
+#include "pool.hpp"
+#include "sweep_band.hpp"
+
+namespace beltscape {
+namespace {
+
+using Views = nb::ndarray<const float, nb::shape<-1, 21>, nb::c_contig, nb::device::cpu>;
+using Costs = nb::ndarray<const std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using CostsOut = nb::ndarray<std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+
+Image image_of(const Grid& grid) { return {grid.data(), width_of(grid), height_of(grid)}; }
+
+// Keeps what a SweepInput points to.
+struct Sweep {
+    std::vector<Image> images;
+    std::vector<View> views;
+    SweepInput input;
+
+    Sweep(const Grid& core, const std::vector<Grid>& grids, const Views& rows, float first, float step,
+          int planes, float floor, int best) {
+        for (std::size_t i = 0; i < grids.size(); ++i)
+            images.push_back(image_of(grids[i])), views.push_back(view_of(rows.data() + 21 * i));
+        input = {image_of(core), images.data(), views.data(), static_cast<int>(grids.size()), best, first,
+                 step,           planes,        floor,        mean_level(image_of(core))};
+    }
+};
+
+void sweep(Grid core, std::vector<Grid> images, Views views, float first, float step, int planes, float floor,
+           int best, int first_row, CostsOut out, std::size_t threads) {
+    const Sweep given(core, images, views, first, step, planes, floor, best);
+    const int rows = static_cast<int>(out.shape(0));
+    const std::size_t row_size = out.shape(1) * out.shape(2);
+    std::uint8_t* const costs = out.data();
+    nb::gil_scoped_release release;
+    Pool<Sweeper> sweepers;
+    for_bands(rows, kStripRows, threads, [&](int start, int end) {
+        const auto sweeper = sweepers.take([&] { return std::make_unique<Sweeper>(given.input); });
+        sweeper->sweep(first_row + start, first_row + end,
+                       costs + static_cast<std::size_t>(start) * row_size);
+    });
+}
+
+template <class Cell>
+void aggregate_as(const CostBand& band, int width, int planes, int small_jump, int large_jump, float* index,
+                  float* margin) {
+    Aggregator<Cell>(width, planes, small_jump, large_jump).aggregate(band, index, margin);
+}
+
+void aggregate(Costs cost, int small_jump, int large_jump, GridOut index, GridOut margin) {
+    const int rows = static_cast<int>(cost.shape(0)), width = static_cast<int>(cost.shape(1)),
+              planes = static_cast<int>(cost.shape(2));
+    const CostBand band{cost.data(), cost.data() + cost.size(), rows, 0, rows};
+    float *const indices = index.data(), *const margins = margin.data();
+    nb::gil_scoped_release release;
+    const auto run = fits_bytes(small_jump, large_jump) ? aggregate_as<std::uint8_t> : aggregate_as<Word>;
+    run(band, width, planes, small_jump, large_jump, indices, margins);
+}
+
+// What one thread needs for a band.
+template <class Cell>
+struct Band {
+    Sweeper sweeper;
+    Aggregator<Cell> aggregator;
+    CellBuffer<std::uint8_t> costs;
+};
+
+struct Cut {
+    int band_rows, halo_rows, small_jump, large_jump;
+};
+
+template <class Cell>
+void coarse_as(const SweepInput& input, const Cut& cut, float* index, float* margin, std::size_t threads) {
+    const int height = input.core.height, width = input.core.width;
+    const std::size_t row_size = static_cast<std::size_t>(width) * static_cast<std::size_t>(input.planes);
+    Pool<Band<Cell>> pool;
+    for_bands(height, cut.band_rows, threads, [&](int start, int end) {
+        const auto band = pool.take([&] {
+            return std::unique_ptr<Band<Cell>>(new Band<Cell>{
+                Sweeper(input), Aggregator<Cell>(width, input.planes, cut.small_jump, cut.large_jump),
+                CellBuffer<std::uint8_t>(row_size *
+                                         static_cast<std::size_t>(cut.band_rows + 2 * cut.halo_rows))});
+        });
+        const int first = std::max(0, start - cut.halo_rows), last = std::min(height, end + cut.halo_rows);
+        std::uint8_t* const costs = band->costs.data();
+        band->sweeper.sweep(first, last, costs);
+        const std::size_t at = static_cast<std::size_t>(start) * static_cast<std::size_t>(width);
+        band->aggregator.aggregate({costs, costs + row_size * static_cast<std::size_t>(last - first),
+                                    last - first, start - first, end - first},
+                                   index + at, margin + at);
+    });
+}
+
+void coarse(Grid core, std::vector<Grid> images, Views views, float first, float step, int planes,
+            float floor, int best, int small_jump, int large_jump, int band_rows, int halo_rows,
+            GridOut index, GridOut margin, std::size_t threads) {
+    const Sweep given(core, images, views, first, step, planes, floor, best);
+    const Cut cut{band_rows, halo_rows, small_jump, large_jump};
+    float *const indices = index.data(), *const margins = margin.data();
+    nb::gil_scoped_release release;
+    const auto run = fits_bytes(small_jump, large_jump) ? coarse_as<std::uint8_t> : coarse_as<Word>;
+    run(given.input, cut, indices, margins, threads);
+}
+
+}  // namespace
+
+void bind_coarse(nb::module_& m) {
+    m.def("sweep", &sweep, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
+          nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("first_row"),
+          nb::arg("out"), nb::arg("threads"));
+    m.def("aggregate", &aggregate, nb::arg("cost"), nb::arg("small_jump"), nb::arg("large_jump"),
+          nb::arg("index"), nb::arg("margin"));
+    m.def("coarse", &coarse, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
+          nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("small_jump"),
+          nb::arg("large_jump"), nb::arg("band_rows"), nb::arg("halo_rows"), nb::arg("index"),
+          nb::arg("margin"), nb::arg("threads"));
+}
+
+}  // namespace beltscape

@@ -1,0 +1,81 @@
+// Whole numbers side by side, as wide as the level's registers: the cells of a pixel's planes. CPU only;
+// exact, so that every width gives the same.
+#pragma once
+
+#include <cstdint>
+#include <cstdlib>
+#include <memory>
+
+#include "pairs.hpp"
+
+namespace beltscape {
+
+template <class Cell, int bytes = kVectorBytes>
+struct CellVector {
+    typedef Cell Type __attribute__((vector_size(bytes)));
+    static constexpr int count = bytes / static_cast<int>(sizeof(Cell));
+};
+template <class Cell>
+using Cells = typename CellVector<Cell>::Type;
+template <class Cell>
+inline constexpr int kCells = CellVector<Cell>::count;
+
+template <class V>
+inline V least_cells(V a, V b) {
+    return a < b ? a : b;
+}
+
+template <class V, class T>
+inline V load_cells(const T* from) {
+    V cells;
+    __builtin_memcpy(&cells, from, sizeof cells);
+    return cells;
+}
+
+template <class V, class T>
+inline void store_cells(T* to, V cells) {
+    __builtin_memcpy(to, &cells, sizeof cells);
+}
+
+template <int shift, int... lane, class V>
+inline auto shifted(V cells, Lanes<lane...>) {
+    return __builtin_shufflevector(cells, cells, (lane + shift) % (sizeof(V) / sizeof(cells[0]))...);
+}
+
+// The least of 16 bytes' cells, `left` of them still apart.
+template <class Cell, int left, class V>
+inline Cell least_within(V cells) {
+    if constexpr (left == 1)
+        return cells[0];
+    else
+        return least_within<Cell, left / 2>(
+            least_cells(cells, shifted<left / 2>(cells, LanesTo<16 / sizeof(Cell)>())));
+}
+
+template <class Cell, int bytes = kVectorBytes, class V>
+inline Cell least_cell(V cells) {
+    if constexpr (bytes == 16) {
+        return least_within<Cell, 16 / sizeof(Cell)>(cells);
+    } else {
+        constexpr int half = bytes / 2 / sizeof(Cell);
+        return least_cell<Cell, bytes / 2>(
+            least_cells(shifted<0>(cells, LanesTo<half>()), shifted<half>(cells, LanesTo<half>())));
+    }
+}
+
+// Room for `count` cells that starts on a cache line.
+template <class Cell>
+class CellBuffer {
+public:
+    explicit CellBuffer(std::size_t count)
+        : cells_(static_cast<Cell*>(std::aligned_alloc(64, (count * sizeof(Cell) + 127) / 64 * 64)),
+                 &std::free) {
+        if (!cells_) throw std::bad_alloc();
+    }
+    Cell* data() const { return cells_.get(); }
+
+private:
+    std::unique_ptr<Cell, decltype(&std::free)> cells_;
+};
+
+}  // namespace beltscape

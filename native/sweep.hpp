@@ -1,0 +1,77 @@
+// How well the auxiliaries agree with the core at one plane of the sweep, a row at a time: 3x3 windows on the
+// core's grid, a centred normalised sum of squared differences per view, the best few views averaged.
+//
+// With I the core and J the auxiliary where a plane puts it, both centred in the window,
+//   sum (I - J)^2 / (sum I^2 + sum J^2 + 18 floor)  =  1 - 2 (sum I J + 9 floor) / (the same),
+// so that three window sums per view are enough. NaN (nothing seen) runs through the sums and ends as 1.
+#pragma once
+
+#include "lanes.hpp"
+#include "pairs.hpp"
+#include "view.hpp"
+
+namespace beltscape {
+
+inline constexpr float kWorst = 120.0f;  // what a dissimilarity of 1 becomes in a byte
+
+// Grey levels (height, width).
+struct Image {
+    const float* pixels;
+    int width, height;
+};
+
+// Bilinear, with the 2x2 footprint inside the image; NaN where it is not or where `valid` is false.
+template <class F>
+BELTSCAPE_INLINE F bilinear(const Image& image, F u, F v, MaskOf<F> valid) {
+    const MaskOf<F> inside = valid & (u >= 0.0f) & (u < static_cast<float>(image.width - 1)) & (v >= 0.0f) &
+                             (v < static_cast<float>(image.height - 1));
+    const F zero{};
+    u = select(inside, u, zero), v = select(inside, v, zero);
+    const IntOf<F> left = to_int(u), upper = to_int(v);  // not negative: towards zero is downwards
+    u -= to_float(left), v -= to_float(upper);
+    const IntOf<F> index = upper * image.width + left;
+    const auto [a, b] = gather_pair<F>(image.pixels, index);
+    const auto [c, d] = gather_pair<F>(image.pixels + image.width, index);
+    const F above = a + u * (b - a), below = c + u * (d - c);
+    return select(inside, above + v * (below - above), broadcast<F>(kNotANumber));
+}
+
+// Core pixels first_x ... of row y at nearness s, seen by one auxiliary; what lies behind it is not seen.
+template <class F>
+BELTSCAPE_INLINE F swept(const View& view, const Image& image, F x, float y, float s) {
+    const float* d = view.direction;
+    const float from_x = d[1] * y + d[2] + view.shift[0] * s, from_y = d[4] * y + d[5] + view.shift[1] * s,
+                from_z = d[7] * y + d[8] + view.shift[2] * s;
+    const F inverse_depth = 1.0f / (d[6] * x + from_z);
+    const auto [u, v] =
+        image_of(view, (d[0] * x + from_x) * inverse_depth, (d[3] * x + from_y) * inverse_depth);
+    return bilinear(image, u, v, inverse_depth > 0.0f);
+}
+
+// Sums over a window of J, J^2 and I J.
+template <class F>
+struct WindowSums {
+    F aux, aux_squared, product;
+};
+
+// The core's share of a window: mean of I, and the sum of its centred squares + 18 floor.
+template <class F>
+struct CoreWindow {
+    F mean, energy;
+};
+
+template <class F>
+BELTSCAPE_INLINE CoreWindow<F> core_window(F sum, F sum_of_squares, float floor) {
+    const F mean = sum * (1.0f / 9.0f);
+    return {mean, sum_of_squares - sum * mean + 18.0f * floor};
+}
+
+// 0 (the same but for brightness) ... 1 (unlike, or not seen).
+template <class F>
+BELTSCAPE_INLINE F dissimilarity(const WindowSums<F>& sums, const CoreWindow<F>& core, float floor) {
+    const F aux_energy = sums.aux_squared - sums.aux * (sums.aux * (1.0f / 9.0f));
+    const F alike = sums.product - sums.aux * core.mean + 9.0f * floor;
+    return clamp(lesser(1.0f - 2.0f * alike / (core.energy + aux_energy), broadcast<F>(1.0f)), 0.0f, 1.0f);
+}
+
+}  // namespace beltscape

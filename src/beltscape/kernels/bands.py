@@ -1,0 +1,26 @@
+"""The cut of an image into overlapping bands of rows, the same for any number of threads."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+BAND_ROWS = 96
+HALO_ROWS = 16
+
+
+class Band(NamedTuple):
+    """Rows first … last-1 are worked on, keep_first … keep_last-1 are kept."""
+
+    first: int
+    keep_first: int
+    keep_last: int
+    last: int
+
+
+def bands(height: int) -> list[Band]:
+    """Bands whose kept rows cover ``height`` rows once."""
+    return [
+        Band(max(0, y - HALO_ROWS), y, end, min(height, end + HALO_ROWS))
+        for y in range(0, height, BAND_ROWS)
+        for end in [min(height, y + BAND_ROWS)]
+    ]

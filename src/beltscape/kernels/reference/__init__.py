@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from beltscape.kernels.reference.aggregation import aggregate
 from beltscape.kernels.reference.coarse import coarse
+from beltscape.kernels.reference.local_fit import local_fit
+from beltscape.kernels.reference.normal_equations import normal_equations
 from beltscape.kernels.reference.occlusion import nearness_buffers, visible
 from beltscape.kernels.reference.sweep import sweep
 from beltscape.kernels.reference.triangulation import triangulate
@@ -22,3 +24,5 @@ class ReferenceKernels:
     sweep = staticmethod(sweep)
     aggregate = staticmethod(aggregate)
     coarse = staticmethod(coarse)
+    normal_equations = staticmethod(normal_equations)
+    local_fit = staticmethod(local_fit)

@@ -44,8 +44,9 @@ public:
           small_(static_cast<Cell>(small_jump)),
           large_(static_cast<Cell>(large_jump)),
           guard_(static_cast<Cell>(static_cast<Cell>(-1) - small_)),
-          slots_(kCount + stride_ * (3 * static_cast<std::size_t>(width) + 1)),
-          leasts_(3 * static_cast<std::size_t>(width) + 1),
+          around_(width + kLag),
+          slots_(kCount + stride_ * (3 * static_cast<std::size_t>(around_) + 2)),
+          leasts_(3 * static_cast<std::size_t>(around_) + 2),
           totals_(static_cast<std::size_t>(vectors_) * kCount),
           numbers_(static_cast<std::size_t>(vectors_) * kCount),
           last_cost_(stride_) {
@@ -63,27 +64,20 @@ public:
             static_cast<std::size_t>(vectors_) * kCount * width_ * (band.keep_last - band.keep_first);
         if (sums > sums_size_) sums_ = CellBuffer<Word>(sums), sums_size_ = sums;
         begin_pass();
-        for (int y = 0; y < band.keep_last; ++y) {
-            if (y < band.keep_first)
-                row<Lead>(band, y, false, nullptr, nullptr);
-            else
-                row<Forward>(band, y, false, nullptr, nullptr);
-        }
+        run<Lead>(band, {0, band.keep_first, false});
+        run<Forward>(band, {band.keep_first, band.keep_last, false});
         begin_pass();
-        for (int y = 0; y < band.rows - band.keep_first; ++y) {
-            const int real = band.rows - 1 - y - band.keep_first;
-            if (band.rows - 1 - y >= band.keep_last)
-                row<Lead>(band, y, true, nullptr, nullptr);
-            else
-                row<Backward>(band, y, true, index + static_cast<std::size_t>(real) * width_,
-                              margin + static_cast<std::size_t>(real) * width_);
-        }
+        const int below = band.rows - band.keep_last;
+        run<Lead>(band, {0, below, true});
+        run<Backward>(band, {below, band.rows - band.keep_first, true}, index, margin);
     }
 
 private:
     using V = Cells<Cell>;
     static constexpr int kCount = kCells<Cell>;
     static constexpr int kWords = kCells<Word>;
+    static constexpr int kFewVectors = 4;
+    static constexpr int kLag = 2;                  // what the second of two rows stays behind
     static constexpr int kParts = kCount / kWords;  // 2: even and odd planes, 1: all
     enum Mode { Lead, Forward, Backward };
 
@@ -98,8 +92,10 @@ private:
         return plane - in + in % 2 * kWords + in / 2;
     }
 
-    Path path(int row, int x) {
-        const std::size_t slot = static_cast<std::size_t>(row) * width_ + x;
+    // Slots 0 ... around - 1 of the directions above, falling and rising; those of the rows at work.
+    enum Direction { Above, Falling, Rising, Along };
+    Path path(Direction direction, int at) {
+        const std::size_t slot = static_cast<std::size_t>(direction) * around_ + at;
         return {slots_.data() + kCount + slot * stride_, leasts_.data() + slot};
     }
 
@@ -110,30 +106,67 @@ private:
     }
 
     void begin_pass() {
-        for (int row = 0; row < 3; ++row)
-            for (int x = 0; x < width_; ++x) begin(path(row, x));
+        for (const Direction direction : {Above, Falling, Rising})
+            for (int at = 0; at < around_; ++at) begin(path(direction, at));
     }
 
-    // Row y of a pass. A path's slot moves with it, so a pixel overwrites only what it came from: straight
-    // paths keep the slot x, slanting ones x - y and x + y (round the row's end, where a new path begins).
+    // Rows first ... last - 1 of a pass, which counts them (and their pixels) from the end where it is
+    // turned.
+    struct Rows {
+        int first, last;
+        bool turned;
+    };
+
+    // A row of a pass at its pixel x. A path's slot moves with it, so that a pixel overwrites what it came
+    // from: the slot of paths from above is x, of slanting ones x - y and x + y, round `around`.
+    struct Line {
+        int x, falling, rising;
+        Path along;
+        std::size_t at;  // of the pixel in the band
+        std::ptrdiff_t step;
+    };
+
+    Line line(const CostBand& band, int y, bool turned, int which) {
+        const std::size_t pixels = static_cast<std::size_t>(band.rows) * width_,
+                          first = static_cast<std::size_t>(y) * width_;
+        const Line line{0,
+                        (around_ - y % around_) % around_,
+                        y % around_,
+                        path(Along, which),
+                        turned ? pixels - 1 - first : first,
+                        turned ? -1 : 1};
+        begin(line.along);
+        begin(path(Falling, line.falling));
+        return line;
+    }
+
+    // Two rows at a time where a pixel has few vectors: then a path along a row mostly waits for itself.
     template <Mode mode>
-    void row(const CostBand& band, int y, bool turned, float* index, float* margin) {
-        const std::size_t first = static_cast<std::size_t>(turned ? band.rows - 1 - y : y) * width_;
-        const std::size_t kept = static_cast<std::size_t>(band.keep_first) * width_;
-        int falling = (width_ - y % width_) % width_, rising = y % width_;
-        begin(path(3, 0));
-        begin(path(1, falling));
-        for (int x = 0; x < width_; ++x) {
-            if (x == width_ - 1) begin(path(2, rising));
-            const Path paths[kPaths] = {path(3, 0), path(0, x), path(1, falling), path(2, rising)};
-            const int column = turned ? width_ - 1 - x : x;
-            const std::size_t at = first + column;
-            Word* const sums = mode == Lead ? nullptr : sums_.data() + (at - kept) * (vectors_ * kCount);
-            pixel<mode>(cost_of(band, at), paths, sums);
-            if constexpr (mode == Backward) decide(index + column, margin + column);
-            falling = falling + 1 == width_ ? 0 : falling + 1;
-            rising = rising + 1 == width_ ? 0 : rising + 1;
+    void run(const CostBand& band, const Rows& rows, float* index = nullptr, float* margin = nullptr) {
+        const int at_once = vectors_ <= kFewVectors ? 2 : 1;
+        for (int y = rows.first; y < rows.last; y += at_once) {
+            const bool two = y + at_once <= rows.last && at_once == 2;
+            Line one = line(band, y, rows.turned, 0), other = one;
+            for (int t = 0; t < width_ + (two ? kLag : 0); ++t) {
+                if (t == kLag && two) other = line(band, y + 1, rows.turned, 1);
+                if (t < width_) advance<mode>(band, one, index, margin);
+                if (t >= kLag && two) advance<mode>(band, other, index, margin);
+            }
         }
+    }
+
+    template <Mode mode>
+    void advance(const CostBand& band, Line& line, float* index, float* margin) {
+        if (line.x == width_ - 1) begin(path(Rising, line.rising));
+        const Path paths[kPaths] = {line.along, path(Above, line.x), path(Falling, line.falling),
+                                    path(Rising, line.rising)};
+        const std::size_t kept = line.at - static_cast<std::size_t>(band.keep_first) * width_;
+        Word* const sums = mode == Lead ? nullptr : sums_.data() + kept * (vectors_ * kCount);
+        pixel<mode>(cost_of(band, line.at), paths, sums);
+        if constexpr (mode == Backward) decide(index + kept, margin + kept);
+        ++line.x, line.at += static_cast<std::size_t>(line.step);
+        line.falling = line.falling + 1 == around_ ? 0 : line.falling + 1;
+        line.rising = line.rising + 1 == around_ ? 0 : line.rising + 1;
     }
 
     // The planes' costs, readable to the end of the last vector.
@@ -230,6 +263,7 @@ private:
     std::size_t stride_;
     Cell small_, large_, guard_;
     V pad_;
+    int around_;
     CellBuffer<Cell> slots_;
     std::vector<Cell> leasts_;
     CellBuffer<Word> totals_, numbers_, sums_{0};

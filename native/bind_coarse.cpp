@@ -1,10 +1,8 @@
-// Binds sweep_band.hpp, aggregate.hpp and both at once.
+// Binds sweep_band.hpp, aggregate.hpp and coarse.hpp.
 #include <nanobind/stl/vector.h>
 
-#include "aggregate.hpp"
 #include "bind_grid.hpp"
-#include "pool.hpp"
-#include "sweep_band.hpp"
+#include "coarse.hpp"
 
 namespace beltscape {
 namespace {
@@ -61,49 +59,21 @@ void aggregate(Costs cost, int small_jump, int large_jump, GridOut index, GridOu
     run(band, width, planes, small_jump, large_jump, indices, margins);
 }
 
-// What one thread needs for a band.
 template <class Cell>
-struct Band {
-    Sweeper sweeper;
-    Aggregator<Cell> aggregator;
-    CellBuffer<std::uint8_t> costs;
-};
-
-struct Cut {
-    int band_rows, halo_rows, small_jump, large_jump;
-};
-
-template <class Cell>
-void coarse_as(const SweepInput& input, const Cut& cut, float* index, float* margin, std::size_t threads) {
-    const int height = input.core.height, width = input.core.width;
-    const std::size_t row_size = static_cast<std::size_t>(width) * static_cast<std::size_t>(input.planes);
-    Pool<Band<Cell>> pool;
-    for_bands(height, cut.band_rows, threads, [&](int start, int end) {
-        const auto band = pool.take([&] {
-            return std::unique_ptr<Band<Cell>>(new Band<Cell>{
-                Sweeper(input), Aggregator<Cell>(width, input.planes, cut.small_jump, cut.large_jump),
-                CellBuffer<std::uint8_t>(row_size *
-                                         static_cast<std::size_t>(cut.band_rows + 2 * cut.halo_rows))});
-        });
-        const int first = std::max(0, start - cut.halo_rows), last = std::min(height, end + cut.halo_rows);
-        std::uint8_t* const costs = band->costs.data();
-        band->sweeper.sweep(first, last, costs);
-        const std::size_t at = static_cast<std::size_t>(start) * static_cast<std::size_t>(width);
-        band->aggregator.aggregate({costs, costs + row_size * static_cast<std::size_t>(last - first),
-                                    last - first, start - first, end - first},
-                                   index + at, margin + at);
-    });
+void coarse_as(const SweepInput& input, const Cut& cut, int small_jump, int large_jump, float* index,
+               float* margin, std::size_t threads) {
+    Coarse<Cell>(input, cut, small_jump, large_jump, threads).search(index, margin);
 }
 
 void coarse(Grid core, std::vector<Grid> images, Views views, float first, float step, int planes,
             float floor, int best, int small_jump, int large_jump, int band_rows, int halo_rows,
-            GridOut index, GridOut margin, std::size_t threads) {
+            int slab_rows, GridOut index, GridOut margin, std::size_t threads) {
     const Sweep given(core, images, views, first, step, planes, floor, best);
-    const Cut cut{band_rows, halo_rows, small_jump, large_jump};
+    const Cut cut{band_rows, halo_rows, slab_rows};
     float *const indices = index.data(), *const margins = margin.data();
     nb::gil_scoped_release release;
     const auto run = fits_bytes(small_jump, large_jump) ? coarse_as<std::uint8_t> : coarse_as<Word>;
-    run(given.input, cut, indices, margins, threads);
+    run(given.input, cut, small_jump, large_jump, indices, margins, threads);
 }
 
 }  // namespace
@@ -116,8 +86,8 @@ void bind_coarse(nb::module_& m) {
           nb::arg("index"), nb::arg("margin"));
     m.def("coarse", &coarse, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
           nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("small_jump"),
-          nb::arg("large_jump"), nb::arg("band_rows"), nb::arg("halo_rows"), nb::arg("index"),
-          nb::arg("margin"), nb::arg("threads"));
+          nb::arg("large_jump"), nb::arg("band_rows"), nb::arg("halo_rows"), nb::arg("slab_rows"),
+          nb::arg("index"), nb::arg("margin"), nb::arg("threads"));
 }
 
 }  // namespace beltscape

@@ -67,7 +67,8 @@ __global__ void check_sweep(View view, Image core, Image image, float s, float f
         const int column = clamp(x + i % 3 - 1, 0, core.width - 1),
                   row = clamp(y + i / 3 - 1, 0, core.height - 1);
         const float a = core.pixels[static_cast<size_t>(row) * core.width + column];
-        const float b = swept<float>(view, image, to_float(column), to_float(row), s);
+        const Spot<float> spot = swept<float>(view, image, to_float(column), to_float(row), s);
+        const float b = bilinear(image, &spot.index, spot.u, spot.v);
         own.aux += a, own.aux_squared += a * a;
         sums.aux += b, sums.aux_squared += b * b, sums.product += a * b;
     }

@@ -12,8 +12,8 @@ struct Pair {
 
 #ifdef __CUDACC__
 template <class F>
-BELTSCAPE_INLINE Pair<F> gather_pair(const float* base, IntOf<F> index) {
-    return {base[index], base[index + 1]};
+BELTSCAPE_INLINE Pair<F> gather_pair(const float* base, const int* index) {
+    return {base[*index], base[*index + 1]};
 }
 #else
 // Lists of lane numbers at compile time, for shuffles.
@@ -56,14 +56,13 @@ inline auto load_pairs(const float* base, const std::int32_t* index) {
     }
 }
 
-// base[index] and base[index + 1].
+// base[index[i]] and base[index[i] + 1] for each lane i. (From memory: taking lanes out of a vector costs
+// more.)
 template <class F>
-inline Pair<F> gather_pair(const float* base, IntOf<F> index) {
+inline Pair<F> gather_pair(const float* base, const std::int32_t* index) {
     static_assert(Lane<F>::count == kFloatLanes);
-    std::int32_t each[kFloatLanes];
-    store(each, index);
-    const F first = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, each)),
-            second = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, each + kDoubleLanes));
+    const F first = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, index)),
+            second = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, index + kDoubleLanes));
     return {LanesTo<kFloatLanes>::even(first, second), LanesTo<kFloatLanes>::odd(first, second)};
 }
 #endif

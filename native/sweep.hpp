@@ -20,32 +20,44 @@ struct Image {
     int width, height;
 };
 
-// Bilinear, with the 2x2 footprint inside the image; NaN where it is not or where `valid` is false.
+// Where a sample lies: the pixel of its footprint's upper left corner, and how far on it is (NaN: not
+// inside).
 template <class F>
-BELTSCAPE_INLINE F bilinear(const Image& image, F u, F v, MaskOf<F> valid) {
+struct Spot {
+    IntOf<F> index;
+    F u, v;
+};
+
+template <class F>
+BELTSCAPE_INLINE Spot<F> spot(const Image& image, F u, F v, MaskOf<F> valid) {
     const MaskOf<F> inside = valid & (u >= 0.0f) & (u < static_cast<float>(image.width - 1)) & (v >= 0.0f) &
                              (v < static_cast<float>(image.height - 1));
     const F zero{};
     u = select(inside, u, zero), v = select(inside, v, zero);
     const IntOf<F> left = to_int(u), upper = to_int(v);  // not negative: towards zero is downwards
-    u -= to_float(left), v -= to_float(upper);
-    const IntOf<F> index = upper * image.width + left;
-    const auto [a, b] = gather_pair<F>(image.pixels, index);
-    const auto [c, d] = gather_pair<F>(image.pixels + image.width, index);
-    const F above = a + u * (b - a), below = c + u * (d - c);
-    return select(inside, above + v * (below - above), broadcast<F>(kNotANumber));
+    return {upper * image.width + left, select(inside, u - to_float(left), broadcast<F>(kNotANumber)),
+            v - to_float(upper)};
 }
 
-// Core pixels first_x ... of row y at nearness s, seen by one auxiliary; what lies behind it is not seen.
+// Core pixels x of row y at nearness s, seen by one auxiliary; what lies behind it is not seen.
 template <class F>
-BELTSCAPE_INLINE F swept(const View& view, const Image& image, F x, float y, float s) {
+BELTSCAPE_INLINE Spot<F> swept(const View& view, const Image& image, F x, float y, float s) {
     const float* d = view.direction;
     const float from_x = d[1] * y + d[2] + view.shift[0] * s, from_y = d[4] * y + d[5] + view.shift[1] * s,
                 from_z = d[7] * y + d[8] + view.shift[2] * s;
     const F inverse_depth = 1.0f / (d[6] * x + from_z);
     const auto [u, v] =
         image_of(view, (d[0] * x + from_x) * inverse_depth, (d[3] * x + from_y) * inverse_depth);
-    return bilinear(image, u, v, inverse_depth > 0.0f);
+    return spot(image, u, v, inverse_depth > 0.0f);
+}
+
+// Bilinear from the 2x2 pixels at each spot; NaN where u is.
+template <class F>
+BELTSCAPE_INLINE F bilinear(const Image& image, const int* index, F u, F v) {
+    const auto [a, b] = gather_pair<F>(image.pixels, index);
+    const auto [c, d] = gather_pair<F>(image.pixels + image.width, index);
+    const F above = a + u * (b - a), below = c + u * (d - c);
+    return above + v * (below - above);
 }
 
 // Sums over a window of J, J^2 and I J.

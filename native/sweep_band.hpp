@@ -59,7 +59,9 @@ public:
           energy_(kStripRows, width_),
           aux_(3 * in.view_count, width_),
           sums_(3, width_),
+          spots_(2, width_),
           best_(in.best, width_),
+          indices_(static_cast<std::size_t>(width_ + kFloatLanes)),
           costs_(static_cast<std::size_t>(kBlockPlanes) * kStripRows * (width_ + kFloatLanes)) {}
 
     // Rows first ... last - 1 of the core; out (last - first, width, planes).
@@ -145,15 +147,19 @@ private:
     float* aux_row(int view, int y) { return aux_[3 * view + clamped(y) % 3]; }
 
     void sample(float s, int y) {
-        const Floats level = broadcast<Floats>(in_.level);
         for (int view = 0; view < in_.view_count; ++view) {
-            float* const row = aux_row(view, y);
             const View one = in_.views[view];
             const Image image = in_.images[view];
+            float *const u = spots_[0], *const v = spots_[1], *const row = aux_row(view, y);
+            std::int32_t* const index = indices_.data();
             for (int x = 0; x < width_; x += kFloatLanes) {
                 const Floats column = to_float(broadcast<Ints>(x) + lane_numbers<Floats>());
-                store(row + x, swept(one, image, column, static_cast<float>(y), s) - level);
+                const Spot<Floats> spot = swept(one, image, column, static_cast<float>(y), s);
+                store(index + x, spot.index), store(u + x, spot.u), store(v + x, spot.v);
             }
+            for (int x = 0; x < width_; x += kFloatLanes)
+                store(row + x, bilinear<Floats>(image, index + x, load<Floats>(u + x), load<Floats>(v + x)) -
+                                   in_.level);
         }
     }
 
@@ -191,7 +197,8 @@ private:
 
     const SweepInput& in_;
     int width_;
-    Rows core_, mean_, energy_, aux_, sums_, best_;
+    Rows core_, mean_, energy_, aux_, sums_, spots_, best_;
+    std::vector<std::int32_t> indices_;
     std::vector<std::uint8_t> costs_;
 };
 

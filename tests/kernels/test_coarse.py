@@ -35,7 +35,7 @@ def scene(height: int, width: int):
 
 
 @every_level
-@pytest.mark.parametrize("height", [1, 37, 96, 97, 230])
+@pytest.mark.parametrize("height", [1, 37, 64, 65, 230])
 @pytest.mark.parametrize("jumps", [LOW, HIGH])
 def test_it_is_sweep_and_aggregate_over_bands(level, height, jumps):
     kernels, given = load(level), scene(height, 33)
@@ -85,6 +85,17 @@ def test_the_number_of_threads_does_not_change_a_byte(level):
         found = load(level).coarse(*given, **LOW, threads=threads)
         assert found[0].tobytes() == one[0].tobytes()
         assert found[1].tobytes() == one[1].tobytes()
+
+
+@every_level
+@pytest.mark.parametrize("bands_at_once", [0, 1, 2, 3])
+def test_how_many_costs_are_held_at_once_does_not_matter(level, bands_at_once, monkeypatch):
+    given = scene(300, 40)
+    whole = load(level).coarse(*given, **LOW)
+    monkeypatch.setattr("beltscape.kernels.native.coarse.SLAB_BYTES", bands_at_once * 64 * 40 * 7)
+    found = load(level).coarse(*given, **LOW, threads=2)
+    assert found[0].tobytes() == whole[0].tobytes()
+    assert found[1].tobytes() == whole[1].tobytes()
 
 
 @pytest.mark.skipif(len(levels()) < 2, reason="only one instruction-set level on this processor")

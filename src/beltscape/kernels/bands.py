@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-BAND_ROWS = 96
+BAND_ROWS = 64
 HALO_ROWS = 16
 
 

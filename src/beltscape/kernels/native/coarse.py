@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from beltscape.kernels.bands import BAND_ROWS, HALO_ROWS
 from beltscape.kernels.check_sweep import SweepInput, costs, jumps, sweep_input
 
+SLAB_BYTES = 1 << 26
+"""How many costs `coarse` holds at once."""
+
 
 class Coarse:
     """The kernels of native/bind_coarse.cpp."""
@@ -65,11 +68,14 @@ class Coarse:
         """See `beltscape.kernels.protocol.coarse`."""
         given = sweep_input(core, images, views, first, step, planes, floor, rows=None, best=best)
         index, margin = np.empty(given.core.shape, np.float32), np.empty(given.core.shape, np.float32)
-        bands = BAND_ROWS, HALO_ROWS
-        self._module.coarse(
-            *_arguments(given), *jumps(small_jump, large_jump), *bands, index, margin, threads
-        )
+        cut = BAND_ROWS, HALO_ROWS, _slab_rows(given)
+        self._module.coarse(*_arguments(given), *jumps(small_jump, large_jump), *cut, index, margin, threads)
         return index, margin
+
+
+def _slab_rows(given: SweepInput) -> int:
+    """As many bands as keep the costs within SLAB_BYTES; which they are does not change the result."""
+    return BAND_ROWS * max(1, SLAB_BYTES // (BAND_ROWS * given.core.shape[1] * given.planes))
 
 
 def _arguments(given: SweepInput) -> tuple[object, ...]:

@@ -98,9 +98,10 @@ class Searches(Protocol):
         best: int = 2,
         threads: int = 0,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """`sweep` and `aggregate` at once, in bands of rows that overlap; little memory.
+        """`sweep` and `aggregate` at once, in bands of rows that overlap.
 
-        The result is that of both over each of `beltscape.kernels.bands.bands`, of which the middle is kept.
+        The result is that of both over each of `beltscape.kernels.bands.bands`, of which the middle is kept. It
+        holds up to 64 MB of costs and, for each thread, twice as many bytes as a band of 64 rows has costs.
 
         Returns
         -------

@@ -1,0 +1,92 @@
+// Sweep and aggregation of an image in bands of rows: a band is aggregated together with a halo on either
+// side, and only its middle is kept. The costs of several bands (a slab) are held at once, so that each row
+// is swept once; how many does not change the result.
+#pragma once
+
+#include <cstring>
+
+#include "aggregate.hpp"
+#include "parallel.hpp"
+#include "pool.hpp"
+#include "sweep_band.hpp"
+
+namespace beltscape {
+
+struct Cut {
+    int band_rows, halo_rows, slab_rows;  // slab_rows: a multiple of band_rows
+};
+
+template <class Cell>
+class Coarse {
+public:
+    Coarse(const SweepInput& input, const Cut& cut, int small_jump, int large_jump, std::size_t threads)
+        : input_(input),
+          cut_(cut),
+          small_jump_(small_jump),
+          large_jump_(large_jump),
+          threads_(threads),
+          width_(static_cast<std::size_t>(input.core.width)),
+          row_size_(width_ * static_cast<std::size_t>(input.planes)),
+          costs_(row_size_ *
+                 static_cast<std::size_t>(std::min(input.core.height, cut.slab_rows + 2 * cut.halo_rows))) {}
+
+    // index and margin (height, width)
+    void search(float* index, float* margin) {
+        const int height = input_.core.height;
+        for (int start = 0; start < height; start += cut_.slab_rows) {
+            const int end = std::min(height, start + cut_.slab_rows);
+            sweep_to(std::max(0, start - cut_.halo_rows), std::min(height, end + cut_.halo_rows));
+            for_bands(start, end, cut_.band_rows, [&](int first, int last) {
+                const auto aggregator = aggregators_.take([&] {
+                    return std::make_unique<Aggregator<Cell>>(input_.core.width, input_.planes, small_jump_,
+                                                              large_jump_);
+                });
+                const std::size_t at = static_cast<std::size_t>(first) * width_;
+                aggregator->aggregate(band(first, last), index + at, margin + at);
+            });
+        }
+    }
+
+private:
+    // Calls work(first, last) for the rows start ... end - 1, `per_job` of them at a time.
+    template <class Work>
+    void for_bands(int start, int end, int per_job, const Work& work) const {
+        for_jobs(static_cast<std::size_t>((end - start + per_job - 1) / per_job), threads_,
+                 [&](std::size_t i) {
+                     const int first = start + static_cast<int>(i) * per_job;
+                     work(first, std::min(end, first + per_job));
+                 });
+    }
+
+    std::uint8_t* row(int y) const {
+        return costs_.data() + static_cast<std::size_t>(y - first_) * row_size_;
+    }
+
+    // Holds the costs of rows first ... last - 1; those of before that are among them are moved.
+    void sweep_to(int first, int last) {
+        std::memmove(costs_.data(), row(first), static_cast<std::size_t>(last_ - first) * row_size_);
+        first_ = first;
+        for_bands(last_, last, kStripRows, [&](int start, int end) {
+            const auto sweeper = sweepers_.take([&] { return std::make_unique<Sweeper>(input_); });
+            sweeper->sweep(start, end, row(start));
+        });
+        last_ = last;
+    }
+
+    CostBand band(int keep_first, int keep_last) const {
+        const int first = std::max(first_, keep_first - cut_.halo_rows),
+                  last = std::min(last_, keep_last + cut_.halo_rows);
+        return {row(first), row(last), last - first, keep_first - first, keep_last - first};
+    }
+
+    const SweepInput& input_;
+    Cut cut_;
+    int small_jump_, large_jump_;
+    std::size_t threads_, width_, row_size_;
+    CellBuffer<std::uint8_t> costs_;
+    int first_ = 0, last_ = 0;  // the rows it holds
+    Pool<Sweeper> sweepers_;
+    Pool<Aggregator<Cell>> aggregators_;
+};
+
+}  // namespace beltscape

@@ -201,7 +201,8 @@ BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, 
     }
 }
 
-// A row of a field from what was given, `width` wide: nothing where s or one of the others is not finite.
+// A row of a field from what was given, `width` wide: nothing where s is not finite, and only
+// the prior where one of the others is not.
 template <class F>
 BELTSCAPE_INLINE void field_row(const float* information, const float* pull, const float* s, float prior,
                                 int width, float* out_information, float* out_pull, float* out_s) {
@@ -210,9 +211,10 @@ BELTSCAPE_INLINE void field_row(const float* information, const float* pull, con
         const int left = width - x;
         const F a = load_first<F>(information + x, left), b = load_first<F>(pull + x, left);
         const F at = load_first<F>(s + x, left);
-        const MaskOf<F> there = negate(not_a_number((a - a) + (b - b) + (at - at)));
-        store_first(out_information + x, select(there, a + prior, zero), left);
-        store_first(out_pull + x, select(there, b, zero), left);
+        const MaskOf<F> there = negate(not_a_number(at - at));
+        const MaskOf<F> known = there & negate(not_a_number((a - a) + (b - b)));
+        store_first(out_information + x, select(known, a, zero) + select(there, zero + prior, zero), left);
+        store_first(out_pull + x, select(known, b, zero), left);
         store_first(out_s + x, select(there, at, zero), left);
     }
 }

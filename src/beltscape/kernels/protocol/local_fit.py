@@ -60,7 +60,8 @@ class Fits(Protocol):
         Parameters
         ----------
         information, pull
-            (H, W) from `normal_equations`, 1/px² and 1/px; not finite: the pixel counts for none.
+            (H, W) from `normal_equations`, 1/px² and 1/px; where one is not finite,
+            both count as 0.
         s
             (H, W) nearness; a pixel where it is not finite counts for none.
         slope_u, slope_v

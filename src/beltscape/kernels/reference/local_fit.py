@@ -69,7 +69,8 @@ def _largest_consistent(planes: list[_Plane], width: float) -> tuple[_Plane, NDA
 def _fitted(given: FitInput, window: FitWindow) -> _Plane:
     """The weighted least squares of one window, all its taps at once."""
     information, pull, s, slope_u, slope_v = (np.asarray(field, np.float64) for field in given.fields)
-    there = np.isfinite(information) & np.isfinite(pull) & np.isfinite(s)
+    there, known = np.isfinite(s), np.isfinite(information) & np.isfinite(pull)
+    information, pull = np.where(known, information, 0), np.where(known, pull, 0)
     slope_u, slope_v = (np.where(np.isnan(slope), 0, slope) for slope in (slope_u, slope_v))
     offsets = [(v, u) for v in range(-window.radius, window.radius + 1)
                for u in range(-window.reach[abs(v)], window.reach[abs(v)] + 1)]  # fmt: skip

@@ -2,9 +2,14 @@
 // exact, so that every width gives the same.
 #pragma once
 
+#if __has_include(<sys/mman.h>)
+#include <sys/mman.h>
+#endif
+
 #include <cstdint>
 #include <cstdlib>
 #include <memory>
+#include <new>
 
 #include "pairs.hpp"
 
@@ -63,19 +68,29 @@ inline Cell least_cell(V cells) {
     }
 }
 
-// Room for `count` cells that starts on a cache line.
+// Room for `count` cells that starts on a cache line; much of it on large pages, which come many times
+// faster.
 template <class Cell>
 class CellBuffer {
 public:
-    explicit CellBuffer(std::size_t count)
-        : cells_(static_cast<Cell*>(std::aligned_alloc(64, (count * sizeof(Cell) + 127) / 64 * 64)),
-                 &std::free) {
-        if (!cells_) throw std::bad_alloc();
+    explicit CellBuffer(std::size_t count) {
+        const std::size_t page = count * sizeof(Cell) < kLargePage ? 64 : kLargePage;
+        const std::size_t bytes = (count * sizeof(Cell) + page) / page * page;
+        void* const memory = std::aligned_alloc(page, bytes);
+        if (!memory) throw std::bad_alloc();
+#ifdef MADV_HUGEPAGE
+        if (page == kLargePage) madvise(memory, bytes, MADV_HUGEPAGE);  // a wish: refusing it is no fault
+#endif
+        cells_.reset(static_cast<Cell*>(memory));
     }
     Cell* data() const { return cells_.get(); }
 
 private:
-    std::unique_ptr<Cell, decltype(&std::free)> cells_;
+    static constexpr std::size_t kLargePage = 1 << 21;
+    struct Free {
+        void operator()(Cell* cells) const { std::free(cells); }
+    };
+    std::unique_ptr<Cell, Free> cells_;
 };
 
 }  // namespace beltscape

@@ -2,6 +2,8 @@
 // it: tests/kernels/test_cuda_compile.py compiles it with NVRTC, which needs no GPU. A new shared header adds
 // its include and one kernel here.
 #include "lanes.hpp"
+#include "local_fit.hpp"
+#include "normal_equations.hpp"
 #include "occlusion.hpp"
 #include "prefilter.hpp"
 #include "sweep.hpp"
@@ -75,6 +77,36 @@ __global__ void check_sweep(View view, Image core, Image image, float s, float f
     if (x < core.width)
         out[static_cast<size_t>(y) * core.width + x] =
             dissimilarity(sums, core_window(own.aux, own.aux_squared, floor), floor);
+}
+
+// A thread takes a pixel.
+__global__ void check_fit(FitField field, FitWindows windows, FitRow all, int width) {
+    const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), row = static_cast<int>(blockIdx.y);
+    const size_t at = row * static_cast<size_t>(width);
+    const FitField here = {field.s + row * field.stride, field.information + row * field.stride,
+                           field.pull + row * field.stride, field.stride};
+    if (x < width) fit_row<float>(here, windows, row_of(all, at), x, x + 1);
+}
+
+__global__ void check_field(const float* information, const float* pull, const float* s, float prior,
+                            int width, float* out) {
+    field_row<float>(information, pull, s, prior, width, out, out + width, out + 2 * width);
+}
+
+// A thread takes a row.
+__global__ void check_normal_equations(NormalSettings settings, const float* core, const float* const* rows,
+                                       CoreNormals normals, float* there, float* grey, float* slope,
+                                       float* sums, Residuals view, Equations out, int width) {
+    const int margin = settings.window, count = 2 * margin + 1;
+    core_row<float>(core, width, grey, there);
+    repeat_ends(grey, width, margin);
+    column_sums<float>(rows, count, width, margin, sums);
+    part_row<float>(sums, margin, width, normals.part);
+    column_sums<float>(rows, count, width, margin, sums, sums + width);
+    core_normals_row<float>(settings, grey, sums, sums + width, width, normals);
+    complete_row<float>(grey, there, width, view.value, slope);
+    residuals_row<float>(settings, normals, grey, slope, sums, sums + width, width, view);
+    equations_row<float>(settings, &view, 1, normals.part, width, out);
 }
 
 }  // namespace beltscape

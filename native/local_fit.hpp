@@ -201,8 +201,8 @@ BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, 
     }
 }
 
-// A row of a field from what was given, `width` wide: nothing where s is not finite, and only
-// the prior where one of the others is not.
+// A row of a field from what was given, `width` wide: nothing where s is not finite, and
+// only the prior where one of the others is not.
 template <class F>
 BELTSCAPE_INLINE void field_row(const float* information, const float* pull, const float* s, float prior,
                                 int width, float* out_information, float* out_pull, float* out_s) {

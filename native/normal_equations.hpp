@@ -1,10 +1,12 @@
 // The equations of one row of pixels for a better s: from every view, how much it knows of s (information)
 // and where it draws s to (pull); the best change of s by itself is pull / information.
 //
-// With I the core, J a view's warp, both normalised in a window to  n = (value - mean) / sqrt(variance +
-// floor), and r = n_I - n_J, a view's part is  w (dn_J/ds)²  and  w (dn_J/ds) r,  w = 1 / (var(r) (1 + (q /
-// gate)²)): Cauchy's weight, with q the mean of r² / var(r) in a smaller window. The windows leave out where
-// the core is NaN, and go on beyond the image as its outermost pixels. Rows are those of box.hpp.
+// With I the core and J a view's warp, both normalised in a window to
+//   n = (value - mean) / sqrt(variance + floor),
+// and r = n_I - n_J, a view's part is  w (dn_J/ds)²  and  w (dn_J/ds) r. Its weight is Cauchy's,
+//   w = 1 / (var(r) (1 + (q / gate)²)),
+// with q the mean of r² / var(r) in a smaller window. The windows leave out where the core is NaN, and go on
+// beyond the image as its outermost pixels. Rows are those of box.hpp.
 #pragma once
 
 #include "box.hpp"
@@ -53,14 +55,14 @@ BELTSCAPE_INLINE void part_row(const float* columns, int radius, int width, floa
 }
 
 template <class F>
-struct Normal {
+struct Normalised {
     F value, scale;  // (grey - mean) scale
 };
 
 // `sums` and `squares` of columns, at the pixel.
 template <class F>
-BELTSCAPE_INLINE Normal<F> normal(const NormalSettings& settings, const float* grey, const float* sums,
-                                  const float* squares, F part) {
+BELTSCAPE_INLINE Normalised<F> normalised(const NormalSettings& settings, const float* grey,
+                                          const float* sums, const float* squares, F part) {
     const F mean = across<F>(sums, settings.window) * part;
     const F variance = across<F>(squares, settings.window) * part - mean * mean;
     const F scale = 1.0f / square_root(greater(variance, F{}) + settings.floor);
@@ -77,7 +79,8 @@ template <class F>
 BELTSCAPE_INLINE void core_normals_row(const NormalSettings& settings, const float* grey, const float* sums,
                                        const float* squares, int width, const CoreNormals& out) {
     for (int x = 0; x < width; x += Lane<F>::count) {
-        const Normal<F> core = normal(settings, grey + x, sums + x, squares + x, load<F>(out.part + x));
+        const Normalised<F> core =
+            normalised(settings, grey + x, sums + x, squares + x, load<F>(out.part + x));
         store(out.value + x, core.value), store(out.scale + x, core.scale);
     }
 }
@@ -92,7 +95,8 @@ BELTSCAPE_INLINE void residuals_row(const NormalSettings& settings, const CoreNo
                                     const float* grey, const float* slope, const float* sums,
                                     const float* squares, int width, const Residuals& out) {
     for (int x = 0; x < width; x += Lane<F>::count) {
-        const Normal<F> view = normal(settings, grey + x, sums + x, squares + x, load<F>(core.part + x));
+        const Normalised<F> view =
+            normalised(settings, grey + x, sums + x, squares + x, load<F>(core.part + x));
         const F core_scale = load<F>(core.scale + x), r = load<F>(core.value + x) - view.value;
         const F variance = settings.noise_variance * (view.scale * view.scale + core_scale * core_scale) +
                            settings.model_variance;

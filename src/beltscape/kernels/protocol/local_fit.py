@@ -48,9 +48,12 @@ class Fits(Protocol):
 
         q weighs exp(-|q - p|² / 2σ²) (1 - (e / tolerance)²)₊² (information + prior_information), with
         e = s_q - s_p - slope · (q - p) how far it lies off the plane so far: across a step nothing is smoothed.
-        The pull is not helped by the prior, so that a pixel which knows nothing stays where it is, and is held
-        by its neighbours' s. Taps of the Gaussian below 0.01 are left out. A tenth of the weight holds the slopes
-        to what they were, px⁻² for px².
+        The pull is not helped by the prior, so that a pixel that knows nothing is drawn only to
+        its neighbours' s. Taps of the Gaussian below 0.01 are left out. The slopes are held to the earlier
+        ones by a ridge of 0.1 px² times the window's weight, which tells only where the window is narrow.
+
+        The variance is that of the weighted mean, each q having 1 / (information + prior_information), and that of
+        the plane's tilt from the weights' centre to p.
 
         Of the windows, the first is taken, and each larger one as long as the confidence intervals
         (value ± confidence_width √variance) of all so far have a value in common.

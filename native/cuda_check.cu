@@ -1,11 +1,14 @@
 // Every header that CUDA shares with the CPU, made into device code with F = float (or double). Nothing runs
 // it: tests/kernels/test_cuda_compile.py compiles it with NVRTC, which needs no GPU. A new shared header adds
 // its include and one kernel here.
+#include "agreement.hpp"
+#include "candidates.hpp"
 #include "lanes.hpp"
 #include "local_fit.hpp"
 #include "normal_equations.hpp"
 #include "occlusion.hpp"
 #include "prefilter.hpp"
+#include "select.hpp"
 #include "sweep.hpp"
 #include "triangulate.hpp"
 #include "warp.hpp"
@@ -107,6 +110,21 @@ __global__ void check_normal_equations(NormalSettings settings, const float* cor
     complete_row<float>(grey, there, width, view.value, slope);
     residuals_row<float>(settings, normals, grey, slope, sums, sums + width, width, view);
     equations_row<float>(settings, &view, 1, normals.part, width, out);
+}
+
+// A thread takes a pixel: a candidate from an offset, what one view says of it, its place, and one path's
+// step.
+__global__ void check_propagate(Surface surface, Offset offset, View view, Image image, const float* buffer,
+                                float tolerance, Places places, Before before, Jumps jumps, float* tolls) {
+    const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
+    const float s = handed<float>(surface, offset, x, y);
+    const Sighting<float> seen = sight(view, image, to_float(x), to_float(y), s);
+    const bool clear = buffer[seen.pixel] <= seen.nearness + tolerance;
+    Agreement<float> agreement;
+    agreement.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear ? 1.0f : 0.0f);
+    keep(places, s, agreement.cost(0.35f), 1, 0.4f, finite(s));
+    tolls[x] = brought(before, s, finite_or_zero(surface.slope_u[x]), jumps);
+    level_out<float>(tolls, places.count, places.stride);
 }
 
 }  // namespace beltscape

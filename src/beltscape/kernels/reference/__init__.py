@@ -7,6 +7,7 @@ from beltscape.kernels.reference.coarse import coarse
 from beltscape.kernels.reference.local_fit import local_fit
 from beltscape.kernels.reference.normal_equations import normal_equations
 from beltscape.kernels.reference.occlusion import nearness_buffers, visible
+from beltscape.kernels.reference.propagation import propagate
 from beltscape.kernels.reference.sweep import sweep
 from beltscape.kernels.reference.triangulation import triangulate
 from beltscape.kernels.reference.warping import spline_coefficients, warp
@@ -26,3 +27,4 @@ class ReferenceKernels:
     coarse = staticmethod(coarse)
     normal_equations = staticmethod(normal_equations)
     local_fit = staticmethod(local_fit)
+    propagate = staticmethod(propagate)

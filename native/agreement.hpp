@@ -1,0 +1,56 @@
+// How an auxiliary sees a surface given by its nearness, row by row, and how several that see it agree.
+#pragma once
+
+#include "sweep.hpp"
+#include "view.hpp"
+
+namespace beltscape {
+
+// An auxiliary: its image, and how near to it (in units of s) something lies in each of its pixels.
+struct Auxiliary {
+    View view;
+    Image image;
+    const float* buffer;
+};
+
+// Where it sees a point: the footprint of a sample, the nearest pixel, and the nearness to it (NaN: not
+// inside).
+template <class F>
+struct Sighting {
+    Spot<F> spot;
+    IntOf<F> pixel;
+    F nearness;
+};
+
+// Columns x of row y at nearness s.
+template <class F>
+BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, float y, F s) {
+    const float* d = view.direction;
+    const float from_x = d[1] * y + d[2], from_y = d[4] * y + d[5], from_z = d[7] * y + d[8];
+    const F inverse_depth = 1.0f / (d[6] * x + from_z + view.shift[2] * s);
+    const auto [u, v] = image_of(view, (d[0] * x + from_x + view.shift[0] * s) * inverse_depth,
+                                 (d[3] * x + from_y + view.shift[1] * s) * inverse_depth);
+    const Spot<F> place = spot(image, u, v, inverse_depth > 0.0f);
+    const IntOf<F> right = select(place.u >= 0.5f, broadcast<IntOf<F>>(1), IntOf<F>{});
+    const IntOf<F> down = select(place.v >= 0.5f, broadcast<IntOf<F>>(image.width), IntOf<F>{});
+    return {place, place.index + right + down,
+            select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
+}
+
+// The dissimilarities of the views that see a point: their mean, from three views on without the worst.
+template <class F>
+struct Agreement {
+    F views{}, sum{}, worst{};
+
+    BELTSCAPE_INLINE void add(F dissimilarity, F seen) {
+        views += seen, sum += dissimilarity * seen, worst = greater(worst, dissimilarity * seen);
+    }
+    BELTSCAPE_INLINE F cost(float unseen) const {
+        const MaskOf<F> many = views > 2.5f;
+        const F mean =
+            select(many, sum - worst, sum) / select(many, views - 1.0f, greater(views, broadcast<F>(1.0f)));
+        return select(views > 0.5f, mean, broadcast<F>(unseen));
+    }
+};
+
+}  // namespace beltscape

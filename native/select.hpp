@@ -1,0 +1,50 @@
+// Semi-global selection among the candidates of neighbours: a path hands each candidate of a pixel the least
+// cost of coming from any candidate of the pixel before, as in H. Hirschmüller, IEEE TPAMI 30(2), 328-341,
+// 2008, doi:10.1109/TPAMI.2007.1166, with candidates for disparities and slopes for a preference of level
+// ground.
+#pragma once
+
+#include "lanes.hpp"
+
+namespace beltscape {
+
+inline constexpr float kSteepestStep = 1.0f;  // what slopes may explain between neighbours
+
+// small px of nearness cost small · px, and never more than large.
+struct Jumps {
+    float small, large;
+};
+
+// The candidates of the pixels a path comes from: `count` rows, `stride` apart.
+struct Before {
+    const float *s, *rise;  // rise: half of what the slopes give along the path's step
+    const float* toll;      // of the path up to each, the least of a pixel's being 0
+    int count;
+    size_t stride;
+};
+
+// What a path brings to a candidate with nearness s and `rise`.
+template <class F>
+BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps) {
+    F least = broadcast<F>(jumps.large);
+    for (int k = 0; k < before.count; ++k) {
+        const size_t at = static_cast<size_t>(k) * before.stride;
+        const F step = clamp(rise + load<F>(before.rise + at), -kSteepestStep, kSteepestStep);
+        const F jump = absolute(s - load<F>(before.s + at) - step);
+        least = lesser(load<F>(before.toll + at) + jumps.small * jump, least);
+    }
+    return least;
+}
+
+// Takes the least of `count` rows of tolls off each.
+template <class F>
+BELTSCAPE_INLINE void level_out(float* tolls, int count, size_t stride) {
+    F least = load<F>(tolls);
+    for (int k = 1; k < count; ++k) least = lesser(load<F>(tolls + static_cast<size_t>(k) * stride), least);
+    for (int k = 0; k < count; ++k) {
+        float* const toll = tolls + static_cast<size_t>(k) * stride;
+        store(toll, load<F>(toll) - least);
+    }
+}
+
+}  // namespace beltscape

@@ -95,14 +95,18 @@ def test_a_symmetric_v_is_found_to_a_part_of_a_plane(name, at):
         (
             np.zeros((3, 4, 3), np.uint8),
             (1, 2),
-            "cost must be uint8 (rows, W, D) with D >= 4, not uint8 (3, 4, 3)",
+            "cost must be uint8 (rows, W, D) with D from 4 to 4096, not uint8 (3, 4, 3)",
         ),
         (
             np.zeros((3, 0, 5), np.uint8),
             (1, 2),
-            "cost must be uint8 (rows, W, D) with D >= 4, not uint8 (3, 0, 5)",
+            "cost must be uint8 (rows, W, D) with D from 4 to 4096, not uint8 (3, 0, 5)",
         ),
-        (np.zeros((3, 4)), (1, 2), "cost must be uint8 (rows, W, D) with D >= 4, not float64 (3, 4)"),
+        (
+            np.zeros((3, 4)),
+            (1, 2),
+            "cost must be uint8 (rows, W, D) with D from 4 to 4096, not float64 (3, 4)",
+        ),
         (
             np.zeros((1, 1, 4), np.uint8),
             (3, 2),

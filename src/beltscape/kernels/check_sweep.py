@@ -14,6 +14,9 @@ from beltscape.kernels.check import float32
 WORST = 120
 """The cost of a dissimilarity of 1; costs above it count as this."""
 
+LEAST_PLANES, MOST_PLANES = 4, 4096
+"""From 4 on every plane has one that is not its neighbour."""
+
 LARGEST_JUMP = 8000
 """Eight paths of at most this and a cost fit 16 bits."""
 
@@ -62,8 +65,8 @@ def sweep_input(
     rows = rows or (0, height)
     if not 0 <= rows[0] < rows[1] <= height:
         raise KernelError(f"rows must lie within (0, {height}), not {rows}")
-    if not planes >= 4:
-        raise KernelError(f"planes must be at least 4, not {planes}")
+    if not LEAST_PLANES <= planes <= MOST_PLANES:
+        raise KernelError(f"planes must be {LEAST_PLANES} to {MOST_PLANES}, not {planes}")
     if not floor > 0:
         raise KernelError(f"floor must be positive, not {floor}")
     if not best >= 1:
@@ -81,7 +84,11 @@ def jumps(small_jump: int, large_jump: int) -> tuple[int, int]:
 
 
 def costs(cost: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Contiguous (rows, W, D) uint8 with D >= 4, or KernelError."""
-    if cost.ndim != 3 or cost.dtype != np.uint8 or min(cost.shape) < 1 or cost.shape[2] < 4:
-        raise KernelError(f"cost must be uint8 (rows, W, D) with D >= 4, not {cost.dtype} {cost.shape}")
+    """Contiguous (rows, W, D) uint8 with a number of planes D that aggregation takes, or KernelError."""
+    fits = cost.ndim == 3 and cost.dtype == np.uint8 and min(cost.shape) > 0
+    if not fits or not LEAST_PLANES <= cost.shape[2] <= MOST_PLANES:
+        raise KernelError(
+            f"cost must be uint8 (rows, W, D) with D from {LEAST_PLANES} to {MOST_PLANES}, "
+            f"not {cost.dtype} {cost.shape}"
+        )
     return np.ascontiguousarray(cost)

@@ -44,7 +44,7 @@ class Searches(Protocol):
         views
             (n, 21) how each sees the core's pixels: `beltscape.kernels.reference.view.see`.
         first, step, planes
-            Plane d has the nearness first + step · d; at least 4 planes.
+            Plane d has the nearness first + step · d; 4 to 4096 planes.
         floor
             A variance in grey levels² below which texture counts as noise; positive.
         rows
@@ -66,7 +66,7 @@ class Searches(Protocol):
         Parameters
         ----------
         cost
-            (rows, W, D) of at most 120 (more counts as 120), D ≥ 4.
+            (rows, W, D) of at most 120 (more counts as 120), 4 ≤ D ≤ 4096.
         small_jump, large_jump
             Price of a step of one plane, and of more: 0 ≤ small ≤ large ≤ 8000. Twice as fast up to
             small + large = 135 and large = 127.

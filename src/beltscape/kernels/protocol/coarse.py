@@ -68,8 +68,8 @@ class Searches(Protocol):
         cost
             (rows, W, D) of at most 120 (more counts as 120), 4 ≤ D ≤ 4096.
         small_jump, large_jump
-            Price of a step of one plane, and of more: 0 ≤ small ≤ large ≤ 8000. Twice as fast up to
-            small + large = 135 and large = 127.
+            Price of a step of one plane, and of more: 0 ≤ small ≤ large ≤ 8000. Up to small + large = 135
+            and large = 127 it works in bytes instead of 16 bits.
 
         Returns
         -------

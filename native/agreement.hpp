@@ -13,12 +13,12 @@ struct Auxiliary {
     const float* buffer;
 };
 
-// Where it sees a point: the footprint of a sample, the nearest pixel, and the nearness to it (NaN: not
-// inside).
+// Where it sees a point: the footprint of a sample, of whose pixels the upper or lower left one is in the
+// nearest row, and the nearness to it (NaN: not inside).
 template <class F>
 struct Sighting {
     Spot<F> spot;
-    IntOf<F> pixel;
+    IntOf<F> row;
     F nearness;
 };
 
@@ -31,10 +31,15 @@ BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, fl
     const auto [u, v] = image_of(view, (d[0] * x + from_x + view.shift[0] * s) * inverse_depth,
                                  (d[3] * x + from_y + view.shift[1] * s) * inverse_depth);
     const Spot<F> place = spot(image, u, v, inverse_depth > 0.0f);
-    const IntOf<F> right = select(place.u >= 0.5f, broadcast<IntOf<F>>(1), IntOf<F>{});
     const IntOf<F> down = select(place.v >= 0.5f, broadcast<IntOf<F>>(image.width), IntOf<F>{});
-    return {place, place.index + right + down,
-            select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
+    return {place, place.index + down, select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
+}
+
+// 1 where nothing in the buffer lies more than `tolerance` before what is seen at the nearest pixel, else 0.
+template <class F>
+BELTSCAPE_INLINE F unhidden(const float* buffer, const int* row, F u, F nearness, float tolerance) {
+    const auto [left, right] = gather_pair<F>(buffer, row);
+    return select(select(u >= 0.5f, right, left) <= nearness + tolerance, broadcast<F>(1.0f), F{});
 }
 
 // The dissimilarities of the views that see a point: their mean, from three views on without the worst.

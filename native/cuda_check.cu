@@ -119,9 +119,9 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
     const float s = handed<float>(surface, offset, x, y);
     const Sighting<float> seen = sight(view, image, to_float(x), to_float(y), s);
-    const bool clear = buffer[seen.pixel] <= seen.nearness + tolerance;
+    const float clear = unhidden(buffer, &seen.row, seen.spot.u, seen.nearness, tolerance);
     Agreement<float> agreement;
-    agreement.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear ? 1.0f : 0.0f);
+    agreement.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear);
     keep(places, s, agreement.cost(0.35f), 1, 0.4f, finite(s));
     tolls[x] = brought(before, s, finite_or_zero(surface.slope_u[x]), jumps);
     level_out<float>(tolls, places.count, places.stride);

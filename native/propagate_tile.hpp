@@ -165,7 +165,7 @@ private:
                 const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
                 const Sighting<Floats> sighting =
                     sight(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
-                store(index_ + x, sighting.spot.index), store(pixel_ + x, sighting.pixel);
+                store(index_ + x, sighting.spot.index), store(nearest_ + x, sighting.row);
                 store(u_ + x, sighting.spot.u), store(v_ + x, sighting.spot.v);
                 store(sums(auxiliary, row, 3) + x, sighting.nearness);
             }
@@ -173,12 +173,10 @@ private:
         for (int block = 0; block < kTileBlocks; ++block) {
             if (!sampled(wanted, block)) continue;
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
-                store(grey_.data() + x,
-                      bilinear(by.image, index_ + x, load<Floats>(u_ + x), load<Floats>(v_ + x)) - in_.level);
+                const Floats u = load<Floats>(u_ + x);
+                store(grey_.data() + x, bilinear(by.image, index_ + x, u, load<Floats>(v_ + x)) - in_.level);
                 float* const seen = sums(auxiliary, row, 3) + x;
-                const Ints clear =
-                    gather(by.buffer, load<Ints>(pixel_ + x)) <= load<Floats>(seen) + in_.tolerance;
-                store(seen, select(clear, broadcast<Floats>(1.0f), Floats{}));
+                store(seen, unhidden(by.buffer, nearest_ + x, u, load<Floats>(seen), in_.tolerance));
             }
         }
         const float* const core = core_.data() + (row + 1) * kTileSpan;
@@ -234,8 +232,8 @@ private:
     // the pixel's own.
     bool judged_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
     std::vector<float> core_, mean_, energy_, active_;
-    std::vector<float> given_, grey_, sums_;               // of the row at hand and the two before it
-    alignas(64) int index_[kTileSpan], pixel_[kTileSpan];  // of a row's samples
+    std::vector<float> given_, grey_, sums_;                 // of the row at hand and the two before it
+    alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples
     alignas(64) float u_[kTileSpan], v_[kTileSpan];
     std::vector<float> s_, cost_;
     std::vector<int> source_;

@@ -262,7 +262,8 @@ private:
                 s = select(better, load<Floats>(s_.get() + place), s), cost = select(better, own, cost);
                 source = select(better, load<Floats>(source_.get() + place), source);
             }
-            const Ints found = s < kNoCandidate;
+            // Beyond the row's end the places were never written.
+            const Ints found = (s < kNoCandidate) & (x + lane_numbers<Floats>() < width_);
             const Slopes slope = slopes(select(found, source, Floats{}), row, x);
             const std::size_t to = static_cast<std::size_t>(row) * static_cast<std::size_t>(width_) +
                                    static_cast<std::size_t>(x);

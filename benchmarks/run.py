@@ -96,7 +96,7 @@ def whole_frames(scenes: list[Scene]) -> list[str]:
     empties = {}
     settings = PairwiseSettings()
     for scene in scenes:
-        near_far = find_depth_range(scene.rig, scene.frame, settings, Silent())
+        near_far = find_depth_range(scene.rig, scene.frame, Silent())
         base = bare_sgbm(scene, near_far)
         for method in ("pairwise", "binocular"):
             names = scene.rig.auxiliaries if method == "pairwise" else (horizontal_auxiliary(scene.rig),)

@@ -10,9 +10,6 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.stereo.search import find_depth_range, scaled_rig
-from beltscape.stereo.settings import PairwiseSettings
-
-SETTINGS = PairwiseSettings()
 
 RIGS = {
     "five": {},
@@ -28,7 +25,7 @@ RIGS = {
 @pytest.mark.parametrize("name", RIGS)
 def test_the_range_holds_the_surface_and_little_more(name):
     rig, core_from_world = world_rig(**RIGS[name])
-    near, far = find_depth_range(rig, render(rig, core_from_world), SETTINGS, Silent())
+    near, far = find_depth_range(rig, render(rig, core_from_world), Silent())
     truth = true_depth(rig, core_from_world)
     assert 0.85 * truth.min() < near < truth.min()
     assert truth.max() < far < 1.15 * truth.max()
@@ -37,7 +34,7 @@ def test_the_range_holds_the_surface_and_little_more(name):
 def test_a_slender_cylinder_is_not_cut_off(monkeypatch):
     monkeypatch.setattr(raycast, "CYLINDER", (20.0, 40.0, 10.0, 160.0))  # far above all else
     rig, core_from_world = world_rig()
-    near, _ = find_depth_range(rig, render(rig, core_from_world), SETTINGS, Silent())
+    near, _ = find_depth_range(rig, render(rig, core_from_world), Silent())
     assert near < true_depth(rig, core_from_world).min()
 
 
@@ -45,7 +42,7 @@ def test_images_without_anything_in_them_are_refused():
     rig, _ = world_rig(angles_deg=(0, 90))
     blank = FrameSet("007", {name: np.full((320, 400), 90, np.uint8) for name in rig.cameras})
     with pytest.raises(ReconstructionError, match="frame 007: no surface found"):
-        find_depth_range(rig, blank, SETTINGS, Silent())
+        find_depth_range(rig, blank, Silent())
 
 
 def test_halving_keeps_the_rays():
@@ -60,6 +57,6 @@ def test_halving_keeps_the_rays():
 @pytest.mark.parametrize("scene", ["belt_empty", "module", "belt_loaded"])
 def test_rendered_scenes(scene):
     truth, _ = halved_truth(scene)
-    near, far = find_depth_range(halved_rig(), halved_frames(scene), SETTINGS, Silent())
+    near, far = find_depth_range(halved_rig(), halved_frames(scene), Silent())
     assert 0.9 * np.nanmin(truth) < near < np.nanmin(truth)
     assert np.nanmax(truth) < far < 1.1 * np.nanmax(truth)

@@ -1,4 +1,4 @@
-"""``beltscape reconstruct CAPTURE --rig rig.json --out DIR [--method pairwise|binocular]``."""
+"""``beltscape reconstruct CAPTURE --rig rig.json --out DIR [--method multiview|pairwise|binocular]``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of beltscape calibrate")
     parser.add_argument("--out", type=Path, required=True, help="folder for one folder per frame")
-    parser.add_argument("--method", default="pairwise", help="pairwise (default), binocular or multiview")
+    parser.add_argument(
+        "--method", default="multiview",
+        help="multiview (default: all auxiliaries at once), or the paper's pairwise or binocular",
+    )  # fmt: skip
+    parser.add_argument("--preset", default="standard", help="multiview: fast, standard (default) or fine")
     parser.add_argument(
         "--pair", metavar="CAMERA", help="binocular: the auxiliary (default: beside the core)"
     )
@@ -38,6 +42,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         reporter,
         method=arguments.method,
         pair=arguments.pair,
+        preset=arguments.preset,
         depth_range_mm=positive_range("--depth-range", arguments.depth_range),
     )
     return {

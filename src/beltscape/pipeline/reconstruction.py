@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from beltscape.pipeline.regions import write_regions
 from beltscape.report.depth_picture import frame_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cloud import CloudBuilder
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
 from beltscape.stereo.search import find_depth_range
 from beltscape.stereo.settings import PairwiseSettings
 
-METHODS = ("pairwise", "binocular")
-"""What `reconstruct` can do; ``multiview`` joins them when its matcher exists."""
+METHODS = ("multiview", "pairwise", "binocular")
+"""What `reconstruct` can do: all auxiliaries at once, or the paper's methods."""
 SPARSE = 0.3
 """A frame of which less was measured is worth a word."""
 LOOKS = 5
@@ -60,10 +62,10 @@ def reconstruct_capture(
     out: Path,
     reporter: Reporter,
     *,
-    method: str = "pairwise",
+    method: str = "multiview",
     pair: str | None = None,
+    preset: str = "standard",
     depth_range_mm: tuple[float, float] | None = None,
-    settings: PairwiseSettings | None = None,
 ) -> Reconstruction:
     """Reconstruct every frame of a capture into ``out``: rig.json and a folder per frame.
 
@@ -74,7 +76,6 @@ def reconstruct_capture(
     InputError, SettingsError, ReconstructionError, OutputError
         With one line that names what is wrong and the mend.
     """
-    settings = settings or PairwiseSettings()
     wanted = auxiliaries_for(method, rig, pair)
     source = open_capture(capture, rig, reporter)
     auxiliaries = tuple(name for name in wanted if name in source.cameras)
@@ -83,12 +84,13 @@ def reconstruct_capture(
             f"{capture}: no images of {', '.join(wanted)}; --method binocular needs them (see --pair)"
         )
     output_folder(out)
-    near_far = depth_range_mm or depth_range(source, rig, settings, reporter)
+    near_far = depth_range_mm or depth_range(source, rig, reporter)
     write_rig(out / "rig.json", rig)
+    matcher = _matcher(method, preset, rig, near_far, auxiliaries)
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
     builder = CloudBuilder(rig.core_camera)
-    for frame in reconstruct(source, rig, auxiliaries, near_far, settings, reporter):
+    for frame in reconstruct(source, matcher, reporter):
         if not documents:
             regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
         documents.append(_write(out / frame.frame_set.frame, frame, builder))
@@ -140,30 +142,23 @@ def auxiliaries_for(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
     SettingsError
         When there is no such method, or no such camera.
     """
-    if method == "multiview":
-        raise SettingsError(
-            "method multiview: the matcher that uses all views at once is not in this version; "
-            f"use --method {' or '.join(METHODS)}"
-        )
     if method not in METHODS:
-        raise SettingsError(f"method {method}: unknown; use --method {' or '.join(METHODS)}")
+        raise SettingsError(f"method {method}: unknown; use --method {', '.join(METHODS)}")
     if pair is not None and (method != "binocular" or pair not in rig.auxiliaries):
         raise SettingsError(
             f"pair {pair}: --method binocular pairs {rig.core} with one of {', '.join(rig.auxiliaries)}"
         )
-    return rig.auxiliaries if method == "pairwise" else (pair or horizontal_auxiliary(rig),)
+    return (pair or horizontal_auxiliary(rig),) if method == "binocular" else rig.auxiliaries
 
 
-def depth_range(
-    source: FolderSource, rig: Rig, settings: PairwiseSettings, reporter: Reporter
-) -> tuple[float, float]:
+def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
     """Near and far end (mm) of what a few frames, spread over the capture, show."""
     chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, LOOKS).astype(int))}
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
     for frame_set in source.only(chosen):
         try:
-            ranges.append(find_depth_range(rig, frame_set, settings, reporter))
+            ranges.append(find_depth_range(rig, frame_set, reporter))
         except ReconstructionError as error:
             failure = error
     if not ranges:
@@ -171,14 +166,25 @@ def depth_range(
     return min(near for near, _ in ranges), max(far for _, far in ranges)
 
 
-def reconstruct(
-    source: FolderSource,
-    rig: Rig,
-    auxiliaries: tuple[str, ...],
-    depth_range_mm: tuple[float, float],
-    settings: PairwiseSettings,
-    reporter: Reporter,
-) -> Iterator[Frame]:
+class Matcher(Protocol):
+    """What makes depth of one frame."""
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        """Depth of one frame, or ReconstructionError where its images do not suffice."""
+        ...
+
+
+def _matcher(
+    method: str, preset: str, rig: Rig, near_far: tuple[float, float], auxiliaries: tuple[str, ...]
+) -> Matcher:
+    if method != "multiview":
+        return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=auxiliaries)
+    if preset not in PRESETS:
+        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
+    return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=auxiliaries)
+
+
+def reconstruct(source: FolderSource, matcher: Matcher, reporter: Reporter) -> Iterator[Frame]:
     """Depth of every frame that can be measured; the others are named.
 
     Raises
@@ -186,7 +192,6 @@ def reconstruct(
     ReconstructionError
         When not a single frame can be measured.
     """
-    matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=auxiliaries)
     done, failure = 0, None
     for frame_set in source:
         try:

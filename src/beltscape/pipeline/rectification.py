@@ -18,7 +18,6 @@ from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.rectified import RectifiedImages, rectify_images
 from beltscape.stereo.rectify import rectify_pair
-from beltscape.stereo.settings import PairwiseSettings
 from beltscape.stereo.views import usable_auxiliaries
 
 WARN_ROWS_PX = 0.5
@@ -42,7 +41,7 @@ def rectify_capture(
     """
     source = open_capture(capture, rig, reporter)
     output_folder(out)
-    near_far = depth_range_mm or depth_range(source, rig, PairwiseSettings(), reporter)
+    near_far = depth_range_mm or depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []
     for frame_set, pairs in rectify(source, rig, near_far, reporter):
         folder = out / frame_set.frame

@@ -118,7 +118,7 @@ def reconstruct_pairwise(
     """
     names = usable_auxiliaries(rig, frame_set, auxiliaries)
     if depth_range_mm is None:
-        depth_range_mm = find_depth_range(rig, frame_set, settings, reporter)
+        depth_range_mm = find_depth_range(rig, frame_set, reporter, settings.threads)
     matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
     return matcher.reconstruct(frame_set, reporter)
 

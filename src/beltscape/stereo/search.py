@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import cast
 
 import cv2
 import numpy as np
@@ -13,37 +10,43 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.frames import FrameSet, Image
+from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.stereo.contrast import square_root
-from beltscape.stereo.fusion import fuse
-from beltscape.stereo.settings import PairwiseSettings
-from beltscape.stereo.sgbm import pair_matcher
+from beltscape.kernels import Kernels, load
+from beltscape.stereo.coarse import PLANE_STEP_PX, sweep
+from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.views import usable_auxiliaries
 
-COARSE_WIDTH_PX = 400
-"""The coarse look halves the images until they would become narrower than this."""
+COARSE_WIDTH_PX = 306
+"""The coarse look shrinks the images to about this width."""
 _PARALLEL_RAD = np.deg2rad(3.0)
 """Optical axes closer to parallel than this do not say where the surface is."""
 _AROUND_CONVERGENCE = (0.45, 2.2)
 """Where a surface may lie, in units of the depth at which the axes meet."""
 _BASELINES = (1.2, 40.0)
 """Where a surface may lie, in baselines, when the axes are parallel."""
+_CLEAR = 0.1
+"""Margin of the aggregated dissimilarity by which a plane must win to count."""
+_WINDOW_PX = 3
+_MISFIT_VARIANCE = 0.2
+"""Of normalised levels: a surface between two planes agrees as well as that."""
+_PATCH_PX, _PATCH_STEP = 60, 3
+"""Smaller patches are chance; a patch ends where the plane steps by more."""
 _ENDS = (0.0005, 0.9995)
-"""Share of the trusted pixels that may lie nearer, and beyond: stray matches."""
+"""Share of the found surface that may lie farther, and nearer: stray matches."""
 _MARGIN = (0.06, 0.03)
 """Kept free before and behind what the coarse look saw, as a share of the depth: small tall things it missed."""
 _ENOUGH_PX = 200
 
 
 def find_depth_range(
-    rig: Rig, frame_set: FrameSet, settings: PairwiseSettings, reporter: Reporter
+    rig: Rig, frame_set: FrameSet, reporter: Reporter, threads: int = 0
 ) -> tuple[float, float]:
     """Near and far end of what is seen, along the core's optical axis, mm.
 
-    Where the optical axes meet (or, for a parallel rig, how long the baselines are) bounds a coarse matching of
-    all pairs; what several pairs agree on gives the range, with margins.
+    Where the optical axes meet (or, for a parallel rig, how long the baselines are) bounds a coarse sweep of all
+    auxiliaries; the surfaces that stand out clearly give the range, with margins.
 
     Raises
     ------
@@ -51,32 +54,58 @@ def find_depth_range(
         When no pair is left, or the coarse look finds no surface.
     """
     names = usable_auxiliaries(rig, frame_set)
-    wide = search_range(rig, names)
-    plain = settings.model_copy(update={"oversampling": 1.0})
-    halvings = max(0, int(np.log2(rig.core_camera.size_px[0] / COARSE_WIDTH_PX)))
-    coarse_rig = scaled_rig(rig, halvings)
-    roots = {name: square_root(_halved(frame_set.images[name], halvings)) for name in (rig.core, *names)}
-
-    def look(name: str) -> NDArray[np.float32] | None:
-        try:
-            matcher = pair_matcher(coarse_rig, name, wide, plain)
-        except ReconstructionError as error:
-            reporter.warn(f"{error}; going on without this pair")
-            return None
-        return matcher.depth(roots[rig.core], roots[name])
-
-    with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1) as pool:
-        depths = [depth for depth in pool.map(look, names) if depth is not None]
-    if not depths:
-        raise ReconstructionError(f"frame {frame_set.frame}: no pair of cameras has a common view")
-    trusted = _trusted(np.stack(depths), coarse_rig, names)
-    if len(trusted) < _ENOUGH_PX:
+    near, far = search_range(rig, names)
+    kernels = load()
+    step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
+    prepared = prepare(rig, frame_set, names, step, kernels, threads)
+    unit = grid_unit(rig, names, step)
+    first = 1 / (far * unit)
+    planes = int(np.ceil((1 / (near * unit) - first) / PLANE_STEP_PX)) + 1
+    index, margin = sweep(prepared, prepared.views, first, PLANE_STEP_PX, max(planes, 16), kernels, threads)
+    reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
+    agreed = (margin >= _CLEAR) & _agreed(first + PLANE_STEP_PX * index, prepared, kernels, threads)
+    common = (
+        _common(first + PLANE_STEP_PX * float(np.median(index[agreed])), prepared, kernels)
+        if agreed.any()
+        else agreed
+    )
+    surface = _patches(np.where(agreed & common, index, np.nan))
+    if len(surface) < _ENOUGH_PX:
         raise ReconstructionError(
-            f"frame {frame_set.frame}: no surface found between {wide[0]:.0f} and {wide[1]:.0f} mm; is the "
+            f"frame {frame_set.frame}: no surface found between {near:.0f} and {far:.0f} mm; is the "
             "speckle projector on? Or give the depth range"
         )
-    near, far = np.quantile(trusted, _ENDS)
-    return max(wide[0], float(near) * (1 - _MARGIN[0])), float(far) * (1 + _MARGIN[1])
+    seen_far, seen_near = 1 / ((first + PLANE_STEP_PX * np.quantile(surface, _ENDS)) * unit)
+    return max(near, float(seen_near) * (1 - _MARGIN[0])), float(seen_far) * (1 + _MARGIN[1])
+
+
+def _agreed(
+    s: NDArray[np.floating], prepared: PreparedFrame, kernels: Kernels, threads: int
+) -> NDArray[np.bool_]:
+    """Where an auxiliary sees what the core sees."""
+    found = kernels.normal_equations(
+        s.astype(np.float32), prepared.core, prepared.coefficients, prepared.views, window=_WINDOW_PX,
+        floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_MISFIT_VARIANCE,
+        threads=threads,
+    )  # fmt: skip
+    return found.used > 0
+
+
+def _common(s: float, prepared: PreparedFrame, kernels: Kernels) -> NDArray[np.bool_]:
+    """Where an auxiliary looks at nearness s: elsewhere a plane wins because the right one is out of its image."""
+    plane = np.full(prepared.core.shape, s, np.float32)
+    inside = [
+        kernels.visible(plane, view, np.zeros_like(image), 0.0)
+        for view, image in zip(prepared.views, prepared.images, strict=True)
+    ]
+    return np.any(inside, axis=0)
+
+
+def _patches(index: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Planes of the pixels that lie on a coherent patch of surface; lone ones are chance."""
+    whole = np.where(np.isfinite(index), index, -1).round().astype(np.int16)
+    cv2.filterSpeckles(whole, -1, _PATCH_PX, _PATCH_STEP)
+    return index[whole >= 0]
 
 
 def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
@@ -104,13 +133,6 @@ def _scaled(camera: Camera, halvings: int) -> Camera:
     )
 
 
-def _halved(image: Image, halvings: int) -> Image:
-    factor = 2**halvings
-    height, width = (n // factor for n in image.shape[:2])
-    whole = image[: height * factor, : width * factor]
-    return cast(Image, cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
-
-
 def _convergence_mm(rig: Rig, name: str) -> float | None:
     """Depth at which the core's axis is closest to the auxiliary's; None for parallel or parting axes."""
     pose = rig.cam_from_core[name].inverse()
@@ -121,12 +143,3 @@ def _convergence_mm(rig: Rig, name: str) -> float | None:
     across = pose.translation_mm - np.dot(pose.translation_mm, axis) * axis
     depth = float(across[2] / sine2)
     return depth if depth > 0 else None
-
-
-def _trusted(depths_mm: NDArray[np.float32], rig: Rig, names: tuple[str, ...]) -> NDArray[np.float32]:
-    """Depths on which at least two pairs agree within a pixel or two; of a single pair all there are."""
-    if len(depths_mm) == 1:
-        return depths_mm[np.isfinite(depths_mm)]
-    baseline = np.mean([np.linalg.norm(rig.cam_from_core[name].center_mm) for name in names])
-    fused = fuse(depths_mm, 1.5 / float(np.mean(rig.core_camera.focal_px) * baseline))
-    return fused.depth_mm[fused.views >= 2]

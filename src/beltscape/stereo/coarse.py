@@ -1,0 +1,71 @@
+"""The first surface: a sweep of planes over small images, all auxiliaries at once, aggregated semi-globally."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.rig import Rig
+from beltscape.kernels import Kernels
+from beltscape.stereo.prepared import PreparedFrame, reduced, view_rows
+
+PLANE_STEP_PX = 0.5
+"""Distance of planes in pixels of the small images."""
+_SMALL_JUMP, _LARGE_JUMP = 7, 40
+_LEAST_PLANES = 16
+
+
+def coarse_surface(
+    rig: Rig,
+    auxiliaries: tuple[str, ...],
+    prepared: PreparedFrame,
+    nearness: tuple[float, float],
+    *,
+    step: int,
+    shrink: int,
+    unit: float,
+    kernels: Kernels,
+    threads: int,
+) -> NDArray[np.float32]:
+    """(H, W) nearness s of the first surface between ``nearness`` = (far, near), on the prepared frame's grid.
+
+    ``step`` is the grid's block size in image pixels, ``shrink`` how much smaller the sweep's images are. The
+    cost is kernels.coarse's: the two auxiliaries that agree best with the core on windows of 3 × 3 pixels; two
+    because opposite auxiliaries are rarely occluded together.
+    """
+    far, near = nearness
+    plane = PLANE_STEP_PX * shrink
+    planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
+    small = replace(
+        prepared,
+        core=reduced(prepared.core, shrink),
+        images=tuple(reduced(image, shrink) for image in prepared.images),
+    )
+    views = view_rows(rig, auxiliaries, unit, step * shrink)
+    index, _ = sweep(small, views, far, plane, planes, kernels, threads)
+    return _enlarged(far + plane * index, shrink, prepared.core.shape)
+
+
+def sweep(
+    prepared: PreparedFrame,
+    views: NDArray[np.float32],
+    first: float,
+    plane: float,
+    planes: int,
+    kernels: Kernels,
+    threads: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(H, W) plane and margin by which it won: kernels.coarse with the matcher's own floor and jumps."""
+    return kernels.coarse(
+        prepared.core, prepared.images, views, first, plane, planes, prepared.noise.floor,
+        _SMALL_JUMP, _LARGE_JUMP, best=2, threads=threads,
+    )  # fmt: skip
+
+
+def _enlarged(small: NDArray[np.floating], step: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Every value over its block: steps of depth stay steps."""
+    full = np.repeat(np.repeat(small.astype(np.float32), step, axis=0), step, axis=1)
+    missing = [(0, whole - have) for whole, have in zip(shape, full.shape, strict=True)]
+    return np.ascontiguousarray(np.pad(full, missing, mode="edge"))

@@ -1,0 +1,71 @@
+"""Grey levels of one frame, made alike: one channel, one gain, and how noisy they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import Image
+
+_FULL = 255.0
+"""Levels are 8-bit counts, whatever the images' depth."""
+_QUANTISATION = 1.0 / np.sqrt(12.0)
+_GAIN = (0.5, 2.0)
+"""A camera is not brightened or darkened more than this."""
+_QUIET = 20.0
+"""Percentile of the blocks that are taken for the image's quiet parts."""
+_BLOCK_PX = 16
+_LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+
+
+def grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDArray[np.float32]]:
+    """(H, W) float32 levels of every camera in 8-bit counts, with the core's contrast.
+
+    Colour channels are weighted by their contrast over all cameras, which for noise alike in all of them is the best
+    single image of a coloured pattern.
+    """
+    weights = _channel_weights([image for image in images.values() if image.ndim == 3])
+    levels = {name: _levels(image, weights) for name, image in images.items()}
+    contrast = {name: float(level.std()) for name, level in levels.items()}
+    gains = {
+        name: np.clip(contrast[core] / contrast[name], *_GAIN) if contrast[name] else 1 for name in levels
+    }
+    return {name: level * np.float32(gains[name]) for name, level in levels.items()}
+
+
+def noise_variance(level: NDArray[np.float32]) -> float:
+    """Variance of the noise, levels², seen in the quietest fifth of an image; at least that of 8 bits.
+
+    References
+    ----------
+    Immerkær, Fast noise variance estimation, CVIU 64(2), 1996, doi:10.1006/cviu.1996.0060.
+    """
+    edges = np.abs(cv2.filter2D(level, -1, _LAPLACIAN))
+    size = (max(1, level.shape[1] // _BLOCK_PX), max(1, level.shape[0] // _BLOCK_PX))
+    blocks = cv2.resize(edges, size, interpolation=cv2.INTER_AREA)
+    sigma = float(np.percentile(blocks, _QUIET)) * np.sqrt(np.pi / 2) / 6
+    return max(sigma, _QUANTISATION) ** 2
+
+
+def _channel_weights(images: list[Image]) -> NDArray[np.float32]:
+    if not images:
+        return np.full(3, 1 / 3, np.float32)
+    contrast = np.mean([_thinned(image).std(axis=(0, 1)) for image in images], axis=0)
+    total = float(contrast.sum())
+    return (contrast / total if total > 0 else np.full(3, 1 / 3)).astype(np.float32)
+
+
+def _thinned(image: Image) -> Image:
+    return image[::4, ::4, :3]
+
+
+def _levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    scale = np.float32(_FULL / np.iinfo(image.dtype).max)
+    if image.ndim == 2:
+        return image.astype(np.float32) * scale
+    # cv2.transform mixes the channels of 8 and 16 bit images without a float copy of all three
+    mixed = cv2.transform(image[..., :3].astype(np.float32), (weights * scale)[None])
+    return np.ascontiguousarray(mixed, dtype=np.float32)

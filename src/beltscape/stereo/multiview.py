@@ -1,0 +1,161 @@
+"""One reconstruction in the core's frame from all auxiliaries at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.kernels import Kernels, load
+from beltscape.stereo.coarse import coarse_surface
+from beltscape.stereo.judge import Verdict, judge
+from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.noise import measured_noise
+from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
+from beltscape.stereo.propagate import Propagated, propagate
+from beltscape.stereo.refine import NARROW, WIDE, Refined, refine
+from beltscape.stereo.surface import Surface, with_slopes
+from beltscape.stereo.views import usable_auxiliaries
+
+_FIRST_PX = (2.0, 2.0)
+"""Tolerances of the iterations on the sweep's surface."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """Everything the matcher knows about a frame, on its own grid."""
+
+    prepared: PreparedFrame
+    chosen: Propagated
+    refined: Refined
+
+
+class MultiviewReconstructor:
+    """The matcher for a rig and a depth range, used for every frame."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        depth_range_mm: tuple[float, float],
+        settings: MultiviewSettings,
+        *,
+        auxiliaries: tuple[str, ...] | None = None,
+        kernels: Kernels | None = None,
+    ) -> None:
+        """Prepare ``auxiliaries`` (all of the rig by default) for surfaces within (near, far) in mm.
+
+        Raises
+        ------
+        ReconstructionError
+            When one of them is not in the rig.
+        """
+        names = rig.auxiliaries if auxiliaries is None else auxiliaries
+        for name in names:
+            if name not in rig.auxiliaries:
+                raise ReconstructionError(
+                    f"{name} is no auxiliary camera of the rig; there are {', '.join(rig.auxiliaries)}"
+                )
+        self.rig = rig
+        self.depth_range_mm = depth_range_mm
+        self.settings = settings
+        self._auxiliaries = names
+        self._kernels = kernels or load()
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        """Depth of one frame; auxiliaries without an image are gone without.
+
+        Raises
+        ------
+        ReconstructionError
+            When the core's image or every auxiliary's is missing.
+        """
+        names = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        unit = grid_unit(self.rig, names, self.settings.grid_step)
+        match = self.match(frame_set, names, reporter)
+        verdict = judge(match.chosen, match.refined, match.prepared, self._kernels, self.settings.threads)
+        return _depth_map(match.refined.surface, verdict, unit, self.settings, self.rig.core_camera.size_px)
+
+    def match(self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter) -> Match:
+        """The surface of one frame before it is judged; told of in steps."""
+        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
+        step = settings.grid_step
+        unit = grid_unit(self.rig, names, step)
+        near, far = self.depth_range_mm
+        tell = _Steps(reporter, frame_set.frame, settings.rounds + 3)
+        prepared = prepare(self.rig, frame_set, names, step, kernels, threads)
+        s = coarse_surface(
+            self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), step=step,
+            shrink=settings.shrink(self.rig.core_camera.size_px[0]), unit=unit, kernels=kernels, threads=threads,
+        )  # fmt: skip
+        tell()
+        first = refine(with_slopes(s, kernels, threads), prepared, _FIRST_PX[:1], NARROW, kernels, threads)
+        prepared = replace(prepared, noise=measured_noise(first.surface, prepared, kernels, threads))
+        refined = refine(first.surface, prepared, _FIRST_PX[1:], NARROW, kernels, threads)
+        tell()
+        for _ in range(max(1, settings.rounds)):
+            chosen = propagate(refined.surface, prepared, settings.distances_px, kernels, threads)
+            refined = refine(chosen.surface, prepared, settings.between_px, NARROW, kernels, threads)
+            tell()
+        refined = refine(refined.surface, prepared, settings.final_px, WIDE, kernels, threads)
+        tell()
+        return Match(prepared, chosen, refined)
+
+
+class _Steps:
+    """Tells a reporter of one frame's steps."""
+
+    def __init__(self, reporter: Reporter, frame: str, total: int) -> None:
+        self._reporter, self._frame, self._total, self._done = reporter, frame, total, 0
+
+    def __call__(self) -> None:
+        self._done += 1
+        self._reporter.step(f"matching {self._frame}", self._done, self._total)
+
+
+def _depth_map(
+    surface: Surface, verdict: Verdict, unit: float, settings: MultiviewSettings, size_px: tuple[int, int]
+) -> DepthMap:
+    """Depth of the believed pixels on the core's full grid."""
+    step = settings.grid_step
+    s = _finer(surface, step)
+    sigma, confidence, views = (
+        _repeated(x, step) for x in (verdict.sigma, verdict.confidence, verdict.views)
+    )
+    believed = (confidence >= settings.least_confidence) & (s > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(believed, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
+        sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
+    width, height = size_px
+    whole = [np.full((height, width), empty, dtype) for empty, dtype in _EMPTY]
+    parts = depth, sigma_mm, np.where(believed, views, 0), np.where(believed, confidence, 0)
+    for target, part in zip(whole, parts, strict=True):
+        target[: part.shape[0], : part.shape[1]] = part
+    return DepthMap(*whole)
+
+
+_EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.float32))
+"""Depth, sigma, views, confidence of what was not measured: also a last row or column no block holds."""
+
+
+def _repeated(values: NDArray[np.generic], step: int) -> NDArray[np.generic]:
+    return values if step == 1 else np.repeat(np.repeat(values, step, axis=0), step, axis=1)
+
+
+def _finer(surface: Surface, step: int) -> NDArray[np.float32]:
+    """Every block's plane at the centres of its pixels: no mixing over steps."""
+    if step == 1:
+        return surface.s
+    inside = ((np.arange(step) - (step - 1) / 2) / step).astype(np.float32)
+    planes = (
+        surface.s[:, None, :, None]
+        + surface.slope_u[:, None, :, None] * inside
+        + surface.slope_v[:, None, :, None] * inside[:, None, None]
+    )
+    height, width = surface.s.shape
+    return planes.reshape(height * step, width * step)

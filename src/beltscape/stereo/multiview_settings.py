@@ -1,0 +1,53 @@
+"""What the multi-view matcher can be told, and its three presets."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+SWEEP_WIDTH_PX = 612
+"""The sweep's images are shrunk until they are about as wide as this."""
+
+
+class MultiviewSettings(BaseModel):
+    """Sweep, propagation and joint least squares; the defaults are the preset ``standard``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    grid_step: int = Field(1, ge=1, le=4, description="image pixels per side of a pixel that is matched")
+    distances_px: tuple[int, ...] = Field(
+        (2, 4, 8, 14, 20),
+        min_length=1,
+        max_length=8,
+        description="from where candidates come, in eight directions",
+    )
+    rounds: int = Field(2, ge=0, le=8, description="rounds of propagation, each refined")
+    between_px: tuple[float, ...] = Field(
+        (1.0, 0.7), min_length=1, max_length=8, description="tolerances of the iterations after a round"
+    )
+    final_px: tuple[float, ...] = Field(
+        (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
+    )
+    least_confidence: float = Field(0.75, ge=0, lt=1, description="less trusted pixels are not measured")
+    threads: int = Field(0, ge=0, le=256, description="0: as many as there are cores")
+
+    @classmethod
+    def preset(cls, name: str) -> MultiviewSettings:
+        """``fast``, ``standard`` or ``fine``; docs/matching.md states what each costs and reaches."""
+        return cls.model_validate(PRESETS[name])
+
+    def shrink(self, width_px: int) -> int:
+        """How much smaller than the grid the sweep's images are, for images of this width."""
+        return max(1, round(width_px / self.grid_step / SWEEP_WIDTH_PX))
+
+
+PRESETS: dict[str, dict[str, object]] = {
+    "fast": {
+        "grid_step": 2,
+        "distances_px": (2, 5, 10),
+        "rounds": 1,
+        "between_px": (0.7,),
+        "final_px": (0.3,),
+    },
+    "standard": {},
+    "fine": {"rounds": 4, "final_px": (0.6, 0.4, 0.3, 0.2)},
+}

@@ -1,0 +1,76 @@
+"""How noisy a frame is, told by its own residuals.
+
+Normalised in a window, the levels of core and auxiliary differ with the variance
+
+    levels (1 / variance_I + 1 / variance_J) + model,
+
+the first part from the sensors, the second from sampling, gloss and what the model leaves out. The residuals of a
+roughly right surface, where there is texture, tell by how much both are to be raised or lowered.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.stereo.prepared import Noise, PreparedFrame
+from beltscape.stereo.surface import Surface
+
+Array = NDArray[np.float32]
+
+WINDOW_PX = 7
+"""Radius of the window in which levels are normalised."""
+_BANDS, _ROWS = 4, 64
+"""So many bands of rows are looked at."""
+_MEDIAN = 0.4549
+"""Of χ² with one degree of freedom: outliers do not move it."""
+_SCALE = (1 / 16, 64.0)
+"""The residuals do not change the guess by more: the surface may be wrong."""
+
+
+def measured_noise(surface: Surface, prepared: PreparedFrame, kernels: Kernels, threads: int) -> Noise:
+    """The prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
+    guess = prepared.noise
+    misfits = []
+    for first in np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int):
+        misfits += _misfits(surface.s, prepared, int(first), kernels, threads)
+    every = np.concatenate(misfits)
+    if not every.size:
+        return guess
+    scale = float(np.clip(np.median(every) / _MEDIAN, *_SCALE))
+    return Noise(guess.levels * scale, guess.model * scale)
+
+
+def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, threads: int) -> list[Array]:
+    """Per view, squared residual over its expected variance where the texture of a band is above its median."""
+    rows = slice(first, first + _ROWS)
+    noise = prepared.noise
+    core = np.nan_to_num(prepared.core[rows])
+    own, own_variance = _normalised(core, noise.floor)
+    textured = np.isfinite(prepared.core[rows]) & (own_variance >= np.median(own_variance))
+    band = np.ascontiguousarray(s[rows])
+    misfits = []
+    for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
+        value, _ = kernels.warp(band, _from_row(view, first), coefficients, threads=threads)
+        seen = np.isfinite(value)
+        other, variance = _normalised(np.where(seen, value, core).astype(np.float32), noise.floor)
+        expected = np.float32(noise.levels) * (1 / own_variance + 1 / variance) + np.float32(noise.model)
+        misfits.append(((own - other) ** 2 / expected)[seen & textured])
+    return misfits
+
+
+def _from_row(view: NDArray[np.float32], first: int) -> NDArray[np.float32]:
+    """The view of a grid that begins at row ``first``."""
+    moved = view.copy()
+    moved[2:9:3] += np.float32(first) * view[1:9:3]
+    return moved
+
+
+def _normalised(level: Array, floor: float) -> tuple[Array, Array]:
+    size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
+    mean = cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE)
+    square = cv2.blur(level * level, size, borderType=cv2.BORDER_REPLICATE)
+    variance = np.maximum(square - mean * mean, 0) + np.float32(floor)
+    return (level - mean) / np.sqrt(variance), variance

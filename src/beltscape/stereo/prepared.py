@@ -1,0 +1,93 @@
+"""One frame as the multi-view matcher works on it: levels, splines and how each auxiliary sees the core's grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.rig import Rig
+from beltscape.kernels import Kernels
+from beltscape.stereo.levels import grey_levels, noise_variance
+from beltscape.stereo.nearness import nearness_unit, view_row
+
+_FLOOR = 2.7
+"""Texture weaker than this many noise variances counts for nothing."""
+_MODEL_VARIANCE = 0.05**2
+"""What normalised levels of one point differ by without noise, until the residuals tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Variances of what is not texture."""
+
+    levels: float
+    """Of one image's levels, levels²."""
+    model: float
+    """Of normalised levels, without unit."""
+
+    @property
+    def floor(self) -> float:
+        """Levels²: added to the variance of a window before it is divided by."""
+        return _FLOOR * self.levels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedFrame:
+    """Levels of core and auxiliaries on the grid the matcher works on."""
+
+    core: NDArray[np.float32]
+    """(H, W) undistorted levels of the core; NaN where it did not look."""
+    images: tuple[NDArray[np.float32], ...]
+    """n of (h, w) levels of the auxiliaries as they were taken."""
+    coefficients: tuple[NDArray[np.float32], ...]
+    """n of (h, w), their cubic splines."""
+    views: NDArray[np.float32]
+    """(n, 21) how they see the core's grid: rows of native/view.hpp."""
+    noise: Noise
+    """What of the levels is not texture."""
+
+
+def prepare(
+    rig: Rig, frame_set: FrameSet, auxiliaries: tuple[str, ...], step: int, kernels: Kernels, threads: int
+) -> PreparedFrame:
+    """A frame for matching; ``step`` averages blocks of so many pixels, s counts pixels of that grid."""
+    used = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
+    levels = grey_levels(used, rig.core)
+    noise = Noise(noise_variance(levels[rig.core]) / step**2, _MODEL_VARIANCE)
+    levels = {name: reduced(level, step) for name, level in levels.items()}
+    core = levels[rig.core]
+    unit = grid_unit(rig, auxiliaries, step)
+    own = kernels.spline_coefficients(core, threads=threads)
+    nowhere = np.zeros_like(core)
+    straight, _ = kernels.warp(nowhere, view_row(rig, rig.core, unit, step, step), own, threads=threads)
+    return PreparedFrame(
+        core=np.asarray(straight, np.float32),
+        images=tuple(levels[name] for name in auxiliaries),
+        coefficients=tuple(
+            np.asarray(kernels.spline_coefficients(levels[name], threads=threads), np.float32)
+            for name in auxiliaries
+        ),
+        views=view_rows(rig, auxiliaries, unit, step),
+        noise=noise,
+    )
+
+
+def grid_unit(rig: Rig, auxiliaries: tuple[str, ...], step: int) -> float:
+    """1/mm per step of s, where s counts pixels of the grid averaged in blocks of ``step``."""
+    return nearness_unit(rig, auxiliaries) * step
+
+
+def view_rows(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
+    """(n, 21) how the auxiliaries, averaged in blocks, see the core's grid averaged alike."""
+    return np.stack([view_row(rig, name, unit, step, step) for name in auxiliaries])
+
+
+def reduced(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
+    """Levels averaged in whole blocks of ``step``; what did not look is black."""
+    height, width = level.shape[0] // step, level.shape[1] // step
+    cut = np.nan_to_num(level[: height * step, : width * step])
+    return cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA) if step > 1 else cut

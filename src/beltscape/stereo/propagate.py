@@ -1,0 +1,46 @@
+"""Near depth steps a pixel may take over its neighbours' surface: candidates from eight directions, one choice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.surface import Surface
+
+_DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
+OCCLUDER_PX = 2.0
+"""How much nearer (px of disparity) something must lie in front of a pixel to hide it from an auxiliary."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Propagated:
+    """The surface of the chosen candidates, and how clear the choice was."""
+
+    surface: Surface
+    cost: NDArray[np.float32]
+    """(H, W) dissimilarity of the chosen candidate, 0..1."""
+    margin: NDArray[np.float32]
+    """(H, W) how far the next different candidate lies above it."""
+
+
+def offsets(distances_px: tuple[int, ...]) -> NDArray[np.int32]:
+    """(8 · n, 2) offsets (du, dv) in eight directions at so many distances."""
+    unit = _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
+    return np.concatenate([np.rint(unit * distance) for distance in distances_px]).astype(np.int32)
+
+
+def propagate(
+    surface: Surface, prepared: PreparedFrame, distances_px: tuple[int, ...], kernels: Kernels, threads: int
+) -> Propagated:
+    """One round: shifted, slope-extrapolated copies of the surface compete where the views see them."""
+    sizes = [image.shape[::-1] for image in prepared.images]
+    buffers = kernels.nearness_buffers(surface.s, prepared.views, sizes, threads=threads)
+    chosen = kernels.propagate(
+        surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
+        offsets=offsets(distances_px), floor=prepared.noise.floor, tolerance=OCCLUDER_PX, threads=threads,
+    )  # fmt: skip
+    return Propagated(Surface(chosen.s, chosen.slope_u, chosen.slope_v), chosen.cost, chosen.margin)

@@ -1,0 +1,63 @@
+"""Joint dense least squares: all views at once move the surface to a hundredth of a pixel.
+
+Every iteration warps the auxiliaries by the present surface, so that its slopes and curvature are in the warp,
+turns the residuals into information and pull per pixel, and fits a plane around each pixel over the largest
+window that agrees with the smaller ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.stereo.noise import WINDOW_PX
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.surface import Surface
+
+Radii = tuple[tuple[int, float], ...]
+"""Windows: (radius px, Gaussian sigma px), smallest first."""
+
+NARROW: Radii = ((3, 1.5), (5, 2.5))
+WIDE: Radii = ((3, 1.5), (5, 2.5), (8, 4.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """A refined surface and how well the images determine it."""
+
+    surface: Surface
+    variance: NDArray[np.float32]
+    """(H, W) of s, px², from noise, texture, views and window."""
+    used: NDArray[np.uint8]
+    """(H, W) how many views agreed."""
+    information: NDArray[np.float32]
+    """(H, W) of this pixel alone, 1/px²."""
+
+
+def refine(
+    surface: Surface,
+    prepared: PreparedFrame,
+    tolerances: tuple[float, ...],
+    radii: Radii,
+    kernels: Kernels,
+    threads: int,
+) -> Refined:
+    """One iteration per tolerance (px): how far a neighbour may lie off the pixel's plane and still count."""
+    variance = used = information = None
+    for tolerance in tolerances:
+        information, pull, used = kernels.normal_equations(
+            surface.s, prepared.core, prepared.coefficients, prepared.views,
+            window=WINDOW_PX, floor=prepared.noise.floor, noise_variance=prepared.noise.levels,
+            model_variance=prepared.noise.model, threads=threads,
+        )  # fmt: skip
+        fit = kernels.local_fit(
+            information, pull, surface.s, surface.slope_u, surface.slope_v, radii=radii, tolerance=tolerance,
+            threads=threads,
+        )  # fmt: skip
+        surface, variance = Surface(fit.s, fit.slope_u, fit.slope_v), fit.variance
+    if variance is None or used is None or information is None:
+        raise ValueError("refine needs at least one tolerance")
+    return Refined(surface, variance, used, information)

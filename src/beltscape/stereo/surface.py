@@ -1,0 +1,38 @@
+"""A surface on the core's grid: nearness and its slopes, the state the matcher improves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Nearness s per pixel with its slopes; NaN where there is none."""
+
+    s: NDArray[np.float32]
+    """(H, W) nearness, px of the grid."""
+    slope_u: NDArray[np.float32]
+    """(H, W) of s per pixel along u."""
+    slope_v: NDArray[np.float32]
+    """(H, W) of s per pixel along v."""
+
+
+_RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 1.0
+
+
+def with_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:
+    """The surface through s, its slopes fitted over the neighbours that lie on one plane, twice."""
+    even, none = np.ones_like(s), np.zeros_like(s)
+    slopes = none, none
+    for _ in range(2):
+        fit = kernels.local_fit(
+            even, none, s, *slopes, radii=((_RADIUS, _SIGMA),), tolerance=_TOLERANCE, prior_information=0.0,
+            threads=threads,
+        )  # fmt: skip
+        slopes = fit.slope_u, fit.slope_v
+    return Surface(s, *slopes)

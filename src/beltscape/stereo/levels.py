@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
 
+WINDOW_PX = 7
+"""Radius of the window in which levels are normalised."""
 _FULL = 255.0
 """Levels are 8-bit counts, whatever the images' depth."""
 _QUANTISATION = 1.0 / np.sqrt(12.0)
@@ -48,6 +50,18 @@ def noise_variance(level: NDArray[np.float32]) -> float:
     blocks = cv2.resize(edges, size, interpolation=cv2.INTER_AREA)
     sigma = float(np.percentile(blocks, _QUIET)) * np.sqrt(np.pi / 2) / 6
     return max(sigma, _QUANTISATION) ** 2
+
+
+def local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) float32 mean of a window of `WINDOW_PX` about each pixel."""
+    size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
+    return np.asarray(cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE), np.float32)
+
+
+def local_variance(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) float32 variance in that window, levels²."""
+    mean = local_mean(level)
+    return np.maximum(local_mean(level * level) - mean * mean, 0)
 
 
 def _channel_weights(images: list[Image]) -> NDArray[np.float32]:

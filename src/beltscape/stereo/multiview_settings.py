@@ -15,7 +15,7 @@ class MultiviewSettings(BaseModel):
 
     grid_step: int = Field(1, ge=1, le=4, description="image pixels per side of a pixel that is matched")
     distances_px: tuple[int, ...] = Field(
-        (2, 4, 8, 14, 20),
+        (2, 5, 12),
         min_length=1,
         max_length=8,
         description="from where candidates come, in eight directions",

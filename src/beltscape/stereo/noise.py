@@ -10,18 +10,16 @@ roughly right surface, where there is texture, tell by how much both are to be r
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.levels import local_mean, local_variance
 from beltscape.stereo.prepared import Noise, PreparedFrame
 from beltscape.stereo.surface import Surface
 
 Array = NDArray[np.float32]
 
-WINDOW_PX = 7
-"""Radius of the window in which levels are normalised."""
 _BANDS, _ROWS = 4, 64
 """So many bands of rows are looked at."""
 _MEDIAN = 0.4549
@@ -40,7 +38,7 @@ def measured_noise(surface: Surface, prepared: PreparedFrame, kernels: Kernels, 
     if not every.size:
         return guess
     scale = float(np.clip(np.median(every) / _MEDIAN, *_SCALE))
-    return Noise(guess.levels * scale, guess.model * scale)
+    return Noise(guess.levels * scale, guess.model * scale, guess.texture)
 
 
 def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, threads: int) -> list[Array]:
@@ -69,8 +67,5 @@ def _from_row(view: NDArray[np.float32], first: int) -> NDArray[np.float32]:
 
 
 def _normalised(level: Array, floor: float) -> tuple[Array, Array]:
-    size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
-    mean = cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE)
-    square = cv2.blur(level * level, size, borderType=cv2.BORDER_REPLICATE)
-    variance = np.maximum(square - mean * mean, 0) + np.float32(floor)
-    return (level - mean) / np.sqrt(variance), variance
+    variance = local_variance(level) + np.float32(floor)
+    return (level - local_mean(level)) / np.sqrt(variance), variance

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.levels import grey_levels, noise_variance
+from beltscape.stereo.levels import grey_levels, local_variance, noise_variance
 from beltscape.stereo.nearness import nearness_unit, view_row
 
-_FLOOR = 2.7
-"""Texture weaker than this many noise variances counts for nothing."""
+_FLOOR = 2.7, 0.003
+"""Texture is weak below so many noise variances, plus a share of the strongest texture's variance."""
+_STRONG = 90.0
+"""Percentile of the local variance that is the strongest texture's."""
 _MODEL_VARIANCE = 0.05**2
 """What normalised levels of one point differ by without noise, until the residuals tell."""
 
@@ -28,11 +30,13 @@ class Noise:
     """Of one image's levels, levels²."""
     model: float
     """Of normalised levels, without unit."""
+    texture: float
+    """Of the strongest texture, levels²: what noise is small against."""
 
     @property
     def floor(self) -> float:
         """Levels²: added to the variance of a window before it is divided by."""
-        return _FLOOR * self.levels
+        return _FLOOR[0] * self.levels + _FLOOR[1] * self.texture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +61,12 @@ def prepare(
     """A frame for matching; ``step`` averages blocks of so many pixels, s counts pixels of that grid."""
     used = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
     levels = grey_levels(used, rig.core)
-    noise = Noise(noise_variance(levels[rig.core]) / step**2, _MODEL_VARIANCE)
+    raw = noise_variance(levels[rig.core])
     levels = {name: reduced(level, step) for name, level in levels.items()}
     core = levels[rig.core]
+    noise = Noise(
+        raw / step**2, _MODEL_VARIANCE, float(np.percentile(local_variance(core)[::4, ::4], _STRONG))
+    )
     unit = grid_unit(rig, auxiliaries, step)
     own = kernels.spline_coefficients(core, threads=threads)
     nowhere = np.zeros_like(core)

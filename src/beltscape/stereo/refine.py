@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.noise import WINDOW_PX
+from beltscape.stereo.levels import WINDOW_PX
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface
 

@@ -19,9 +19,10 @@ from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.noise import measured_noise
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.propagate import Propagated, propagate
-from beltscape.stereo.refine import NARROW, WIDE, Refined, refine
+from beltscape.stereo.refine import Refined, refine
 from beltscape.stereo.surface import Surface, with_slopes
 from beltscape.stereo.views import usable_auxiliaries
+from beltscape.stereo.windows import Radii, windows
 
 _FIRST_PX = (2.0, 2.0)
 """Tolerances of the iterations on the sweep's surface."""
@@ -94,15 +95,20 @@ class MultiviewReconstructor:
             shrink=settings.shrink(self.rig.core_camera.size_px[0]), unit=unit, kernels=kernels, threads=threads,
         )  # fmt: skip
         tell()
-        first = refine(with_slopes(s, kernels, threads), prepared, _FIRST_PX[:1], NARROW, kernels, threads)
-        prepared = replace(prepared, noise=measured_noise(first.surface, prepared, kernels, threads))
-        refined = refine(first.surface, prepared, _FIRST_PX[1:], NARROW, kernels, threads)
+        size = windows(prepared.core.shape[1])
+
+        def refined_from(surface: Surface, tolerances: tuple[float, ...], radii: Radii) -> Refined:
+            return refine(surface, prepared, tolerances, radii, size.levels_px, kernels, threads)
+
+        refined = refined_from(with_slopes(s, kernels, threads), _FIRST_PX[:1], size.narrow)
+        prepared = replace(prepared, noise=measured_noise(refined.surface, prepared, kernels, threads))
+        refined = refined_from(refined.surface, _FIRST_PX[1:], size.narrow)
         tell()
-        for _ in range(max(1, settings.rounds)):
-            chosen = propagate(refined.surface, prepared, settings.distances_px, kernels, threads)
-            refined = refine(chosen.surface, prepared, settings.between_px, NARROW, kernels, threads)
+        for _ in range(settings.rounds):
+            chosen = propagate(refined.surface, prepared, settings.offsets_px(size.scale), kernels, threads)
+            refined = refined_from(chosen.surface, settings.between_px, size.narrow)
             tell()
-        refined = refine(refined.surface, prepared, settings.final_px, WIDE, kernels, threads)
+        refined = refined_from(refined.surface, settings.final_px, size.wide)
         tell()
         return Match(prepared, chosen, refined)
 

@@ -20,7 +20,7 @@ class MultiviewSettings(BaseModel):
         max_length=8,
         description="from where candidates come, in eight directions",
     )
-    rounds: int = Field(2, ge=0, le=8, description="rounds of propagation, each refined")
+    rounds: int = Field(2, ge=1, le=8, description="rounds of propagation, each refined")
     between_px: tuple[float, ...] = Field(
         (1.0, 0.7), min_length=1, max_length=8, description="tolerances of the iterations after a round"
     )
@@ -34,6 +34,10 @@ class MultiviewSettings(BaseModel):
     def preset(cls, name: str) -> MultiviewSettings:
         """``fast``, ``standard`` or ``fine``; docs/matching.md states what each costs and reaches."""
         return cls.model_validate(PRESETS[name])
+
+    def offsets_px(self, scale: float) -> tuple[int, ...]:
+        """`distances_px` on a grid so many times finer, each once."""
+        return tuple(sorted({max(1, round(distance * scale)) for distance in self.distances_px}))
 
     def shrink(self, width_px: int) -> int:
         """How much smaller than the grid the sweep's images are, for images of this width."""

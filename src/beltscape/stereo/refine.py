@@ -13,15 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.levels import WINDOW_PX
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface
-
-Radii = tuple[tuple[int, float], ...]
-"""Windows: (radius px, Gaussian sigma px), smallest first."""
-
-NARROW: Radii = ((3, 1.5), (5, 2.5))
-WIDE: Radii = ((3, 1.5), (5, 2.5), (8, 4.0))
+from beltscape.stereo.windows import Radii
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,15 +36,19 @@ def refine(
     prepared: PreparedFrame,
     tolerances: tuple[float, ...],
     radii: Radii,
+    levels_px: int,
     kernels: Kernels,
     threads: int,
 ) -> Refined:
-    """One iteration per tolerance (px): how far a neighbour may lie off the pixel's plane and still count."""
+    """One iteration per tolerance (px): how far a neighbour may lie off the pixel's plane and still count.
+
+    ``radii`` are the fit's windows, ``levels_px`` the radius of the one in which levels are normalised.
+    """
     variance = used = information = None
     for tolerance in tolerances:
         information, pull, used = kernels.normal_equations(
             surface.s, prepared.core, prepared.coefficients, prepared.views,
-            window=WINDOW_PX, floor=prepared.noise.floor, noise_variance=prepared.noise.levels,
+            window=levels_px, floor=prepared.noise.floor, noise_variance=prepared.noise.levels,
             model_variance=prepared.noise.model, threads=threads,
         )  # fmt: skip
         fit = kernels.local_fit(

@@ -5,6 +5,7 @@
 
 namespace beltscape {
 
+inline constexpr float kApart = 1.5f;         // candidates farther apart in s are different surfaces
 inline constexpr float kNoCandidate = 1e6f;   // the nearness of a free place: far from all others
 inline constexpr float kNoCost = 1e3f;        // and its cost: anything is cheaper
 inline constexpr float kFarthestStep = 3.0f;  // of an extrapolation

@@ -251,18 +251,25 @@ private:
         for (int x = 0; x < width_; x += kFloatLanes) {
             const int places = active(row, x / kBlock) ? in_.candidates : 1;
             const Floats nan = broadcast<Floats>(kNotANumber);
-            Floats s, cost, source, least = kInfinity - Floats{}, second = least;
+            Floats s, cost, source, least = kInfinity - Floats{}, other = least;
             s = cost = source = nan;
             for (int k = 0; k < places; ++k) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
                 const Floats own = load<Floats>(cost_.get() + place);
                 const Floats total = own + 0.125f * load<Floats>(score(row, k) + x);
                 const Ints better = total < least;
-                second = select(better, least, lesser(total, second)), least = select(better, total, least);
+                least = select(better, total, least);
                 s = select(better, load<Floats>(s_.get() + place), s), cost = select(better, own, cost);
                 source = select(better, load<Floats>(source_.get() + place), source);
             }
             // Beyond the row's end the places were never written.
+            for (int k = 0; k < places; ++k) {
+                const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+                const Floats total =
+                    load<Floats>(cost_.get() + place) + 0.125f * load<Floats>(score(row, k) + x);
+                const Ints apart = absolute(load<Floats>(s_.get() + place) - s) > kApart;
+                other = select(apart, lesser(total, other), other);
+            }
             const Ints found = (s < kNoCandidate) & (x + lane_numbers<Floats>() < width_);
             const Slopes slope = slopes(select(found, source, Floats{}), row, x);
             const std::size_t to = static_cast<std::size_t>(row) * static_cast<std::size_t>(width_) +
@@ -270,7 +277,7 @@ private:
             const int count = width_ - x;
             store_first(out.s + to, select(found, s, nan), count);
             store_first(out.cost + to, select(found, cost, nan), count);
-            store_first(out.margin + to, select(found, lesser(second - least, 1.0f - Floats{}), nan), count);
+            store_first(out.margin + to, select(found, lesser(other - least, 1.0f - Floats{}), nan), count);
             store_first(out.slope_u + to, slope.u, count), store_first(out.slope_v + to, slope.v, count);
         }
     }

@@ -19,8 +19,37 @@ Array = NDArray[np.float32]
 STEP_PX = 2.5
 """A range of s within 5 × 5 pixels from which on it is a depth step."""
 WEIGHTS: dict[str, float] = {
-    "constant": 0.0,
+    "constant": -2.596,
+    "log sigma": -1.155,
+    "log sigma squared": 0.118,
+    "one view": 0.105,
+    "two views": 0.206,
+    "share of views": -1.209,
+    "none agrees": 0.004,
+    "disagreeing": -0.365,
+    "cost": 1.283,
+    "cost around": -2.619,
+    "margin": 1.385,
+    "some margin": -1.249,
+    "few views, log sigma": 0.067,
+    "off its neighbours": -0.114,
+    "at a step": 0.589,
+    "near a step": -0.514,
+    "steepness": 1.541,
+    "bend": -0.929,
+    "wide bend": -0.696,
 }
+"""Of the evidence in the logit of the confidence."""
+SIGMA_WEIGHTS: dict[str, float] = {
+    "constant": 1.716,
+    "log sigma": 0.867,
+    "bend": 0.317,
+    "wide bend": 0.182,
+    "cost around": 0.766,
+    "near a step": -1.268,
+    "steepness": 1.358,
+}
+"""Of the evidence in the logarithm of sigma."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,20 +65,27 @@ class Verdict:
 
 
 def judge(
-    chosen: Propagated, refined: Refined, prepared: PreparedFrame, kernels: Kernels, threads: int
+    chosen: Propagated,
+    refined: Refined,
+    prepared: PreparedFrame,
+    scale: float,
+    kernels: Kernels,
+    threads: int,
 ) -> Verdict:
-    """Sigma and confidence of a refined surface.
+    """Sigma and confidence of a refined surface, on a grid ``scale`` times finer than `windows` tells sizes for.
 
-    Confidence is a logistic function of what `evidence` lists, fitted to simulated frames with known truth.
+    Confidence is a logistic function, sigma an exponential one of what `evidence` lists; both were fitted to
+    simulated frames with known truth (docs/matching.md), sigma to the median error.
     """
     seen = _seen(refined.surface.s, prepared, kernels, threads)
-    logit = np.zeros_like(refined.surface.s)
-    for name, value in evidence(chosen, refined, seen, len(prepared.images)):
-        logit += np.float32(WEIGHTS[name]) * value
+    logit, log_sigma = np.zeros_like(refined.surface.s), np.zeros_like(refined.surface.s)
+    for name, value in evidence(chosen, refined, seen, len(prepared.images), scale):
+        logit += np.float32(WEIGHTS.get(name, 0)) * value
+        log_sigma += np.float32(SIGMA_WEIGHTS.get(name, 0)) * value
     confidence = 1 / (1 + np.exp(-logit))
     trusted = np.isfinite(refined.surface.s) & np.isfinite(prepared.core) & (seen > 0)
     return Verdict(
-        sigma=_sigma(refined),
+        sigma=np.exp(log_sigma),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
         views=np.minimum(seen, refined.used),
     )
@@ -66,7 +102,7 @@ def _seen(s: Array, prepared: PreparedFrame, kernels: Kernels, threads: int) -> 
 
 
 def evidence(
-    chosen: Propagated, refined: Refined, seen: NDArray[np.uint8], auxiliaries: int
+    chosen: Propagated, refined: Refined, seen: NDArray[np.uint8], auxiliaries: int, scale: float
 ) -> Iterator[tuple[str, Array]]:
     """What speaks for and against a pixel, by name."""
     surface = refined.surface
@@ -78,14 +114,33 @@ def evidence(
     yield "one view", (seen == 1).astype(np.float32)
     yield "two views", (seen == 2).astype(np.float32)
     yield "share of views", seen.astype(np.float32) / auxiliaries
-    yield "cost around", cv2.blur(np.minimum(chosen.cost, 1), (7, 7))
-    yield "margin", np.minimum(chosen.margin, 4)
-    yield "clear margin", np.minimum(chosen.margin, 1)
+    yield "none agrees", (refined.used == 0).astype(np.float32)
+    yield "disagreeing", np.maximum(seen.astype(np.float32) - refined.used, 0) / auxiliaries
+    cost = np.nan_to_num(chosen.cost, nan=1.0)
+    yield "cost", cost
+    yield "cost around", cv2.blur(cost, (7, 7))
+    margin = np.nan_to_num(chosen.margin)
+    yield "margin", margin
+    yield "some margin", np.minimum(margin, 0.15)
+    yield "few views, log sigma", (seen <= 2) * log_sigma
     yield "off its neighbours", np.minimum(np.abs(s - cv2.medianBlur(s, 5)), 5)
     to_step = _to_step(s)
     yield "at a step", np.exp(-to_step)
     yield "near a step", np.exp(-to_step / 4)
-    yield "steepness", np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2)
+    yield "steepness", np.nan_to_num(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
+    yield from roughness(s, scale)
+
+
+def roughness(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """What a surface's own shape says of its errors, by name: on planes large windows have smoothed nothing away.
+
+    Each is the logarithm of how far s lies off its mean over a window, averaged over the same window, px; windows
+    grow with ``scale``.
+    """
+    for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
+        side = 2 * int(window_px * scale / 2) + 1
+        off = np.minimum(np.abs(s - cv2.blur(s, (side, side))), 1)
+        yield name, np.log(cv2.blur(off, (side, side)) + np.float32(least))
 
 
 def _to_step(s: Array) -> Array:
@@ -93,7 +148,3 @@ def _to_step(s: Array) -> Array:
     window = np.ones((5, 5), np.uint8)
     step = cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
     return np.asarray(cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5), np.float32)
-
-
-def _sigma(refined: Refined) -> Array:
-    return np.sqrt(refined.variance)

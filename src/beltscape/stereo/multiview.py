@@ -79,7 +79,10 @@ class MultiviewReconstructor:
         names = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         unit = grid_unit(self.rig, names, self.settings.grid_step)
         match = self.match(frame_set, names, reporter)
-        verdict = judge(match.chosen, match.refined, match.prepared, self._kernels, self.settings.threads)
+        scale = windows(match.prepared.core.shape[1]).scale
+        verdict = judge(
+            match.chosen, match.refined, match.prepared, scale, self._kernels, self.settings.threads
+        )
         return _depth_map(match.refined.surface, verdict, unit, self.settings, self.rig.core_camera.size_px)
 
     def match(self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter) -> Match:

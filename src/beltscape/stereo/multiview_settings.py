@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-SWEEP_WIDTH_PX = 612
-"""The sweep's images are shrunk until they are about as wide as this."""
-
 
 class MultiviewSettings(BaseModel):
     """Sweep, propagation and joint least squares; the defaults are the preset ``standard``."""
@@ -14,6 +11,9 @@ class MultiviewSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     grid_step: int = Field(1, ge=1, le=4, description="image pixels per side of a pixel that is matched")
+    sweep_width_px: int = Field(
+        612, ge=64, le=4096, description="the sweep's images are shrunk to about this width"
+    )
     distances_px: tuple[int, ...] = Field(
         (2, 5, 12),
         min_length=1,
@@ -27,7 +27,7 @@ class MultiviewSettings(BaseModel):
     final_px: tuple[float, ...] = Field(
         (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
     )
-    least_confidence: float = Field(0.75, ge=0, lt=1, description="less trusted pixels are not measured")
+    least_confidence: float = Field(0.8, ge=0, lt=1, description="less trusted pixels are not measured")
     threads: int = Field(0, ge=0, le=256, description="0: as many as there are cores")
 
     @classmethod
@@ -41,7 +41,7 @@ class MultiviewSettings(BaseModel):
 
     def shrink(self, width_px: int) -> int:
         """How much smaller than the grid the sweep's images are, for images of this width."""
-        return max(1, round(width_px / self.grid_step / SWEEP_WIDTH_PX))
+        return max(1, round(width_px / self.grid_step / self.sweep_width_px))
 
 
 PRESETS: dict[str, dict[str, object]] = {

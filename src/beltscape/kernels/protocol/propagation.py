@@ -21,7 +21,7 @@ class Propagated(NamedTuple):
     cost: NDArray[np.floating]
     """(H, W) float32 dissimilarity, 0 … 1."""
     margin: NDArray[np.floating]
-    """(H, W) float32, how far the next candidate's sum lies above the chosen one's: at most 1."""
+    """(H, W) float32, how far the sum of the next candidate that differs by more than 1.5 lies above: at most 1."""
 
 
 class Propagates(Protocol):

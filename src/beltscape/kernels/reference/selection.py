@@ -35,14 +35,18 @@ class Kept(NamedTuple):
         return Kept(*(field[y, x] for field in self))
 
 
+APART = 1.5
+"""Candidates farther apart in s are different surfaces."""
+
+
 def chosen(kept: Kept, small_jump: float, large_jump: float) -> Propagated:
     """The candidates with the least cost + mean of what eight paths bring."""
     paths = [_path(kept, dx, dy, small_jump, large_jump) for dx, dy in DIRECTIONS]
     totals = kept.cost + np.mean(paths, axis=0)
     best = totals.argmin(axis=2)[..., None]
     s, slope_u, slope_v, cost = (np.take_along_axis(field, best, axis=2)[..., 0] for field in kept)
-    ranked = np.sort(totals, axis=2)
-    margin = np.minimum(ranked[..., 1] - ranked[..., 0], 1) if ranked.shape[2] > 1 else np.ones_like(s)
+    apart = np.abs(kept.s - s[..., None]) > APART
+    margin = np.minimum(np.where(apart, totals, np.inf).min(axis=2) - totals.min(axis=2), 1)
     none = s == NO_CANDIDATE
     s, cost, margin = (np.where(none, np.nan, field) for field in (s, cost, margin))
     return Propagated(s, slope_u, slope_v, cost, margin)

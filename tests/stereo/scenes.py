@@ -1,0 +1,156 @@
+"""Small scenes before the core camera, cast ray by ray: what the stages of the multi-view matcher are tested on.
+
+The world's frame is the core's: z is depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from raycast import camera, looking, speckle
+
+from beltscape.core.camera import Camera
+from beltscape.core.frames import FrameSet
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.kernels import load
+from beltscape.stereo.nearness import nearness_unit
+from beltscape.stereo.prepared import PreparedFrame, prepare
+
+Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Origin (3,) and rays (H, W, 3) → (H, W) how many rays' lengths away it is hit; inf where it is not."""
+DEPTH_MM = 700.0
+SIZE_PX = (120, 100)
+BASELINE_MM = 200.0
+DOT_PX = 1.3
+"""Standard deviation of the speckle's smoothing, px of the core at `DEPTH_MM`."""
+_TEXEL_DOT = 1.6
+
+
+def plane(depth_mm: float = DEPTH_MM, slope_u: float = 0.0, slope_v: float = 0.0) -> Solid:
+    """z = depth + slope_u x + slope_v y."""
+    normal = np.array([-slope_u, -slope_v, 1.0])
+    return lambda origin, rays: (depth_mm - origin @ normal) / (rays @ normal)
+
+
+def sphere(depth_mm: float, radius_mm: float) -> Solid:
+    """Its nearest point lies at this depth on the core's axis."""
+
+    def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        away = origin - [0, 0, depth_mm + radius_mm]
+        a, b, c = (rays**2).sum(axis=-1), rays @ away, away @ away - radius_mm**2
+        root = b * b - a * c
+        return np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
+
+    return hit
+
+
+def patch(depth_mm: float, x_mm: tuple[float, float], y_mm: tuple[float, float] = (-1e4, 1e4)) -> Solid:
+    """A thin rectangle across the core's axis."""
+
+    def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        away = (depth_mm - origin[2]) / rays[..., 2]
+        x, y = (origin[i] + away * rays[..., i] for i in (0, 1))
+        inside = (x >= x_mm[0]) & (x <= x_mm[1]) & (y >= y_mm[0]) & (y <= y_mm[1])
+        return np.where(inside, away, np.inf)
+
+    return hit
+
+
+def ring(
+    angles_deg: tuple[float, ...] = (0, 90, 180, 270),
+    *,
+    size_px: tuple[int, int] = SIZE_PX,
+    parallel: bool = False,
+) -> Rig:
+    """The core and auxiliaries about it that look at what it looks at, or along with it."""
+    poses = {"cam0": Pose.identity()}
+    for i, angle in enumerate(np.deg2rad(angles_deg), start=1):
+        center = BASELINE_MM * np.array([np.cos(angle), np.sin(angle), 0.02 * i])
+        target = center + np.array([0.0, 0.0, 1.0]) if parallel else np.array([3.0 * i, -2.0, DEPTH_MM])
+        poses[f"cam{i}"] = looking(center, target)
+    return Rig("cam0", {name: camera(name, size_px) for name in poses}, poses)
+
+
+def cast(cam: Camera, pose: Pose, solids: tuple[Solid, ...], rays: np.ndarray) -> np.ndarray:
+    """(H, W, 3) points, in the core's frame, that a camera sees along rays (H, W, 2)."""
+    world = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ pose.rotation
+    away = np.minimum.reduce([solid(pose.center_mm, world) for solid in solids])
+    return pose.center_mm + world * away[..., None]
+
+
+def brightness(points: np.ndarray, dot_mm: float) -> np.ndarray:
+    """(H, W) float32 counts of a speckle that comes obliquely from above."""
+    at = (points[..., :2] + 0.2 * (points[..., 2:] - DEPTH_MM)) * _TEXEL_DOT / dot_mm + 600
+    return cv2.remap(speckle(), at.astype(np.float32), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+def pictures(
+    rig: Rig, solids: tuple[Solid, ...], *, noise: float = 0.0, seed: int = 1, dot_px: float = DOT_PX
+) -> dict[str, np.ndarray]:
+    """Float32 images, in 8-bit counts, of all cameras."""
+    dot_mm = dot_px * DEPTH_MM / float(rig.core_camera.focal_px[0])
+    rng = np.random.default_rng(seed)
+    seen = {}
+    for name, cam in rig.cameras.items():
+        pixels = np.stack(np.meshgrid(np.arange(cam.size_px[0]), np.arange(cam.size_px[1])), axis=-1)
+        points = cast(cam, rig.cam_from_core[name], solids, cam.undistort(pixels))
+        image = brightness(points, dot_mm)
+        seen[name] = image + rng.normal(0, noise, image.shape).astype(np.float32) if noise else image
+    return seen
+
+
+def in_bits(image: np.ndarray, dtype: type = np.uint8) -> np.ndarray:
+    """As a camera of 8 or 16 bits writes it."""
+    full = np.iinfo(dtype).max
+    return np.clip(np.rint(image * (full / 255)), 0, full).astype(dtype)
+
+
+def depth_mm(rig: Rig, solids: tuple[Solid, ...]) -> np.ndarray:
+    """(H, W) true depth on the core's undistorted grid."""
+    cam = rig.core_camera
+    return cast(cam, Pose.identity(), solids, cam.rays())[..., 2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A frame ready for a stage, and its truth."""
+
+    rig: Rig
+    prepared: PreparedFrame
+    s: np.ndarray
+    """(H, W) float32 true nearness, px."""
+    unit: float
+
+    @property
+    def auxiliaries(self) -> tuple[str, ...]:
+        """Of the rig, all of them used."""
+        return self.rig.auxiliaries
+
+
+def scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed: int = 1) -> Scene:
+    """16-bit images of solids, prepared at full size."""
+    rig = rig or ring()
+    images = {
+        name: in_bits(i, np.uint16) for name, i in pictures(rig, solids, noise=noise, seed=seed).items()
+    }
+    unit = nearness_unit(rig, rig.auxiliaries)
+    prepared = prepare(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1)
+    return Scene(rig, prepared, (1 / (depth_mm(rig, solids) * unit)).astype(np.float32), unit)
+
+
+def inner(shape: tuple[int, ...], margin_px: int) -> np.ndarray:
+    """(H, W) bool: farther than this from the border."""
+    inside = np.zeros(shape, bool)
+    inside[margin_px:-margin_px, margin_px:-margin_px] = True
+    return inside
+
+
+def away_from_steps(s: np.ndarray, distance_px: int, step_px: float = 1.5) -> np.ndarray:
+    """(H, W) bool: no step of s within this distance."""
+    window = np.ones((3, 3), np.uint8)
+    step = (cv2.dilate(s, window) - cv2.erode(s, window) > step_px).astype(np.uint8)
+    return cv2.dilate(step, np.ones((2 * distance_px + 1,) * 2, np.uint8)) == 0

@@ -1,0 +1,58 @@
+"""The sweep's first surface: within a plane of the truth, steps where they are, over the whole range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
+
+from beltscape.kernels import load
+from beltscape.stereo.coarse import PLANE_STEP_PX, coarse_surface
+
+
+def found(made, depth_range_mm: tuple[float, float], shrink: int = 1) -> np.ndarray:
+    near, far = depth_range_mm
+    return coarse_surface(
+        made.rig, made.auxiliaries, made.prepared, (1 / (far * made.unit), 1 / (near * made.unit)),
+        step=1, shrink=shrink, unit=made.unit, kernels=load(), threads=1,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("size_px", "shrink"),
+    [((120, 100), 1), ((121, 99), 1), ((240, 200), 2), ((243, 201), 2), ((361, 302), 3)],
+)
+def test_a_plane_is_found_within_a_plane_step(size_px, shrink):
+    made = scene(plane(DEPTH_MM, 0.1, 0.05), rig=ring(size_px=size_px))
+    s = found(made, (560, 880), shrink)
+    assert s.shape == (size_px[1], size_px[0])
+    assert s.dtype == np.float32
+    error = np.abs(s - made.s)[inner(s.shape, 4 * shrink)]
+    blocks = 0.15 * shrink  # a block of the slope is one value
+    assert (error < PLANE_STEP_PX * shrink + blocks).mean() > 0.97
+    assert np.median(error) < 0.5 * PLANE_STEP_PX * shrink
+
+
+def test_a_step_stays_a_step():
+    made = scene(plane(760), patch(660, (-150, 60), (-120, 120)))
+    s = found(made, (600, 820))
+    clear = away_from_steps(made.s, 4) & inner(s.shape, 4)
+    assert (np.abs(s - made.s)[clear] < PLANE_STEP_PX).mean() > 0.97
+    middle = (np.quantile(made.s, 0.02) + np.quantile(made.s, 0.98)) / 2
+    assert ((s > middle) == (made.s > middle)).mean() > 0.96
+
+
+@pytest.mark.parametrize("depth_mm", [650.0, 700.0, 750.0])
+def test_planes_cover_the_range_to_its_ends(depth_mm):
+    """The surface is the range's near end, its middle and its far end."""
+    made = scene(plane(depth_mm))
+    for near_far in ((depth_mm, 1100), (500, 1000), (480, depth_mm)):
+        s = found(made, near_far)
+        assert np.median(np.abs(s - made.s)) < PLANE_STEP_PX
+        far, near = 1 / (near_far[1] * made.unit), 1 / (near_far[0] * made.unit)
+        assert far - PLANE_STEP_PX <= s.min() <= s.max() <= near + PLANE_STEP_PX
+
+
+def test_a_range_of_nothing_still_has_planes_to_choose_from():
+    made = scene(plane(700.0))
+    assert np.median(np.abs(found(made, (699.9, 700.1)) - made.s)) < PLANE_STEP_PX

@@ -1,0 +1,107 @@
+"""What is believed of a surface: not what no auxiliary sees, and false surfaces less than right ones."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene
+
+from beltscape.kernels import load
+from beltscape.stereo.judge import SIGMA_WEIGHTS, WEIGHTS, Verdict, evidence, judge
+from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.propagate import propagate
+from beltscape.stereo.refine import refine
+from beltscape.stereo.surface import with_slopes
+from beltscape.stereo.windows import windows
+
+STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
+
+
+def stages(made, s: np.ndarray):
+    """One propagation and refinement, as the matcher's last round."""
+    size = windows(s.shape[1])
+    chosen = propagate(with_slopes(s.astype(np.float32), load(), 1), made.prepared, (2, 5), load(), 1)
+    refined = refine(chosen.surface, made.prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
+    return chosen, refined
+
+
+def verdict(made, s: np.ndarray) -> tuple[Verdict, np.ndarray]:
+    """And the surface that was judged."""
+    chosen, refined = stages(made, s)
+    scale = windows(s.shape[1]).scale
+    return judge(chosen, refined, made.prepared, scale, load(), 1), refined.surface.s
+
+
+def views_by_rays(made, solids) -> np.ndarray:
+    """(H, W) how many auxiliaries see the true surface, by casting rays back to it."""
+    rig = made.rig
+    z = depth_mm(rig, solids)[..., None]
+    points = np.concatenate([rig.core_camera.rays() * z, z], axis=-1)
+    seen = np.zeros(z.shape[:2], np.uint8)
+    for name in rig.auxiliaries:
+        cam, pose = rig.cameras[name], rig.cam_from_core[name]
+        at = pose.apply(points.reshape(-1, 3)).reshape(points.shape)
+        hit = cast(cam, pose, solids, at[..., :2] / at[..., 2:])
+        pixels = cam.project(at.reshape(-1, 3)).reshape(*at.shape[:2], 2)
+        inside = ((pixels >= 0) & (pixels <= np.array(cam.size_px) - 1)).all(axis=-1)
+        seen += (inside & (np.abs(hit - points).max(axis=-1) < 1)).astype(np.uint8)
+    return seen
+
+
+def test_every_weight_is_of_some_evidence():
+    made = scene(*STEP, noise=1.0)
+    ones = np.ones(made.s.shape, np.uint8)
+    found = list(evidence(*stages(made, made.s), ones, 4, windows(made.s.shape[1]).scale))
+    assert {*WEIGHTS, *SIGMA_WEIGHTS} <= {name for name, _ in found}
+    for name, value in found:
+        assert np.isfinite(value).all(), name
+        assert value.shape == made.s.shape
+
+
+@pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])
+def test_what_is_hidden_from_all_auxiliaries_is_not_believed(angles):
+    made = scene(*STEP, rig=ring(angles), noise=1.0)
+    judged, _ = verdict(made, made.s)
+    truth = views_by_rays(made, STEP)
+    clear = cv2.erode(truth, np.ones((7, 7))) == cv2.dilate(truth, np.ones((7, 7)))
+    hidden, seen = clear & (truth == 0), clear & (truth > 0) & inner(truth.shape, 8)
+    if len(angles) < 4:
+        assert hidden.sum() > 100
+        assert not judged.confidence[hidden].any()
+        assert not judged.views[hidden].any()
+    assert (judged.confidence[seen] > 0.5).mean() > 0.95
+    assert (judged.views[seen] == truth[seen]).mean() > 0.95
+    assert judged.views.max() <= len(angles)
+
+
+def test_false_surfaces_are_believed_less_than_right_ones():
+    made = scene(plane(), noise=1.0)
+    wrong = inner(made.s.shape, 30)
+    judged, s = verdict(made, np.where(wrong, made.s + 5, made.s))
+    error = np.abs(s - made.s)
+    false, right = error > 1, (error < 0.1) & inner(s.shape, 8)
+    assert false.sum() > 0.5 * wrong.sum()
+    ranks = np.searchsorted(np.sort(judged.confidence[right]), judged.confidence[false]) / right.sum()
+    assert ranks.mean() < 0.05  # the chance that a false pixel is believed more than a right one
+    assert (judged.confidence[false] < MultiviewSettings().least_confidence).mean() > 0.9
+    assert (judged.confidence[right] > 0.9).mean() > 0.9
+
+
+def test_confidence_and_sigma_are_what_they_say_they_are():
+    made = scene(*STEP, noise=3.0)
+    s = made.s.copy()
+    s[30:50, 20:40] = np.nan
+    judged, left = verdict(made, s)
+    assert judged.confidence.dtype == judged.sigma.dtype == np.float32
+    assert ((judged.confidence >= 0) & (judged.confidence <= 1)).all()
+    assert not judged.confidence[np.isnan(left)].any()
+    assert (judged.sigma[judged.confidence > 0] > 0).all()
+
+
+def test_sigma_grows_with_the_noise():
+    def median_sigma(noise):
+        made = scene(plane(), noise=noise)
+        return np.median(verdict(made, made.s)[0].sigma[away_from_steps(made.s, 8)])
+
+    assert median_sigma(8.0) > 1.5 * median_sigma(2.0)

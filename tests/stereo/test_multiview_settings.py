@@ -1,0 +1,78 @@
+"""Settings of the multi-view matcher: presets, bounds, and how sizes follow the images."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
+
+
+def test_there_are_three_presets_and_standard_is_the_default():
+    assert set(PRESETS) == {"fast", "standard", "fine"}
+    assert MultiviewSettings.preset("standard") == MultiviewSettings()
+    assert len({MultiviewSettings.preset(name) for name in PRESETS}) == 3
+
+
+def test_fast_does_less_and_fine_does_more():
+    fast, standard, fine = (MultiviewSettings.preset(name) for name in ("fast", "standard", "fine"))
+    assert fast.grid_step > standard.grid_step == fine.grid_step == 1
+    assert fast.rounds <= standard.rounds <= fine.rounds
+    assert len(fast.final_px) <= len(standard.final_px) <= len(fine.final_px)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"unknown": 1},
+        {"grid_step": 0},
+        {"grid_step": 5},
+        {"rounds": 0},
+        {"rounds": 9},
+        {"distances_px": ()},
+        {"distances_px": tuple(range(1, 10))},
+        {"between_px": ()},
+        {"final_px": ()},
+        {"least_confidence": 1.0},
+        {"least_confidence": -0.1},
+        {"sweep_width_px": 63},
+        {"threads": -1},
+        {"threads": 300},
+    ],
+)
+def test_settings_that_cannot_be_are_refused(wrong):
+    with pytest.raises(ValidationError):
+        MultiviewSettings(**wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"between_px": (0.0,)}, {"final_px": (-0.5,)}, {"distances_px": (0,)}, {"distances_px": (40_000,)}],
+)
+def test_numbers_no_kernel_takes_are_refused_beforehand(wrong):
+    with pytest.raises(ValidationError):
+        MultiviewSettings(**wrong)
+
+
+def test_settings_do_not_change():
+    with pytest.raises(ValidationError):
+        MultiviewSettings().rounds = 3
+
+
+@given(st.integers(64, 12_000), st.integers(1, 4), st.integers(64, 4096))
+def test_the_sweeps_images_are_about_as_wide_whatever_the_camera(width_px, step, wanted):
+    shrink = MultiviewSettings(grid_step=step, sweep_width_px=wanted).shrink(width_px)
+    width = width_px / step / shrink
+    assert shrink >= 1
+    assert width < 1.51 * wanted
+    assert shrink == 1 or width > 0.66 * wanted
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=8), st.floats(0.3, 2))
+def test_distances_follow_the_grid_and_come_once(distances, scale):
+    found = MultiviewSettings(distances_px=tuple(distances)).offsets_px(scale)
+    assert list(found) == sorted(set(found))
+    assert found[0] >= 1
+    assert all(min(abs(d * scale - f) for f in found) <= 0.71 for d in distances)

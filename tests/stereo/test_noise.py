@@ -1,0 +1,52 @@
+"""Noise told by a frame's own residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, plane, ring, scene
+
+from beltscape.kernels import load
+from beltscape.stereo.noise import measured_noise
+from beltscape.stereo.prepared import Noise
+from beltscape.stereo.surface import Surface, with_slopes
+
+SLANTED = plane(DEPTH_MM, 0.2, 0.1)
+
+
+def measured(made, guess: Noise, wrong_px: float = 0.0) -> Noise:
+    surface = with_slopes(made.s + np.float32(wrong_px), load(), 1)
+    return measured_noise(surface, replace(made.prepared, noise=guess), load(), 1)
+
+
+@pytest.mark.parametrize("noise", [2.0, 6.0])
+@pytest.mark.parametrize("wrong_by", [1 / 10, 1.0, 20.0])
+@pytest.mark.parametrize("angles", [(0,), (0, 90, 180, 270)])
+def test_a_wrong_guess_is_scaled_to_the_noise(noise, wrong_by, angles):
+    made = scene(SLANTED, rig=ring(angles), noise=noise)
+    guess = Noise(noise**2 * wrong_by, 1e-6, made.prepared.noise.texture)
+    found = measured(made, guess)
+    assert 0.5 < found.levels / noise**2 < 2.0
+    assert found.model / guess.model == pytest.approx(found.levels / guess.levels)
+    assert found.texture == guess.texture
+
+
+def test_a_slightly_wrong_surface_does_not_count_as_much_noise():
+    made = scene(SLANTED, noise=4.0)
+    guess = Noise(16.0, 1e-4, made.prepared.noise.texture)
+    assert measured(made, guess).levels < measured(made, guess, 0.1).levels < 2.5 * 16
+
+
+def test_a_wholly_wrong_surface_does_not_raise_it_without_bounds():
+    made = scene(SLANTED, noise=1.0)
+    guess = Noise(1.0, 1e-6, made.prepared.noise.texture)
+    assert measured(made, guess, 15).levels <= 64
+
+
+def test_without_a_surface_the_guess_stands():
+    made = scene(SLANTED)
+    nothing = np.full_like(made.s, np.nan)
+    found = measured_noise(Surface(nothing, nothing, nothing), made.prepared, load(), 1)
+    assert found == made.prepared.noise

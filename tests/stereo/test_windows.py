@@ -1,0 +1,27 @@
+"""Windows grow with the images and stay within what the kernels take."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.kernels.check_refine import WINDOW_LIMIT, fit_windows
+from beltscape.stereo.windows import windows
+
+widths = st.integers(1, 20_000)
+
+
+@given(widths)
+def test_the_kernels_take_them(width_px):
+    size = windows(width_px)
+    assert len(fit_windows(size.narrow)) < len(fit_windows(size.wide))
+    assert size.wide[: len(size.narrow)] == size.narrow
+    assert 1 <= size.levels_px <= WINDOW_LIMIT
+
+
+@given(widths, widths)
+def test_a_wider_grid_has_no_smaller_windows(a, b):
+    small, large = windows(min(a, b)), windows(max(a, b))
+    assert small.scale <= large.scale
+    assert small.levels_px <= large.levels_px
+    assert all(s <= w for s, w in zip(small.wide, large.wide, strict=True))

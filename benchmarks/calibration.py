@@ -27,19 +27,20 @@ RECORDED: dict[str, Board] = {
 }
 
 
-def calibration(rendered: Path) -> list[str]:
-    """Rows for RESULTS.md; what is not there is left out."""
+def calibration(rendered: Path) -> tuple[list[str], Rig | None]:
+    """Rows for RESULTS.md and the rig found from the rendered capture; what is not there is left out."""
     lines: list[str] = []
+    found = None
     if rendered.is_dir():
-        lines += _against_truth(rendered)
+        lines, found = _against_truth(rendered)
     rows = [_held_out(name, rendered.parent / "real" / name, board) for name, board in RECORDED.items()]
     if any(rows):
         head = "| held out, recorded | cameras | RMS px | median px | square bias mm | square RMS mm | σ of halves |"
         lines += ["", head, "|---|---|---|---|---|---|---|", *(row for row in rows if row)]
-    return lines
+    return lines, found
 
 
-def _against_truth(rendered: Path) -> list[str]:
+def _against_truth(rendered: Path) -> tuple[list[str], Rig]:
     truth = true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
     board = read_board(rendered / "board.toml")
     start = time.perf_counter()
@@ -57,11 +58,8 @@ def _against_truth(rendered: Path) -> list[str]:
         "after joint adjustment": (adjusted.rig, done - chained),
     }
     head = "| calibration, rendered | depth RMS / max mm | worst rotation ° | worst centre mm | s |"
-    return [
-        head,
-        "|---|---|---|---|---|",
-        *(_row(name, rig, truth, took) for name, (rig, took) in rigs.items()),
-    ]
+    rows = [_row(name, rig, truth, took) for name, (rig, took) in rigs.items()]
+    return [head, "|---|---|---|---|---|", *rows], adjusted.rig
 
 
 def _row(name: str, rig: Rig | None, truth: Rig, took: float | None) -> str:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -14,15 +17,20 @@ from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.evaluate.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.evaluate.unseen import never_seen
 from beltscape.files.depth_tiff import read_float_tiff
 from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
+from beltscape.kernels import load
 from beltscape.stereo.search import scaled_rig
 
 REGION_MM = 240.0
 VOLUME_MM = 200.0
 LABELS = {"belt_empty": (1,), "module": tuple(range(10, 19)), "belt_loaded": (2,)}
+FULL = "BELTSCAPE_BENCH_FULL"
+"""Environment variable that asks for the capture at the sensor's full size."""
 
 
 @dataclass(frozen=True)
@@ -34,45 +42,75 @@ class Scene:
     frame: FrameSet
     true_depth_mm: np.ndarray
     region: np.ndarray
-    true_volume_mm3: float | None
-    along_mm: tuple[float, float]
+    """(H, W) bool: the scene's own surface, where the projector lights it."""
+    unseen: np.ndarray
+    """(H, W) bool: no auxiliary sees the pixel; of all surfaces along the same stretch."""
+    true_volume_mm3: float | None = None
+    along_mm: tuple[float, float] = (-VOLUME_MM, VOLUME_MM)
 
     @property
     def size(self) -> str:
         """Image size in words."""
         return "{}×{}".format(*self.rig.core_camera.size_px)
 
+    def calibrated(self, rig: Rig) -> Scene:
+        """The same frame for a rig that was found, the truth on its core's grid."""
+        halvings = round(np.log2(rig.core_camera.size_px[0] / self.rig.core_camera.size_px[0]))
+        found = scaled_rig(rig, halvings)
+        return replace(
+            self,
+            rig=found,
+            true_depth_mm=depth_on_grid_of(found, self.rig, self.true_depth_mm),
+            region=mask_on_grid_of(found, self.rig, self.region),
+            unseen=mask_on_grid_of(found, self.rig, self.unseen),
+        )
+
 
 def rendered_scenes(folder: Path) -> list[Scene]:
     """The rendered captures at their own size, and halved."""
-    return [_rendered(folder, name, halvings) for halvings in (1, 0) for name in LABELS]
+    return [rendered(folder, name, halvings) for halvings in (1, 0) for name in LABELS]
 
 
-def _rendered(folder: Path, name: str, halvings: int) -> Scene:
+def rendered(folder: Path, name: str, halvings: int, capture: str | None = None) -> Scene:
+    """One of them; ``capture`` is another capture of the same scene, without speckle say."""
     truth = json.loads((folder / "truth" / "rig.json").read_text())
-    rig = scaled_rig(true_rig(truth), halvings)
+    whole = true_rig(truth)
+    rig = scaled_rig(whole, halvings)
     arrays = np.load(folder / "truth" / f"{name}_depth_cam0.npz")
-    step = 2**halvings
     depth, labels = arrays["z_pinhole"].astype(np.float64), arrays["label_pinhole"]
-    if halvings:  # a halved pixel lies between four: their mean, where they are one surface
-        blocks = depth.reshape(depth.shape[0] // step, step, depth.shape[1] // step, step)
-        depth = np.where(np.ptp(blocks, axis=(1, 3)) < 4, 1 / (1 / blocks).mean(axis=(1, 3)), np.nan)
-        labels = labels[::step, ::step]
+    unseen = never_seen(whole, depth, load())
+    if halvings:
+        depth, labels, unseen = _halved_truth(depth, labels, unseen, 2**halvings)
     core = truth["cameras"]["cam0"]
     world_from_core = Pose.of(core["R"], core["t"]).inverse()
-    rays = rig.core_camera.rays()
-    points = world_from_core.apply(np.concatenate([rays * depth[..., None], depth[..., None]], axis=-1))
+    lit = _lit(rig, depth, world_from_core)
     axis = world_from_core.rotation @ [0, 0, 1]
     center = world_from_core.translation_mm
     origin_y = float((center - axis * center[2] / axis[2])[1])
-    images = {c: _halved(read_image(folder / name / c / "000.png"), halvings) for c in rig.cameras}
+    images = {
+        c: _halved(read_image(folder / (capture or name) / c / "000.png"), halvings) for c in rig.cameras
+    }
     volume = folder / "truth" / f"{name}_volume.json"
     return Scene(
-        name, rig, FrameSet("000", images), depth,
-        np.isin(labels, LABELS[name]) & (np.abs(points[..., 1]) <= REGION_MM),
+        capture or name, rig, FrameSet("000", images), depth, np.isin(labels, LABELS[name]) & lit, unseen & lit,
         json.loads(volume.read_text())["volume_mm3"] if volume.is_file() else None,
         (-VOLUME_MM - origin_y, VOLUME_MM - origin_y),
     )  # fmt: skip
+
+
+def _lit(rig: Rig, depth_mm: np.ndarray, world_from_core: Pose) -> np.ndarray:
+    points = np.concatenate([rig.core_camera.rays() * depth_mm[..., None], depth_mm[..., None]], axis=-1)
+    return np.abs(world_from_core.apply(points)[..., 1]) <= REGION_MM
+
+
+def _halved_truth(
+    depth: np.ndarray, labels: np.ndarray, unseen: np.ndarray, step: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A halved pixel lies between four: their mean, where they are one surface; unseen where all are."""
+    shape = (depth.shape[0] // step, step, depth.shape[1] // step, step)
+    blocks = depth.reshape(shape)
+    depth = np.where(np.ptp(blocks, axis=(1, 3)) < 4, 1 / (1 / blocks).mean(axis=(1, 3)), np.nan)
+    return depth, labels[::step, ::step], unseen.reshape(shape).all(axis=(1, 3))
 
 
 def true_rig(truth: dict) -> Rig:
@@ -104,15 +142,11 @@ def demo_scenes() -> list[Scene]:
     scenes = []
     for name in LABELS:
         depth = read_float_tiff(data / "truth" / f"{name}_depth.tiff").astype(np.float64)
-        points = np.concatenate([rig.core_camera.rays() * depth[..., None], depth[..., None]], axis=-1)
+        lit = _lit(rig, depth, belt_from_core)
         images = {c: read_image(data / name / c / "000.png") for c in rig.cameras}
-        scenes.append(
-            Scene(
-                name, rig, FrameSet("000", images), depth,
-                np.abs(belt_from_core.apply(points)[..., 1]) <= REGION_MM,
-                _true_volume(volumes["scenes"].get(name)), (-VOLUME_MM, VOLUME_MM),
-            )
-        )  # fmt: skip
+        volume = _true_volume(volumes["scenes"].get(name))
+        unseen = never_seen(rig, depth, load()) & lit
+        scenes.append(Scene(name, rig, FrameSet("000", images), depth, lit, unseen, volume))
     return scenes
 
 
@@ -122,3 +156,22 @@ def _true_volume(entry: dict | None) -> float | None:
     edges = entry["first_y_mm"] + np.arange(len(entry["area_mm2"]) + 1)
     low, high = np.interp([-VOLUME_MM, VOLUME_MM], edges, np.concatenate([[0], np.cumsum(entry["area_mm2"])]))
     return float(high - low)
+
+
+def full_size(cache: Path) -> Scene | None:
+    """A loaded belt at the sensor's full size, simulated once (minutes); None where it is not asked for."""
+    if not os.environ.get(FULL):
+        return None
+    folder = cache / "belt_loaded_full_31"
+    truth = folder / "truth"
+    if not (truth / "belt_loaded_depth.npz").is_file():
+        command = ["simulate", "belt_loaded", "--size", "full", "--seed", "31", "--out", str(folder)]
+        subprocess.run([sys.executable, "-m", "beltscape", *command], check=True)
+    rig = read_rig(truth / "rig.json")
+    pose = read_json(truth / "station.json")["core_from_world"]
+    with np.load(truth / "belt_loaded_depth.npz") as arrays:
+        depth, label, views = arrays["depth_mm"].astype(np.float64), arrays["label"], arrays["views"]
+    lit = _lit(rig, depth, Pose.of(pose["rotation"], pose["translation_mm"]).inverse())
+    images = {c: read_image(folder / c / "000.png") for c in rig.cameras}
+    unseen = lit & (views == 0) & np.isfinite(depth)
+    return Scene("belt_loaded", rig, FrameSet("000", images), depth, lit & (label == 2), unseen)

@@ -28,6 +28,8 @@ from beltscape.evaluate.speckle_pair import SpecklePair
 from beltscape.evaluate.subsets import find_subsets, turned_to_meet
 from beltscape.files.exchange import import_rig
 from beltscape.files.images import read_image
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.pairwise import reconstruct_pairwise
 from beltscape.stereo.settings import PairwiseSettings
 
@@ -40,7 +42,12 @@ def pairwise(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float])
     return reconstruct_pairwise(rig, frame_set, PairwiseSettings(), Silent(), depth_range_mm=depth_range_mm)
 
 
-METHODS: Mapping[str, Reconstruct] = {"pairwise": pairwise}
+def multiview(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
+    """The multi-view matcher with its standard preset, here with one auxiliary."""
+    return MultiviewReconstructor(rig, depth_range_mm, MultiviewSettings()).reconstruct(frame_set, Silent())
+
+
+METHODS: Mapping[str, Reconstruct] = {"pairwise": pairwise, "multiview": multiview}
 """What the tests and the benchmark of the real pairs run."""
 
 _SUBSET_PX = 27

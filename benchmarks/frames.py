@@ -1,0 +1,147 @@
+"""Whole frames: accuracy, honesty, time and memory of every method on every scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.progress import Silent
+from beltscape.core.rig import Rig
+from beltscape.measure.settings import VolumeSettings
+from beltscape.measure.volume import measure_volume
+from beltscape.stereo.search import find_depth_range
+from captures import FULL, LABELS, Scene, rendered
+from methods import METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
+from timing import Cost, in_fresh_process
+
+_COLUMNS = (
+    "method", "< 1 mm", "< 0.25 mm", "median mm", "bias mm", "σ mm", "P95 mm", "gross", "measured", "false fill",
+    "σ ratio", "over fifths", "locking px", "s, 2 threads", "s, 1 thread", "CPU s", "MB", "× SGBM", "× HH",
+)  # fmt: skip
+NOTES = """\
+Depth: shares < 1 mm and < 0.25 mm of *all* true pixels of the scene's own surface within ±240 mm along the belt;
+median, bias, robust σ, P95, σ ratio, locking: pixels more than 6 px from a true step; gross: > 5 mm, of the
+measured; halved images: without the pixels astride a step, whose true depth is two. False fill: share of the pixels
+no auxiliary sees that carry a depth; which these are comes of the true depth of the core's view cast into the
+auxiliaries, an approximation (at full size from the simulator's rays). σ ratio: actual over predicted, and its least
+and greatest over fifths of the predicted σ. Locking: peak to peak of the mean error over the fraction of the
+disparity of the most horizontal pair, in px of what is matched. Times are of a frame of a prepared matcher with a
+known depth range; MB: what a fresh process grew by. × SGBM, × HH: time over that of one bare OpenCV SGBM call per
+pair (5 directions, or all 8) on the same images in the same run, both with two threads, of which SGBM gives
+each its own pair."""
+
+
+def head(*more: str) -> list[str]:
+    columns = (*more, *_COLUMNS)
+    return ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+
+
+def row(name: str, result: Result, bases: Sequence[Cost], *more: str) -> str:
+    """A method's figures; of its cost, too, if that was taken."""
+    s = result.score
+    low, high = result.sigma_ratios
+    cells = [
+        *more, name, f"{s.within_1mm:.2%}", f"{s.within_quarter_mm:.2%}", f"{s.interior_median_mm:.4f}",
+        f"{s.interior_bias_mm:+.4f}", f"{s.interior_robust_sigma_mm:.4f}", f"{s.interior_p95_mm:.3f}",
+        f"{s.gross:.2%}", f"{s.coverage:.2%}", _share(result.false_fill), f"{s.sigma_ratio:.2f}",
+        f"{low:.2f}–{high:.2f}", f"{result.locking_px:.4f}", *_spent(result.cost, bases),
+    ]  # fmt: skip
+    return "| " + " | ".join("" if cell == "nan" else cell for cell in cells) + " |"
+
+
+def _share(value: float) -> str:
+    return "none unseen" if np.isnan(value) else f"{value:.1%}"
+
+
+def _spent(spent: Cost | None, bases: Sequence[Cost]) -> list[str]:
+    if spent is None:
+        return [""] * (4 + len(SGBM))
+    times = [f"{spent.wall_s[threads]:.2f}" for threads in (2, 1)]
+    ratios = [f"{spent.wall_s[2] / base.wall_s[2]:.2f}" for base in bases]
+    return [*times, f"{spent.cpu_s:.2f}", f"{spent.peak_mb:.0f}", *ratios]
+
+
+def frames(scenes: list[Scene], full: Scene | None, found: Rig | None) -> list[str]:
+    """A table for every scene, the own calibration's row in it, and one of volumes."""
+    lines: list[str] = []
+    depths: dict[tuple[str, str, str], Result] = {}
+    for scene in [*scenes, *([full] if full else [])]:
+        near_far = find_depth_range(scene.rig, scene.frame, Silent())
+        lines += [
+            "",
+            f"### {scene.name}, {scene.size}, {near_far[0]:.0f} … {near_far[1]:.0f} mm",
+            "",
+            *head(),
+        ]
+        costs = {name: in_fresh_process(bare_sgbm, name, scene, near_far) for name in SGBM}
+        bases = list(costs.values())
+        for method in METHODS:
+            result = in_fresh_process(run, method, scene, near_far)
+            lines.append(row(_name(method), result, bases))
+            depths[scene.name, scene.size, method] = result
+        if found is not None and scene is not full:
+            lines.append(_own_calibration(scene, found, near_far))
+        empty = " |" * (len(_COLUMNS) - 5 - len(SGBM))
+        lines += [f"| bare {name} |{empty} {' | '.join(_spent(c, bases))} |" for name, c in costs.items()]
+    if full is None:
+        lines += [
+            "",
+            f"2448×2048: left out. {FULL}=1 simulates a capture of that size once, which takes minutes.",
+        ]
+    return [*lines, "", *_volumes(scenes, depths)]
+
+
+def _own_calibration(scene: Scene, found: Rig, near_far: Range) -> str:
+    result = run("standard", scene.calibrated(found), near_far, timed=False)
+    return row("multiview standard, own calibration", result, ())
+
+
+def _name(method: str) -> str:
+    return f"multiview {method}" if method in MULTIVIEW else method
+
+
+def _volumes(scenes: list[Scene], results: Mapping[tuple[str, str, str], Result]) -> list[str]:
+    rows = [
+        "| volume | size | method | measured l | σ l | true l | error | coverage |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for scene in scenes:
+        for method in ("standard", "pairwise"):
+            if scene.true_volume_mm3 is None:
+                continue
+            empty = results["belt_empty", scene.size, method].depth
+            v = measure_volume(
+                results[scene.name, scene.size, method].depth, empty, scene.rig.core_camera, VolumeSettings(),
+                across_mm=None, along_mm=scene.along_mm,
+            )  # fmt: skip
+            rows.append(
+                f"| {scene.name} | {scene.size} | {_name(method)} | {v.volume_mm3 / 1e6:.3f} | "
+                f"{v.sigma_mm3 / 1e6:.3f} | {scene.true_volume_mm3 / 1e6:.3f} | "
+                f"{v.volume_mm3 / scene.true_volume_mm3 - 1:+.2%} | {v.coverage:.1%} |"
+            )
+    return rows
+
+
+def without_speckle(folder: Path) -> list[str]:
+    """The captures that were taken with the projector off, by the standard preset."""
+    lines = [
+        "| no speckle | size | measured | < 1 mm | < 0.25 mm | gross | false fill |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name in LABELS:
+        capture = f"{name}_nospeckle"
+        if not (folder / capture).is_dir():
+            continue
+        for halvings in (1, 0):
+            lit = rendered(folder, name, halvings)
+            # the range is that with speckle: an empty belt without has nothing by which to find it
+            near_far = find_depth_range(lit.rig, lit.frame, Silent())
+            result = run("standard", rendered(folder, name, halvings, capture), near_far, timed=False)
+            s = result.score
+            lines.append(
+                f"| {name} | {lit.size} | {s.coverage:.2%} | {s.within_1mm:.2%} | {s.within_quarter_mm:.2%} | "
+                f"{s.gross:.2%} | {_share(result.false_fill)} |"
+            )
+    return lines

@@ -1,0 +1,211 @@
+"""Every kernel by itself, on a real frame: milliseconds and throughput by instruction level, beside OpenCV."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from beltscape.kernels import Kernels, load
+from beltscape.kernels.native import levels
+from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
+from beltscape.stereo.propagate import OCCLUDER_PX, offsets
+from captures import Scene
+from timing import seconds
+
+PLANES = 64
+_JUMPS = 7, 40
+_CROP_PX = 48
+"""Edge of the middle of the image that the reference does."""
+NOTES = f"""\
+Cells: ms (throughput): Mpx/s of the core, of sweep, aggregate and coarse Mde/s: pixels × {PLANES} planes. Frame: the
+rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp); {PLANES} × 4 of
+cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many disparities, its own
+matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
+scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate has but one thread.
+Reference: NumPy in float64 on {_CROP_PX}² px."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What kernels are given."""
+
+    prepared: PreparedFrame
+    s: np.ndarray
+    slopes: tuple[np.ndarray, np.ndarray]
+    planes: int = PLANES
+
+    @property
+    def first(self) -> float:
+        """Nearness of the first plane: the surface's range fills the planes."""
+        return float(np.nanmin(self.s))
+
+    @property
+    def step(self) -> float:
+        """Of the planes."""
+        return float(np.nanmax(self.s) - self.first) / (self.planes - 1)
+
+    def cropped(self) -> Case:
+        """The middle of the core; views moved so that they fit it."""
+        top, left = ((n - _CROP_PX) // 2 for n in self.s.shape)
+        part = np.s_[top : top + _CROP_PX, left : left + _CROP_PX]
+        views = self.prepared.views.astype(np.float64)
+        views[:, [2, 5, 8]] += views[:, [0, 3, 6]] * left + views[:, [1, 4, 7]] * top
+        prepared = replace(
+            self.prepared,
+            core=np.ascontiguousarray(self.prepared.core[part]),
+            views=views.astype(np.float32),
+        )
+        slope_u, slope_v = (np.ascontiguousarray(x[part]) for x in self.slopes)
+        return Case(prepared, np.ascontiguousarray(self.s[part]), (slope_u, slope_v), 8)
+
+
+Call = Callable[[Kernels, int], object]
+
+
+def kernels(scenes: list[Scene]) -> list[str]:
+    """A row for every kernel and size."""
+    best = levels()[-1]
+    others = list(reversed(levels()[:-1]))
+    columns = ["kernel", "size", f"{best}, 1 thread", f"{best}, 2", *others, "OpenCV / SciPy", "reference"]
+    rows = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    cv2.setNumThreads(1)
+    tables = [_rows(scene, best, others) for scene in scenes]
+    return [*rows, *(row for same in zip(*tables, strict=True) for row in same)]
+
+
+def _rows(scene: Scene, best: str, others: list[str]) -> list[str]:
+    case = _case(scene)
+    small = case.cropped()
+    calls, small_calls, peers = _calls(case), _calls(small), _peers(case)
+    rows = []
+    for name, call in calls.items():
+        planes, few = ((c.planes if name in {"sweep", "aggregate", "coarse"} else 1) for c in (case, small))
+        amount = case.s.size * planes
+        times = [_timed(call, load(best), 1), _timed(call, load(best), 2) if name != "aggregate" else None]
+        times += [_timed(call, load(level), 1) for level in others]
+        times.append(seconds(peers[name], 3) if name in peers else None)
+        cells = ["" if t is None else f"{t * 1e3:.2f} ({_brief(amount / t / 1e6)})" for t in times]
+        rows.append(
+            f"| {name} | {scene.size} | {' | '.join(cells)} | {_slow(small_calls[name], small, few)} |"
+        )
+    return rows
+
+
+def _brief(value: float) -> str:
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+
+
+def _timed(call: Call, with_kernels: Kernels, threads: int) -> float:
+    return seconds(lambda: call(with_kernels, threads), 5, 0.3)
+
+
+def _slow(call: Call, case: Case, planes: int) -> str:
+    reference = load("reference")
+    start = time.perf_counter()
+    call(reference, 1)
+    return f"{case.s.size * planes / (time.perf_counter() - start) / 1e6:.3g}"
+
+
+def _case(scene: Scene) -> Case:
+    names = scene.rig.auxiliaries
+    prepared = prepare(scene.rig, scene.frame, names, 1, load(), 0)
+    s = (1 / (scene.true_depth_mm * grid_unit(scene.rig, names, 1))).astype(np.float32)
+    s = np.where(np.isfinite(s), s, np.float32(np.nanmedian(s)))
+    slope_v, slope_u = (ndimage.median_filter(x, 3).clip(-1, 1) for x in np.gradient(s))
+    return Case(prepared, s, (slope_u, slope_v))
+
+
+def _calls(case: Case) -> dict[str, Call]:
+    """Every kernel with the matcher's own settings."""
+    p, s, (slope_u, slope_v) = case.prepared, case.s, case.slopes
+    floor, native = p.noise.floor, load()
+    sizes = [image.shape[::-1] for image in p.images]
+    buffers = native.nearness_buffers(s, p.views, sizes)
+    planes = case.first, case.step, case.planes, floor
+    cost = native.sweep(p.core, p.images, p.views, *planes)
+    around = offsets(MultiviewSettings().distances_px)
+    judged = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
+    equations = native.normal_equations(s, p.core, p.coefficients, p.views, **judged)
+    projections, pixels = _points(s.size)
+    return {
+        "spline_coefficients": lambda k, n: k.spline_coefficients(p.core, threads=n),
+        "warp": lambda k, n: k.warp(s, p.views[0], p.coefficients[0], threads=n),
+        "sweep": lambda k, n: k.sweep(p.core, p.images, p.views, *planes, threads=n),
+        "aggregate": lambda k, _: k.aggregate(cost, *_JUMPS),
+        "coarse": lambda k, n: k.coarse(p.core, p.images, p.views, *planes, *_JUMPS, threads=n),
+        "propagate": lambda k, n: k.propagate(
+            s, slope_u, slope_v, p.core, p.images, p.views, buffers,
+            offsets=around, floor=floor, tolerance=OCCLUDER_PX, threads=n,
+        ),
+        "nearness_buffers": lambda k, n: k.nearness_buffers(s, p.views, sizes, threads=n),
+        "normal_equations": lambda k, n: k.normal_equations(
+            s, p.core, p.coefficients, p.views, **judged, threads=n
+        ),
+        "local_fit": lambda k, n: k.local_fit(
+            equations.information, equations.pull, s, slope_u, slope_v, tolerance=0.25, threads=n
+        ),
+        "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
+    }  # fmt: skip
+
+
+def _peers(case: Case) -> dict[str, Callable[[], object]]:
+    """OpenCV's (SciPy's) nearest relatives on the same data."""
+    p, (height, width) = case.prepared, case.s.shape
+    u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    u, v = u + np.float32(0.3), v + np.float32(0.6)
+    image = p.images[0]
+    bytes_ = [np.nan_to_num(x).clip(0, 255).astype(np.uint8) for x in (p.core, image)]
+    matcher = cv2.StereoSGBM_create(0, case.planes, 3, 72, 360, mode=cv2.StereoSGBM_MODE_HH)
+    projections, pixels = _points(case.s.size)
+    first, second = pixels[0].T.copy(), pixels[1].T.copy()
+
+    def remaps() -> None:
+        for _ in range(case.planes * len(p.images)):
+            cv2.remap(image, u, v, cv2.INTER_LINEAR)
+
+    return {
+        "spline_coefficients": lambda: ndimage.spline_filter(
+            np.nan_to_num(p.core), 3, output=np.float32, mode="mirror"
+        ),
+        "warp": lambda: cv2.remap(image, u, v, cv2.INTER_CUBIC),
+        "sweep": remaps,
+        "aggregate": lambda: matcher.compute(*bytes_),
+        "triangulate": lambda: cv2.triangulatePoints(projections[0], projections[1], first, second),
+    }
+
+
+def _points(count: int, views: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Projections (views, 3, 4) and pixels (views, count, 2) of random points."""
+    rng = np.random.default_rng(1)
+    points = np.column_stack([rng.uniform((-300, -300, 400), (300, 300, 1000), (count, 3)), np.ones(count)])
+    poses = [np.column_stack([np.eye(3), rng.uniform(-300, 300, 3) * [1, 1, 0]]) for _ in range(views)]
+    projections = np.diag([1160.0, 1160.0, 1.0]) @ np.stack(poses)
+    pixels = np.einsum("cij,nj->cni", projections, points)
+    return projections, np.ascontiguousarray(pixels[..., :2] / pixels[..., 2:])
+
+
+def triangulation() -> list[str]:
+    """Points per second of every kernel level, against OpenCV's two-view one and the reference."""
+    projections, pixels = _points(200_000)
+    count = pixels.shape[1]
+    two, first, second = pixels[:2], pixels[0].T.copy(), pixels[1].T.copy()
+    base = seconds(lambda: cv2.triangulatePoints(projections[0], projections[1], first, second))
+    rows = [f"| OpenCV triangulatePoints, 2 views | {count / base / 1e6:.2f} | 1 |"]
+    for level in levels():
+        for views, data in ((2, two), (5, pixels)):
+            for threads in (1, 2):
+                t = seconds(
+                    lambda: load(level).triangulate(projections[: len(data)], data, threads=threads)  # noqa: B023
+                )
+                label = f"native {level}, {views} views, {threads} thread{'s' * (threads > 1)}"
+                rows.append(f"| {label} | {count / t / 1e6:.1f} | {base / t:.0f} |")
+    few = np.ascontiguousarray(pixels[:, :2000])
+    t = seconds(lambda: load("reference").triangulate(projections, few), runs=3) * count / few.shape[1]
+    rows.append(f"| NumPy reference, 5 views | {count / t / 1e6:.3f} | {base / t:.3f} |")
+    return ["| triangulation | M points/s | × OpenCV |", "|---|---|---|", *rows]

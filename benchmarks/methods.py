@@ -1,0 +1,131 @@
+"""The methods that are compared, each made for a scene, a depth range and a number of threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.progress import Silent
+from beltscape.evaluate.depth import GROSS_MM, DepthScore, interior_pixels, score_depth
+from beltscape.evaluate.honesty import false_fill, pixel_locking, sigma_ratios
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.rectify import rectify_pair
+from beltscape.stereo.settings import PairwiseSettings
+from captures import Scene
+from timing import Cost, cost
+
+Range = tuple[float, float]
+"""(near, far), mm."""
+
+MULTIVIEW = ("fast", "standard", "fine")
+METHODS = (*MULTIVIEW, "pairwise", "binocular")
+SGBM = {"SGBM, 5 directions": cv2.StereoSGBM_MODE_SGBM, "SGBM, 8 (HH)": cv2.StereoSGBM_MODE_HH}
+_LOCKED_LEAST = 2000
+"""Interior pixels below which a mean over the fraction of a pixel tells nothing."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A method on a scene."""
+
+    depth: DepthMap
+    score: DepthScore
+    false_fill: float
+    sigma_ratios: tuple[float, float]
+    """Least and greatest over fifths of the predicted sigma."""
+    locking_px: float
+    cost: Cost | None
+
+
+def run(method: str, scene: Scene, near_far: Range, *, timed: bool = True) -> Result:
+    """Match and score; call it in a fresh process where memory counts."""
+    if timed:
+        depth, spent = cost(lambda threads: matcher(method, scene, near_far, threads))
+    else:
+        depth, spent = matcher(method, scene, near_far, 0)(), None
+    dz, where = _interior(depth, scene)
+    ratios = sigma_ratios(dz, depth.sigma_mm[where])
+    return Result(
+        depth=depth,
+        score=score_depth(depth, scene.true_depth_mm, scene.region),
+        false_fill=false_fill(depth, scene.unseen),
+        sigma_ratios=(float(ratios.min()), float(ratios.max())),
+        locking_px=_locking(method, scene, near_far, depth, where),
+        cost=spent,
+    )
+
+
+def matcher(method: str, scene: Scene, near_far: Range, threads: int) -> Callable[[], DepthMap]:
+    """A matcher that is ready for frames."""
+    if method in MULTIVIEW:
+        settings = MultiviewSettings.preset(method).model_copy(update={"threads": threads})
+        made = MultiviewReconstructor(scene.rig, near_far, settings)
+    else:
+        names = scene.rig.auxiliaries if method == "pairwise" else (horizontal_auxiliary(scene.rig),)
+        made = PairwiseReconstructor(
+            scene.rig, near_far, PairwiseSettings(threads=threads), auxiliaries=names
+        )
+    return lambda: made.reconstruct(scene.frame, Silent())
+
+
+def bare_sgbm(name: str, scene: Scene, near_far: Range) -> Cost:
+    """One OpenCV SGBM call per pair on rectified images, nothing else; pairs side by side in threads."""
+    jobs = []
+    for auxiliary in scene.rig.auxiliaries:
+        pair = rectify_pair(scene.rig, auxiliary, near_far)
+        left = cv2.remap(scene.frame.images[scene.rig.core], pair.core_map, None, cv2.INTER_LINEAR)
+        right = cv2.remap(scene.frame.images[auxiliary], pair.aux_map, None, cv2.INTER_LINEAR)
+        grey = [cv2.cvtColor(i, cv2.COLOR_RGB2GRAY) if i.ndim == 3 else i for i in (left, right)]
+        jobs.append((pair.disparities, *grey))
+
+    def make(threads: int) -> Callable[[], object]:
+        def one(job: tuple[int, np.ndarray, np.ndarray]) -> np.ndarray:
+            found = cv2.StereoSGBM_create(0, job[0], 5, 200, 800, mode=SGBM[name])
+            return found.compute(job[1], job[2])
+
+        def work() -> object:
+            with ThreadPoolExecutor(threads) as pool:
+                return list(pool.map(one, jobs))
+
+        return work
+
+    return cost(make)[1]
+
+
+def _interior(depth: DepthMap, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) errors, mm, and (H, W) where: measured, true, away from steps, no false surface."""
+    error = depth.depth_mm.astype(np.float64) - scene.true_depth_mm
+    where = scene.region & interior_pixels(scene.true_depth_mm)
+    where &= np.isfinite(error) & (np.abs(np.nan_to_num(error)) < GROSS_MM)
+    return error[where], where
+
+
+def _locking(method: str, scene: Scene, near_far: Range, depth: DepthMap, where: np.ndarray) -> float:
+    if where.sum() < _LOCKED_LEAST:
+        return np.nan
+    measured, true = (
+        _disparity_px(method, scene, near_far, z.astype(np.float64), where)
+        for z in (depth.depth_mm, scene.true_depth_mm)
+    )
+    return pixel_locking(measured, true)
+
+
+def _disparity_px(
+    method: str, scene: Scene, near_far: Range, depth_mm: np.ndarray, where: np.ndarray
+) -> np.ndarray:
+    """(N,) in the images that are matched: of the most horizontal pair, rectified for the pairwise methods."""
+    rig, name = scene.rig, horizontal_auxiliary(scene.rig)
+    rays, z = rig.core_camera.rays()[where], depth_mm[where]
+    if method in MULTIVIEW:
+        points = np.concatenate([rays * z[:, None], z[:, None]], axis=-1)
+        return rig.cameras[name].project(rig.cam_from_core[name].apply(points))[:, 0]
+    sampling = PairwiseSettings().sampling(rig.core_camera.size_px[0])
+    pair = rectify_pair(rig, name, near_far, oversampling=sampling)
+    return pair.disparity_from_depth(z * pair.core_pixels(rays)[1])

@@ -1,0 +1,85 @@
+"""Time, processor time and memory of a piece of work."""
+
+from __future__ import annotations
+
+import multiprocessing
+import statistics
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import cv2
+from threadpoolctl import threadpool_limits
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+THREADS = (2, 1)
+"""The first is the one whose memory and processor time count."""
+_ENOUGH_S = 1.0
+_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+
+
+def seconds(work: Callable[[], object], runs: int = 5, enough_s: float = 0.6) -> float:
+    """Median wall time after a warm-up, of ``runs`` or as many as fill ``enough_s``: at least one."""
+    work()
+    times: list[float] = []
+    while not times or (len(times) < runs and sum(times) < enough_s):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one frame, by number of threads."""
+
+    wall_s: dict[int, float]
+    cpu_s: float
+    """All threads together, of the first of `THREADS`."""
+    peak_mb: float
+    """What the process grew by while the matcher was made and used."""
+
+
+def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
+    """What ``make(threads)()`` gives, and its cost: the best of up to three runs, at least two altogether.
+
+    Making is preparation that many frames share: it counts for memory, not for time.
+    """
+    base = _memory_mb("VmRSS", forget_peak=True)
+    wall: dict[int, float] = {}
+    cpu = result = peak = None
+    for threads in THREADS:
+        cv2.setNumThreads(threads)
+        with threadpool_limits(threads):
+            work = make(threads)
+            runs = []
+            for _ in range(3):
+                start = time.perf_counter(), time.process_time()
+                result = work()
+                runs.append((time.perf_counter() - start[0], time.process_time() - start[1]))
+                if sum(run[0] for run in runs) > _ENOUGH_S and (wall or len(runs) > 1):
+                    break
+            best = min(runs)
+        wall[threads] = best[0]
+        cpu = best[1] if cpu is None else cpu
+        peak = _memory_mb("VmHWM") - base if peak is None else peak
+    return result, Cost(wall, cpu, peak)
+
+
+def in_fresh_process(work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    """The result of a call that no earlier one has left memory to."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(work, *args, **kwargs).result()
+
+
+def _memory_mb(entry: str, *, forget_peak: bool = False) -> float:
+    """The process's present (VmRSS) or peak (VmHWM) memory, MB."""
+    if forget_peak:
+        _CLEAR.write_text("5")
+    line = next(line for line in _STATUS.read_text().splitlines() if line.startswith(entry))
+    return int(line.split()[1]) / 1000

@@ -7,6 +7,7 @@ import shutil
 
 import cv2
 import numpy as np
+import pytest
 import tifffile
 
 from beltscape.files.images import read_image
@@ -23,23 +24,26 @@ def last(lines):
     return [line for line in lines if not line.startswith("warning: ") and ": " in line][-1]
 
 
-def test_writes_what_the_contract_says(run, tmp_path):
-    code, out, _ = run(
-        "reconstruct",
-        DEMO / "module",
-        "--rig",
-        TRUE_RIG,
-        "--out",
-        tmp_path / "r",
-        "--method",
-        "binocular",
-        "--json",
-    )
+@pytest.mark.parametrize(
+    ("options", "method", "auxiliaries"),
+    [
+        (("--preset", "fast"), "multiview", ["cam1", "cam2", "cam3", "cam4"]),
+        (("--method", "binocular"), "binocular", ["cam3"]),
+    ],
+)
+def test_writes_what_the_contract_says(run, tmp_path, options, method, auxiliaries):
+    words = ("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", *options, "--json")
+    code, out, _ = run(*words)
     assert code == 0
     document = only_json(out)
+    assert set(document) == {"method", "auxiliaries", "depth_range_mm", "regions", "frames", "warnings"}
+    assert set(document["frames"][0]) == {
+        "frame", "folder", "coverage", "median_depth_mm", "median_sigma_mm",
+    }  # fmt: skip
     frame = tmp_path / "r" / "000"
     assert document["frames"][0]["folder"] == str(frame)
-    assert document["auxiliaries"] == ["cam3"]
+    assert document["method"] == method
+    assert document["auxiliaries"] == auxiliaries
     rig = read_rig(tmp_path / "r" / "rig.json")
     assert (tmp_path / "r" / "rig.json").read_bytes() == TRUE_RIG.read_bytes()
     depth, sigma = tifffile.imread(frame / "depth.tiff"), tifffile.imread(frame / "sigma.tiff")
@@ -176,15 +180,31 @@ def test_an_unusable_core_image_is_named(run, capture, tmp_path):
     )
 
 
-def test_refuses_multiview_clearly(run, tmp_path):
-    code, _, err = run(
-        "reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--method", "multiview"
-    )
-    assert code == 2
-    assert err == [
-        "beltscape: method multiview: the matcher that uses all views at once is not in this version; "
-        "use --method pairwise or binocular"
-    ]
+def test_standard_measures_the_module_better_than_fast(run, tmp_path):
+    truth = tifffile.imread(DEMO / "truth" / "module_depth.tiff")
+    median_mm = []
+    for preset in ("fast", "standard"):
+        out = tmp_path / preset
+        words = ("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", out, "--method", "multiview")
+        assert run(*words, "--preset", preset, "--depth-range", 590, 780)[0] == 0
+        error = np.abs(tifffile.imread(out / "000" / "depth.tiff") - truth)
+        assert np.isfinite(error).mean() > 0.8
+        assert (error[np.isfinite(error)] > 5).mean() < 0.02
+        median_mm.append(np.nanmedian(error))
+    assert median_mm[1] < 0.8 * median_mm[0] < 0.4
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--preset", "best"), "preset best: unknown; use --preset fast, standard, fine"),
+        (("--method", "best"), "method best: unknown; use --method multiview, pairwise, binocular"),
+    ],
+)
+def test_an_unknown_method_or_preset_is_named_before_anything_is_done(run, tmp_path, options, message):
+    code, out, err = run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", *options)
+    assert (code, out) == (2, "")
+    assert err == [f"beltscape: {message}"]
     assert not (tmp_path / "r").exists()
 
 

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.levels import local_variance
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.propagate import OCCLUDER_PX, Propagated
 from beltscape.stereo.refine import Refined
 
-Array = NDArray[np.float32]
+Array = NDArray[np.floating]
 
 STEP_PX = 2.5
 """A range of s within 5 × 5 pixels from which on it is a depth step."""
@@ -79,7 +80,7 @@ def judge(
     """
     seen = _seen(refined.surface.s, prepared, kernels, threads)
     logit, log_sigma = np.zeros_like(refined.surface.s), np.zeros_like(refined.surface.s)
-    for name, value in evidence(chosen, refined, seen, len(prepared.images), scale):
+    for name, value in evidence(chosen, refined, prepared, seen, scale):
         logit += np.float32(WEIGHTS.get(name, 0)) * value
         log_sigma += np.float32(SIGMA_WEIGHTS.get(name, 0)) * value
     confidence = 1 / (1 + np.exp(-logit))
@@ -102,10 +103,10 @@ def _seen(s: Array, prepared: PreparedFrame, kernels: Kernels, threads: int) -> 
 
 
 def evidence(
-    chosen: Propagated, refined: Refined, seen: NDArray[np.uint8], auxiliaries: int, scale: float
+    chosen: Propagated, refined: Refined, prepared: PreparedFrame, seen: NDArray[np.uint8], scale: float
 ) -> Iterator[tuple[str, Array]]:
     """What speaks for and against a pixel, by name."""
-    surface = refined.surface
+    surface, auxiliaries = refined.surface, len(prepared.images)
     s = np.nan_to_num(surface.s)
     yield "constant", np.ones_like(s)
     log_sigma = 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
@@ -118,7 +119,7 @@ def evidence(
     yield "disagreeing", np.maximum(seen.astype(np.float32) - refined.used, 0) / auxiliaries
     cost = np.nan_to_num(chosen.cost, nan=1.0)
     yield "cost", cost
-    yield "cost around", cv2.blur(cost, (7, 7))
+    yield "cost around", np.asarray(cv2.blur(cost, (7, 7)))
     margin = np.nan_to_num(chosen.margin)
     yield "margin", margin
     yield "some margin", np.minimum(margin, 0.15)
@@ -128,6 +129,9 @@ def evidence(
     yield "at a step", np.exp(-to_step)
     yield "near a step", np.exp(-to_step / 4)
     yield "steepness", np.nan_to_num(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
+    weakness = np.float32(prepared.noise.levels) / (local_variance(np.nan_to_num(prepared.core)) + 1e-3)
+    yield "noise over texture", np.minimum(weakness, 1)
+    yield "mostly noise", np.clip(4 * weakness - 1, 0, 1)
     yield from roughness(s, scale)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from beltscape.stereo.surface import Surface, with_slopes
 from beltscape.stereo.views import usable_auxiliaries
 from beltscape.stereo.windows import Radii, windows
 
+Number = TypeVar("Number", bound=np.number)
 _FIRST_PX = (2.0, 2.0)
 """Tolerances of the iterations on the sweep's surface."""
 
@@ -107,10 +109,15 @@ class MultiviewReconstructor:
         prepared = replace(prepared, noise=measured_noise(refined.surface, prepared, kernels, threads))
         refined = refined_from(refined.surface, _FIRST_PX[1:], size.narrow)
         tell()
-        for _ in range(settings.rounds):
+
+        def another_round(refined: Refined) -> tuple[Propagated, Refined]:
             chosen = propagate(refined.surface, prepared, settings.offsets_px(size.scale), kernels, threads)
-            refined = refined_from(chosen.surface, settings.between_px, size.narrow)
             tell()
+            return chosen, refined_from(chosen.surface, settings.between_px, size.narrow)
+
+        chosen, refined = another_round(refined)
+        for _ in range(settings.rounds - 1):
+            chosen, refined = another_round(refined)
         refined = refined_from(refined.surface, settings.final_px, size.wide)
         tell()
         return Match(prepared, chosen, refined)
@@ -152,7 +159,7 @@ _EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.floa
 """Depth, sigma, views, confidence of what was not measured: also a last row or column no block holds."""
 
 
-def _repeated(values: NDArray[np.generic], step: int) -> NDArray[np.generic]:
+def _repeated(values: NDArray[Number], step: int) -> NDArray[Number]:
     return values if step == 1 else np.repeat(np.repeat(values, step, axis=0), step, axis=1)
 
 
@@ -167,4 +174,4 @@ def _finer(surface: Surface, step: int) -> NDArray[np.float32]:
         + surface.slope_v[:, None, :, None] * inside[:, None, None]
     )
     height, width = surface.s.shape
-    return planes.reshape(height * step, width * step)
+    return planes.astype(np.float32).reshape(height * step, width * step)

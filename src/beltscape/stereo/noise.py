@@ -18,7 +18,7 @@ from beltscape.stereo.levels import local_mean, local_variance
 from beltscape.stereo.prepared import Noise, PreparedFrame
 from beltscape.stereo.surface import Surface
 
-Array = NDArray[np.float32]
+Array = NDArray[np.floating]
 
 _BANDS, _ROWS = 4, 64
 """So many bands of rows are looked at."""

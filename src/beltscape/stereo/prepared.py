@@ -97,4 +97,6 @@ def reduced(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     """Levels averaged in whole blocks of ``step``; what did not look is black."""
     height, width = level.shape[0] // step, level.shape[1] // step
     cut = np.nan_to_num(level[: height * step, : width * step])
-    return cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA) if step > 1 else cut
+    if step == 1:
+        return cut
+    return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)

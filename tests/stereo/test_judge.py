@@ -51,8 +51,9 @@ def views_by_rays(made, solids) -> np.ndarray:
 
 def test_every_weight_is_of_some_evidence():
     made = scene(*STEP, noise=1.0)
-    ones = np.ones(made.s.shape, np.uint8)
-    found = list(evidence(*stages(made, made.s), ones, 4, windows(made.s.shape[1]).scale))
+    chosen, refined = stages(made, made.s)
+    seen, scale = np.ones(made.s.shape, np.uint8), windows(made.s.shape[1]).scale
+    found = list(evidence(chosen, refined, made.prepared, seen, scale))
     assert {*WEIGHTS, *SIGMA_WEIGHTS} <= {name for name, _ in found}
     for name, value in found:
         assert np.isfinite(value).all(), name

@@ -20,6 +20,9 @@ SETTINGS = {
     "rig": {"auxiliaries": 3, "first_deg": 25.0, "height_mm": 640.0, "baseline_mm": 230.0},
 }
 
+MATCHING_SIGMA_PX = {"pairwise": 0.1, "multiview": 0.02}
+"""What the plan's settings say the methods reach."""
+
 
 @pytest.fixture(scope="module")
 def planned():
@@ -43,9 +46,10 @@ def measured(planned, tmp_path_factory):
     }
     simulate(read_scenario("belt_empty", told), folder / "capture", Silent())
     rig = folder / "capture" / "truth" / "rig.json"
-    reconstruct_capture(folder / "capture", read_rig(rig), folder / "out", Silent())
+    for method in MATCHING_SIGMA_PX:
+        reconstruct_capture(folder / "capture", read_rig(rig), folder / method, Silent(), method=method)
     truth = np.load(folder / "capture" / "truth" / "belt_empty_depth.npz")
-    return truth, read_float_tiff(folder / "out" / "000" / "depth.tiff")
+    return truth, {name: read_float_tiff(folder / name / "000" / "depth.tiff") for name in MATCHING_SIGMA_PX}
 
 
 def test_what_is_promised_to_be_seen_is_seen(planned, measured):
@@ -61,13 +65,14 @@ def test_what_is_promised_to_be_seen_is_seen(planned, measured):
         assert seen == pytest.approx(planned.planes[0].at_least[count], abs=0.02)
 
 
-def test_depth_scatters_as_much_as_promised(planned, measured):
+@pytest.mark.parametrize("method", MATCHING_SIGMA_PX)
+def test_depth_scatters_as_much_as_promised(planned, measured, method):
     truth, depth = measured
     good = (truth["label"] == 1) & truth["lit"] & (truth["views"] == 3)
-    error = (depth - truth["depth_mm"])[good]
+    error = (depth[method] - truth["depth_mm"])[good]
     actual = 1.4826 * float(np.nanmedian(np.abs(error - np.nanmedian(error))))
+    precision = planned.settings.precision.model_copy(update={"matching_sigma_px": MATCHING_SIGMA_PX[method]})
+    settings = planned.settings.model_copy(update={"precision": precision})
     plane = planned.planes[0]
-    promised = float(
-        np.nanmedian(sigma_map(planned.settings, planned.planned, 0.0, plane.core_length_mm).sigma_mm)
-    )
+    promised = float(np.nanmedian(sigma_map(settings, planned.planned, 0.0, plane.core_length_mm).sigma_mm))
     assert 0.5 < actual / promised < 2.0

@@ -20,25 +20,27 @@ Array = NDArray[np.floating]
 STEP_PX = 2.5
 """A range of s within 5 × 5 pixels from which on it is a depth step."""
 WEIGHTS: dict[str, float] = {
-    "constant": -2.596,
-    "log sigma": -1.155,
-    "log sigma squared": 0.118,
-    "one view": 0.105,
-    "two views": 0.206,
-    "share of views": -1.209,
-    "none agrees": 0.004,
-    "disagreeing": -0.365,
-    "cost": 1.283,
-    "cost around": -2.619,
-    "margin": 1.385,
-    "some margin": -1.249,
-    "few views, log sigma": 0.067,
-    "off its neighbours": -0.114,
-    "at a step": 0.589,
-    "near a step": -0.514,
-    "steepness": 1.541,
-    "bend": -0.929,
-    "wide bend": -0.696,
+    "constant": -0.191,
+    "log sigma": -0.909,
+    "log sigma squared": 0.145,
+    "one view": -0.759,
+    "two views": -0.599,
+    "share of views": -1.528,
+    "none agrees": -0.457,
+    "disagreeing": 0.477,
+    "cost": 0.548,
+    "cost around": -2.895,
+    "margin": 1.23,
+    "some margin": -2.489,
+    "few views, log sigma": -0.155,
+    "off its neighbours": -0.027,
+    "at a step": 0.977,
+    "near a step": -2.102,
+    "steepness": 1.057,
+    "noise over texture": -6.64,
+    "mostly noise": -0.352,
+    "bend": -0.749,
+    "wide bend": -2.555,
 }
 """Of the evidence in the logit of the confidence."""
 SIGMA_WEIGHTS: dict[str, float] = {
@@ -119,7 +121,7 @@ def evidence(
     yield "disagreeing", np.maximum(seen.astype(np.float32) - refined.used, 0) / auxiliaries
     cost = np.nan_to_num(chosen.cost, nan=1.0)
     yield "cost", cost
-    yield "cost around", np.asarray(cv2.blur(cost, (7, 7)))
+    yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
     margin = np.nan_to_num(chosen.margin)
     yield "margin", margin
     yield "some margin", np.minimum(margin, 0.15)

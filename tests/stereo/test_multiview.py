@@ -6,12 +6,13 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from raycast import render, true_depth, world_rig
+from raycast import camera, render, true_depth, world_rig
 from scenes import depth_mm, in_bits, patch, pictures, plane, ring
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
+from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import score_depth
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
@@ -128,6 +129,29 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt, meas
         score_depth(measured, truth).interior_median_mm, rel=0.02
     )
     assert (depth.measured == measured.measured).mean() > 0.999
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_fewer_bits_in_sixteen_are_as_good(belt, bits):
+    rig, frames, truth = belt
+    images = {name: image.astype(np.uint16) << (bits - 8) for name, image in frames.images.items()}
+    score = score_depth(reconstruct(rig, FrameSet("000", images)), truth)
+    assert score.within_1mm > 0.995
+    assert score.interior_median_mm < 0.05
+    assert 0.6 < score.sigma_ratio < 1.6
+
+
+def test_auxiliaries_of_other_sizes():
+    alike = ring(size_px=(240, 200))
+    others = {"cam1": (360, 300), "cam3": (160, 134)}
+    cameras = {name: camera(name, others.get(name, (240, 200))) for name in alike.cameras}
+    rig, solids = Rig("cam0", cameras, alike.cam_from_core), (plane(760), patch(680, (-150, 60), (-120, 120)))
+    images = {n: in_bits(i) for n, i in pictures(rig, solids, noise=1.0, dot_px=1.8).items()}
+    depth = reconstruct(rig, FrameSet("000", images), depth_range_mm=(620, 820))
+    score = score_depth(depth, depth_mm(rig, solids))
+    assert score.within_1mm > 0.97
+    assert score.interior_median_mm < 0.15
+    assert depth.views.max() == 4
 
 
 def test_auxiliaries_that_are_not_asked_for_are_not_looked_at(belt):

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.volume import measure_volume
 from beltscape.stereo.search import find_depth_range
 from captures import FULL, LABELS, Scene, rendered
-from methods import METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
+from methods import HH, METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
 from timing import Cost, in_fresh_process
 
 _COLUMNS = (
     "method", "< 1 mm", "< 0.25 mm", "median mm", "bias mm", "σ mm", "P95 mm", "gross", "measured", "false fill",
     "σ ratio", "over fifths", "locking px", "s, 2 threads", "s, 1 thread", "CPU s", "MB", "× SGBM", "× HH",
 )  # fmt: skip
+HH_PIXELS = 2_000_000
+"""SGBM with 8 directions holds some 1.5 KB a pixel and thread: beyond this it is left out."""
 NOTES = """\
 Depth: shares < 1 mm and < 0.25 mm of *all* true pixels of the scene's own surface within ±240 mm along the belt;
 median, bias, robust σ, P95, σ ratio, locking: pixels more than 6 px from a true step; gross: > 5 mm, of the
@@ -38,7 +41,7 @@ def head(*more: str) -> list[str]:
     return ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
 
 
-def row(name: str, result: Result, bases: Sequence[Cost], *more: str) -> str:
+def row(name: str, result: Result, bases: Sequence[Cost | None], *more: str) -> str:
     """A method's figures; of its cost, too, if that was taken."""
     s = result.score
     low, high = result.sigma_ratios
@@ -55,42 +58,50 @@ def _share(value: float) -> str:
     return "none unseen" if np.isnan(value) else f"{value:.1%}"
 
 
-def _spent(spent: Cost | None, bases: Sequence[Cost]) -> list[str]:
+def _spent(spent: Cost | None, bases: Sequence[Cost | None]) -> list[str]:
     if spent is None:
         return [""] * (4 + len(SGBM))
     times = [f"{spent.wall_s[threads]:.2f}" for threads in (2, 1)]
-    ratios = [f"{spent.wall_s[2] / base.wall_s[2]:.2f}" for base in bases]
+    ratios = [f"{spent.wall_s[2] / base.wall_s[2]:.2f}" if base else "" for base in bases]
     return [*times, f"{spent.cpu_s:.2f}", f"{spent.peak_mb:.0f}", *ratios]
 
 
-def frames(scenes: list[Scene], full: Scene | None, found: Rig | None) -> list[str]:
-    """A table for every scene, the own calibration's row in it, and one of volumes."""
-    lines: list[str] = []
-    depths: dict[tuple[str, str, str], Result] = {}
-    for scene in [*scenes, *([full] if full else [])]:
-        near_far = find_depth_range(scene.rig, scene.frame, Silent())
-        lines += [
-            "",
-            f"### {scene.name}, {scene.size}, {near_far[0]:.0f} … {near_far[1]:.0f} mm",
-            "",
-            *head(),
-        ]
-        costs = {name: in_fresh_process(bare_sgbm, name, scene, near_far) for name in SGBM}
-        bases = list(costs.values())
-        for method in METHODS:
-            result = in_fresh_process(run, method, scene, near_far)
-            lines.append(row(_name(method), result, bases))
-            depths[scene.name, scene.size, method] = result
-        if found is not None and scene is not full:
-            lines.append(_own_calibration(scene, found, near_far))
-        empty = " |" * (len(_COLUMNS) - 5 - len(SGBM))
-        lines += [f"| bare {name} |{empty} {' | '.join(_spent(c, bases))} |" for name, c in costs.items()]
-    if full is None:
-        lines += [
-            "",
+def frames(scenes: list[Scene], full: Scene | None, found: Rig | None) -> Iterator[list[str]]:
+    """A table for every scene as soon as it is done, the own calibration's row in it, and one of volumes."""
+    yield [NOTES, ""]
+    results: dict[tuple[str, str], Mapping[str, Result]] = {}
+    for scene in scenes:
+        lines, results[scene.name, scene.size] = _scene(scene, found)
+        yield lines
+    if full is not None:
+        yield _scene(full, None)[0]
+    else:
+        yield [
             f"2448×2048: left out. {FULL}=1 simulates a capture of that size once, which takes minutes.",
+            "",
         ]
-    return [*lines, "", *_volumes(scenes, depths)]
+    yield _volumes(scenes, results)
+
+
+def _scene(scene: Scene, found: Rig | None) -> tuple[list[str], Mapping[str, Result]]:
+    near_far = find_depth_range(scene.rig, scene.frame, Silent())
+    lines = [f"### {scene.name}, {scene.size}, {near_far[0]:.0f} … {near_far[1]:.0f} mm", "", *head()]
+    bare = [name for name in SGBM if name != HH or scene.true_depth_mm.size <= HH_PIXELS]
+    costs = {name: in_fresh_process(bare_sgbm, name, scene, near_far) for name in bare}
+    bases = [costs.get(name) for name in SGBM]
+    results: dict[str, Result] = {}
+    for method in METHODS:
+        try:
+            results[method] = in_fresh_process(run, method, scene, near_far)
+        except BeltscapeError as error:
+            lines.append(f"| {_name(method)} | {error} |" + " |" * (len(_COLUMNS) - 2))
+        else:
+            lines.append(row(_name(method), results[method], bases))
+    if found is not None and "standard" in results:
+        lines.append(_own_calibration(scene, found, near_far))
+    empty = " |" * (len(_COLUMNS) - 5 - len(SGBM))
+    lines += [f"| bare {name} |{empty} {' | '.join(_spent(c, bases))} |" for name, c in costs.items()]
+    return [*lines, ""], results
 
 
 def _own_calibration(scene: Scene, found: Rig, near_far: Range) -> str:
@@ -102,18 +113,19 @@ def _name(method: str) -> str:
     return f"multiview {method}" if method in MULTIVIEW else method
 
 
-def _volumes(scenes: list[Scene], results: Mapping[tuple[str, str, str], Result]) -> list[str]:
+def _volumes(scenes: list[Scene], results: Mapping[tuple[str, str], Mapping[str, Result]]) -> list[str]:
     rows = [
         "| volume | size | method | measured l | σ l | true l | error | coverage |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for scene in scenes:
         for method in ("standard", "pairwise"):
-            if scene.true_volume_mm3 is None:
+            loaded = results[scene.name, scene.size].get(method)
+            empty = results["belt_empty", scene.size].get(method)
+            if scene.true_volume_mm3 is None or loaded is None or empty is None:
                 continue
-            empty = results["belt_empty", scene.size, method].depth
             v = measure_volume(
-                results[scene.name, scene.size, method].depth, empty, scene.rig.core_camera, VolumeSettings(),
+                loaded.depth, empty.depth, scene.rig.core_camera, VolumeSettings(),
                 across_mm=None, along_mm=scene.along_mm,
             )  # fmt: skip
             rows.append(

@@ -26,7 +26,8 @@ Range = tuple[float, float]
 
 MULTIVIEW = ("fast", "standard", "fine")
 METHODS = (*MULTIVIEW, "pairwise", "binocular")
-SGBM = {"SGBM, 5 directions": cv2.StereoSGBM_MODE_SGBM, "SGBM, 8 (HH)": cv2.StereoSGBM_MODE_HH}
+HH = "SGBM, 8 directions (HH)"
+SGBM = {"SGBM, 5 directions": cv2.StereoSGBM_MODE_SGBM, HH: cv2.StereoSGBM_MODE_HH}
 _LOCKED_LEAST = 2000
 """Interior pixels below which a mean over the fraction of a pixel tells nothing."""
 

@@ -54,7 +54,9 @@ def sections(folder: Path) -> Iterator[list[str]]:
     rig_lines, found = calibration(folder)
     yield _section("Calibration", rig_lines)
     full = full_size(HERE.parent / "out" / "bench-captures")
-    yield _section("Whole frames", [frames.NOTES, *frames.frames(scenes, full, found)])
+    yield _section("Whole frames", [])
+    yield from frames.frames(scenes, full, found)
+    yield [""]
     yield _section("Without speckle", frames.without_speckle(folder))
     yield _section("Spoiled frames", [ROBUSTNESS_NOTES, "", *robustness(spoiled)])
     yield _section("Real pairs", real_pairs(folder.parent / "real"))

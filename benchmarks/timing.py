@@ -52,7 +52,8 @@ def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
     """
     base = _memory_mb("VmRSS", forget_peak=True)
     wall: dict[int, float] = {}
-    cpu = result = peak = None
+    results: list[R] = []
+    cpu = peak = None
     for threads in THREADS:
         cv2.setNumThreads(threads)
         with threadpool_limits(threads):
@@ -60,7 +61,7 @@ def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
             runs = []
             for _ in range(3):
                 start = time.perf_counter(), time.process_time()
-                result = work()
+                results[:] = [work()]
                 runs.append((time.perf_counter() - start[0], time.process_time() - start[1]))
                 if sum(run[0] for run in runs) > _ENOUGH_S and (wall or len(runs) > 1):
                     break
@@ -68,7 +69,9 @@ def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
         wall[threads] = best[0]
         cpu = best[1] if cpu is None else cpu
         peak = _memory_mb("VmHWM") - base if peak is None else peak
-    return result, Cost(wall, cpu, peak)
+    if cpu is None or peak is None:
+        raise ValueError("cost needs a number of threads")
+    return results[0], Cost(wall, cpu, peak)
 
 
 def in_fresh_process(work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:

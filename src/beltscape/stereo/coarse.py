@@ -11,8 +11,6 @@ from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.prepared import PreparedFrame, reduced, view_rows
 
-PLANE_STEP_PX = 0.5
-"""Distance of planes in pixels of the small images."""
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 _LEAST_PLANES = 16
 
@@ -25,18 +23,20 @@ def coarse_surface(
     *,
     step: int,
     shrink: int,
+    plane_step_px: float,
     unit: float,
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:
     """(H, W) nearness s of the first surface between ``nearness`` = (far, near), on the prepared frame's grid.
 
-    ``step`` is the grid's block size in image pixels, ``shrink`` how much smaller the sweep's images are. The
+    ``step`` is the grid's block size in image pixels, ``shrink`` how much smaller the sweep's images are,
+    ``plane_step_px`` the planes' distance in those. The
     cost is kernels.coarse's: the two auxiliaries that agree best with the core on windows of 3 × 3 pixels; two
     because opposite auxiliaries are rarely occluded together.
     """
     far, near = nearness
-    plane = PLANE_STEP_PX * shrink
+    plane = plane_step_px * shrink
     planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
     small = replace(
         prepared,

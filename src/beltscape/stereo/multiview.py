@@ -97,7 +97,8 @@ class MultiviewReconstructor:
         prepared = prepare(self.rig, frame_set, names, step, kernels, threads)
         s = coarse_surface(
             self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), step=step,
-            shrink=settings.shrink(self.rig.core_camera.size_px[0]), unit=unit, kernels=kernels, threads=threads,
+            shrink=settings.shrink(self.rig.core_camera.size_px[0]),
+            plane_step_px=settings.plane_step_px, unit=unit, kernels=kernels, threads=threads,
         )  # fmt: skip
         tell()
         size = windows(prepared.core.shape[1])

@@ -20,6 +20,7 @@ class MultiviewSettings(BaseModel):
         max_length=8,
         description="from where candidates come, in eight directions",
     )
+    plane_step_px: float = Field(1.0, gt=0, le=2, description="between the sweep's planes, px of its images")
     rounds: int = Field(2, ge=1, le=8, description="rounds of propagation, each refined")
     between_px: tuple[float, ...] = Field(
         (1.0, 0.7), min_length=1, max_length=8, description="tolerances of the iterations after a round"
@@ -47,11 +48,16 @@ class MultiviewSettings(BaseModel):
 PRESETS: dict[str, dict[str, object]] = {
     "fast": {
         "grid_step": 2,
-        "distances_px": (2, 5, 10),
         "rounds": 1,
         "between_px": (0.7,),
         "final_px": (0.3,),
+        "least_confidence": 0.6,
     },
     "standard": {},
-    "fine": {"rounds": 4, "final_px": (0.6, 0.4, 0.3, 0.2)},
+    "fine": {
+        "plane_step_px": 0.5,
+        "distances_px": (2.0, 5.0, 12.0),
+        "rounds": 4,
+        "final_px": (0.6, 0.4, 0.3, 0.2),
+    },
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,8 @@ from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
+STEP_PX = 1.5
+"""A range of s within 5 × 5 pixels from which on it may be a step."""
 OCCLUDER_PX = 2.0
 """How much nearer (px of disparity) something must lie in front of a pixel to hide it from an auxiliary."""
 
@@ -39,8 +42,18 @@ def propagate(
     """One round: shifted, slope-extrapolated copies of the surface compete where the views see them."""
     sizes = [image.shape[::-1] for image in prepared.images]
     buffers = kernels.nearness_buffers(surface.s, prepared.views, sizes, threads=threads)
+    active = near_steps(surface.s, reach_px=max(distances_px))
     chosen = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
-        offsets=offsets(distances_px), floor=prepared.noise.floor, tolerance=OCCLUDER_PX, threads=threads,
+        offsets=offsets(distances_px), floor=prepared.noise.floor, tolerance=OCCLUDER_PX, active=active,
+        threads=threads,
     )  # fmt: skip
     return Propagated(Surface(chosen.s, chosen.slope_u, chosen.slope_v), chosen.cost, chosen.margin)
+
+
+def near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
+    """(H, W) 1 where a depth step is within reach: elsewhere all candidates are the same surface."""
+    window = np.ones((5, 5), np.uint8)
+    finite = np.nan_to_num(s)
+    step = (cv2.dilate(finite, window) - cv2.erode(finite, window) > STEP_PX).astype(np.uint8)
+    return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)

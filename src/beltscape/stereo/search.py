@@ -14,10 +14,12 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.coarse import PLANE_STEP_PX, sweep
+from beltscape.stereo.coarse import sweep
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.views import usable_auxiliaries
 
+PLANE_STEP_PX = 0.5
+"""Distance of the planes in pixels of the small images."""
 COARSE_WIDTH_PX = 306
 """The coarse look shrinks the images to about this width."""
 _PARALLEL_RAD = np.deg2rad(3.0)

@@ -7,14 +7,18 @@ import pytest
 from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.coarse import PLANE_STEP_PX, coarse_surface
+from beltscape.stereo.coarse import coarse_surface
+
+PLANE_STEP_PX = 0.5
 
 
-def found(made, depth_range_mm: tuple[float, float], shrink: int = 1) -> np.ndarray:
+def found(
+    made, depth_range_mm: tuple[float, float], shrink: int = 1, plane_step_px: float = PLANE_STEP_PX
+) -> np.ndarray:
     near, far = depth_range_mm
     return coarse_surface(
         made.rig, made.auxiliaries, made.prepared, (1 / (far * made.unit), 1 / (near * made.unit)),
-        step=1, shrink=shrink, unit=made.unit, kernels=load(), threads=1,
+        step=1, shrink=shrink, plane_step_px=plane_step_px, unit=made.unit, kernels=load(), threads=1,
     )  # fmt: skip
 
 
@@ -31,6 +35,14 @@ def test_a_plane_is_found_within_a_plane_step(size_px, shrink):
     blocks = 0.15 * shrink  # a block of the slope is one value
     assert (error < PLANE_STEP_PX * shrink + blocks).mean() > 0.97
     assert np.median(error) < 0.5 * PLANE_STEP_PX * shrink
+
+
+@pytest.mark.parametrize("plane_step_px", [0.25, 0.5, 1.0])
+def test_planes_lie_as_close_as_told(plane_step_px):
+    made = scene(plane(DEPTH_MM, 0.1, 0.05))
+    error = np.abs(found(made, (560, 880), plane_step_px=plane_step_px) - made.s)[inner(made.s.shape, 4)]
+    assert (error < plane_step_px + 0.15).mean() > 0.95
+    assert np.median(error) < 0.5 * plane_step_px
 
 
 def test_a_step_stays_a_step():

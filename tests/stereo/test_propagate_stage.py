@@ -65,6 +65,30 @@ def test_what_is_chosen_is_cheaper_than_what_was_there():
         assert (one.margin >= 0).all()
 
 
+@pytest.mark.parametrize("column", [111, 112, 125, 126, 127, 128])
+def test_only_active_pixels_change_whatever_memory_holds(column):
+    """About column 126 the kernels begin a new tile, at 112 and 128 a new block."""
+    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(size_px=(160, 100)), noise=1.0)
+    surface, prepared, kernels = with_slopes(made.s, load(), 1), made.prepared, load()
+    sizes = [image.shape[::-1] for image in prepared.images]
+    buffers = kernels.nearness_buffers(made.s, prepared.views, sizes, threads=1)
+    active = np.zeros(made.s.shape, np.uint8)
+    active[40:60, column] = 1
+
+    def chosen(s, where):
+        return kernels.propagate(
+            s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
+            offsets=offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
+        )  # fmt: skip
+
+    first = chosen(made.s, active)
+    np.testing.assert_array_equal(first.s[active == 0], made.s[active == 0])
+    for shift in (3, -3):
+        chosen(made.s + np.float32(shift), None)  # leaves its candidates behind in memory
+        for again, before in zip(chosen(made.s, active), first, strict=True):
+            np.testing.assert_array_equal(again, before)
+
+
 def test_offsets_go_in_eight_directions():
     found = offsets((1, 3, 8))
     assert found.dtype == np.int32

@@ -24,4 +24,4 @@ def test_a_wider_grid_has_no_smaller_windows(a, b):
     small, large = windows(min(a, b)), windows(max(a, b))
     assert small.scale <= large.scale
     assert small.levels_px <= large.levels_px
-    assert all(s <= w for s, w in zip(small.wide, large.wide, strict=True))
+    assert all(s <= w for s, w in zip(small.wide, large.wide, strict=False))  # the largest may be left out

@@ -16,6 +16,8 @@ _SIGMAS_PX = (1.5, 2.5, 4.0, 6.5)
 _RADIUS = 2.0
 """Of a window, in its Gaussian's sigmas."""
 _LEVELS_PX = 7
+MOST_PX = 15
+"""The largest radius the kernels take."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,5 +37,6 @@ class Windows:
 def windows(width_px: int) -> Windows:
     """Windows for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
-    radii = tuple((int(np.ceil(_RADIUS * sigma * scale)), sigma * scale) for sigma in _SIGMAS_PX)
+    sigmas = [sigma * scale for sigma in _SIGMAS_PX if _RADIUS * sigma * scale <= MOST_PX]
+    radii = tuple((int(np.ceil(_RADIUS * sigma)), sigma) for sigma in sigmas)
     return Windows(radii[:2], radii, max(3, round(_LEVELS_PX * scale)), scale)

@@ -110,7 +110,7 @@ def _halved_truth(
     shape = (depth.shape[0] // step, step, depth.shape[1] // step, step)
     blocks = depth.reshape(shape)
     depth = np.where(np.ptp(blocks, axis=(1, 3)) < 4, 1 / (1 / blocks).mean(axis=(1, 3)), np.nan)
-    return depth, labels[::step, ::step], unseen.reshape(shape).all(axis=(1, 3))
+    return depth, labels[::step, ::step], np.asarray(unseen.reshape(shape).all(axis=(1, 3)))
 
 
 def true_rig(truth: dict) -> Rig:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from beltscape.core.errors import BeltscapeError
 from beltscape.evaluate.depth import robust_sigma
 from beltscape.evaluate.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs import METHODS, dice_auto, dice_gt4, motorcycle
@@ -53,7 +54,11 @@ def _agreements(pair: SpecklePair) -> list[str]:
     rows = []
     for method, reconstruct in METHODS.items():
         start = time.perf_counter()
-        depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
+        try:
+            depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
+        except BeltscapeError as error:
+            rows.append(f"| {pair.name} | {method} | {error} |" + " |" * 7)
+            continue
         took = time.perf_counter() - start
         for edge in SUBSETS_PX:
             a = pair.agreement_px(depth, subset_px=edge)
@@ -68,7 +73,11 @@ def _shares(pair: DisparityPair) -> list[str]:
     rows = []
     for method, reconstruct in METHODS.items():
         start = time.perf_counter()
-        depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
+        try:
+            depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
+        except BeltscapeError as error:
+            rows.append(f"| {pair.name} | {method} | {error} |" + " |" * 8)
+            continue
         took = time.perf_counter() - start
         for label, region in (("all", None), ("seen by both", pair.seen_by_both())):
             s = pair.score(depth, region)

@@ -48,7 +48,8 @@ def sections(folder: Path) -> Iterator[list[str]]:
         "# Results",
         "",
         f"`make bench` on {os.cpu_count()} cores ({platform.machine()}, kernels {levels()[-1]}), "
-        f"OpenCV {cv2.__version__}. Rigs exact where nothing else is said.",
+        f"OpenCV {cv2.__version__}. Load average before: {os.getloadavg()[0]:.1f}; above 0.5, wall times and what "
+        "two threads gain say little, and CPU s more. Rigs exact where nothing else is said.",
         "",
     ]
     rig_lines, found = calibration(folder)

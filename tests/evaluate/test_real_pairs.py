@@ -36,7 +36,7 @@ class Shares(NamedTuple):
 
 GT4 = {
     "pairwise": Points(0.97, 0.03, 0.12, 0.24, 0.08, 0.001),
-    "multiview": Points(0.97, 0.015, 0.03, 0.1, 0.03, 0.001),
+    "multiview": Points(0.97, 0.015, 0.03, 0.1, 0.03, 0.01),  # one of 119 points may be false
 }
 AUTO = {
     "pairwise": Points(0.99, 0.02, 0.11, 0.25, 0.03, 0.004),

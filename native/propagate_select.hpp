@@ -50,7 +50,9 @@ public:
 
     // A tile's row becomes the band's; without an active pixel the first places are all.
     void take(const Tile& tile, int tile_row, int row, int left, int columns) {
-        const int places = tile.any_active(tile_row) ? in_.candidates : 1;
+        int places = 1;  // all, where a block is active that may reach into the next tile: it is read whole
+        for (int block = left / kBlock; block <= (left + columns - 1) / kBlock; ++block)
+            if (active(row, block)) places = in_.candidates;
         for (int k = 0; k < places; ++k) {
             const std::size_t to = at(row, k) + static_cast<std::size_t>(left);
             std::copy_n(tile.s(tile_row, k), columns, s_.get() + to);

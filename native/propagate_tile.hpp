@@ -68,8 +68,6 @@ public:
         }
     }
 
-    bool any_active(int row) const { return any_active_in_[row]; }
-
     // kTileSpan columns of a row's k-th places.
     const float* s(int row, int k) const { return s_.data() + at(row, k); }
     const float* cost(int row, int k) const { return cost_.data() + at(row, k); }

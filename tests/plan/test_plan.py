@@ -120,7 +120,8 @@ def test_odd_plants_are_planned_and_reported(settings):
 
 def test_in_bad_light_sigma_grows_and_calibration_does_not(paper):
     assert paper.sigma_in_this_light_mm == pytest.approx(
-        paper.sigma_median_mm * paper.light.matching_sigma_px / 0.1, rel=1e-9
+        paper.sigma_median_mm * paper.light.matching_sigma_px / paper.settings.precision.matching_sigma_px,
+        rel=1e-9,
     )
     assert np.isfinite(paper.sigma_in_this_light_mm)
 

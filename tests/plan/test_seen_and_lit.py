@@ -109,8 +109,8 @@ def test_the_needed_exposure_and_lumens_give_the_asked_snr(lumens, ambient, refl
 
 def test_matching_noise_is_as_set_in_good_light_and_grows_in_bad():
     plan = PlanSettings()
-    assert matching_sigma_px(plan, 200.0) == pytest.approx(0.1)
-    assert matching_sigma_px(plan, 1.275) == pytest.approx(np.hypot(0.1, 0.012 * np.sqrt(100**2 - 1)))
+    assert matching_sigma_px(plan, 200.0) == pytest.approx(0.03)
+    assert matching_sigma_px(plan, 1.275) == pytest.approx(np.hypot(0.03, 0.012 * np.sqrt(100**2 - 1)))
     assert matching_sigma_px(plan, 0.0) == np.inf
     wide = PlanSettings(precision=PrecisionSettings(patch_px=42))
     assert matching_sigma_px(wide, 5.0) == pytest.approx(matching_sigma_px(plan, 5.0) / 2)

@@ -39,7 +39,7 @@ _OPTIONS = (
     _Option("--lumens", "light.projector_lm", float, "LM", "of the projector (3000)"),
     _Option("--ambient", "light.ambient_lux", float, "LUX", "on the belt (300)"),
     _Option("--reflectance", "light.reflectance", float, "R", "of the darkest material (0.05)"),
-    _Option("--matching-sigma", "precision.matching_sigma_px", float, "PX", "of a matched point (0.1)"),
+    _Option("--matching-sigma", "precision.matching_sigma_px", float, "PX", "of a matched point (0.03)"),
     _Option("--patch", "precision.patch_px", int, "PX", "edge of the matched patch (21)"),
     _Option("--calibration-sigma", "precision.calibration_sigma_mm", float, "MM", "of depth, if known (0)"),
     _Option("--frames-per-point", "frames_per_point", int, "K", "frames that see each piece of belt (3)"),

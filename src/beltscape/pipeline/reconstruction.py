@@ -77,6 +77,8 @@ def reconstruct_capture(
         With one line that names what is wrong and the mend.
     """
     wanted = auxiliaries_for(method, rig, pair)
+    if preset not in PRESETS:
+        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
     source = open_capture(capture, rig, reporter)
     auxiliaries = tuple(name for name in wanted if name in source.cameras)
     if not auxiliaries:
@@ -179,8 +181,6 @@ def _matcher(
 ) -> Matcher:
     if method != "multiview":
         return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=auxiliaries)
-    if preset not in PRESETS:
-        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
     return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=auxiliaries)
 
 

@@ -12,7 +12,7 @@ from beltscape.kernels import Kernels
 from beltscape.stereo.prepared import PreparedFrame, reduced, view_rows
 
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
-_LEAST_PLANES = 16
+_LEAST_PLANES = 4
 
 
 def coarse_surface(

@@ -19,38 +19,42 @@ Array = NDArray[np.floating]
 
 STEP_PX = 2.5
 """A range of s within 5 × 5 pixels from which on it is a depth step."""
+REACH_PX = 9
+"""A flat pixel may be held by texture so far away that its fit's window still touches it."""
+CONTRADICTION = 0.4
+"""Mean dissimilarity from which on views that do not agree contradict the surface."""
 WEIGHTS: dict[str, float] = {
-    "constant": -0.632,
-    "log sigma": -1.215,
-    "log sigma squared": 0.028,
-    "one view": -0.841,
-    "two views": -0.748,
-    "share of views": -1.39,
-    "none agrees": -0.536,
-    "disagreeing": 0.431,
-    "cost": 0.291,
-    "cost around": -2.067,
-    "margin": 1.482,
-    "some margin": -2.709,
-    "few views, log sigma": -0.226,
-    "off its neighbours": -0.029,
-    "at a step": 0.96,
-    "near a step": -2.327,
-    "steepness": 1.117,
-    "noise over texture": -6.015,
-    "mostly noise": -0.665,
-    "bend": -0.713,
-    "wide bend": -2.306,
+    "constant": -0.191,
+    "log sigma": -0.909,
+    "log sigma squared": 0.145,
+    "one view": -0.759,
+    "two views": -0.599,
+    "share of views": -1.528,
+    "none agrees": -0.457,
+    "disagreeing": 0.477,
+    "cost": 0.548,
+    "cost around": -2.895,
+    "margin": 1.23,
+    "some margin": -2.489,
+    "few views, log sigma": -0.155,
+    "off its neighbours": -0.027,
+    "at a step": 0.977,
+    "near a step": -2.102,
+    "steepness": 1.057,
+    "noise over texture": -6.64,
+    "mostly noise": -0.352,
+    "bend": -0.749,
+    "wide bend": -2.555,
 }
 """Of the evidence in the logit of the confidence."""
 SIGMA_WEIGHTS: dict[str, float] = {
-    "constant": 2.305,
-    "log sigma": 0.969,
-    "bend": 0.275,
-    "wide bend": 0.229,
-    "cost around": 0.987,
-    "near a step": -1.508,
-    "steepness": 1.566,
+    "constant": 1.716,
+    "log sigma": 0.867,
+    "bend": 0.317,
+    "wide bend": 0.182,
+    "cost around": 0.766,
+    "near a step": -1.268,
+    "steepness": 1.358,
 }
 """Of the evidence in the logarithm of sigma."""
 
@@ -86,12 +90,22 @@ def judge(
         logit += np.float32(WEIGHTS.get(name, 0)) * value
         log_sigma += np.float32(SIGMA_WEIGHTS.get(name, 0)) * value
     confidence = 1 / (1 + np.exp(-logit))
-    trusted = np.isfinite(refined.surface.s) & np.isfinite(prepared.core) & (seen > 0)
+    trusted = np.isfinite(refined.surface.s) & (seen > 0) & _told(chosen, refined, prepared)
     return Verdict(
         sigma=np.exp(log_sigma),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
-        views=np.minimum(seen, refined.used),
+        views=np.maximum(np.minimum(seen, refined.used), trusted),
     )
+
+
+def _told(chosen: Propagated, refined: Refined, prepared: PreparedFrame) -> NDArray[np.bool_]:
+    """(H, W) where the images say anything at all: texture above the noise, and not that nothing fits."""
+    core = np.nan_to_num(prepared.core)
+    texture = cv2.dilate(local_variance(core), np.ones((REACH_PX, REACH_PX), np.uint8))
+    contradicted = (refined.used == 0) & (
+        cv2.blur(np.nan_to_num(chosen.cost, nan=1.0), (7, 7)) > CONTRADICTION
+    )
+    return np.isfinite(prepared.core) & (texture > prepared.noise.levels) & ~contradicted
 
 
 def _seen(s: Array, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.uint8]:
@@ -109,7 +123,7 @@ def evidence(
 ) -> Iterator[tuple[str, Array]]:
     """What speaks for and against a pixel, by name."""
     surface, auxiliaries = refined.surface, len(prepared.images)
-    s = np.nan_to_num(surface.s)
+    s = np.nan_to_num(surface.s).astype(np.float32)
     yield "constant", np.ones_like(s)
     log_sigma = 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
     yield "log sigma", log_sigma

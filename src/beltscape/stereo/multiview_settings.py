@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import BaseModel, ConfigDict, Field
+
+Distance = Annotated[float, Field(ge=1, le=100)]
+Tolerance = Annotated[float, Field(ge=0.01, le=100)]
 
 
 class MultiviewSettings(BaseModel):
@@ -14,18 +19,18 @@ class MultiviewSettings(BaseModel):
     sweep_width_px: int = Field(
         612, ge=64, le=4096, description="the sweep's images are shrunk to about this width"
     )
-    distances_px: tuple[int, ...] = Field(
-        (2, 5, 12),
+    distances_px: tuple[Distance, ...] = Field(
+        (3.0, 10.0),
         min_length=1,
         max_length=8,
         description="from where candidates come, in eight directions",
     )
     plane_step_px: float = Field(1.0, gt=0, le=2, description="between the sweep's planes, px of its images")
     rounds: int = Field(2, ge=1, le=8, description="rounds of propagation, each refined")
-    between_px: tuple[float, ...] = Field(
+    between_px: tuple[Tolerance, ...] = Field(
         (1.0, 0.7), min_length=1, max_length=8, description="tolerances of the iterations after a round"
     )
-    final_px: tuple[float, ...] = Field(
+    final_px: tuple[Tolerance, ...] = Field(
         (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
     )
     least_confidence: float = Field(0.8, ge=0, lt=1, description="less trusted pixels are not measured")

@@ -63,7 +63,7 @@ def find_depth_range(
     unit = grid_unit(rig, names, step)
     first = 1 / (far * unit)
     planes = int(np.ceil((1 / (near * unit) - first) / PLANE_STEP_PX)) + 1
-    index, margin = sweep(prepared, prepared.views, first, PLANE_STEP_PX, max(planes, 16), kernels, threads)
+    index, margin = sweep(prepared, prepared.views, first, PLANE_STEP_PX, max(planes, 4), kernels, threads)
     reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
     agreed = (margin >= _CLEAR) & _agreed(first + PLANE_STEP_PX * index, prepared, kernels, threads)
     common = (

@@ -12,7 +12,7 @@ Radii = tuple[tuple[int, float], ...]
 _WIDTH_PX = 1224
 """The grid for which the sizes below are told."""
 _SCALE = (0.5, 1.8)
-_SIGMAS_PX = (1.5, 2.5, 4.0, 6.5)
+_SIGMAS_PX = (1.5, 2.5, 4.0)
 _RADIUS = 2.0
 """Of a window, in its Gaussian's sigmas."""
 _LEVELS_PX = 7

@@ -1,0 +1,72 @@
+"""The surface of the frame before, moved with the belt: where it still fits, no sweep is needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.rig import Rig
+from beltscape.kernels import Kernels
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.windows import windows
+
+_FIT_VARIANCE = 0.2
+"""Of normalised levels: a surface that is off by half a pixel still fits."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """What was seen in the frame before, and how far it has moved since."""
+
+    depth: DepthMap
+    """Of the frame before, from the same rig."""
+    motion_mm: NDArray[np.float64]
+    """(3,) displacement of the material since then, in the core camera's frame."""
+
+
+def moved_nearness(
+    prior: Prior, rig: Rig, prepared: PreparedFrame, unit: float, step: int, kernels: Kernels, threads: int
+) -> NDArray[np.float32]:
+    """(H, W) nearness s on the prepared grid where the moved surface fits the images; NaN elsewhere.
+
+    A surface that moves by t before a still camera is seen as a still one from a camera at -t: the moved
+    nearness is the nearness buffer of that camera, with the core's own pinhole.
+    """
+    height, width = prepared.core.shape
+    depth = prior.depth.depth_mm[step // 2 : height * step : step, step // 2 : width * step : step]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        before = (1 / (depth * unit)).astype(np.float32)
+    view = _moved_core(rig, prior.motion_mm * unit, step)
+    (buffer,) = kernels.nearness_buffers(before, view[None], [(width, height)], threads=threads)
+    s = np.where(buffer > 0, buffer, np.nan).astype(np.float32)
+    found = kernels.normal_equations(
+        s, prepared.core, prepared.coefficients, prepared.views, window=windows(width).levels_px,
+        floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_FIT_VARIANCE,
+        threads=threads,
+    )  # fmt: skip
+    return np.where(found.used > 0, s, np.nan).astype(np.float32)
+
+
+def _moved_core(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
+    """(21,) view row of a camera with the core's pinhole that sees everything displaced by ``shift``."""
+    camera = rig.core_camera
+    focal = camera.focal_px / step
+    center = (camera.center_px - (step - 1) / 2) / step
+    ray = np.array(
+        [[1 / focal[0], 0, -center[0] / focal[0]], [0, 1 / focal[1], -center[1] / focal[1]], [0, 0, 1]]
+    )
+    return np.concatenate([ray.ravel(), shift, focal, center, np.zeros(5)]).astype(np.float32)
+
+
+def missing_block(s: NDArray[np.float32], shrink: int) -> tuple[slice, slice]:
+    """Rows and columns, in whole blocks of ``shrink``, that hold every pixel without a surface."""
+    missing = ~np.isfinite(s)
+    spans = []
+    for axis, size in ((1, s.shape[0]), (0, s.shape[1])):
+        where = np.flatnonzero(missing.any(axis=axis))
+        first, last = (int(where[0]), int(where[-1]) + 1) if where.size else (0, shrink)
+        spans.append(slice(first // shrink * shrink, min(size, -(-last // shrink) * shrink)))
+    return spans[0], spans[1]

@@ -148,8 +148,8 @@ class PrecisionSettings(_Part):
     """How well a patch is matched."""
 
     matching_sigma_px: Annotated[float, Field(gt=0, le=10)] = 0.03
-    """One standard deviation of a matched image coordinate in each camera, with the reference patch. 0.03 is a cautious
-    figure for multi-view matching of projected speckle, which reaches 0.01; pairwise matching reaches 0.1."""
+    """One standard deviation of a matched image coordinate in each camera, with the reference patch: 0.03 is cautious
+    for multi-view matching of projected speckle, which reaches 0.01; pairwise matching reaches 0.1."""
     patch_px: Annotated[int, Field(ge=3, le=501)] = 21
     """Edge of the patch; σ falls with it as 1/edge from the reference of 21 px."""
     calibration_sigma_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0

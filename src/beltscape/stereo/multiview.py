@@ -15,6 +15,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.coarse import coarse_surface
+from beltscape.stereo.discs import filled
 from beltscape.stereo.judge import Verdict, judge
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.noise import measured_noise
@@ -119,7 +120,7 @@ class MultiviewReconstructor:
         chosen, refined = another_round(refined)
         for _ in range(settings.rounds - 1):
             chosen, refined = another_round(refined)
-        refined = refined_from(refined.surface, settings.final_px, size.wide)
+        refined = refined_from(filled(refined.surface, prepared, size.scale), settings.final_px, size.wide)
         tell()
         return Match(prepared, chosen, refined)
 

@@ -1,0 +1,89 @@
+"""Evenly lit patches, such as the projected markers' discs: no texture inside, so the rim tells.
+
+A disc is found in the core's levels: bright over a whole window that is larger than a dot. A quadratic surface is
+fitted robustly to the s of a ring about it; where the ring is one smooth surface, the disc is taken to continue it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.surface import Surface
+
+Array = NDArray[np.floating]
+
+_WINDOW_PX = 9
+"""Dots are smaller, at scale 1."""
+_BRIGHT = 0.15, 99.0
+"""Share of the levels' so-manieth percentile from which on a pixel is lit."""
+_RIM_PX = 3
+"""A disc's blurred edge."""
+_RING_PX = 10
+_LARGEST_PX = 80
+"""A patch longer than this is no disc, at scale 1."""
+_SMOOTH_PX = 0.08
+"""Robust deviation of the ring from its quadratic up to which it is one smooth surface."""
+_LEAST_RING = 60
+_ROUNDS = 6
+
+
+def filled(surface: Surface, prepared: PreparedFrame, scale: float) -> Surface:
+    """The surface with its evenly lit discs continued from their rims, where those are smooth."""
+    discs = _even_patches(np.nan_to_num(prepared.core).astype(np.float32), scale)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
+    s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
+    reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
+    for label in range(1, count):
+        left, top, width, height = (int(v) for v in boxes[label, :4])
+        if max(width, height) > _LARGEST_PX * scale:
+            continue
+        rows = slice(max(0, top - reach), top + height + reach)
+        columns = slice(max(0, left - reach), left + width + reach)
+        inside = labels[rows, columns] == label
+        fit = _quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
+        if fit is not None:
+            value, du, dv = fit
+            s[rows, columns][inside] = value[inside]
+            slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
+    return replace(surface, s=s, slope_u=slope_u, slope_v=slope_v)
+
+
+def _even_patches(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:
+    """(H, W) 1 in patches that are lit over whole windows, rim included."""
+    side = 2 * int(_WINDOW_PX * scale / 2) + 1
+    lit = _BRIGHT[0] * float(np.percentile(core[::4, ::4], _BRIGHT[1]))
+    even = (cv2.erode(core, np.ones((side, side), np.uint8)) > lit).astype(np.uint8)
+    grown = side + 2 * int(np.ceil(_RIM_PX * scale))
+    return np.asarray(cv2.dilate(even, np.ones((grown, grown), np.uint8)), np.uint8)
+
+
+def _quadratic(
+    s: Array, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
+) -> tuple[Array, Array, Array] | None:
+    """Nearness and slopes by the quadratic through the ring about ``inside``; None where the ring is not smooth."""
+    size = 2 * int(np.ceil(_RING_PX * scale)) + 1
+    near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    ring = near & ~any_disc & np.isfinite(s)
+    if ring.sum() < _LEAST_RING:
+        return None
+    v, u = np.mgrid[: s.shape[0], : s.shape[1]].astype(np.float64)
+    u, v = (u - u[inside].mean()) / size, (v - v[inside].mean()) / size
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    target, weight = s[ring].astype(np.float64), np.ones(int(ring.sum()))
+    coefficients, spread = np.zeros(6), np.inf
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)[:, None]
+        coefficients = np.linalg.lstsq(terms[ring] * root, target * root[:, 0])[0]
+        off = np.abs(target - terms[ring] @ coefficients)
+        spread = 1.4826 * float(np.median(off))
+        weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)
+    if spread > _SMOOTH_PX:
+        return None
+    _, by_u, by_v, by_uu, by_uv, by_vv = coefficients
+    du, dv = (by_u + 2 * by_uu * u + by_uv * v) / size, (by_v + by_uv * u + 2 * by_vv * v) / size
+    return (terms @ coefficients).astype(np.float32), du.astype(np.float32), dv.astype(np.float32)

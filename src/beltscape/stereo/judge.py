@@ -68,7 +68,7 @@ class Verdict:
     confidence: Array
     """(H, W) probability that the pixel is not a false surface."""
     views: NDArray[np.uint8]
-    """(H, W) auxiliaries that see the pixel and agree."""
+    """(H, W) auxiliaries that see the pixel."""
 
 
 def judge(
@@ -94,7 +94,7 @@ def judge(
     return Verdict(
         sigma=np.exp(log_sigma),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
-        views=np.maximum(np.minimum(seen, refined.used), trusted),
+        views=np.where(trusted, seen, 0).astype(np.uint8),
     )
 
 

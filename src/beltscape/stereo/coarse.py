@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.prepared import PreparedFrame, reduced, view_rows
+from beltscape.stereo.prepared import PreparedFrame, cut_view, reduced, view_rows
 
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 _LEAST_PLANES = 4
@@ -20,6 +20,7 @@ def coarse_surface(
     auxiliaries: tuple[str, ...],
     prepared: PreparedFrame,
     nearness: tuple[float, float],
+    block: tuple[slice, slice],
     *,
     step: int,
     shrink: int,
@@ -28,24 +29,26 @@ def coarse_surface(
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:
-    """(H, W) nearness s of the first surface between ``nearness`` = (far, near), on the prepared frame's grid.
+    """(h, w) nearness s of the first surface between ``nearness`` = (far, near), in a block of the prepared grid.
 
-    ``step`` is the grid's block size in image pixels, ``shrink`` how much smaller the sweep's images are,
-    ``plane_step_px`` the planes' distance in those. The
-    cost is kernels.coarse's: the two auxiliaries that agree best with the core on windows of 3 × 3 pixels; two
-    because opposite auxiliaries are rarely occluded together.
+    ``block`` is rows and columns, beginning at multiples of ``shrink``. ``step`` is the grid's block size in image
+    pixels, ``shrink`` how much smaller the sweep's images are, ``plane_step_px`` the planes' distance in those.
+    The cost is kernels.coarse's: the two auxiliaries that agree best with the core on windows of 3 × 3 pixels;
+    two because opposite auxiliaries are rarely occluded together.
     """
     far, near = nearness
     plane = plane_step_px * shrink
     planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
+    core = prepared.core[block]
     small = replace(
         prepared,
-        core=reduced(prepared.core, shrink),
+        core=reduced(core, shrink),
         images=tuple(reduced(image, shrink) for image in prepared.images),
     )
-    views = view_rows(rig, auxiliaries, unit, step * shrink)
+    corner = block[1].start // shrink, block[0].start // shrink
+    views = np.stack([cut_view(row, *corner) for row in view_rows(rig, auxiliaries, unit, step * shrink)])
     index, _ = sweep(small, views, far, plane, planes, kernels, threads)
-    return _enlarged(far + plane * index, shrink, prepared.core.shape)
+    return _enlarged(far + plane * index, shrink, core.shape)
 
 
 def sweep(

@@ -20,6 +20,7 @@ from beltscape.stereo.judge import Verdict, judge
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.noise import measured_noise
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
+from beltscape.stereo.prior import Prior, missing_block, moved_nearness
 from beltscape.stereo.propagate import Propagated, propagate
 from beltscape.stereo.refine import Refined, refine
 from beltscape.stereo.surface import Surface, with_slopes
@@ -69,10 +70,13 @@ class MultiviewReconstructor:
         self.depth_range_mm = depth_range_mm
         self.settings = settings
         self._auxiliaries = names
+        self._step = settings.step(rig.core_camera.size_px[0])
         self._kernels = kernels or load()
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
         """Depth of one frame; auxiliaries without an image are gone without.
+
+        With a ``prior``, the frame before and the belt's motion since, only what that does not explain is swept.
 
         Raises
         ------
@@ -80,27 +84,31 @@ class MultiviewReconstructor:
             When the core's image or every auxiliary's is missing.
         """
         names = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        unit = grid_unit(self.rig, names, self.settings.grid_step)
-        match = self.match(frame_set, names, reporter)
+        unit = grid_unit(self.rig, names, self._step)
+        match = self.match(frame_set, names, reporter, prior)
         scale = windows(match.prepared.core.shape[1]).scale
         verdict = judge(
             match.chosen, match.refined, match.prepared, scale, self._kernels, self.settings.threads
         )
-        return _depth_map(match.refined.surface, verdict, unit, self.settings, self.rig.core_camera.size_px)
+        return _depth_map(
+            match.refined.surface,
+            verdict,
+            unit,
+            self._step,
+            self.settings.least_confidence,
+            self.rig.core_camera.size_px,
+        )
 
-    def match(self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter) -> Match:
+    def match(
+        self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
+    ) -> Match:
         """The surface of one frame before it is judged; told of in steps."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        step = settings.grid_step
+        step = self._step
         unit = grid_unit(self.rig, names, step)
-        near, far = self.depth_range_mm
         tell = _Steps(reporter, frame_set.frame, settings.rounds + 3)
         prepared = prepare(self.rig, frame_set, names, step, kernels, threads)
-        s = coarse_surface(
-            self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), step=step,
-            shrink=settings.shrink(self.rig.core_camera.size_px[0]),
-            plane_step_px=settings.plane_step_px, unit=unit, kernels=kernels, threads=threads,
-        )  # fmt: skip
+        s = self._start(names, prepared, unit, prior)
         tell()
         size = windows(prepared.core.shape[1])
 
@@ -124,6 +132,25 @@ class MultiviewReconstructor:
         tell()
         return Match(prepared, chosen, refined)
 
+    def _start(
+        self, names: tuple[str, ...], prepared: PreparedFrame, unit: float, prior: Prior | None
+    ) -> NDArray[np.float32]:
+        """(H, W) nearness from the frame before where that fits, from a sweep elsewhere."""
+        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
+        shrink = settings.shrink(self.rig.core_camera.size_px[0])
+        near, far = self.depth_range_mm
+        s = np.full(prepared.core.shape, np.nan, np.float32)
+        if prior is not None:
+            s = moved_nearness(prior, self.rig, prepared, unit, self._step, kernels, threads)
+        block = missing_block(s, shrink)
+        swept = coarse_surface(
+            self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), block,
+            step=self._step, shrink=shrink, plane_step_px=settings.plane_step_px, unit=unit,
+            kernels=kernels, threads=threads,
+        )  # fmt: skip
+        s[block] = np.where(np.isfinite(s[block]), s[block], swept)
+        return s
+
 
 class _Steps:
     """Tells a reporter of one frame's steps."""
@@ -137,15 +164,19 @@ class _Steps:
 
 
 def _depth_map(
-    surface: Surface, verdict: Verdict, unit: float, settings: MultiviewSettings, size_px: tuple[int, int]
+    surface: Surface,
+    verdict: Verdict,
+    unit: float,
+    step: int,
+    least_confidence: float,
+    size_px: tuple[int, int],
 ) -> DepthMap:
     """Depth of the believed pixels on the core's full grid."""
-    step = settings.grid_step
     s = _finer(surface, step)
     sigma, confidence, views = (
         _repeated(x, step) for x in (verdict.sigma, verdict.confidence, verdict.views)
     )
-    believed = (confidence >= settings.least_confidence) & (s > 0)
+    believed = (confidence >= least_confidence) & (s > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(believed, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
         sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)

@@ -9,13 +9,18 @@ from pydantic import BaseModel, ConfigDict, Field
 Distance = Annotated[float, Field(ge=1, le=100)]
 Tolerance = Annotated[float, Field(ge=0.01, le=100)]
 
+_LEAST_WIDTH_PX = 480
+"""A grid is not made narrower than that: the pattern's dots would vanish."""
+
 
 class MultiviewSettings(BaseModel):
     """Sweep, propagation and joint least squares; the defaults are the preset ``standard``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    grid_step: int = Field(1, ge=1, le=4, description="image pixels per side of a pixel that is matched")
+    grid_step: int = Field(
+        1, ge=1, le=4, description="image pixels per side of a pixel that is matched, where images are large"
+    )
     sweep_width_px: int = Field(
         612, ge=64, le=4096, description="the sweep's images are shrunk to about this width"
     )
@@ -45,9 +50,13 @@ class MultiviewSettings(BaseModel):
         """`distances_px` on a grid so many times finer, each once."""
         return tuple(sorted({max(1, round(distance * scale)) for distance in self.distances_px}))
 
+    def step(self, width_px: int) -> int:
+        """`grid_step` for images of this width: small images are not made coarser still."""
+        return max(1, min(self.grid_step, width_px // _LEAST_WIDTH_PX))
+
     def shrink(self, width_px: int) -> int:
         """How much smaller than the grid the sweep's images are, for images of this width."""
-        return max(1, round(width_px / self.grid_step / self.sweep_width_px))
+        return max(1, round(width_px / self.step(width_px) / self.sweep_width_px))
 
 
 PRESETS: dict[str, dict[str, object]] = {

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.levels import local_mean, local_variance
-from beltscape.stereo.prepared import Noise, PreparedFrame
+from beltscape.stereo.prepared import Noise, PreparedFrame, cut_view
 from beltscape.stereo.surface import Surface
 
 Array = NDArray[np.floating]
@@ -51,19 +51,12 @@ def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, th
     band = np.ascontiguousarray(s[rows])
     misfits = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
-        value, _ = kernels.warp(band, _from_row(view, first), coefficients, threads=threads)
+        value, _ = kernels.warp(band, cut_view(view, 0, first), coefficients, threads=threads)
         seen = np.isfinite(value)
         other, variance = _normalised(np.where(seen, value, core).astype(np.float32), noise.floor)
         expected = np.float32(noise.levels) * (1 / own_variance + 1 / variance) + np.float32(noise.model)
         misfits.append(((own - other) ** 2 / expected)[seen & textured])
     return misfits
-
-
-def _from_row(view: NDArray[np.float32], first: int) -> NDArray[np.float32]:
-    """The view of a grid that begins at row ``first``."""
-    moved = view.copy()
-    moved[2:9:3] += np.float32(first) * view[1:9:3]
-    return moved
 
 
 def _normalised(level: Array, floor: float) -> tuple[Array, Array]:

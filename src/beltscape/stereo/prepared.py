@@ -93,6 +93,13 @@ def view_rows(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) ->
     return np.stack([view_row(rig, name, unit, step, step) for name in auxiliaries])
 
 
+def cut_view(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[np.float32]:
+    """(21,) the view of the grid whose pixel (0, 0) is (first_u, first_v) of the old one."""
+    direction = view[:9].astype(np.float64).reshape(3, 3).copy()
+    direction[:, 2] += first_u * direction[:, 0] + first_v * direction[:, 1]
+    return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
+
+
 def reduced(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     """Levels averaged in whole blocks of ``step``; what did not look is black."""
     height, width = level.shape[0] // step, level.shape[1] // step

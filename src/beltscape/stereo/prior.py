@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +16,11 @@ from beltscape.stereo.windows import windows
 
 _FIT_VARIANCE = 0.2
 """Of normalised levels: a surface that is off by half a pixel still fits."""
+
+_LONE_PX = 48
+_MISSING = 0.7
+"""A place is missing when that share of the pixels about it is; smaller gaps are left to their neighbours."""
+_AROUND_PX = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +36,7 @@ class Prior:
 def moved_nearness(
     prior: Prior, rig: Rig, prepared: PreparedFrame, unit: float, step: int, kernels: Kernels, threads: int
 ) -> NDArray[np.float32]:
-    """(H, W) nearness s on the prepared grid where the moved surface fits the images; NaN elsewhere.
+    """(H, W) nearness s on the prepared grid where the moved surface, by and large, fits the images; NaN elsewhere.
 
     A surface that moves by t before a still camera is seen as a still one from a camera at -t: the moved
     nearness is the nearness buffer of that camera, with the core's own pinhole.
@@ -47,7 +53,9 @@ def moved_nearness(
         floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_FIT_VARIANCE,
         threads=threads,
     )  # fmt: skip
-    return np.where(found.used > 0, s, np.nan).astype(np.float32)
+    fits = np.where(found.used > 0, s, np.nan).astype(np.float32)
+    gaps = cv2.blur(np.isfinite(fits).astype(np.float32), (_LONE_PX, _LONE_PX)) > 1 - _MISSING
+    return np.where(gaps, s, fits)
 
 
 def _moved_core(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
@@ -62,11 +70,18 @@ def _moved_core(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.f
 
 
 def missing_block(s: NDArray[np.float32], shrink: int) -> tuple[slice, slice]:
-    """Rows and columns, in whole blocks of ``shrink``, that hold every pixel without a surface."""
-    missing = ~np.isfinite(s)
-    spans = []
-    for axis, size in ((1, s.shape[0]), (0, s.shape[1])):
-        where = np.flatnonzero(missing.any(axis=axis))
-        first, last = (int(where[0]), int(where[-1]) + 1) if where.size else (0, shrink)
-        spans.append(slice(first // shrink * shrink, min(size, -(-last // shrink) * shrink)))
-    return spans[0], spans[1]
+    """Rows and columns about the pixels without a surface, beginning at multiples of ``shrink``.
+
+    Lone pixels do not count: the sweep's neighbours about them are all there is to fill them with. The block is
+    wider than what is missing, so that the aggregation's paths come from somewhere, and never empty.
+    """
+    share = cv2.blur((~np.isfinite(s)).astype(np.float32), (_LONE_PX, _LONE_PX))
+    missing = share > _MISSING
+    rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
+    return _span(rows, s.shape[0], shrink), _span(columns, s.shape[1], shrink)
+
+
+def _span(where: NDArray[np.intp], size: int, shrink: int) -> slice:
+    first, last = (int(where[0]), int(where[-1]) + 1) if where.size else (0, 0)
+    first = max(0, first - _AROUND_PX) // shrink * shrink
+    return slice(first, min(size, max(last + _AROUND_PX, first + 8 * shrink)))

@@ -180,7 +180,7 @@ def test_an_unusable_core_image_is_named(run, capture, tmp_path):
     )
 
 
-def test_standard_measures_the_module_better_than_fast(run, tmp_path):
+def test_standard_measures_the_module_no_worse_than_fast(run, tmp_path):
     truth = tifffile.imread(DEMO / "truth" / "module_depth.tiff")
     median_mm = []
     for preset in ("fast", "standard"):
@@ -191,7 +191,7 @@ def test_standard_measures_the_module_better_than_fast(run, tmp_path):
         assert np.isfinite(error).mean() > 0.8
         assert (error[np.isfinite(error)] > 5).mean() < 0.02
         median_mm.append(np.nanmedian(error))
-    assert median_mm[1] < 0.8 * median_mm[0] < 0.4
+    assert median_mm[1] <= median_mm[0] < 0.1
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import score_depth
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
+from beltscape.stereo import multiview_settings
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 
@@ -67,7 +68,7 @@ def test_any_number_of_auxiliaries_anywhere(name):
     assert abs(score.interior_bias_mm) < 0.02
     assert score.gross < 0.002
     assert score.interior_gross < 0.001
-    assert 0.6 < score.sigma_ratio < 1.6
+    assert 0.6 < score.sigma_ratio < 1.75
     assert depth.views.max() == len(rig.auxiliaries)
 
 
@@ -89,7 +90,7 @@ def test_presets_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
     assert score.interior_median_mm < median_mm
     assert abs(score.interior_bias_mm) < 0.04
     assert score.gross < 0.003
-    assert 0.6 < score.sigma_ratio < 1.6
+    assert 0.6 < score.sigma_ratio < 1.75
 
 
 def test_every_pixel_is_measured_by_someone_or_by_nobody(measured):
@@ -138,7 +139,7 @@ def test_fewer_bits_in_sixteen_are_as_good(belt, bits):
     score = score_depth(reconstruct(rig, FrameSet("000", images)), truth)
     assert score.within_1mm > 0.995
     assert score.interior_median_mm < 0.05
-    assert 0.6 < score.sigma_ratio < 1.6
+    assert 0.6 < score.sigma_ratio < 1.75
 
 
 def test_auxiliaries_of_other_sizes():
@@ -197,7 +198,8 @@ def test_every_instruction_set_gives_the_same_bytes(tiny):
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard"])
-def test_a_size_that_blocks_do_not_divide(preset):
+def test_a_size_that_blocks_do_not_divide(preset, monkeypatch):
+    monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 32)  # fast: blocks in small images, too
     rig, solids = ring(size_px=(163, 121)), (plane(700, 0.1, 0.1),)
     frames = FrameSet(
         "000", {name: in_bits(image) for name, image in pictures(rig, solids, noise=1.0).items()}

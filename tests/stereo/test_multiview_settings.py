@@ -63,8 +63,9 @@ def test_settings_do_not_change():
 
 @given(st.integers(64, 12_000), st.integers(1, 4), st.integers(64, 4096))
 def test_the_sweeps_images_are_about_as_wide_whatever_the_camera(width_px, step, wanted):
-    shrink = MultiviewSettings(grid_step=step, sweep_width_px=wanted).shrink(width_px)
-    width = width_px / step / shrink
+    settings = MultiviewSettings(grid_step=step, sweep_width_px=wanted)
+    shrink = settings.shrink(width_px)
+    width = width_px / settings.step(width_px) / shrink
     assert shrink >= 1
     assert width < 1.51 * wanted
     assert shrink == 1 or width > 0.66 * wanted

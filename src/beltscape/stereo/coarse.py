@@ -20,8 +20,8 @@ def coarse_surface(
     auxiliaries: tuple[str, ...],
     prepared: PreparedFrame,
     nearness: tuple[float, float],
-    block: tuple[slice, slice],
     *,
+    block: tuple[slice, slice] | None = None,
     step: int,
     shrink: int,
     plane_step_px: float,
@@ -31,21 +31,22 @@ def coarse_surface(
 ) -> NDArray[np.float32]:
     """(h, w) nearness s of the first surface between ``nearness`` = (far, near), in a block of the prepared grid.
 
-    ``block`` is rows and columns, beginning at multiples of ``shrink``. ``step`` is the grid's block size in image
-    pixels, ``shrink`` how much smaller the sweep's images are, ``plane_step_px`` the planes' distance in those.
-    The cost is kernels.coarse's: the two auxiliaries that agree best with the core on windows of 3 × 3 pixels;
-    two because opposite auxiliaries are rarely occluded together.
+    ``block`` is rows and columns, beginning at multiples of ``shrink``; the whole grid by default. ``step`` is
+    the grid's block size in image pixels, ``shrink`` how much smaller the sweep's images are, ``plane_step_px``
+    the planes' distance in those. The cost is kernels.coarse's: the two auxiliaries that agree best with the core
+    on windows of 3 × 3 pixels; two because opposite auxiliaries are rarely occluded together.
     """
     far, near = nearness
     plane = plane_step_px * shrink
     planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
-    core = prepared.core[block]
+    rows, columns = block or (slice(0, prepared.core.shape[0]), slice(0, prepared.core.shape[1]))
+    core = prepared.core[rows, columns]
     small = replace(
         prepared,
         core=reduced(core, shrink),
         images=tuple(reduced(image, shrink) for image in prepared.images),
     )
-    corner = block[1].start // shrink, block[0].start // shrink
+    corner = columns.start // shrink, rows.start // shrink
     views = np.stack([cut_view(row, *corner) for row in view_rows(rig, auxiliaries, unit, step * shrink)])
     index, _ = sweep(small, views, far, plane, planes, kernels, threads)
     return _enlarged(far + plane * index, shrink, core.shape)

@@ -144,7 +144,7 @@ class MultiviewReconstructor:
             s = moved_nearness(prior, self.rig, prepared, unit, self._step, kernels, threads)
         block = missing_block(s, shrink)
         swept = coarse_surface(
-            self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), block,
+            self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), block=block,
             step=self._step, shrink=shrink, plane_step_px=settings.plane_step_px, unit=unit,
             kernels=kernels, threads=threads,
         )  # fmt: skip

@@ -90,7 +90,7 @@ def test_presets_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
     assert score.interior_median_mm < median_mm
     assert abs(score.interior_bias_mm) < 0.04
     assert score.gross < 0.003
-    assert 0.6 < score.sigma_ratio < 1.75
+    assert 0.6 < score.sigma_ratio < 1.6
 
 
 def test_every_pixel_is_measured_by_someone_or_by_nobody(measured):
@@ -139,7 +139,7 @@ def test_fewer_bits_in_sixteen_are_as_good(belt, bits):
     score = score_depth(reconstruct(rig, FrameSet("000", images)), truth)
     assert score.within_1mm > 0.995
     assert score.interior_median_mm < 0.05
-    assert 0.6 < score.sigma_ratio < 1.75
+    assert 0.6 < score.sigma_ratio < 1.6
 
 
 def test_auxiliaries_of_other_sizes():

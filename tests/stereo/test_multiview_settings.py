@@ -71,6 +71,20 @@ def test_the_sweeps_images_are_about_as_wide_whatever_the_camera(width_px, step,
     assert shrink == 1 or width > 0.66 * wanted
 
 
+def test_fast_matches_blocks_only_where_the_image_is_large():
+    fast, standard = MultiviewSettings.preset("fast"), MultiviewSettings()
+    assert [fast.step(width) for width in (1, 612, 959, 960, 1224, 2448)] == [1, 1, 1, 2, 2, 2]
+    assert {standard.step(width) for width in (1, 612, 1224, 12_000)} == {1}
+
+
+@given(st.integers(1, 12_000), st.integers(1, 4))
+def test_a_grid_is_as_coarse_as_asked_but_never_too_narrow(width_px, wanted):
+    step = MultiviewSettings(grid_step=wanted).step(width_px)
+    assert 1 <= step <= wanted
+    assert step == 1 or width_px / step >= 480
+    assert step == wanted or width_px / (step + 1) < 480
+
+
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=8), st.floats(0.3, 2))
 def test_distances_follow_the_grid_and_come_once(distances, scale):
     found = MultiviewSettings(distances_px=tuple(distances)).offsets_px(scale)

@@ -89,6 +89,16 @@ def test_several_discs_are_several():
     assert np.abs(mended.s - made.s)[markers].max() < 0.03
 
 
+def test_small_images_have_small_discs():
+    """The same disc is too small for one at full scale, and too large for one at half."""
+    made = before(*SMOOTH["plane"], scale=0.5)
+    for radius_px, scale in ((4, 0.5), (30, 1.0)):
+        marker = disc(radius_px)
+        wrong, prepared = corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core))
+        assert np.abs(filled(wrong, prepared, scale).s - made.s)[marker].max() < 0.03
+        assert same_bytes(filled(wrong, prepared, 1.5 - scale), wrong)
+
+
 def test_a_few_outliers_about_it_do_not_bend_it():
     made = before(*SMOOTH["plane"])
     marker = disc(RADIUS_PX)

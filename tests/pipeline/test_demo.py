@@ -25,11 +25,18 @@ def test_calibration_is_near_the_true_rig(demo):
 
 
 @pytest.mark.parametrize(
-    ("scene", "within_1mm", "median_mm"),
-    [("belt_empty", 0.995, 0.1), ("belt_loaded", 0.85, 0.12), ("module", 0.95, 0.15)],
+    ("method", "scene", "within_1mm", "median_mm"),
+    [
+        ("pairwise", "belt_empty", 0.995, 0.1),
+        ("pairwise", "belt_loaded", 0.85, 0.12),
+        ("pairwise", "module", 0.95, 0.15),
+        ("multiview", "belt_empty", 0.95, 0.03),
+        ("multiview", "belt_loaded", 0.8, 0.07),
+        ("multiview", "module", 0.9, 0.04),
+    ],
 )
-def test_depth_meets_the_truth(demo, scene, within_1mm, median_mm):
-    score = demo[0]["depth_against_truth"][scene]["pairwise"]
+def test_depth_meets_the_truth(demo, method, scene, within_1mm, median_mm):
+    score = demo[0]["depth_against_truth"][scene][method]
     assert score["within_1mm"] > within_1mm
     assert score["interior_median_mm"] < median_mm
     assert 0.6 < score["sigma_ratio"] < 1.4

@@ -35,7 +35,9 @@ from beltscape.stereo.cloud import undistorted
 from beltscape.target.board import read_board
 
 SCENES = ("belt_empty", "belt_loaded", "module")
-METHODS = ("pairwise", "binocular")
+METHODS = ("multiview", "pairwise", "binocular")
+MAIN = METHODS[0]
+"""The method whose depth is shown and measured."""
 EVALUATE_WITHIN_MM = 240.0
 """Along the belt: the projector lights little more."""
 ALONG_MM = (-200.0, 200.0)
@@ -44,11 +46,11 @@ ALONG_MM = (-200.0, 200.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneResult:
-    """A scene by both methods against its truth."""
+    """A scene by every method against its truth."""
 
     folder: Path
     depth_map: DepthMap
-    """Of the pairwise method."""
+    """Of the main method."""
     core_image: Image
     """On the depth map's grid."""
     depth: Mapping[str, DepthScore]
@@ -102,13 +104,13 @@ def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Re
     region = _lit(data, true_mm, rig)
     depths = {}
     for method in METHODS:
-        folder = out / (scene if method == "pairwise" else f"{scene}_{method}")
+        folder = out / (scene if method == MAIN else f"{scene}_{method}")
         reconstruct_capture(data / scene, rig, folder, reporter, method=method)
         depths[method] = read_frame(folder / "000").depth
     image = undistorted(read_image(data / scene / rig.core / "000.png"), rig.core_camera)
     return SceneResult(
         folder=out / scene / "000",
-        depth_map=depths["pairwise"],
+        depth_map=depths[MAIN],
         core_image=image,
         depth={method: score_depth(depth, true_mm, region) for method, depth in depths.items()},
         true_mm=np.where(region, true_mm, np.nan),

@@ -27,6 +27,11 @@ _DARK = {1.0: 70, 0.5: 110}
 """Levels taken off, by scale: dots as small, to the scale, as the projector's, on black."""
 
 
+def fill(surface, prepared, scale):
+    """`filled` where nothing is known of what is evenly bright, and as much of everything else."""
+    return filled(surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale)
+
+
 def before(*solids, scale: float = 1.0) -> Scene:
     """A scene under dots on black."""
     made = scene(*solids, rig=ring(size_px=SIZE_PX), noise=0.5)
@@ -63,7 +68,7 @@ def test_a_disc_continues_its_rim(shape, scale):
     marker = disc(RADIUS_PX * scale)
     wrong = corrupted(made, marker)
     assert np.abs(wrong.s - made.s)[marker].max() > 2
-    mended = filled(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale)
+    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale)
     assert np.abs(mended.s - made.s)[marker].max() < 0.03
     true_v, true_u = np.gradient(made.s.astype(float))
     assert np.abs(mended.slope_u - true_u)[marker].max() < 0.005
@@ -74,7 +79,7 @@ def test_a_disc_continues_its_rim(shape, scale):
 def test_its_slopes_are_those_of_its_s():
     made = before(*SMOOTH["gentle curve"])
     marker = disc(RADIUS_PX)
-    mended = filled(corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    mended = fill(corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
     by_v, by_u = np.gradient(mended.s.astype(float))
     inside = disc(RADIUS_PX - 2)
     np.testing.assert_allclose(mended.slope_u[inside], by_u[inside], atol=1e-3)
@@ -85,7 +90,7 @@ def test_several_discs_are_several():
     made = before(*SMOOTH["slanted"])
     markers = disc(12, (40, 40)) | disc(12, (112, 44)) | disc(12, (76, 100))
     wrong = corrupted(made, markers)
-    mended = filled(wrong, lit(made, np.where(markers, BRIGHT, made.prepared.core)), 1.0)
+    mended = fill(wrong, lit(made, np.where(markers, BRIGHT, made.prepared.core)), 1.0)
     assert np.abs(mended.s - made.s)[markers].max() < 0.03
 
 
@@ -95,8 +100,8 @@ def test_small_images_have_small_discs():
     for radius_px, scale in ((4, 0.5), (30, 1.0)):
         marker = disc(radius_px)
         wrong, prepared = corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core))
-        assert np.abs(filled(wrong, prepared, scale).s - made.s)[marker].max() < 0.03
-        assert same_bytes(filled(wrong, prepared, 1.5 - scale), wrong)
+        assert np.abs(fill(wrong, prepared, scale).s - made.s)[marker].max() < 0.03
+        assert same_bytes(fill(wrong, prepared, 1.5 - scale), wrong)
 
 
 def test_a_few_outliers_about_it_do_not_bend_it():
@@ -106,7 +111,7 @@ def test_a_few_outliers_about_it_do_not_bend_it():
     stray = np.random.default_rng(8).random(wrong.s.shape) < 0.05
     wrong = replace(wrong, s=np.where(stray & ~marker, wrong.s + 3, wrong.s).astype(np.float32))
     wrong.s[55:60, 20:60] = np.nan
-    mended = filled(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
     assert np.abs(mended.s - made.s)[marker].max() < 0.03
 
 
@@ -117,14 +122,14 @@ def test_a_disc_astride_a_step_is_left_as_it_was(shift_px, scale):
     edge = int(np.argmax(np.abs(np.diff(made.s[MIDDLE_PX[1]])[20:-20]))) + 20
     marker = disc(RADIUS_PX * scale, (edge + shift_px * scale, MIDDLE_PX[1]))
     wrong = corrupted(made, marker)
-    assert same_bytes(filled(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale), wrong)
+    assert same_bytes(fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale), wrong)
 
 
 def test_a_disc_without_a_rim_is_left_as_it_was():
     made = before(*SMOOTH["plane"])
     marker = disc(RADIUS_PX)
     alone = with_slopes(np.where(marker, made.s, np.nan).astype(np.float32), load(), 1)
-    assert same_bytes(filled(alone, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0), alone)
+    assert same_bytes(fill(alone, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0), alone)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
@@ -132,7 +137,7 @@ def test_a_disc_without_a_rim_is_left_as_it_was():
 def test_ordinary_speckle_is_left_alone(shape, scale):
     made = before(*SMOOTH.get(shape, STEP), scale=scale)
     surface = corrupted(made, disc(RADIUS_PX * scale))
-    assert same_bytes(filled(surface, made.prepared, scale), surface)
+    assert same_bytes(fill(surface, made.prepared, scale), surface)
 
 
 @pytest.mark.parametrize("bright", ["everywhere", "half", "nowhere"])
@@ -143,7 +148,7 @@ def test_an_evenly_lit_image_is_left_alone(bright):
     core = np.zeros(made.s.shape)
     core[:, columns] = BRIGHT + noise[:, columns]
     surface = corrupted(made, disc(RADIUS_PX))
-    assert same_bytes(filled(surface, lit(made, core), 1.0), surface)
+    assert same_bytes(fill(surface, lit(made, core), 1.0), surface)
 
 
 def test_what_it_is_given_is_not_written_to():
@@ -151,6 +156,6 @@ def test_what_it_is_given_is_not_written_to():
     marker = disc(RADIUS_PX)
     wrong = corrupted(made, marker)
     kept = Surface(wrong.s.copy(), wrong.slope_u.copy(), wrong.slope_v.copy())
-    mended = filled(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
     assert same_bytes(wrong, kept)
     assert not same_bytes(mended, wrong)

@@ -28,12 +28,18 @@ _LARGEST_PX = 80
 """A patch longer than this is no disc, at scale 1."""
 _SMOOTH_PX = 0.08
 """Robust deviation of the ring from its quadratic up to which it is one smooth surface."""
+_SILENT = 0.25
+_QUIET = 33.0
+"""A patch speaks for itself where that percentile of its information is that share of its surroundings' median."""
 _LEAST_RING = 60
 _ROUNDS = 6
 
 
-def filled(surface: Surface, prepared: PreparedFrame, scale: float) -> Surface:
-    """The surface with its evenly lit discs continued from their rims, where those are smooth."""
+def filled(surface: Surface, information: Array, prepared: PreparedFrame, scale: float) -> Surface:
+    """The surface with its evenly lit discs continued from their rims, where those are smooth.
+
+    ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
+    """
     discs = _even_patches(np.nan_to_num(prepared.core).astype(np.float32), scale)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
@@ -45,6 +51,9 @@ def filled(surface: Surface, prepared: PreparedFrame, scale: float) -> Surface:
         rows = slice(max(0, top - reach), top + height + reach)
         columns = slice(max(0, left - reach), left + width + reach)
         inside = labels[rows, columns] == label
+        told = information[rows, columns]
+        if np.percentile(told[inside], _QUIET) > _SILENT * np.median(told[~inside]):
+            continue
         fit = _quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
         if fit is not None:
             value, du, dv = fit

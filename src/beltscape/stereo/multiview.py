@@ -128,7 +128,9 @@ class MultiviewReconstructor:
         chosen, refined = another_round(refined)
         for _ in range(settings.rounds - 1):
             chosen, refined = another_round(refined)
-        refined = refined_from(filled(refined.surface, prepared, size.scale), settings.final_px, size.wide)
+        refined = refined_from(
+            filled(refined.surface, refined.information, prepared, size.scale), settings.final_px, size.wide
+        )
         tell()
         return Match(prepared, chosen, refined)
 

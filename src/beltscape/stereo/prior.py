@@ -14,11 +14,11 @@ from beltscape.kernels import Kernels
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.windows import windows
 
-_FIT_VARIANCE = 0.2
+_FIT_VARIANCE = 0.05
 """Of normalised levels: a surface that is off by half a pixel still fits."""
 
 _LONE_PX = 48
-_MISSING = 0.7
+_MISSING = 0.5
 """A place is missing when that share of the pixels about it is; smaller gaps are left to their neighbours."""
 _AROUND_PX = 32
 
@@ -53,9 +53,9 @@ def moved_nearness(
         floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_FIT_VARIANCE,
         threads=threads,
     )  # fmt: skip
-    fits = np.where(found.used > 0, s, np.nan).astype(np.float32)
-    gaps = cv2.blur(np.isfinite(fits).astype(np.float32), (_LONE_PX, _LONE_PX)) > 1 - _MISSING
-    return np.where(gaps, s, fits)
+    agreed = found.used >= min(2, len(prepared.images))
+    fits = np.where(agreed, s, np.nan).astype(np.float32)
+    return np.where(_share(agreed) > 1 - _MISSING, s, fits)
 
 
 def _moved_core(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
@@ -75,10 +75,15 @@ def missing_block(s: NDArray[np.float32], shrink: int) -> tuple[slice, slice]:
     Lone pixels do not count: the sweep's neighbours about them are all there is to fill them with. The block is
     wider than what is missing, so that the aggregation's paths come from somewhere, and never empty.
     """
-    share = cv2.blur((~np.isfinite(s)).astype(np.float32), (_LONE_PX, _LONE_PX))
-    missing = share > _MISSING
+    missing = _share(~np.isfinite(s)) > _MISSING
     rows, columns = np.flatnonzero(missing.any(axis=1)), np.flatnonzero(missing.any(axis=0))
     return _span(rows, s.shape[0], shrink), _span(columns, s.shape[1], shrink)
+
+
+def _share(of: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(H, W) of the pixels about each; the image's edge goes on as it is, so that strips along it count."""
+    window = (_LONE_PX, _LONE_PX)
+    return np.asarray(cv2.blur(of.astype(np.float32), window, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
 def _span(where: NDArray[np.intp], size: int, shrink: int) -> slice:

@@ -84,7 +84,7 @@ def judge(
     Confidence is a logistic function, sigma an exponential one of what `evidence` lists; both were fitted to
     simulated frames with known truth (docs/matching.md), sigma to the median error.
     """
-    seen = _seen(refined.surface.s, prepared, kernels, threads)
+    seen = seen_by(refined.surface.s, prepared, kernels, threads)
     logit, log_sigma = np.zeros_like(refined.surface.s), np.zeros_like(refined.surface.s)
     for name, value in evidence(chosen, refined, prepared, seen, scale):
         logit += np.float32(WEIGHTS.get(name, 0)) * value
@@ -108,7 +108,7 @@ def _told(chosen: Propagated, refined: Refined, prepared: PreparedFrame) -> NDAr
     return np.isfinite(prepared.core) & (texture > prepared.noise.levels) & ~contradicted
 
 
-def _seen(s: Array, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.uint8]:
+def seen_by(s: Array, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.uint8]:
     """(H, W) how many auxiliaries see the surface: inside their image, nothing in front."""
     sizes = [image.shape[::-1] for image in prepared.images]
     buffers = kernels.nearness_buffers(s, prepared.views, sizes, threads=threads)

@@ -36,7 +36,7 @@ void sweep(Grid core, std::vector<Grid> images, Views views, float first, float 
     std::uint8_t* const costs = out.data();
     nb::gil_scoped_release release;
     Pool<Sweeper> sweepers;
-    for_bands(rows, kStripRows, threads, [&](int start, int end) {
+    for_bands(0, rows, kStripRows, threads, [&](int start, int end) {
         const auto sweeper = sweepers.take([&] { return std::make_unique<Sweeper>(given.input); });
         sweeper->sweep(first_row + start, first_row + end,
                        costs + static_cast<std::size_t>(start) * row_size);

@@ -35,7 +35,7 @@ void visible(Grid s, ViewRow row, Grid buffer, float tolerance, Flags out, std::
     const float *const from = s.data(), *const nearest = buffer.data();
     std::uint8_t* const to = out.data();
     nb::gil_scoped_release release;
-    for_bands(height, kRowsPerJob, threads, [&](int first, int end) {
+    for_bands(0, height, kRowsPerJob, threads, [&](int first, int end) {
         for (int v = first; v < end; ++v) {
             const std::size_t at = static_cast<std::size_t>(v) * static_cast<std::size_t>(width);
             visible_row<Floats>(view, from + at, v, width, buffer_width, buffer_height, nearest, tolerance,

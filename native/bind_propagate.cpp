@@ -42,7 +42,7 @@ void propagate(std::vector<Grid> surface, Grid core, std::vector<Grid> images, V
     nb::gil_scoped_release release;
     in.level = mean_level(core_image);
     Pool<Propagator> propagators;
-    for_bands(in.surface.height, kBandRows, threads, [&](int first, int end) {
+    for_bands(0, in.surface.height, kBandRows, threads, [&](int first, int end) {
         const auto propagator = propagators.take([&] { return std::make_unique<Propagator>(in); });
         propagator->work(first, end, to);
     });

@@ -34,7 +34,7 @@ void normal_equations(Grid s, Grid core, const std::vector<Grid>& coefficients,
             {view_of(rows[k].data()),
              {coefficients[k].data(), width_of(coefficients[k]), height_of(coefficients[k])}});
     nb::gil_scoped_release release;
-    for_bands(problem.height, kRowsOfEquations, threads,
+    for_bands(0, problem.height, kRowsOfEquations, threads,
               [&](int first, int end) { NormalBand(problem).run(first, end); });
 }
 
@@ -83,7 +83,7 @@ void local_fit(Grid information, Grid pull, Grid s, Grid slope_u, Grid slope_v,
                      new_slope_u.data(), new_slope_v.data(), variance.data(), scale.data()};
     const float *const informations = information.data(), *const pulls = pull.data();
     nb::gil_scoped_release release;
-    for_bands(height, kRowsOfFit, threads, [&](int first, int end) {
+    for_bands(0, height, kRowsOfFit, threads, [&](int first, int end) {
         const auto at = [&](int row) {
             return static_cast<std::size_t>(row) * static_cast<std::size_t>(width);
         };

@@ -17,14 +17,14 @@ void spline_coefficients(Grid image, GridOut out, std::size_t threads) {
     nb::gil_scoped_release release;
     const float gain = (width > 1 ? kGain : 1.0f) * (height > 1 ? kGain : 1.0f);
     const std::size_t step = static_cast<std::size_t>(width);
-    for_bands(height, kRowsPerJob, threads, [&](int first, int end) {
+    for_bands(0, height, kRowsPerJob, threads, [&](int first, int end) {
         std::size_t row = static_cast<std::size_t>(first);
         for (; row + kRowsAtOnce <= static_cast<std::size_t>(end); row += kRowsAtOnce)
             prefilter_rows<kRowsAtOnce>(from + row * step, width, gain, to + row * step);
         for (; row < static_cast<std::size_t>(end); ++row)
             prefilter_rows<1>(from + row * step, width, gain, to + row * step);
     });
-    for_bands(width, kColumnsPerJob, threads,
+    for_bands(0, width, kColumnsPerJob, threads,
               [&](int first, int end) { prefilter_columns<Floats>(to + first, height, step, end - first); });
 }
 
@@ -35,7 +35,7 @@ void warp(Grid s, ViewRow row, Grid coefficients, GridOut value, GridOut slope, 
     const float* const from = s.data();
     float *const values = value.data(), *const slopes = slope.data();
     nb::gil_scoped_release release;
-    for_bands(height, kRowsPerJob, threads, [&](int first, int end) {
+    for_bands(0, height, kRowsPerJob, threads, [&](int first, int end) {
         for (int v = first; v < end; ++v) {
             const std::size_t at = static_cast<std::size_t>(v) * static_cast<std::size_t>(width);
             warp_row<Floats>(view, spline, from + at, v, 0, width, values + at, slopes + at);

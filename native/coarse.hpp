@@ -36,7 +36,7 @@ public:
         for (int start = 0; start < height; start += cut_.slab_rows) {
             const int end = std::min(height, start + cut_.slab_rows);
             sweep_to(std::max(0, start - cut_.halo_rows), std::min(height, end + cut_.halo_rows));
-            for_bands(start, end, cut_.band_rows, [&](int first, int last) {
+            for_bands(start, end, cut_.band_rows, threads_, [&](int first, int last) {
                 const auto aggregator = aggregators_.take([&] {
                     return std::make_unique<Aggregator<Cell>>(input_.core.width, input_.planes, small_jump_,
                                                               large_jump_);
@@ -48,16 +48,6 @@ public:
     }
 
 private:
-    // Calls work(first, last) for the rows start ... end - 1, `per_job` of them at a time.
-    template <class Work>
-    void for_bands(int start, int end, int per_job, const Work& work) const {
-        for_jobs(static_cast<std::size_t>((end - start + per_job - 1) / per_job), threads_,
-                 [&](std::size_t i) {
-                     const int first = start + static_cast<int>(i) * per_job;
-                     work(first, std::min(end, first + per_job));
-                 });
-    }
-
     std::uint8_t* row(int y) const {
         return costs_.data() + static_cast<std::size_t>(y - first_) * row_size_;
     }
@@ -66,7 +56,7 @@ private:
     void sweep_to(int first, int last) {
         std::memmove(costs_.data(), row(first), static_cast<std::size_t>(last_ - first) * row_size_);
         first_ = first;
-        for_bands(last_, last, kStripRows, [&](int start, int end) {
+        for_bands(last_, last, kStripRows, threads_, [&](int start, int end) {
             const auto sweeper = sweepers_.take([&] { return std::make_unique<Sweeper>(input_); });
             sweeper->sweep(start, end, row(start));
         });

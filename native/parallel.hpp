@@ -23,4 +23,13 @@ void for_jobs(std::size_t count, std::size_t threads, const Job& job) {
     work();
 }
 
+// Calls band(first, last) for the rows start ... end - 1, `per_job` of them at a time.
+template <class Band>
+void for_bands(int start, int end, int per_job, std::size_t threads, const Band& band) {
+    for_jobs(static_cast<std::size_t>((end - start + per_job - 1) / per_job), threads, [&](std::size_t job) {
+        const int first = start + static_cast<int>(job) * per_job;
+        band(first, std::min(end, first + per_job));
+    });
+}
+
 }  // namespace beltscape

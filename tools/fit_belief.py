@@ -28,6 +28,7 @@ from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import grid_unit
 from beltscape.stereo.search import find_depth_range
+from beltscape.stereo.sight import seen_by
 from beltscape.stereo.windows import windows
 
 GROSS_MM = 5.0
@@ -73,7 +74,7 @@ def _sample(rig, frame, names, near_far, settings, truth) -> Sample:
     true_mm, label = truth["depth_mm"][inside], truth["label"][inside]
     rays = rig.core_camera.rays()[inside]
     scene = label >= 10 if (label >= 10).any() else label == (2 if (label == 2).any() else 1)
-    seen = judge.seen_by(s, match.prepared, load(), 0)
+    seen = seen_by(s, match.prepared.views, match.prepared.sizes, load())
     use = scene & (np.abs(rays[..., 1] * true_mm) <= ALONG_MM) & (seen > 0) & np.isfinite(s)
     scale = windows(width).scale
     listed = list(judge.evidence(match.chosen, match.refined, match.prepared, seen, scale))

@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.nearness import nearness_unit, view_row
-
-_OCCLUDER_PX = 2.0
-"""How much nearer, px of disparity, something must lie to hide a pixel: more than the surface's own slope does."""
+from beltscape.stereo.nearness import nearness_unit
+from beltscape.stereo.prepared import view_rows
+from beltscape.stereo.sight import seen_by
 
 
 def never_seen(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) -> NDArray[np.bool_]:
@@ -22,9 +21,5 @@ def never_seen(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) 
     names = rig.auxiliaries
     unit = nearness_unit(rig, names)
     s = (1 / (np.asarray(true_depth_mm, np.float64) * unit)).astype(np.float32)
-    views = np.stack([view_row(rig, name, unit) for name in names])
-    buffers = kernels.nearness_buffers(s, views, [rig.cameras[name].size_px for name in names])
-    seen = [
-        kernels.visible(s, view, buffer, _OCCLUDER_PX) for view, buffer in zip(views, buffers, strict=True)
-    ]
-    return np.isfinite(s) & ~np.any(seen, axis=0)
+    sizes = [rig.cameras[name].size_px for name in names]
+    return np.isfinite(s) & (seen_by(s, view_rows(rig, names, unit, 1), sizes, kernels) == 0)

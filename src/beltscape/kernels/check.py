@@ -47,6 +47,15 @@ def spline(coefficients: NDArray[np.floating]) -> NDArray[np.float32]:
     return coefficients
 
 
+def sampled_images(images: Sequence[NDArray[np.floating]]) -> list[NDArray[np.float32]]:
+    """Contiguous float32 images (h, w) of at least 2 × 2, as bilinear sampling needs, or KernelError."""
+    checked = [float32(f"images[{i}]", image, ("h", "w")) for i, image in enumerate(images)]
+    for i, image in enumerate(checked):
+        if min(image.shape) < 2:
+            raise KernelError(f"images[{i}] must be of at least 2 × 2 pixels, not {image.shape}")
+    return checked
+
+
 def image_sizes(sizes: Sequence[tuple[int, int]]) -> Sequence[tuple[int, int]]:
     """The (width, height) as they are, or KernelError."""
     for size in sizes:

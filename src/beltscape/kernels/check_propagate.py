@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.check import float32
+from beltscape.kernels.check import float32, sampled_images
 
 MOST_OFFSETS = 254
 MOST_CANDIDATES = 8
@@ -65,10 +65,7 @@ def propagate_input(
     s = float32("s", s, ("H", "W"))
     if not images:
         raise KernelError("propagation needs at least one auxiliary image")
-    images = [float32(f"images[{i}]", image, ("h", "w")) for i, image in enumerate(images)]
-    for i, image in enumerate(images):
-        if min(image.shape) < 2:
-            raise KernelError(f"images[{i}] must be of at least 2 × 2 pixels, not {image.shape}")
+    images = sampled_images(images)
     if len(buffers) != len(images):
         raise KernelError(f"buffers must be {len(images)}, as the images are, not {len(buffers)}")
     if not 1 <= candidates <= MOST_CANDIDATES:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.check import float32
+from beltscape.kernels.check import float32, sampled_images
 
 WORST = 120
 """The cost of a dissimilarity of 1; costs above it count as this."""
@@ -56,10 +56,7 @@ def sweep_input(
     core = float32("core", core, ("H", "W"))
     if not images:
         raise KernelError("a sweep needs at least one auxiliary image")
-    images = [float32(f"images[{i}]", image, ("h", "w")) for i, image in enumerate(images)]
-    for i, image in enumerate(images):
-        if min(image.shape) < 2:
-            raise KernelError(f"images[{i}] must be of at least 2 × 2 pixels, not {image.shape}")
+    images = sampled_images(images)
     views = float32("views", views, (len(images), 21))
     height = core.shape[0]
     rows = rows or (0, height)

@@ -36,9 +36,7 @@ def coarse_surface(
     the planes' distance in those. The cost is kernels.coarse's: the two auxiliaries that agree best with the core
     on windows of 3 × 3 pixels; two because opposite auxiliaries are rarely occluded together.
     """
-    far, near = nearness
     plane = plane_step_px * shrink
-    planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
     rows, columns = block or (slice(0, prepared.core.shape[0]), slice(0, prepared.core.shape[1]))
     core = prepared.core[rows, columns]
     small = replace(
@@ -48,22 +46,26 @@ def coarse_surface(
     )
     corner = columns.start // shrink, rows.start // shrink
     views = np.stack([cut_view(row, *corner) for row in view_rows(rig, auxiliaries, unit, step * shrink)])
-    index, _ = sweep(small, views, far, plane, planes, kernels, threads)
-    return _enlarged(far + plane * index, shrink, core.shape)
+    index, _ = sweep(small, views, nearness, plane, kernels, threads)
+    return _enlarged(nearness[0] + plane * index, shrink, core.shape)
 
 
 def sweep(
     prepared: PreparedFrame,
     views: NDArray[np.float32],
-    first: float,
+    nearness: tuple[float, float],
     plane: float,
-    planes: int,
     kernels: Kernels,
     threads: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(H, W) plane and margin by which it won: kernels.coarse with the matcher's own floor and jumps."""
+    """(H, W) plane and margin by which it won: kernels.coarse with the matcher's own floor and jumps.
+
+    Planes lie ``plane`` apart between ``nearness`` = (far, near), from the farthest on.
+    """
+    far, near = nearness
+    planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
     return kernels.coarse(
-        prepared.core, prepared.images, views, first, plane, planes, prepared.noise.floor,
+        prepared.core, prepared.images, views, far, plane, planes, prepared.noise.floor,
         _SMALL_JUMP, _LARGE_JUMP, best=2, threads=threads,
     )  # fmt: skip
 

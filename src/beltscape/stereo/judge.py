@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 from beltscape.stereo.levels import local_variance
 from beltscape.stereo.prepared import PreparedFrame
-from beltscape.stereo.propagate import OCCLUDER_PX, Propagated
+from beltscape.stereo.propagate import Propagated
 from beltscape.stereo.refine import Refined
+from beltscape.stereo.sight import seen_by
+from beltscape.stereo.surface import steps
 
 Array = NDArray[np.floating]
 
@@ -84,7 +86,7 @@ def judge(
     Confidence is a logistic function, sigma an exponential one of what `evidence` lists; both were fitted to
     simulated frames with known truth (docs/matching.md), sigma to the median error.
     """
-    seen = seen_by(refined.surface.s, prepared, kernels, threads)
+    seen = seen_by(refined.surface.s, prepared.views, prepared.sizes, kernels, threads)
     logit, log_sigma = np.zeros_like(refined.surface.s), np.zeros_like(refined.surface.s)
     for name, value in evidence(chosen, refined, prepared, seen, scale):
         logit += np.float32(WEIGHTS.get(name, 0)) * value
@@ -106,16 +108,6 @@ def _told(chosen: Propagated, refined: Refined, prepared: PreparedFrame) -> NDAr
         cv2.blur(np.nan_to_num(chosen.cost, nan=1.0), (7, 7)) > CONTRADICTION
     )
     return np.isfinite(prepared.core) & (texture > prepared.noise.levels) & ~contradicted
-
-
-def seen_by(s: Array, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.uint8]:
-    """(H, W) how many auxiliaries see the surface: inside their image, nothing in front."""
-    sizes = [image.shape[::-1] for image in prepared.images]
-    buffers = kernels.nearness_buffers(s, prepared.views, sizes, threads=threads)
-    seen = np.zeros(s.shape, np.uint8)
-    for view, buffer in zip(prepared.views, buffers, strict=True):
-        seen += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
-    return seen
 
 
 def evidence(
@@ -165,6 +157,5 @@ def roughness(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
 
 def _to_step(s: Array) -> Array:
     """(H, W) distance to the nearest depth step of the surface itself, px."""
-    window = np.ones((5, 5), np.uint8)
-    step = cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
+    step = steps(s, STEP_PX)
     return np.asarray(cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5), np.float32)

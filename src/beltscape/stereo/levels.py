@@ -60,8 +60,13 @@ def local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def local_variance(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """(H, W) float32 variance in that window, levels²."""
+    return local_moments(level)[1]
+
+
+def local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(H, W) mean and (H, W) variance, levels², in that window."""
     mean = local_mean(level)
-    return np.maximum(local_mean(level * level) - mean * mean, 0)
+    return mean, np.maximum(local_mean(level * level) - mean * mean, 0)
 
 
 def _channel_weights(images: list[Image]) -> NDArray[np.float32]:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
@@ -24,7 +23,7 @@ from beltscape.stereo.prior import Prior, missing_block, moved_nearness
 from beltscape.stereo.propagate import Propagated, propagate
 from beltscape.stereo.refine import Refined, refine
 from beltscape.stereo.surface import Surface, with_slopes
-from beltscape.stereo.views import usable_auxiliaries
+from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
 from beltscape.stereo.windows import Radii, windows
 
 Number = TypeVar("Number", bound=np.number)
@@ -60,12 +59,7 @@ class MultiviewReconstructor:
         ReconstructionError
             When one of them is not in the rig.
         """
-        names = rig.auxiliaries if auxiliaries is None else auxiliaries
-        for name in names:
-            if name not in rig.auxiliaries:
-                raise ReconstructionError(
-                    f"{name} is no auxiliary camera of the rig; there are {', '.join(rig.auxiliaries)}"
-                )
+        names = known_auxiliaries(rig, auxiliaries)
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings

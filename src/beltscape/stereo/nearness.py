@@ -39,17 +39,28 @@ def view_row(rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int
     undistorted grid in its own image, whatever the nearness.
     """
     camera, pose = rig.cameras[name], rig.cam_from_core[name]
-    core_focal, core_center = _in_blocks(rig.core_camera, core_step)
     focal, center = _in_blocks(camera, aux_step)
-    ray = np.array(
-        [
-            [1 / core_focal[0], 0, -core_center[0] / core_focal[0]],
-            [0, 1 / core_focal[1], -core_center[1] / core_focal[1]],
-            [0, 0, 1],
-        ]
-    )
+    ray = _core_rays(rig, core_step)
     direction, shift = pose.rotation @ ray, pose.translation_mm * unit
     return np.concatenate([direction.ravel(), shift, focal, center, camera.distortion]).astype(np.float32)
+
+
+def displaced_row(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
+    """(21,) float32: the core's own pinhole, in blocks of ``step``, that sees everything displaced by ``shift``.
+
+    ``shift`` (3,) is in mm times the grid's unit.
+    """
+    focal, center = _in_blocks(rig.core_camera, step)
+    ray = _core_rays(rig, step)
+    return np.concatenate([ray.ravel(), shift, focal, center, np.zeros(5)]).astype(np.float32)
+
+
+def _core_rays(rig: Rig, step: int) -> NDArray[np.float64]:
+    """(3, 3) inverse matrix of the core's pinhole, of images averaged in blocks."""
+    focal, center = _in_blocks(rig.core_camera, step)
+    return np.array(
+        [[1 / focal[0], 0, -center[0] / focal[0]], [0, 1 / focal[1], -center[1] / focal[1]], [0, 0, 1]]
+    )
 
 
 def _in_blocks(camera: Camera, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

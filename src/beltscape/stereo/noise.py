@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.levels import local_mean, local_variance
+from beltscape.stereo.levels import local_moments
 from beltscape.stereo.prepared import Noise, PreparedFrame, cut_view
 from beltscape.stereo.surface import Surface
 
@@ -60,5 +60,6 @@ def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, th
 
 
 def _normalised(level: Array, floor: float) -> tuple[Array, Array]:
-    variance = local_variance(level) + np.float32(floor)
-    return (level - local_mean(level)) / np.sqrt(variance), variance
+    mean, variance = local_moments(level)
+    variance = variance + np.float32(floor)
+    return (level - mean) / np.sqrt(variance), variance

@@ -19,7 +19,7 @@ from beltscape.stereo.search import find_depth_range
 from beltscape.stereo.settings import PairwiseSettings
 from beltscape.stereo.sgbm import PairMatcher, pair_matcher
 from beltscape.stereo.sigma import depth_sigma
-from beltscape.stereo.views import usable_auxiliaries
+from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
 
 
 class PairwiseReconstructor:
@@ -40,12 +40,7 @@ class PairwiseReconstructor:
         ReconstructionError
             When there is no auxiliary, one is not in the rig, or a pair cannot be rectified.
         """
-        names = rig.auxiliaries if auxiliaries is None else auxiliaries
-        for name in names:
-            if name not in rig.auxiliaries:
-                raise ReconstructionError(
-                    f"{name} is no auxiliary camera of the rig; there are {', '.join(rig.auxiliaries)}"
-                )
+        names = known_auxiliaries(rig, auxiliaries)
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings

@@ -54,6 +54,11 @@ class PreparedFrame:
     noise: Noise
     """What of the levels is not texture."""
 
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """(width, height) of the auxiliaries' images."""
+        return [(image.shape[1], image.shape[0]) for image in self.images]
+
 
 def prepare(
     rig: Rig, frame_set: FrameSet, auxiliaries: tuple[str, ...], step: int, kernels: Kernels, threads: int

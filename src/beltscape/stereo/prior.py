@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
+from beltscape.stereo.nearness import displaced_row
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.windows import windows
 
@@ -45,7 +46,7 @@ def moved_nearness(
     depth = prior.depth.depth_mm[step // 2 : height * step : step, step // 2 : width * step : step]
     with np.errstate(divide="ignore", invalid="ignore"):
         before = (1 / (depth * unit)).astype(np.float32)
-    view = _moved_core(rig, prior.motion_mm * unit, step)
+    view = displaced_row(rig, prior.motion_mm * unit, step)
     (buffer,) = kernels.nearness_buffers(before, view[None], [(width, height)], threads=threads)
     s = np.where(buffer > 0, buffer, np.nan).astype(np.float32)
     found = kernels.normal_equations(
@@ -56,17 +57,6 @@ def moved_nearness(
     agreed = found.used >= min(2, len(prepared.images))
     fits = np.where(agreed, s, np.nan).astype(np.float32)
     return np.where(_share(agreed) > 1 - _MISSING, s, fits)
-
-
-def _moved_core(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
-    """(21,) view row of a camera with the core's pinhole that sees everything displaced by ``shift``."""
-    camera = rig.core_camera
-    focal = camera.focal_px / step
-    center = (camera.center_px - (step - 1) / 2) / step
-    ray = np.array(
-        [[1 / focal[0], 0, -center[0] / focal[0]], [0, 1 / focal[1], -center[1] / focal[1]], [0, 0, 1]]
-    )
-    return np.concatenate([ray.ravel(), shift, focal, center, np.zeros(5)]).astype(np.float32)
 
 
 def missing_block(s: NDArray[np.float32], shrink: int) -> tuple[slice, slice]:

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.prepared import PreparedFrame
-from beltscape.stereo.surface import Surface
+from beltscape.stereo.sight import OCCLUDER_PX
+from beltscape.stereo.surface import Surface, steps
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
 STEP_PX = 1.5
 """A range of s within 5 × 5 pixels from which on it may be a step."""
-OCCLUDER_PX = 2.0
-"""How much nearer (px of disparity) something must lie in front of a pixel to hide it from an auxiliary."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,8 +39,7 @@ def propagate(
     surface: Surface, prepared: PreparedFrame, distances_px: tuple[int, ...], kernels: Kernels, threads: int
 ) -> Propagated:
     """One round: shifted, slope-extrapolated copies of the surface compete where the views see them."""
-    sizes = [image.shape[::-1] for image in prepared.images]
-    buffers = kernels.nearness_buffers(surface.s, prepared.views, sizes, threads=threads)
+    buffers = kernels.nearness_buffers(surface.s, prepared.views, prepared.sizes, threads=threads)
     active = near_steps(surface.s, reach_px=max(distances_px))
     chosen = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
@@ -53,7 +51,5 @@ def propagate(
 
 def near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
     """(H, W) 1 where a depth step is within reach: elsewhere all candidates are the same surface."""
-    window = np.ones((5, 5), np.uint8)
-    finite = np.nan_to_num(s)
-    step = (cv2.dilate(finite, window) - cv2.erode(finite, window) > STEP_PX).astype(np.uint8)
+    step = steps(np.nan_to_num(s), STEP_PX).astype(np.uint8)
     return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)

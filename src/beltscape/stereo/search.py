@@ -62,16 +62,14 @@ def find_depth_range(
     prepared = prepare(rig, frame_set, names, step, kernels, threads)
     unit = grid_unit(rig, names, step)
     first = 1 / (far * unit)
-    planes = int(np.ceil((1 / (near * unit) - first) / PLANE_STEP_PX)) + 1
-    index, margin = sweep(prepared, prepared.views, first, PLANE_STEP_PX, max(planes, 4), kernels, threads)
+    span = first, 1 / (near * unit)
+    index, margin = sweep(prepared, prepared.views, span, PLANE_STEP_PX, kernels, threads)
     reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
     agreed = (margin >= _CLEAR) & _agreed(first + PLANE_STEP_PX * index, prepared, kernels, threads)
-    common = (
-        _common(first + PLANE_STEP_PX * float(np.median(index[agreed])), prepared, kernels)
-        if agreed.any()
-        else agreed
-    )
-    surface = _patches(np.where(agreed & common, index, np.nan))
+    if agreed.any():
+        middle = first + PLANE_STEP_PX * float(np.median(index[agreed]))
+        agreed &= _common(middle, prepared, kernels, threads)
+    surface = _patches(np.where(agreed, index, np.nan))
     if len(surface) < _ENOUGH_PX:
         raise ReconstructionError(
             f"frame {frame_set.frame}: no surface found between {near:.0f} and {far:.0f} mm; is the "
@@ -93,11 +91,11 @@ def _agreed(
     return found.used > 0
 
 
-def _common(s: float, prepared: PreparedFrame, kernels: Kernels) -> NDArray[np.bool_]:
+def _common(s: float, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.bool_]:
     """Where an auxiliary looks at nearness s: elsewhere a plane wins because the right one is out of its image."""
     plane = np.full(prepared.core.shape, s, np.float32)
     inside = [
-        kernels.visible(plane, view, np.zeros_like(image), 0.0)
+        kernels.visible(plane, view, np.zeros_like(image), 0.0, threads=threads)
         for view, image in zip(prepared.views, prepared.images, strict=True)
     ]
     return np.any(inside, axis=0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,12 @@ class Surface:
     """(H, W) of s per pixel along u."""
     slope_v: NDArray[np.float32]
     """(H, W) of s per pixel along v."""
+
+
+def steps(s: NDArray[np.floating], least_px: float) -> NDArray[np.bool_]:
+    """(H, W) where finite s ranges by more than ``least_px`` within 5 × 5 pixels."""
+    window = np.ones((5, 5), np.uint8)
+    return cv2.dilate(s, window) - cv2.erode(s, window) > least_px
 
 
 _RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 1.0

@@ -7,6 +7,16 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 
 
+def known_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
+    """The wanted auxiliaries, all of the rig by default, or ReconstructionError when one is not in it."""
+    for name in wanted or ():
+        if name not in rig.auxiliaries:
+            raise ReconstructionError(
+                f"{name} is no auxiliary camera of the rig; there are {', '.join(rig.auxiliaries)}"
+            )
+    return rig.auxiliaries if wanted is None else wanted
+
+
 def usable_auxiliaries(
     rig: Rig, frame_set: FrameSet, wanted: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:

@@ -1,60 +1,40 @@
-"""``beltscape measure volume DIR/<frame> --empty DIR/<frame> [--across A B --along A B]``."""
+"""``beltscape measure QUANTITY``: each quantity lives in the module ``measure_<quantity>``."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from beltscape.cli.arguments import ordered_range, settings
 from beltscape.core.progress import Reporter
+
+if TYPE_CHECKING:
+    from beltscape.cli.main import Command
+
+QUANTITIES = {
+    "volume": "between loaded and empty belt, with cross-section profiles",
+}
+"""Quantity → what is measured."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the quantities and their arguments."""
     quantities = parser.add_subparsers(dest="quantity", required=True, metavar="QUANTITY")
-    volume = quantities.add_parser(
-        "volume", help="between loaded and empty belt, with cross-section profiles"
-    )
-    volume.add_argument("loaded", type=Path, help="frame folder DIR/<frame> of the loaded belt")
-    volume.add_argument("--empty", type=Path, required=True, help="frame folder of the empty belt")
-    volume.add_argument("--across", nargs=2, type=float, metavar=("A", "B"), help="box across the belt, mm")
-    volume.add_argument("--along", nargs=2, type=float, metavar=("A", "B"), help="box along the belt, mm")
-    volume.add_argument(
-        "--profile-every", type=float, default=50.0, metavar="MM", help="a cross-section every so often"
-    )
-    volume.add_argument(
-        "--cell", type=float, metavar="MM", help="edge of a grid cell (default: from the density)"
-    )
-    volume.add_argument(
-        "--out", type=Path, help="folder for volume.json, load.tiff, profiles.csv, report.html"
-    )
+    for name, what in QUANTITIES.items():
+        module = _module(name)
+        module.add_arguments(quantities.add_parser(name, help=what, description=what))
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Measure the volume."""
-    from beltscape.measure.settings import VolumeSettings
-    from beltscape.pipeline.volume import volume_document, volume_of_frames, write_volume
-
-    volume = volume_of_frames(
-        arguments.loaded,
-        arguments.empty,
-        settings(VolumeSettings, cell_mm=arguments.cell, profile_every_mm=arguments.profile_every),
-        across_mm=ordered_range("--across", arguments.across),
-        along_mm=ordered_range("--along", arguments.along),
-    )
-    reporter.step("measuring volume", 1, 1)
-    if arguments.out is not None:
-        write_volume(arguments.out, volume)
-    return {**volume_document(volume), "report": arguments.out and arguments.out / "report.html"}
+    """Measure the quantity asked for."""
+    return {**_module(arguments.quantity).run(arguments, reporter), "quantity": arguments.quantity}
 
 
 def summary(result: Mapping[str, Any]) -> str:
     """The result in a few lines."""
-    (x0, x1), (y0, y1) = result["across_mm"], result["along_mm"]
-    text = (
-        f"volume {result['volume_mm3'] * 1e-6:.4f} l, σ {result['sigma_mm3'] * 1e-6:.4f} l\n"
-        f"box    x {x0:.1f} to {x1:.1f} mm, y {y0:.1f} to {y1:.1f} mm, {result['coverage']:.1%} of it measured"
-    )
-    return text + (f"\nreport {result['report']}" if result["report"] else "")
+    return _module(result["quantity"]).summary(result)
+
+
+def _module(quantity: str) -> Command:
+    return import_module(f"beltscape.cli.measure_{quantity}")  # pyright: ignore[reportReturnType]

@@ -1,0 +1,1 @@
+"""A moving belt: what passes, strip by strip."""

@@ -1,0 +1,311 @@
+"""Depth maps of a moving belt, one after the other → flow records: the same live and offline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.flow import FlowRecord
+from beltscape.measure.flow.buffer import Buffer
+from beltscape.measure.flow.density import Density, unknown_density
+from beltscape.measure.flow.fusion import Scatter
+from beltscape.measure.flow.ground import Ground
+from beltscape.measure.flow.motion import Motion, Place, Sighting
+from beltscape.measure.flow.profile import Profile
+from beltscape.measure.flow.register import Shift, register
+from beltscape.measure.flow.relief import Relief, relief
+from beltscape.measure.flow.rows import Filler, Watcher
+from beltscape.measure.flow.scale import EncoderScale
+from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.flow.strips import Strip, Strips
+from beltscape.measure.flow.totals import FlowTotals, Sums
+
+_COARSE_CELLS = 2
+"""The motion is looked for on cells so many times as large."""
+_PATIENCE = 8
+"""Frames that wait for the first motion before they are taken as they are."""
+_LEAST_MOTION_MM = 2.0
+"""A shorter motion does not tell the direction."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """A frame that was pushed."""
+
+    frame: str
+    depth: DepthMap | None
+    time_ns: int | None
+    clock: float
+    encoder_mm: float | None
+    relief: Relief | None
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """How one frame was placed."""
+
+    frame: str
+    place: Place
+    shift: Shift | None
+    """Motion since the key frame as the material tells it."""
+
+
+class FlowMeter:
+    """Measures what passes.
+
+    A record comes back some frames after its frame was pushed: when its strip has left the view and its holes can
+    be filled. Memory is bounded by the view, however long the run; the same frames give the same records.
+    """
+
+    def __init__(
+        self,
+        ground: Ground,
+        settings: FlowSettings | None = None,
+        *,
+        density: Density | None = None,
+        watch_belt: Watcher | None = None,
+        watch_step: Callable[[Step], None] | None = None,
+    ) -> None:
+        """``watch_belt`` is given each finished piece of the fused belt, ``watch_step`` each frame's place."""
+        self.ground = ground
+        self.settings = settings or FlowSettings()
+        self.motion = Motion()
+        told = self.settings.direction
+        self._direction = 0 if told is None else 1 if told == "+y" else -1
+        self._assumed = False
+        self._watch_step = watch_step
+        self._waiting: list[_Seen] = []
+        self._key_relief: Relief | None = None
+        self._count = 0
+        self._front_mm: float | None = None
+        self._opening: Strip | None = None
+        self._width_mm = ground.belt.across_mm[1] - ground.belt.across_mm[0]
+        self._sums = Sums(ground.belt.drift_mm, self._width_mm)
+        self._strips = Strips(self._sums, density or unknown_density())
+        self._profile = Profile(ground.cell_mm, self.settings.bridge_mm)
+        self._buffer = Buffer(ground, self.settings, Filler(ground, self.settings, watch_belt))
+
+    @property
+    def direction(self) -> int:
+        """+1: towards +y, -1: towards -y, 0: not known yet."""
+        return self._direction
+
+    @property
+    def totals(self) -> FlowTotals:
+        """Over the records given so far."""
+        return self._sums.totals
+
+    @property
+    def scatter(self) -> Scatter:
+        """How single frames differ from the fused belt so far."""
+        return self._buffer.scatter
+
+    @property
+    def scale(self) -> EncoderScale:
+        """Encoder against material so far."""
+        return self.motion.scale
+
+    def expected_motion_mm(
+        self, time_ns: int | None, position_mm: float | None
+    ) -> NDArray[np.float64] | None:
+        """(3,) how far the belt should have moved since the last frame, in the core's frame; None: not known."""
+        last, motion = self.motion.last, self.motion
+        if last is None or not self._direction or self._waiting:
+            return None
+        if position_mm is not None and last.encoder_mm is not None:
+            step = (position_mm - last.encoder_mm) / motion.scale.ratio
+        elif motion.speed is not None:
+            clock = float(self._count) if time_ns is None else time_ns * 1e-9
+            step = motion.speed * (clock - last.clock)
+        else:
+            return None
+        return self.ground.belt.belt_from_core.rotation[1] * (step * self._direction)
+
+    def push(
+        self,
+        depth: DepthMap | None,
+        time_ns: int | None,
+        position_mm: float | None = None,
+        *,
+        frame: str = "",
+    ) -> list[FlowRecord]:
+        """The next frame; the records that are finished with it.
+
+        ``depth`` is None for a frame that gave none, ``time_ns`` where nobody told the time (then no frame may have
+        one), ``position_mm`` is the encoder's and grows with the travel; None where there is none.
+        """
+        clock = float(self._count) if time_ns is None else time_ns * 1e-9
+        seen = _Seen(frame or f"{self._count:03d}", depth, time_ns, clock, position_mm, self._relief(depth))
+        self._count += 1
+        self._waiting.append(seen)
+        if not self._started():
+            return self._impatient()
+        out = [record for one in self._waiting for record in self._take(one)]
+        self._waiting = []
+        return out
+
+    def finish(self) -> list[FlowRecord]:
+        """No more frames come: the records that are left."""
+        out: list[FlowRecord] = []
+        if self._waiting:
+            self._direction, self._assumed = self._direction or 1, not self._direction
+            out = [record for one in self._waiting for record in self._take(one)]
+            self._waiting = []
+        for rows in self._buffer.close():
+            self._profile.add(rows)
+        return out + self._strips.finished(self._profile, np.inf)
+
+    def _relief(self, depth: DepthMap | None) -> Relief | None:
+        if depth is None:
+            return None
+        height = self.ground.coarse(depth, _COARSE_CELLS)
+        return relief(height, _COARSE_CELLS * self.ground.cell_mm, self.ground.belt.noise_mm)
+
+    def _started(self) -> bool:
+        """Whether direction and speed, or an encoder, are known: else the first motion is looked for."""
+        newest = self._waiting[-1]
+        if self.motion.key is not None:
+            return True
+        if self._direction and newest.encoder_mm is not None:
+            return True
+        before = next((one for one in self._waiting[-2::-1] if one.relief is not None), None)
+        if before is None or before.relief is None or newest.relief is None:
+            return False
+        shift = register(before.relief, newest.relief, least_overlap=self.settings.least_overlap)
+        if shift is None or abs(shift.along_mm) < max(_LEAST_MOTION_MM, 3 * shift.sigma_mm):
+            return False
+        forward = 1 if newest.encoder_mm is None or newest.encoder_mm >= (before.encoder_mm or 0.0) else -1
+        self._direction = self._direction or forward * (1 if shift.along_mm > 0 else -1)
+        if newest.encoder_mm is None and newest.clock > before.clock:
+            self.motion.speed = self._direction * shift.along_mm / (newest.clock - before.clock)
+        return True
+
+    def _impatient(self) -> list[FlowRecord]:
+        """What to do with the frame that waits longest for a first motion, where many do."""
+        if len(self._waiting) <= _PATIENCE:
+            return []
+        oldest = self._waiting.pop(0)
+        if oldest.encoder_mm is None:
+            self._strips.add(self._nowhere(oldest))
+            return self._finished()
+        # an empty or a standing belt: either direction gives the same until the material tells which it is
+        self._direction, self._assumed = 1, True
+        out = self._take(oldest)
+        for one in self._waiting:
+            out += self._take(one)
+        self._waiting = []
+        return out
+
+    def _take(self, seen: _Seen) -> list[FlowRecord]:
+        """Place a frame, lay it over the others, cut its strip."""
+        before = self.motion.last
+        shift = self._shift(seen)
+        sighting = Sighting(
+            seen.clock,
+            seen.encoder_mm,
+            None if shift is None else self._direction * shift.along_mm,
+            0.0 if shift is None else shift.sigma_mm,
+        )
+        place = None if before is None and seen.depth is None else self.motion.place(sighting)
+        if place is None:
+            self._strips.add(self._nowhere(seen))
+            return self._finished()
+        if self._watch_step is not None:
+            self._watch_step(Step(seen.frame, place, shift))
+        if seen.depth is not None:
+            blur = place.sigma_mm if place.source == "speed" else 0.0
+            layer = self.ground.layer(seen.depth, place.position_mm, self._direction, blur)
+            self._buffer.lay(layer, place.position_mm)
+            self._move_key(seen, place)
+        self._strips.add(self._cut(seen, place, before))
+        seen_until = place.position_mm + self._ends(self.ground.seen_mm)[0]
+        for rows in self._buffer.leave(seen_until):
+            self._profile.add(rows)
+        return self._finished(seen_until)
+
+    def _shift(self, seen: _Seen) -> Shift | None:
+        """Motion since the key frame; where the direction was only assumed, the material may turn it."""
+        if self._key_relief is None or seen.relief is None:
+            return None
+        expected = self.motion.expected_mm(seen.clock, seen.encoder_mm)
+        near = None if expected is None or self._assumed else self._direction * expected
+        shift = register(
+            self._key_relief, seen.relief, least_overlap=self.settings.least_overlap, near_mm=near
+        )
+        if self._assumed and shift is not None and abs(shift.along_mm) > _LEAST_MOTION_MM:
+            self._assumed = False
+            if self._direction * shift.along_mm < 0:
+                self._direction = -self._direction
+                self._buffer.clear()
+        return shift
+
+    def _move_key(self, seen: _Seen, place: Place) -> None:
+        """A new key frame once the belt has moved, unless this one tells nothing and the old one still may."""
+        key = self.motion.key
+        moved = abs(place.position_mm - key.position_mm) if key is not None else np.inf
+        low, high = self.ground.seen_mm
+        telling = seen.relief is not None and seen.relief.telling
+        kept = self._key_relief is not None and self._key_relief.telling
+        lost = moved > (1 - self.settings.least_overlap) * (high - low)
+        if self._key_relief is None or (moved >= self._buffer.step_mm and (telling or not kept)) or lost:
+            self.motion.move_key()
+            self._key_relief = seen.relief
+
+    def _cut(self, seen: _Seen, place: Place, before: Place | None) -> Strip:
+        """The strip of belt that is new in this frame."""
+        low, high = self._ends(self.ground.window_mm)
+        end = place.position_mm + high
+        if self._front_mm is None:
+            start = place.position_mm + low
+        else:
+            start, end = self._front_mm, max(self._front_mm, end)
+        self._front_mm = end
+        speed = float("nan")
+        if before is not None and seen.time_ns is not None and seen.clock > before.clock:
+            speed = (place.position_mm - before.position_mm) / (seen.clock - before.clock)
+        position = place.position_mm if seen.encoder_mm is None else seen.encoder_mm
+        sure = place.source != "speed"
+        strip = Strip(
+            seen.frame,
+            seen.time_ns,
+            position,
+            start,
+            end,
+            place.sigma_mm if before else 0.0,
+            speed,
+            True,
+            sure,
+        )
+        if before is None:
+            self._opening = strip
+        elif self._opening is not None:
+            self._opening.speed_mm_s, self._opening = speed, None
+        return strip
+
+    def _nowhere(self, seen: _Seen) -> Strip:
+        """A frame of which nothing tells where the belt was: its belt counts with the next frame's strip."""
+        front = self._front_mm if self._front_mm is not None else -np.inf
+        nan = float("nan")
+        position = nan if seen.encoder_mm is None else seen.encoder_mm
+        return Strip(seen.frame, seen.time_ns, position, front, front, 0.0, nan, False, False)
+
+    def _ends(self, range_mm: tuple[float, float]) -> tuple[float, float]:
+        """Ends of a range of y as belt coordinates of a frame at position 0, the older end first."""
+        low, high = sorted(-self._direction * y for y in range_mm)
+        return low, high
+
+    def _finished(self, seen_until_mm: float = -np.inf) -> list[FlowRecord]:
+        """Records whose strips are complete; on a gap too long to bridge nothing is waited for."""
+        end = self._profile.end_mm
+        until = -np.inf if end is None else end - self.ground.cell_mm
+        begins = min(seen_until_mm, self._buffer.open_mm)
+        if end is not None and begins - end > self.settings.bridge_mm:
+            until = begins
+        out = self._strips.finished(self._profile, until)
+        if self._strips.first is not None and np.isfinite(self._strips.first.start_mm):
+            self._profile.forget(self._strips.first.start_mm)
+        return out

@@ -1,0 +1,196 @@
+"""Fused rows of belt → what lies on each row, holes filled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from beltscape.measure.flow.fusion import Fused
+from beltscape.measure.flow.ground import Ground
+from beltscape.measure.flow.layer import closed
+from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.holes import Filled, fill_holes
+
+_SEEN = 0.02
+"""A row of which less was measured was not seen."""
+_STEP = float(np.tan(np.deg2rad(60.0)))
+_EDGE_PX = 0.1
+_COMMON = 0.15
+"""Edges and holes as in `beltscape.measure.uncertainty`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Sums over each of n rows of belt; row j reaches from (j - ½) to (j + ½) cells in s."""
+
+    first: int
+    """Number of the first row."""
+    area_mm2: NDArray[np.float64]
+    """(n,) cross-section of the load."""
+    share: NDArray[np.float64]
+    """(n,) share of the row that was measured."""
+    single_share: NDArray[np.float64]
+    """(n,) what of it one frame measures on average."""
+    apart_mm5: NDArray[np.float64]
+    """(n,) variance per mm of belt of errors that do not go together over long stretches: noise and holes."""
+    edges_mm2: NDArray[np.float64]
+    """(n,) volume per mm by which all edges may be misplaced together."""
+    holes_mm2: NDArray[np.float64]
+    """(n,) volume per mm by which all holes may be filled too high or too low together."""
+
+    def __len__(self) -> int:
+        return len(self.area_mm2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeltPiece:
+    """A finished piece of the fused belt, for pictures."""
+
+    first: int
+    """Number of the first row; row j is at s = j · cell."""
+    height_mm: NDArray[np.float32]
+    """(n, Nx) load over the empty belt, holes filled."""
+    sigma_mm: NDArray[np.float32]
+    """(n, Nx) its σ."""
+    measured: NDArray[np.bool_]
+    """(n, Nx) where a frame measured it."""
+
+
+Watcher = Callable[[BeltPiece], None]
+
+
+class Filler:
+    """Fills the holes of fused rows block by block, the same blocks of belt whatever the frame rate.
+
+    A stretch without any measured row ends a segment; what comes after begins another.
+    """
+
+    def __init__(self, ground: Ground, settings: FlowSettings, watch: Watcher | None) -> None:
+        """``watch`` is given every finished piece of belt."""
+        self._ground, self._watch = ground, watch
+        self._block = max(1, round(settings.block_mm / ground.cell_mm))
+        self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
+        self._rows: list[NDArray[np.float64]] = []
+        """Stacks (4, n, Nx) of the open segment: height, σ, noise, and one frame's share of the row."""
+        self._first = 0
+        self._done = 0
+
+    @property
+    def open_row(self) -> int | None:
+        """The next row to be filled of the open segment; None if there is none."""
+        return self._done if self._rows else None
+
+    @property
+    def _end(self) -> int:
+        """Number of the row after the segment's last."""
+        return self._first + sum(part.shape[1] for part in self._rows)
+
+    def add(self, fused: Fused) -> list[Rows]:
+        """Take in further rows; the finished ones come back."""
+        layer = fused.layer
+        out = self.reached(layer.first)
+        single = np.repeat(fused.single_share[:, None], layer.height_mm.shape[1], axis=1)
+        stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, single]).astype(np.float64)
+        seen = layer.share >= _SEEN
+        for start, stop in _runs(seen):
+            if not seen[start]:
+                out += self.reached(layer.first + stop)
+                continue
+            self._blanks(layer.first + start)
+            if not self._rows:
+                self._first = self._done = layer.first + start
+            self._rows.append(stack[:, start:stop])
+            out += self._finished(closed=False)
+        return out
+
+    def reached(self, row: int) -> list[Rows]:
+        """Nothing was seen up to a row: where that is too far, the segment ends."""
+        return self.close() if self._rows and row - self._end > self._margin else []
+
+    def _blanks(self, row: int) -> None:
+        """Put in rows that were not seen, up to one that was."""
+        if self._rows and row > self._end:
+            shape = (4, row - self._end, self._rows[-1].shape[2])
+            blank = np.full(shape, np.nan)
+            blank[3] = 0.0
+            self._rows.append(blank)
+
+    def close(self) -> list[Rows]:
+        """End the segment: nothing comes after it."""
+        if not self._rows:
+            return []
+        out = self._finished(closed=True)
+        self._rows = []
+        return out
+
+    def _finished(self, *, closed: bool) -> list[Rows]:
+        """Blocks that have all the rows they look at."""
+        out: list[Rows] = []
+        end = self._end
+        ready = end if closed else end - self._margin
+        while self._done < ready:
+            stop = (self._done // self._block + 1) * self._block
+            if stop > ready and not closed:
+                break
+            out.append(self._fill(min(stop, ready), min(end, min(stop, ready) + self._margin)))
+        return out
+
+    def _fill(self, stop: int, ahead: int) -> Rows:
+        """Rows from where it stands up to ``stop``, looking at those up to ``ahead``."""
+        whole = np.concatenate(self._rows, axis=1)
+        behind = max(self._first, self._done - self._margin)
+        height, sigma, noise, single = whole[:, behind - self._first : ahead - self._first]
+        measured = closed(np.isfinite(height))
+        filled = fill_holes(height, sigma, measured, self._ground.cell_mm)
+        own = slice(self._done - behind, stop - behind)
+        rows = self._sums(filled, noise, measured, single[:, 0], own)
+        if self._watch is not None:
+            parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
+            self._watch(BeltPiece(self._done, *parts, measured[own]))
+        self._done = stop
+        keep = max(self._first, stop - self._margin)
+        self._rows, self._first = [whole[:, keep - self._first :]], keep
+        return rows
+
+    def _sums(
+        self,
+        filled: Filled,
+        noise: NDArray[np.float64],
+        measured: NDArray[np.bool_],
+        single: NDArray[np.float64],
+        own: slice,
+    ) -> Rows:
+        """Sums over the rows ``own`` of a filled block."""
+        cell = self._ground.cell_mm
+        shared = np.where(measured, np.nan_to_num(noise), 0.0)
+        sampling = np.clip(np.where(measured, filled.sigma_mm, 0.0) ** 2 - shared**2, 0, None)
+        apart = cell * self._ground.patch_mm2 * (shared**2).sum(axis=1) + cell**3 * sampling.sum(axis=1)
+        open_mm = np.where(measured, 0.0, filled.sigma_mm)[own]
+        label = np.zeros(open_mm.shape, np.int32)
+        ndimage.label(open_mm > 0, np.ones((3, 3)), output=label)
+        # a hole's variance is (Σ cell² σ)²: shared out to its rows by their part of the sum
+        whole = cell**2 * np.bincount(label.ravel(), open_mm.ravel())
+        holes = (whole[label] * open_mm).sum(axis=1) * cell
+        rise_x = np.abs(np.diff(filled.value_mm, axis=1, prepend=filled.value_mm[:, :1]))
+        rise_y = np.abs(np.diff(filled.value_mm, axis=0, prepend=filled.value_mm[:1]))
+        steps = sum((np.where(rise > _STEP * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
+        return Rows(
+            first=self._done,
+            area_mm2=cell * filled.value_mm[own].sum(axis=1),
+            share=measured[own].mean(axis=1),
+            single_share=single[own],
+            apart_mm5=apart[own] + holes,
+            edges_mm2=_EDGE_PX * cell * np.asarray(steps)[own],
+            holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
+        )
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Stretches of equal flags as (first, end)."""
+    cuts = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
+    return [(a, b) for a, b in pairwise(cuts) if b > a]

@@ -1,0 +1,85 @@
+"""A smooth heap on a moving belt under a small camera: exact depth, without any rendering."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.depth import DepthMap
+from beltscape.measure.belt import find_belt
+from beltscape.measure.flow.ground import Ground, find_ground
+
+HEIGHT_MM = 700.0
+SIZE_PX = (180, 150)
+CAMERA = Camera("cam0", SIZE_PX, np.full(2, 190.0), (np.array(SIZE_PX) - 1) / 2, np.zeros(5))
+NOISE_MM = 0.2
+
+
+@dataclass(frozen=True)
+class Heap:
+    """Hills on a ridge from ``start`` to ``end`` along the belt's own y; height 0 outside."""
+
+    start_mm: float = 0.0
+    end_mm: float = 1500.0
+    crown_mm: float = 50.0
+    half_width_mm: float = 150.0
+    hills_mm: float = 7.0
+    seed: int = 3
+    waves: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(self.seed)
+        length = rng.uniform(35.0, 110.0, 40)
+        angle, phase = rng.uniform(0, np.pi, 40), rng.uniform(0, 2 * np.pi, 40)
+        k = 2 * np.pi / length
+        object.__setattr__(self, "waves", np.stack([k * np.cos(angle), k * np.sin(angle), phase]))
+
+    def height_mm(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height over the belt at x and the belt's own y."""
+        x, y = np.broadcast_arrays(x, y)
+        across = np.clip(1 - (x / self.half_width_mm) ** 2, 0, None)
+        along = np.clip((y - self.start_mm) / 120, 0, 1) * np.clip((self.end_mm - y) / 120, 0, 1)
+        inside = (across > 0) & (along > 0)
+        out, x, y = np.zeros(x.shape), x[inside], y[inside]
+        kx, ky, phase = self.waves[:, :, None]
+        hills = np.sin(kx * x + ky * y + phase).sum(axis=0) * np.sqrt(2 / 40)
+        out[inside] = across[inside] * along[inside] * (self.crown_mm + self.hills_mm * hills)
+        return out
+
+    @property
+    def volume_mm3(self) -> float:
+        x = np.arange(-self.half_width_mm, self.half_width_mm, 1.0) + 0.5
+        y = np.arange(self.start_mm, self.end_mm, 1.0) + 0.5
+        return float(self.height_mm(x[None], y[:, None]).sum())
+
+
+def trough_mm(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cross-section of the empty belt: a level middle of 200 mm and wings of 20°."""
+    return np.clip(np.abs(x) - 100, 0, None) * np.tan(np.deg2rad(20.0))
+
+
+def depth_map(
+    heap: Heap | None, position_mm: float, direction: int = 1, *, seed: int = 0, noise_mm: float = NOISE_MM
+) -> DepthMap:
+    """What the camera measures when the belt has moved so far; the heap's own y is the belt frame's at position 0."""
+    rays = CAMERA.rays()
+    depth = np.full(rays.shape[:2], HEIGHT_MM)
+    for _ in range(40):  # the surface is far less steep than the rays: this converges
+        x, y = rays[..., 0] * depth, -rays[..., 1] * depth
+        load = 0.0 if heap is None else heap.height_mm(x, y - direction * position_mm)
+        depth = 0.5 * (depth + HEIGHT_MM - trough_mm(x) - load)
+    rng = np.random.default_rng([seed, round(position_mm * 1000) % 2**31, 5])
+    noisy = depth + noise_mm * rng.normal(size=depth.shape)
+    ones = np.ones(depth.shape, np.float32)
+    return DepthMap(
+        noisy.astype(np.float32), (noise_mm + 0.01) * ones, np.full(depth.shape, 4, np.uint8), ones
+    )
+
+
+def ground() -> Ground:
+    """The empty belt's floor."""
+    empty = depth_map(None, 0.0, seed=99)
+    return find_ground(empty, CAMERA, find_belt(empty, CAMERA), CAMERA)

@@ -11,6 +11,7 @@ namespace nb = nanobind;
 
 void bind_coarse(nb::module_& m);
 void bind_occlusion(nb::module_& m);
+void bind_perceptron(nb::module_& m);
 void bind_propagate(nb::module_& m);
 void bind_refine(nb::module_& m);
 void bind_triangulate(nb::module_& m);

@@ -7,6 +7,7 @@
 #include "local_fit.hpp"
 #include "normal_equations.hpp"
 #include "occlusion.hpp"
+#include "perceptron.hpp"
 #include "prefilter.hpp"
 #include "select.hpp"
 #include "sweep.hpp"
@@ -125,6 +126,11 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
     keep(places, s, agreement.cost(0.35f), 1, 0.4f, finite(s));
     tolls[x] = brought(before, s, finite_or_zero(surface.slope_u[x]), jumps);
     level_out<float>(tolls, places.count, places.stride);
+}
+
+// A thread takes a pixel.
+__global__ void check_perceptron(Network net, const float* const* planes, float* const* out) {
+    perceptron_row<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
 }
 
 }  // namespace beltscape

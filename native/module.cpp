@@ -20,6 +20,7 @@ NB_MODULE(BELTSCAPE_MODULE, m) {
     m.def("cpu_level", &cpu_level);
     beltscape::bind_coarse(m);
     beltscape::bind_occlusion(m);
+    beltscape::bind_perceptron(m);
     beltscape::bind_propagate(m);
     beltscape::bind_refine(m);
     beltscape::bind_triangulate(m);

@@ -10,6 +10,7 @@ from types import ModuleType
 from beltscape.core.errors import KernelError
 from beltscape.kernels.native.coarse import Coarse
 from beltscape.kernels.native.occlusion import Occlusion
+from beltscape.kernels.native.perceptron import Perceptron
 from beltscape.kernels.native.propagation import Propagation
 from beltscape.kernels.native.refinement import Refinement
 from beltscape.kernels.native.triangulation import Triangulation
@@ -32,7 +33,7 @@ def levels() -> tuple[str, ...]:
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
 
 
-class NativeKernels(Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation):
+class NativeKernels(Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation, Perceptron):
     """The kernels of one instruction-set level; every family is a base class, in its own file."""
 
     def __init__(self, level: str) -> None:

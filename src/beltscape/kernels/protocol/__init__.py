@@ -8,12 +8,13 @@ from beltscape.kernels.protocol.coarse import Searches
 from beltscape.kernels.protocol.local_fit import Fits
 from beltscape.kernels.protocol.normal_equations import Judges
 from beltscape.kernels.protocol.occlusion import Occludes
+from beltscape.kernels.protocol.perceptron import Weighs
 from beltscape.kernels.protocol.propagation import Propagates
 from beltscape.kernels.protocol.triangulation import Triangulates
 from beltscape.kernels.protocol.warping import Warps
 
 
-class Kernels(Triangulates, Warps, Occludes, Searches, Judges, Fits, Propagates, Protocol):
+class Kernels(Triangulates, Warps, Occludes, Searches, Judges, Fits, Propagates, Weighs, Protocol):
     """What every set of kernels offers; stages receive one as a value.
 
     Every kernel takes ``threads`` (0 takes all cores), on which its result does not depend, and raises

@@ -7,6 +7,7 @@ from beltscape.kernels.reference.coarse import coarse
 from beltscape.kernels.reference.local_fit import local_fit
 from beltscape.kernels.reference.normal_equations import normal_equations
 from beltscape.kernels.reference.occlusion import nearness_buffers, visible
+from beltscape.kernels.reference.perceptron import perceptron
 from beltscape.kernels.reference.propagation import propagate
 from beltscape.kernels.reference.sweep import sweep
 from beltscape.kernels.reference.triangulation import triangulate
@@ -28,3 +29,4 @@ class ReferenceKernels:
     normal_equations = staticmethod(normal_equations)
     local_fit = staticmethod(local_fit)
     propagate = staticmethod(propagate)
+    perceptron = staticmethod(perceptron)

@@ -1,0 +1,39 @@
+// Binds perceptron.hpp.
+#include <nanobind/stl/vector.h>
+
+#include <vector>
+
+#include "bind_grid.hpp"
+#include "perceptron.hpp"
+
+namespace beltscape {
+namespace {
+
+constexpr int kRowsPerJob = 16;
+
+void perceptron(const std::vector<Grid>& planes, Grid limits, Grid hidden, Grid output,
+                const std::vector<GridOut>& out, std::size_t threads) {
+    const int height = height_of(planes[0]), width = width_of(planes[0]);
+    const Network net = {limits.data(),     limits.data() + width_of(limits), hidden.data(),     output.data(),
+                         width_of(limits), height_of(hidden),                height_of(output)};
+    std::vector<const float*> from;
+    std::vector<float*> to;
+    for (const Grid& plane : planes) from.push_back(plane.data());
+    for (const GridOut& plane : out) to.push_back(plane.data());
+    nb::gil_scoped_release release;
+    for_bands(0, height, kRowsPerJob, threads, [&](int first, int end) {
+        for (int v = first; v < end; ++v)
+            perceptron_row<Floats>(net, from.data(),
+                                   static_cast<std::size_t>(v) * static_cast<std::size_t>(width), width,
+                                   to.data());
+    });
+}
+
+}  // namespace
+
+void bind_perceptron(nb::module_& m) {
+    m.def("perceptron", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("hidden"),
+          nb::arg("output"), nb::arg("out"), nb::arg("threads"));
+}
+
+}  // namespace beltscape

@@ -1,0 +1,38 @@
+// A small network with one hidden layer, at every pixel of a row: planes of evidence in, planes of answers out.
+#pragma once
+
+#include "lanes.hpp"
+
+namespace beltscape {
+
+inline constexpr int kMostPlanes = 64, kMostAnswers = 8;
+
+// `low` and `high` (planes) clamp what comes in, NaN to `low`; `hidden` (units, planes + 1) and `output`
+// (answers, units + 1) end each row with their constant.
+struct Network {
+    const float *low, *high, *hidden, *output;
+    int planes, units, answers;
+};
+
+// Pixels `at` ... `at + count - 1` of all planes; sums run in the order of planes, then of units.
+template <class F>
+BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* planes, size_t at, int count,
+                                     float* const* out) {
+    for (int x = 0; x < count; x += Lane<F>::count) {
+        F in[kMostPlanes], answers[kMostAnswers];
+        for (int p = 0; p < net.planes; ++p)
+            in[p] = clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
+        for (int a = 0; a < net.answers; ++a)
+            answers[a] = broadcast<F>(net.output[a * (net.units + 1) + net.units]);
+        for (int k = 0; k < net.units; ++k) {
+            const float* const row = net.hidden + k * (net.planes + 1);
+            F unit = broadcast<F>(row[net.planes]);
+            for (int p = 0; p < net.planes; ++p) unit += in[p] * row[p];
+            unit = greater(unit, F{});
+            for (int a = 0; a < net.answers; ++a) answers[a] += unit * net.output[a * (net.units + 1) + k];
+        }
+        for (int a = 0; a < net.answers; ++a) store_first(out[a] + at + x, answers[a], count - x);
+    }
+}
+
+}  // namespace beltscape

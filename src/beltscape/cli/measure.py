@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 QUANTITIES = {
     "volume": "between loaded and empty belt, with cross-section profiles",
+    "lumps": "of the top layer: sizes, distribution, oversize alarm",
 }
 """Quantity → what is measured."""
 

@@ -1,0 +1,35 @@
+"""What one may choose when measuring lumps."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+Sieve = Annotated[float, Field(gt=0, le=10_000)]
+R10_MM = (8.0, 10.0, 12.5, 16.0, 20.0, 25.0, 31.5, 40.0, 50.0, 63.0, 80.0, 100.0, 125.0)
+"""Apertures of the R10 series (ISO 565)."""
+
+
+class LumpSettings(BaseModel):
+    """Settings of ``measure lumps``; the defaults suit any rig."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    oversize_mm: Sieve | None = None
+    """A lump larger than this raises the alarm; None = no alarm."""
+    sieves_mm: tuple[Sieve, ...] = R10_MM
+    """Apertures of the sieve table, ascending."""
+    smallest_px: Annotated[float, Field(ge=4, le=200)] = 8.0
+    """Narrower than so many pixels of the working raster is no lump but fines."""
+    raster_pixels: Annotated[int, Field(ge=10_000, le=20_000_000)] = 400_000
+    """The depth map is reduced by whole factors until it has about so many pixels."""
+    split: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    """Regions are one lump where the mean probability of an outline between them is below this."""
+
+    @field_validator("sieves_mm")
+    @classmethod
+    def _ascending(cls, sieves: tuple[float, ...]) -> tuple[float, ...]:
+        if not sieves or any(a >= b for a, b in pairwise(sieves)):
+            raise ValueError("sieves must ascend")
+        return sieves

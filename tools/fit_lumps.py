@@ -1,0 +1,134 @@
+"""Fit the network that finds lumps' outlines (measure/lumps/outlines.py) to simulated captures with truth.
+
+    python tools/fit_lumps.py OUT.json CAPTURE[,FRAME]…
+
+Each CAPTURE is what ``beltscape simulate`` wrote of a loaded or an empty belt; it is learnt from as the truth has it,
+and, where a FRAME of ``beltscape reconstruct`` is named, as it was matched. Each is shown at three widths of
+cell, so that lumps of all sizes are met. Prints the loss; judge with beltscape.evaluate.lumps on captures that are
+not among them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.evaluate.lumps import true_depth, true_rocks
+from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.files.rig_json import read_rig
+from beltscape.measure.lumps.features import features
+from beltscape.measure.lumps.raster import make_raster
+
+CELLS = {400_000: 40_000, 1_600_000: 15_000, 180_000: 15_000}
+"""Cells of the raster → how many of them to learn from."""
+HIDDEN = (28, 16)
+EPOCHS = 9
+BATCH = 2048
+RATE = 3e-3
+
+
+def samples(
+    capture: Path, frame: Path | None, rng: np.random.Generator
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Features (N, F) and targets (N, 2) of a capture at each width of cell."""
+    camera = read_rig(capture / "truth" / "rig.json").core_camera
+    truth = next((capture / "truth").glob("*_depth.npz"))
+    rock = true_rocks(truth)
+    depth = true_depth(truth)
+    if frame is not None:
+        depth = replace(depth, depth_mm=read_float_tiff(frame / "depth.tiff"))
+    for cells, count in CELLS.items():
+        raster = make_raster(depth, camera, cells)
+        assert raster is not None
+        k = raster.factor
+        rows, columns = raster.measured.shape
+        rocks = rock[k // 2 :: k, k // 2 :: k][:rows, :columns]
+        seen = features(raster.height_px, raster.measured).reshape(rows * columns, -1)
+        target = np.stack([edges(rocks), rocks >= 0], axis=-1).reshape(-1, 2)
+        chosen = rng.permutation(len(seen))[:count]
+        yield seen[chosen], target[chosen].astype(np.float32)
+
+
+def edges(rocks: np.ndarray) -> np.ndarray:
+    """Cells with another rock, or none, beside them."""
+    found = np.zeros(rocks.shape, bool)
+    for one, two in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
+        apart = rocks[one] != rocks[two]
+        found[one] |= apart
+        found[two] |= apart
+    return found
+
+
+def fit(x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> list[list[np.ndarray]]:
+    """Layers [weights, offsets] of least cross-entropy, by Adam (Kingma & Ba 2015, arXiv:1412.6980)."""
+    sizes = (x.shape[1], *HIDDEN, y.shape[1])
+    layers = [
+        [(rng.normal(size=(a, b)) * np.sqrt(2 / a)).astype(np.float32), np.zeros(b, np.float32)]
+        for a, b in pairwise(sizes)
+    ]
+    mean = [[np.zeros_like(part) for part in layer] for layer in layers]
+    square = [[np.zeros_like(part) for part in layer] for layer in layers]
+    batches = len(x) // BATCH
+    order, loss = rng.permutation(len(x)), 0.0
+    for step in range(EPOCHS * batches):
+        if step % batches == 0:
+            order, loss = rng.permutation(len(x)), 0.0
+        rate = RATE * 0.5 * (1 + np.cos(np.pi * step / (EPOCHS * batches))) + 1e-5
+        at = order[step % batches * BATCH :][:BATCH]
+        values = [x[at]]
+        for weights, offsets in layers:
+            values.append(
+                np.maximum(values[-1] @ weights + offsets, 0)
+                if len(values) < len(layers)
+                else 1 / (1 + np.exp(-(values[-1] @ weights + offsets)))
+            )
+        chance = np.clip(values[-1], 1e-6, 1 - 1e-6)
+        loss -= float(np.mean(y[at] * np.log(chance) + (1 - y[at]) * np.log(1 - chance))) / batches
+        back = (values[-1] - y[at]) / BATCH
+        for k in range(len(layers) - 1, -1, -1):
+            slopes = (values[k].T @ back, back.sum(axis=0))
+            back = (back @ layers[k][0].T) * (values[k] > 0)
+            for part, slope in enumerate(slopes):
+                mean[k][part] += 0.1 * (slope - mean[k][part])
+                square[k][part] += 0.01 * (slope**2 - square[k][part])
+                first, second = (
+                    mean[k][part] / (1 - 0.9 ** (step + 1)),
+                    square[k][part] / (1 - 0.99 ** (step + 1)),
+                )
+                layers[k][part] -= (rate * first / (np.sqrt(second) + 1e-8)).astype(np.float32)
+        if (step + 1) % batches == 0:
+            print(f"epoch {(step + 1) // batches}: {loss:.4f}", flush=True)
+    return layers
+
+
+def main(out: str, *captures: str) -> None:
+    """Fit and write."""
+    rng = np.random.default_rng(1)
+    found = []
+    for capture in captures:
+        folder, _, frame = capture.partition(",")
+        found += samples(Path(folder), Path(frame) if frame else None, rng)
+        print(capture, flush=True)
+    x, y = (np.concatenate([pair[k] for pair in found]) for k in range(2))
+    mean, scale = x.mean(axis=0), x.std(axis=0) + np.float32(1e-3)
+    layers = fit((x - mean) / scale, y, rng)
+
+    def plain(values: np.ndarray) -> list:
+        return np.vectorize(lambda v: float(f"{v:.5g}"))(values).tolist()
+
+    document = {
+        "mean": plain(mean),
+        "scale": plain(scale),
+        "layers": [{"weights": plain(weights), "offsets": plain(offsets)} for weights, offsets in layers],
+    }
+    Path(out).write_text(json.dumps(document, separators=(",", ":")) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -69,7 +69,7 @@ class LumpScore:
     d50_mm: float
     """Measured by estimated mass."""
     d50_top_mm: float
-    """Of the visible rocks by their true mass: what a perfect eye would say."""
+    """Of the rocks that show `LEAST_PX` pixels, by their true mass: what a perfect eye would say."""
     d50_heap_mm: float
     """Of all rocks of the heap by mass: the top layer's own bias lies between."""
 
@@ -181,6 +181,7 @@ def score_lumps(
     disc = np.pi / 4 * (size_mm / pixel_mm) ** 2
     visible = (area >= LEAST_PX) & (area >= FULL_SHARE * disc) & (size_mm >= smallest_mm)
     large = visible & (size_mm > over_mm)
+    seen_at_all = (area >= LEAST_PX) & (size_mm >= found.smallest_mm)
     seen = np.bincount(labels.ravel(), minlength=FINES + 1)[1 : count + 1] > 0
     measured = np.array([lump.size_mm for lump in found.lumps])
     sigma = np.array([lump.sigma_mm for lump in found.lumps])
@@ -213,7 +214,7 @@ def score_lumps(
         all_bias=_median(error[entire]),
         all_error=_median(np.abs(error[entire])),
         d50_mm=found.all.d_mm[1],
-        d50_top_mm=_d50(size_mm[visible], volume_mm3[visible]),
+        d50_top_mm=_d50(size_mm[seen_at_all], volume_mm3[seen_at_all]),
         d50_heap_mm=_d50(size_mm, volume_mm3),
     )
 

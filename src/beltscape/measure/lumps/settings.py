@@ -24,7 +24,7 @@ class LumpSettings(BaseModel):
     """Narrower than so many pixels of the working raster is no lump but fines."""
     raster_pixels: Annotated[int, Field(ge=10_000, le=20_000_000)] = 400_000
     """The depth map is reduced by whole factors until it has about so many pixels."""
-    split: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    split: Annotated[float, Field(gt=0, lt=1)] = 0.15
     """Regions are one lump where the mean probability of an outline between them is below this."""
 
     @field_validator("sieves_mm")

@@ -3,8 +3,8 @@
 Size is the sieve that it just passes, for which the intermediate axis stands (Krumbein 1941,
 10.1306/D4269117-2B26-11D7-8648000102C1865D). Lumps come to rest on their flat side, so from above one sees the
 longest and the intermediate axis: the sides of the smallest rectangle about the outline, as Thurley (2011,
-10.1016/j.jprocont.2010.11.011) sizes rocks on a belt. What neighbours hide makes the rectangle too small; the
-table below gives by how much on simulated heaps.
+10.1016/j.jprocont.2010.11.011) sizes rocks on a belt. What neighbours hide makes the rectangle too small: the
+size is then drawn towards what is typical among the frame's lumps.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ _STEP_CELLS = 1.0
 """A neighbour that is nearer by more than so many cells' widths at the outline hides the lump there."""
 OCCLUDED = 0.15
 """Hidden share of the outline from which on a lump counts as occluded."""
-_HIDDEN = np.array([0.0, 0.10, 0.15, 0.27, 0.42, 0.60, 0.80])
-_GROWTH = np.array([1.03, 1.03, 1.05, 1.18, 1.48, 1.65, 1.80])
-"""True size over the rectangle's width, by hidden share: medians over simulated heaps."""
-_SPREAD = np.array([0.08, 0.09, 0.15, 0.25, 0.33, 0.35, 0.40])
-"""Relative standard deviation of that."""
-_BULK = np.array([0.44, 0.44, 0.48, 0.72, 1.25, 1.80, 2.40])
-"""True volume over the visible area to the power of 1.5, by hidden share."""
+_HIDDEN = np.array([0.0, 0.12, 0.20, 0.27, 0.42, 0.60])
+"""Shares of the outline for which the tables below hold, linear between them: log(size/typical) = offset +
+slope·log(width/typical), from simulated heaps. What is seen whole is taken as it is; the more is hidden, the
+larger is the rest, and the more the typical width of the frame's lumps tells."""
+_OFFSET = np.array([0.03, 0.03, 0.07, 0.15, 0.32, 0.42])
+_SLOPE = np.array([1.0, 1.0, 0.9, 0.8, 0.7, 0.7])
+_SPREAD = np.array([0.08, 0.09, 0.15, 0.25, 0.33, 0.35])
+"""Standard deviation of the logarithm."""
+_BULK = 0.40
+"""Volume over size cubed, times the outline's area over its width squared to the power of 1.5."""
 _FOOT = 0.2
 """Of the visible heights, ascending: the level that the silhouette is laid on."""
 _OUTLINE_CELLS = 0.6
@@ -57,7 +60,7 @@ class Lump:
     height_mm: float
     """From the lowest to the highest of what is visible."""
     volume_mm3: float
-    """Estimated from area and hidden share."""
+    """Estimated from size and outline."""
     hidden: float
     """Share of its outline, 0..1, where something nearer cuts it off."""
     occluded: bool
@@ -96,9 +99,10 @@ def shapes(
     found = []
     for number in range(1, count + 1):
         cells = order[ends[number] : ends[number + 1]]
-        seen = _from_above(points[cells], rays[cells], up_from_core.translation_mm, raster.cell_rad)
-        found.append(_measured(number, seen, rims))
-    return tuple(found)
+        found.append(_from_above(points[cells], rays[cells], up_from_core.translation_mm, raster.cell_rad))
+    area = np.array([seen.area_mm2 for seen in found])
+    typical = float(np.sum([seen.width_mm for seen in found] * area) / max(area.sum(), 1e-9))
+    return tuple(_measured(number, seen, rims, typical) for number, seen in enumerate(found, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,21 +137,23 @@ def _from_above(
     return _Seen((float(x), float(y), float(top)), width, length, area, float(high - low), cell)
 
 
-def _measured(number: int, seen: _Seen, rims: _Rims) -> Lump:
+def _measured(number: int, seen: _Seen, rims: _Rims, typical_mm: float) -> Lump:
+    """A lump among others of a typical width (their mean by area)."""
     length = max(rims.length[number], 1)
     hidden = float(rims.hidden[number] / length)
-    size = seen.width_mm * float(np.interp(hidden, _HIDDEN, _GROWTH))
-    spread = float(np.interp(hidden, _HIDDEN, _SPREAD))
+    offset, slope, spread = (float(np.interp(hidden, _HIDDEN, table)) for table in (_OFFSET, _SLOPE, _SPREAD))
+    size = typical_mm * np.exp(offset) * (seen.width_mm / typical_mm) ** slope
+    volume = _BULK * size**3 * (seen.area_mm2 / seen.width_mm**2) ** 1.5
     return Lump(
         number=number,
         center_mm=seen.center_mm,
-        size_mm=size,
+        size_mm=float(size),
         sigma_mm=float(np.hypot(spread * size, _OUTLINE_CELLS * seen.cell_mm)),
         width_mm=seen.width_mm,
         length_mm=seen.length_mm,
         area_mm2=seen.area_mm2,
         height_mm=seen.height_mm,
-        volume_mm3=float(np.interp(hidden, _HIDDEN, _BULK)) * seen.area_mm2**1.5,
+        volume_mm3=float(volume),
         hidden=hidden,
         occluded=hidden > OCCLUDED,
         cut=bool(rims.open[number]),

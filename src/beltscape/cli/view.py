@@ -1,0 +1,63 @@
+"""``beltscape view DIR [--out scene.html] [--rerun] [--belt belt.json] [--features features.json]``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "source", type=Path, help="rig.json or its folder, a frame's folder, a reconstruction"
+    )
+    parser.add_argument("--belt", type=Path, help="belt.json: shows the belt, and stands everything upright")
+    parser.add_argument("--features", type=Path, help="features.json of measure features: fitted primitives")
+    parser.add_argument(
+        "--rerun", action="store_true", help="in the Rerun viewer (pip install beltscape[viewer])"
+    )
+    parser.add_argument(
+        "--out", type=Path, help="write the page (with --rerun: the .rrd) instead of opening it"
+    )
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Show it."""
+    from beltscape.pipeline.view import viewed_of, write_view
+
+    if arguments.rerun:
+        from beltscape.pipeline.view_rerun import recorder, show_in_rerun
+
+        rerun = recorder()  # before the work, so that what is missing is said at once
+        viewed = viewed_of(arguments.source, belt=arguments.belt, features=arguments.features)
+        show_in_rerun(rerun, viewed, arguments.out)
+        reporter.step("viewing", 1, 1)
+        return {"view": arguments.out, "opened": arguments.out is None, "frames": len(viewed.clouds)}
+    viewed = viewed_of(arguments.source, belt=arguments.belt, features=arguments.features)
+    out, opened = arguments.out, False
+    if out is None:
+        out, opened = _temporary(), True
+    write_view(out, viewed)
+    reporter.step("viewing", 1, 1)
+    if opened:
+        import webbrowser
+
+        opened = webbrowser.open(out.resolve().as_uri())
+    return {"view": out, "opened": opened, "frames": len(viewed.clouds)}
+
+
+def _temporary() -> Path:
+    from tempfile import mkdtemp
+
+    return Path(mkdtemp(prefix="beltscape-view-")) / "scene.html"
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """Where the view is."""
+    if result["view"] is None:
+        return "shown in Rerun"
+    return f"view {result['view']}" + ("" if not result["opened"] else ", opened in the browser")

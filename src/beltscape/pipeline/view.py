@@ -1,0 +1,174 @@
+"""A rig, a frame or a sequence on disk → what the engineer's viewer shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import read_json
+from beltscape.files.ply_points import read_cloud
+from beltscape.files.reconstruction import read_frame
+from beltscape.files.rig_json import read_rig
+from beltscape.report.scene import rig_scene
+from beltscape.report.scene_solids import belt_triangles, outlines_of
+from beltscape.report.viewer import Viewed, ViewedCloud, viewer_page
+
+_POINTS = 300_000
+"""Of one frame; a browser turns so many smoothly."""
+_ALL_POINTS = 1_200_000
+"""Of a sequence."""
+_DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+"""Without a belt the camera is taken to look straight down."""
+_BELT, _PRIMITIVE = "#748ffc", "#ffd43b"
+
+
+def viewed_of(source: Path, *, belt: Path | None, features: Path | None) -> Viewed:
+    """What there is to see in rig.json or its folder, a frame's folder, or a reconstruction's.
+
+    ``belt`` is a belt.json, which also gives the upright frame; ``features`` a features.json.
+
+    Raises
+    ------
+    InputError
+        With one line that names the file and the mend.
+    """
+    rig, frames = _found(source)
+    document = {} if belt is None else _mapping(belt)
+    belt_from_core = None if belt is None else _belt_pose(belt, document)
+    up = belt_from_core or _DOWN
+    budget = min(_POINTS, max(_ALL_POINTS // max(len(frames), 1), 20_000))
+    clouds, total = [], 0
+    for folder in frames:
+        cloud = _cloud(folder, rig)
+        total += len(cloud.points_mm)
+        clouds.append(_upright(folder.name, _thinned(cloud, rig, budget), up))
+    lines: list[tuple[str, str, NDArray[np.float64]]] = []
+    labels: list[tuple[str, str, NDArray[np.float64]]] = []
+    surfaces: list[tuple[str, str, NDArray[np.float64]]] = []
+    if rig is not None:
+        cameras = rig_scene(rig, length_mm=0.2 * _distance(rig, clouds, up))
+        lines += [("cameras", color, up.apply(line)) for color, line in cameras.lines]
+        labels += [("cameras", text, up.apply(where)) for text, where in cameras.labels]
+    if belt is not None:
+        triangles = belt_triangles(document, _reach(clouds))
+        if triangles is None:
+            raise InputError(f"{belt}: holds no cross-section x_mm, z_mm; give the belt.json of measure belt")
+        surfaces.append(("belt", _BELT, triangles))
+    if features is not None:
+        for name, outline in outlines_of(_mapping(features)):
+            lines += [("features", _PRIMITIVE, up.apply(line)) for line in outline]
+            labels.append(("features", name, up.apply(np.concatenate(outline)).max(axis=0)))
+    frame = "core frame, z towards the camera" if belt is None else "belt frame"
+    parts = [] if rig is None else [f"{len(rig.cameras)} cameras"]
+    shown = sum(len(cloud.points_mm) for cloud in clouds)
+    parts += [f"{shown:,} of {total:,} points"] if clouds else []
+    parts += [f"{len(clouds)} frames"] if len(clouds) > 1 else []
+    title = source.resolve().name if source.is_dir() else source.resolve().parent.name
+    if len(frames) == 1 and frames[0] == source:
+        title = f"{source.resolve().parent.name} / {title}"
+    return Viewed(title, " · ".join([*parts, frame]), clouds, lines, surfaces, labels)
+
+
+def write_view(path: Path, viewed: Viewed) -> None:
+    """The page, atomically."""
+    write_text(path, viewer_page(viewed))
+
+
+def _found(source: Path) -> tuple[Rig | None, Sequence[Path]]:
+    """The rig, and the frames' folders in order."""
+    if source.is_file():
+        return read_rig(source), ()
+    if (source / "depth.tiff").is_file():
+        beside = source.parent / "rig.json"
+        return (read_rig(beside) if beside.is_file() else None), (source,)
+    frames = sorted(path.parent for path in source.glob("*/depth.tiff")) if source.is_dir() else []
+    rig = source / "rig.json"
+    if not frames and not rig.is_file():
+        raise InputError(
+            f"{source}: holds neither rig.json nor frames with depth.tiff; "
+            "give a rig.json, or a folder of beltscape calibrate or reconstruct"
+        )
+    return (read_rig(rig) if rig.is_file() else None), frames
+
+
+def _cloud(folder: Path, rig: Rig | None) -> PointCloud:
+    """cloud.ply; without it the depth map's points in grey."""
+    if (folder / "cloud.ply").is_file():
+        return read_cloud(folder / "cloud.ply")
+    if rig is None:
+        raise InputError(
+            f"{folder}: holds no cloud.ply, and no rig.json lies beside it; reconstruct the frame again"
+        )
+    depth = read_frame(folder).depth
+    points = depth.points_mm(rig.core_camera)[depth.measured].astype(np.float32)
+    unknown = np.full(points.shape, np.nan, np.float32)
+    return PointCloud(points, unknown, np.full(points.shape, 190, np.uint8), depth.sigma_mm[depth.measured])
+
+
+def _thinned(cloud: PointCloud, rig: Rig | None, budget: int) -> PointCloud:
+    """At most so many points: every so many pixels where the depth map tells them, else drawn evenly at random."""
+    count = len(cloud.points_mm)
+    if count <= budget:
+        return cloud
+    keep = None
+    if rig is not None:
+        camera = rig.core_camera
+        points = cloud.points_mm.astype(np.float64)
+        pixel = np.rint(points[:, :2] / points[:, 2:] * camera.focal_px + camera.center_px).astype(np.int64)
+        step = int(np.ceil(np.sqrt(count / budget)))
+        keep = np.flatnonzero((pixel % step == 0).all(axis=1))
+    if keep is None or not 0.5 * budget / 4 < len(keep) <= 1.1 * budget:
+        keep = np.sort(np.random.default_rng(0).permutation(count)[:budget])
+    return PointCloud(
+        cloud.points_mm[keep], cloud.normals[keep], cloud.colors[keep], cloud.sigma_mm[keep], cloud.frame
+    )
+
+
+def _upright(name: str, cloud: PointCloud, up: Pose) -> ViewedCloud:
+    normals = cloud.normals.astype(np.float64) @ up.rotation.T
+    return ViewedCloud(
+        name, up.apply(cloud.points_mm.astype(np.float64)), normals, cloud.colors, cloud.sigma_mm
+    )
+
+
+def _distance(rig: Rig, clouds: Sequence[ViewedCloud], up: Pose) -> float:
+    """From the core camera to what is seen; without a cloud from how far apart the cameras stand."""
+    if clouds and len(clouds[0].points_mm):
+        return float(np.median(np.linalg.norm(clouds[0].points_mm - up.translation_mm, axis=1)))
+    centers = [pose.inverse().translation_mm for pose in rig.cam_from_core.values()]
+    apart = max(float(np.linalg.norm(center)) for center in centers)
+    return 2.5 * apart if apart else 500.0
+
+
+def _reach(clouds: Sequence[ViewedCloud]) -> tuple[float, float]:
+    """Along the belt, as far as there are points."""
+    along = [np.quantile(cloud.points_mm[:, 1], [0.005, 0.995]) for cloud in clouds if len(cloud.points_mm)]
+    return (float(min(a for a, _ in along)), float(max(b for _, b in along))) if along else (-300.0, 300.0)
+
+
+def _mapping(path: Path) -> Mapping[str, Any]:
+    document = read_json(path)
+    if not isinstance(document, Mapping):
+        raise InputError(f"{path}: is no JSON object; give the file that beltscape measure wrote")
+    return document
+
+
+def _belt_pose(path: Path, document: Mapping[str, Any]) -> Pose:
+    found = document.get("belt", document)
+    pose = found.get("belt_from_core") if isinstance(found, Mapping) else None
+    try:
+        rotation = np.array(pose["rotation"], np.float64).reshape(3, 3)  # pyright: ignore[reportOptionalSubscript]
+        return Pose(rotation, np.array(pose["translation_mm"], np.float64).reshape(3))  # pyright: ignore[reportOptionalSubscript]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: holds no pose belt_from_core; give the belt.json of measure belt"
+        ) from error

@@ -1,0 +1,157 @@
+"""The engineer's viewer: clouds over time, cameras, surfaces and primitives on one offline page, drawn by WebGL."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from beltscape.report.pictures import span
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+AXES = (("x", "#ff8787"), ("y", "#8ce99a"), ("z", "#74c0fc"))
+_COLOUR, _HEIGHT, _SIGMA, _CLAY = range(4)
+"""Ways to colour a cloud, as viewer.js knows them."""
+_SEEN_FROM = 2.3
+"""Distance of the eye, in radii of what is shown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewedCloud:
+    """One frame's points."""
+
+    name: str
+    points_mm: NDArray[np.floating]
+    """(N, 3), z upwards."""
+    normals: NDArray[np.floating]
+    """(N, 3) unit length in the same frame; NaN where unknown."""
+    colors: NDArray[np.uint8]
+    """(N, 3) RGB."""
+    sigma_mm: NDArray[np.floating]
+    """(N,) one standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewed:
+    """What the viewer shows, in millimetres, z upwards; layers are switched by their names."""
+
+    title: str
+    note: str
+    clouds: Sequence[ViewedCloud] = ()
+    lines: Sequence[tuple[str, str, NDArray[np.float64]]] = ()
+    """(layer, colour "#rrggbb", (n, 3) polyline)."""
+    surfaces: Sequence[tuple[str, str, NDArray[np.float64]]] = ()
+    """(layer, colour, (T, 3, 3) triangles)."""
+    labels: Sequence[tuple[str, str, NDArray[np.float64]]] = ()
+    """(layer, text, (3,) where)."""
+
+
+def viewer_page(viewed: Viewed) -> str:
+    """The page as text; it needs no network."""
+    scene = json.dumps(_document(viewed), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return (
+        _environment().get_template("viewer.html").render(title=viewed.title, note=viewed.note, scene=scene)
+    )
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    assets = files("beltscape.report") / "assets"
+    return Environment(
+        loader=FunctionLoader(lambda name: (assets / name).read_text(encoding="utf-8")),
+        autoescape=True,
+        undefined=StrictUndefined,
+    )
+
+
+def _document(viewed: Viewed) -> dict[str, Any]:
+    heights = np.concatenate([cloud.points_mm[:, 2] for cloud in viewed.clouds] or [np.zeros(0)])
+    sigmas = np.concatenate([cloud.sigma_mm for cloud in viewed.clouds] or [np.zeros(0)])
+    low, high = span(heights, 0.005)
+    top = span(sigmas, 0.03)[1]
+    modes = [
+        {"mode": _HEIGHT, "text": "height", "range": [f"{round(low)}", f"{round(high)} mm"], "what": "z"},
+        {"mode": _COLOUR, "text": "colour", "range": None, "what": ""},
+        {"mode": _SIGMA, "text": "σ", "range": ["0", f"{top:.3g} mm"], "what": "σ of depth"},
+        {"mode": _CLAY, "text": "clay", "range": None, "what": ""},
+    ]
+    return {
+        "frames": [_packed(cloud, top) for cloud in viewed.clouds],
+        "lines": [
+            {"layer": a, "colour": b, "line": np.round(line, 2).tolist()} for a, b, line in viewed.lines
+        ],
+        "surfaces": [
+            {"layer": a, "colour": b, "triangles": np.round(corners.reshape(-1, 3), 2).tolist()}
+            for a, b, corners in viewed.surfaces
+        ],
+        "labels": [{"layer": a, "text": b, "at": np.round(at, 2).tolist()} for a, b, at in viewed.labels],
+        "modes": modes if viewed.clouds else [],
+        "heights": [low, high],
+        "axes": AXES,
+        "home": _home(viewed),
+    }
+
+
+def _packed(cloud: ViewedCloud, sigma_top_mm: float) -> dict[str, Any]:
+    """Places in 16 bits over the cloud's box, normals in 8, colour with σ as its fourth channel."""
+    points = np.asarray(cloud.points_mm, np.float64)
+    low = points.min(axis=0) if len(points) else np.zeros(3)
+    step = np.maximum(np.ptp(points, axis=0) if len(points) else np.ones(3), 1e-3) / 65_535
+    normals = np.zeros((len(points), 4), np.int8)
+    normals[:, :3] = np.rint(127 * np.nan_to_num(cloud.normals))
+    sigma = np.clip(255 * np.nan_to_num(cloud.sigma_mm) / sigma_top_mm, 0, 255).astype(np.uint8)
+    return {
+        "name": cloud.name,
+        "count": len(points),
+        "low": low.tolist(),
+        "step": step.tolist(),
+        "spacing": _spacing(points),
+        "place": _base64(np.rint((points - low) / step).astype("<u2")),
+        "normal": _base64(normals),
+        "colour": _base64(np.column_stack([_bright(cloud.colors), sigma])),
+    }
+
+
+def _spacing(points: NDArray[np.float64]) -> float:
+    """Side of the square that a point stands for, from a few points' neighbours."""
+    if len(points) < 8:
+        return 1.0
+    some = points[:: max(1, len(points) // 2000)]
+    distance = np.asarray(KDTree(points).query(some, 8)[0])
+    return float(np.median(distance[:, -1])) * np.sqrt(np.pi / 7)  # seven neighbours in that circle
+
+
+def _bright(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Dark scenes brightened, so that one sees what was there."""
+    top = max(float(np.quantile(colors.max(axis=1), 0.98)), 1.0) if len(colors) else 1.0
+    return np.rint(255 * np.clip(colors / top, 0, 1) ** 0.7).astype(np.uint8)
+
+
+def _base64(values: NDArray[np.generic]) -> str:
+    return b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
+
+
+def _home(viewed: Viewed) -> dict[str, Any]:
+    """Where one looks from at first: everything in the picture, the load in the middle."""
+    lines = [line for _, _, line in viewed.lines]
+    parts = [
+        np.quantile(cloud.points_mm, [0.01, 0.5, 0.99], axis=0)
+        for cloud in viewed.clouds
+        if len(cloud.points_mm)
+    ]
+    everything = np.concatenate(parts or lines or [np.zeros((1, 3))])
+    middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
+    reach = float(np.linalg.norm(np.ptp(everything, axis=0))) / 2 or 100.0
+    return {"turn": -0.5, "tilt": 0.85, "reach": _SEEN_FROM * reach, "middle": middle.tolist()}

@@ -43,3 +43,10 @@ def positive_range(option: str, values: Sequence[float] | None) -> tuple[float, 
     if pair is not None and pair[0] <= 0:
         raise SettingsError(f"{option} {pair[0]:g} {pair[1]:g}: both numbers must be positive")
     return pair
+
+
+def positive(option: str, value: float | None) -> float | None:
+    """A number that must be positive, or None where the option was not given."""
+    if value is not None and not value > 0:
+        raise SettingsError(f"{option} {value:g}: must be positive")
+    return value

@@ -26,8 +26,9 @@ from beltscape.report.pictures import PANEL_PX, panel, sheet, span
 
 NO_TRUTH: Color = (0, 0, 0)
 _UNMEASURED = ("not measured", QUIET)
-_GAPS = Swatches([_UNMEASURED])
-_NO_ERROR = Swatches([_UNMEASURED, ("no truth", NO_TRUTH)])
+GAPS = Swatches([_UNMEASURED])
+NO_ERROR = Swatches([_UNMEASURED, ("no truth", NO_TRUTH)])
+"""Keys of the colours that stand for no value."""
 _LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 """From the surface to the light: from above left, in camera axes."""
 _FLAT_MM = 1.0
@@ -56,8 +57,7 @@ def depth_panel(depth: DepthMap) -> Rgb:
     z = _thinned(depth.depth_mm)
     near, far = span(z)
     scale = Scale(near, max(far, near + _FLAT_MM), NEAR_TO_FAR)
-    image = _lit(scale.colored(z), z)
-    return panel(image, "depth, mm", scale, key=_GAPS, note=f"{depth.coverage:.1%} measured")
+    return panel(relief(z, scale), "depth, mm", scale, key=GAPS, note=f"{depth.coverage:.1%} measured")
 
 
 def sigma_panel(depth: DepthMap) -> Rgb:
@@ -68,7 +68,7 @@ def sigma_panel(depth: DepthMap) -> Rgb:
     low, high = round_below(low), round_above(high)
     scale = Scale(low, high if high > low else 10 * low, VIRIDIS, log=True)
     note = f"median {np.median(positive):.2g}" if positive.size else ""
-    return panel(scale.colored(sigma), "one standard deviation of the depth, mm", scale, key=_GAPS, note=note)
+    return panel(scale.colored(sigma), "one standard deviation of the depth, mm", scale, key=GAPS, note=note)
 
 
 def views_panel(depth: DepthMap) -> Rgb:
@@ -91,7 +91,7 @@ def confidence_panel(depth: DepthMap) -> Rgb:
         scale.colored(_thinned(confidence)),
         "confidence that it is no false surface",
         scale,
-        key=_GAPS,
+        key=GAPS,
         note=note,
     )
 
@@ -141,9 +141,20 @@ def _against_truth(
     values: NDArray[np.float32], true_depth_mm: NDArray[np.floating], limit: float, title: str, note: str
 ) -> Rgb:
     scale = Scale(-limit, limit, DIFFERENCE)
-    image = scale.colored(_thinned(values))
-    image[~np.isfinite(_thinned(true_depth_mm))] = NO_TRUTH
-    return panel(image, title, scale, key=_NO_ERROR, note=note)
+    image = error_colors(_thinned(values), _thinned(true_depth_mm), scale)
+    return panel(image, title, scale, key=NO_ERROR, note=note)
+
+
+def relief(depth_mm: NDArray[np.float32], scale: Scale) -> Rgb:
+    """(H, W, 3) the colours of a depth (H, W), shaded as a matt surface lit from above left would be."""
+    return _lit(scale.colored(depth_mm), depth_mm)
+
+
+def error_colors(values: NDArray[np.floating], true_depth_mm: NDArray[np.floating], scale: Scale) -> Rgb:
+    """(H, W, 3) the colours of errors (H, W); black where there is no truth."""
+    image = scale.colored(np.asarray(values, np.float32))
+    image[~np.isfinite(true_depth_mm)] = NO_TRUTH
+    return image
 
 
 def _thinned(values: NDArray[Any]) -> NDArray[Any]:

@@ -1,0 +1,40 @@
+"""``beltscape evaluate paper|depth``: each lives in the module ``evaluate_<what>``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from beltscape.core.progress import Reporter
+
+if TYPE_CHECKING:
+    from beltscape.cli.main import Command
+
+WHAT = {
+    "paper": "the paper's experiments (Tables 2 and 3, Figs. 13-17) and other sensors, against the truth",
+    "depth": "a reconstruction against the truth of its scene",
+}
+"""What is evaluated."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what can be evaluated, and the arguments."""
+    commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    for name, text in WHAT.items():
+        _module(name).add_arguments(commands.add_parser(name, help=text, description=text))
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Evaluate what was asked for."""
+    return {**_module(arguments.what).run(arguments, reporter), "what": arguments.what}
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    return _module(result["what"]).summary(result)
+
+
+def _module(what: str) -> Command:
+    return import_module(f"beltscape.cli.evaluate_{what}")  # pyright: ignore[reportReturnType]

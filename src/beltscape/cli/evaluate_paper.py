@@ -1,0 +1,64 @@
+"""``beltscape evaluate paper [--out DIR] [--size quarter|half|full] [--captures DIR] [--seed N]``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "--out", type=Path, default=Path("beltscape-paper"), help="folder (default: beltscape-paper)"
+    )
+    parser.add_argument(
+        "--size", choices=("full", "half", "quarter"), default="quarter",
+        help="of the rendered images: half is 1224 × 1024 (default: quarter)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--captures", type=Path, metavar="DIR",
+        help="captures with their truth instead of rendering: calibration, module, belt_empty, belt_loaded, "
+        "each also with _nospeckle",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=int, default=1, help="of heap, board poses and noise (1)")
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Render, measure, compare, and write report.html and paper.json."""
+    from beltscape.evaluate.paper.experiments import evaluate_paper, paper_document
+    from beltscape.evaluate.paper.laboratory import given_laboratory, rendered_laboratory
+    from beltscape.evaluate.paper.page import paper_page
+    from beltscape.files.atomic import output_folder, write_text
+    from beltscape.files.json_text import write_json
+
+    out = output_folder(arguments.out)
+    if arguments.captures is not None:
+        lab = given_laboratory(arguments.captures)
+    else:
+        lab = rendered_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
+    paper = evaluate_paper(lab, out, arguments.seed, reporter)
+    document = {**paper_document(paper), "report": out / "report.html"}
+    write_text(out / "report.html", paper_page(paper))
+    write_json(out / "paper.json", document)
+    return document
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    lines = []
+    for one in result["depth"]:
+        lines.append(
+            f"{one['scene']:<22} {one['by']:<32} {one['coverage']:6.1%} measured, {one['within_1mm']:6.1%} "
+            f"within 1 mm, median error {one['interior_median_mm']:.3f} mm"
+        )
+    for row in result["dimensions"]:
+        ours, theirs = row["measured_mm"]["multiview"], row["paper_table2_mm"]
+        lines.append(
+            f"{row['name']:<41} {row['actual_mm']:8.3f} mm, paper {theirs - row['actual_mm']:+.3f}, "
+            f"here {ours - row['actual_mm']:+.3f}"
+        )
+    return "\n".join([*lines, f"report {result['report']}"])

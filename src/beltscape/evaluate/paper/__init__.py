@@ -1,0 +1,1 @@
+"""The paper's experiments, section 3, in a rendered laboratory: its numbers, ours, and the truth."""

@@ -1,0 +1,39 @@
+"""Fig. 16: how many points the projected speckle adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.evaluate.paper.surfaces import METHODS, REGION, Found, Surfaces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Density:
+    """One scene and method with the projector on and off."""
+
+    speckle: Found
+    dark: Found
+
+    @property
+    def ratio(self) -> float:
+        """Measured points with speckle over without, on the surface that the scene is about; inf over none."""
+        return _ratio(self.speckle.points, self.dark.points)
+
+    @property
+    def right_ratio(self) -> float:
+        """The same of points within 1 mm of the truth."""
+        return _ratio(self.speckle.right_points, self.dark.right_points)
+
+
+def densities(surfaces: Surfaces) -> tuple[Density, ...]:
+    """Of every scene and method of which both captures are there."""
+    pairs = [((scene, method), (f"{scene}_nospeckle", method)) for scene in REGION for method in METHODS]
+    return tuple(
+        Density(surfaces[on], surfaces[off]) for on, off in pairs if on in surfaces and off in surfaces
+    )
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else np.inf

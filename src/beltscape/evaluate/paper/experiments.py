@@ -1,0 +1,197 @@
+"""The paper's section 3 from beginning to end: calibrate, reconstruct, measure, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.evaluate.paper.density import Density, densities
+from beltscape.evaluate.paper.dimensions import Measured, Row, rows_of
+from beltscape.evaluate.paper.features import features_of
+from beltscape.evaluate.paper.laboratory import Laboratory
+from beltscape.evaluate.paper.numbers import PaperNumbers, paper_numbers
+from beltscape.evaluate.paper.peers import PEERS, SPEED_MM_S, measure_peers, moving_belt
+from beltscape.evaluate.paper.surfaces import METHODS, Found, Surfaces, reconstruct_all
+from beltscape.evaluate.paper.tof import time_of_flight
+from beltscape.evaluate.rig import RigScore, score_rig_against_truth
+from beltscape.kernels import load
+from beltscape.pipeline.calibration import calibrate
+from beltscape.pipeline.calibration_files import write_calibration
+from beltscape.target.board import read_board
+
+TRAVELS_MM = (0.0, 0.1, 1.0, 10.0)
+"""Belt between two pictures of structured light: at 1 m/s 10,000, 1000 and 100 pictures a second."""
+PEERS_SEE = ("belt_loaded", "module")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paper:
+    """Everything that was found."""
+
+    numbers: PaperNumbers
+    laboratory: Laboratory
+    rig: Rig
+    """As calibrated; everything but the peers is measured with it."""
+    rig_score: RigScore
+    surfaces: Surfaces
+    density: tuple[Density, ...]
+    dimensions: tuple[Row, ...]
+    """By method, time of flight and peer; empty without the module."""
+    tof: Found | None
+    peers: Mapping[tuple[str, str], Found]
+    moving: tuple[Found, ...]
+    """Structured light for `TRAVELS_MM`; empty where the scene cannot be rendered again."""
+    seconds: Mapping[str, float]
+    """By stage."""
+    warnings: tuple[str, ...]
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """With speckle, in the paper's order."""
+        return tuple(
+            name for name in ("belt_empty", "belt_loaded", "module") if name in self.laboratory.scenes
+        )
+
+
+def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) -> Paper:
+    """Run all experiments for which there are captures; what is measured is written to ``out``.
+
+    Raises
+    ------
+    InputError, CalibrationError, ReconstructionError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    clock = _Clock()
+    calibration = calibrate(lab.calibration, read_board(lab.board), None, reporter)
+    write_calibration(out / "calibration", calibration)
+    rig = calibration.rig
+    truth = next(iter(lab.scenes.values())).truth
+    clock.lap("calibration")
+    surfaces = reconstruct_all(lab, rig, out, reporter)
+    clock.lap("reconstruction")
+    tof = time_of_flight(lab.scenes["module"]) if "module" in lab.scenes else None
+    seen = {name: lab.scenes[name] for name in PEERS_SEE if name in lab.scenes}
+    peers = measure_peers(seen, out, seed, reporter)
+    moving = _moving(lab, peers, seed, reporter)
+    clock.lap("other sensors")
+    numbers = paper_numbers()
+    measured = _measured(lab, surfaces, tof, peers, reporter)
+    clock.lap("dimensions")
+    return Paper(
+        numbers=numbers,
+        laboratory=lab,
+        rig=rig,
+        rig_score=score_rig_against_truth(rig, truth.rig, load()),
+        surfaces=surfaces,
+        density=densities(surfaces),
+        dimensions=rows_of(numbers.dimension, measured) if measured else (),
+        tof=tof,
+        peers=peers,
+        moving=moving,
+        seconds=clock.laps,
+        warnings=(*calibration.warnings, *_left_out(lab)),
+    )
+
+
+def _moving(
+    lab: Laboratory, peers: Mapping[tuple[str, str], Found], seed: int, reporter: Reporter
+) -> tuple[Found, ...]:
+    """Structured light of the loaded belt; at rest it was measured with the other peers."""
+    loaded = lab.scenes.get("belt_loaded")
+    if loaded is None or loaded.stage is None:
+        return ()
+    rest = peers[loaded.name, PEERS[0].name]
+    return (rest, *moving_belt(loaded, TRAVELS_MM[1:], seed, reporter))
+
+
+def _measured(
+    lab: Laboratory,
+    surfaces: Surfaces,
+    tof: Found | None,
+    peers: Mapping[tuple[str, str], Found],
+    reporter: Reporter,
+) -> Mapping[str, Measured]:
+    """By whom; empty without the module."""
+    jobs = [surfaces["module", method] for method in METHODS if ("module", method) in surfaces]
+    jobs += [tof] if tof else []
+    jobs += [found for (scene, _), found in peers.items() if scene == "module"]
+    measured: dict[str, Measured] = {}
+    for number, found in enumerate(jobs):
+        reporter.step("measuring the module", number, len(jobs))
+        measured[found.by] = features_of(found.folder, lab.module)
+    reporter.step("measuring the module", len(jobs), max(len(jobs), 1))
+    return measured
+
+
+def _left_out(lab: Laboratory) -> tuple[str, ...]:
+    """What cannot be done with the captures there are."""
+    if all(scene.stage is not None for scene in lab.scenes.values()):
+        return ()
+    return (
+        "these captures have no truth/scenario.json: structured light, line laser, LiDAR and time of flight are left "
+        "out, as the scenes cannot be rendered again",
+    )
+
+
+def paper_document(paper: Paper) -> Mapping[str, Any]:
+    """The numbers for JSON."""
+    found = [*paper.surfaces.values(), *paper.peers.values(), *([paper.tof] if paper.tof else [])]
+    return {
+        "source": paper.numbers.source,
+        "rig_against_truth": asdict(paper.rig_score),
+        "dimensions": [
+            {
+                "name": row.dimension.name,
+                "row": row.dimension.row,
+                "actual_mm": row.dimension.actual_mm,
+                "paper_table2_mm": row.dimension.table2_mm,
+                "paper_table3_mm": row.dimension.table3_mm,
+                "measured_mm": row.measured_mm,
+                "sigma_mm": row.sigma_mm,
+            }
+            for row in paper.dimensions
+        ],
+        "depth": [
+            {"scene": one.scene, "by": one.by, "folder": one.folder, "points": one.points, **one.score.document()}
+            for one in found
+        ],
+        "density": [
+            {
+                "scene": one.speckle.scene,
+                "method": one.speckle.by,
+                "points": one.speckle.points,
+                "points_without_speckle": one.dark.points,
+                "ratio": one.ratio,
+                "ratio_within_1mm": one.right_ratio,
+                "paper_ratio": paper.numbers.density.ratio if one.speckle.scene == "belt_loaded" else None,
+            }
+            for one in paper.density
+        ],
+        "structured_light_on_a_moving_belt": [
+            {"travel_mm": travel, "pictures_per_s_at_1_m_s": SPEED_MM_S / travel if travel else np.inf,
+             **one.score.document()}
+            for travel, one in zip(TRAVELS_MM, paper.moving, strict=False)
+        ],
+        "seconds": paper.seconds,
+    }  # fmt: skip
+
+
+class _Clock:
+    """How long each stage took."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """A stage is over."""
+        now = perf_counter()
+        self.laps[stage] = now - self._last
+        self._last = now

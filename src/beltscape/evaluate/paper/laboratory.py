@@ -1,0 +1,137 @@
+"""The paper's laboratory: captures of all its scenes, rendered once and kept, or given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Reporter, Silent
+from beltscape.evaluate.truth import Truth, read_truth
+from beltscape.files.json_text import read_json
+from beltscape.pipeline.simulation import read_scenario, simulate
+from beltscape.simulate.scenario import Scenario
+from beltscape.simulate.stage import Stage
+
+SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
+"""Name → share of the sensor's pixels in each direction."""
+SCENES: Mapping[str, Mapping[str, Any]] = {
+    "calibration": {"kind": "calibration"},
+    "belt_empty": {"kind": "belt_empty"},
+    "belt_empty_nospeckle": {"kind": "belt_empty", "speckle": False},
+    "belt_loaded": {"kind": "belt_loaded"},
+    "belt_loaded_nospeckle": {"kind": "belt_loaded", "speckle": False},
+    "module": {"kind": "module", "tof": {}},
+    "module_nospeckle": {"kind": "module", "speckle": False},
+}
+"""Scene → what differs from the defaults, which are the paper's laboratory."""
+CALIBRATION = "calibration"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A scene's capture, and what is known about it."""
+
+    name: str
+    kind: str
+    """What stands on the belt, as scenes are named."""
+    capture: Path
+    truth: Truth
+    stage: Stage | None
+    """To look at it with other sensors; None where the capture is not ours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Laboratory:
+    """Everything that is measured."""
+
+    calibration: Path
+    board: Path
+    module: Path
+    """module.toml."""
+    scenes: Mapping[str, Scene]
+    """Without the calibration."""
+
+
+def rendered_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) -> Laboratory:
+    """Render what is not there yet into ``folder`` / size and seed.
+
+    Raises
+    ------
+    InputError
+        When a capture there was rendered with other settings.
+    """
+    home = folder / f"{size}_seed{seed}"
+    reporter.step("rendering the laboratory", 0, len(SCENES))
+    for number, (name, told) in enumerate(SCENES.items()):
+        values = {"seed": seed, "rig": {"scale": SIZES[size]}, **told}
+        scenario = read_scenario(str(told["kind"]), {k: v for k, v in values.items() if k != "kind"})
+        if not _there(scenario, home / name):
+            simulate(scenario, home / name, Silent())
+        reporter.step("rendering the laboratory", number + 1, len(SCENES))
+    return given_laboratory(home)
+
+
+def given_laboratory(folder: Path) -> Laboratory:
+    """Captures named as `SCENES`, each with its truth/, or with one truth/, board.toml and module.toml for all.
+
+    Scenes may be missing, except the calibration and one with speckle.
+
+    Raises
+    ------
+    InputError
+        When what must be there is not.
+    """
+    calibration = folder / CALIBRATION
+    if not calibration.is_dir():
+        raise InputError(f"{calibration}: no such capture; give a folder with {', '.join(SCENES)}")
+    names = [name for name in SCENES if name != CALIBRATION and (folder / name).is_dir()]
+    scenes = {name: _scene(folder, name) for name in names}
+    if not any(not name.endswith("_nospeckle") for name in scenes):
+        raise InputError(f"{folder}: no capture with speckle in it; give belt_empty, belt_loaded or module")
+    board = next((p for p in (calibration / "board.toml", folder / "board.toml") if p.is_file()), None)
+    if board is None:
+        raise InputError(f"{calibration / 'board.toml'}: no such file; describe the board there")
+    ours = Path(str(files("beltscape") / "data" / "module.toml"))
+    module = next(
+        (p for p in (folder / "module" / "module.toml", folder / "module.toml") if p.is_file()), ours
+    )
+    return Laboratory(calibration, board, module, scenes)
+
+
+def _scene(folder: Path, name: str) -> Scene:
+    own, kind = folder / name / "truth", str(SCENES[name]["kind"])
+    truth = read_truth(own if own.is_dir() else folder / "truth", kind).truths[0]
+    scenario = own / "scenario.json"
+    stage = Stage(_scenario(scenario)) if scenario.is_file() else None
+    return Scene(name, kind, folder / name, truth, stage)
+
+
+def _there(scenario: Scenario, capture: Path) -> bool:
+    """Whether a capture is there in full."""
+    document = capture / "truth" / "scenario.json"
+    if not document.is_file():
+        return False
+    if _scenario(document) != scenario:
+        raise InputError(f"{capture}: rendered with other settings; remove it, or choose another --out")
+    stage = Stage(scenario)
+    images = (
+        capture / name / f"{stage.name(frame)}.png"
+        for frame in range(stage.frame_count)
+        for name in stage.station.rig.cameras
+    )
+    return (capture / "preview.png").is_file() and all(path.is_file() for path in images)
+
+
+def _scenario(path: Path) -> Scenario:
+    from pydantic import ValidationError
+
+    try:
+        return Scenario.model_validate(read_json(path))
+    except ValidationError as error:
+        raise InputError(
+            f"{path}: of another version of Beltscape; remove the capture and render again"
+        ) from error

@@ -1,0 +1,115 @@
+"""Depth of every scene by every method, with its scores against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.progress import Reporter, Silent
+from beltscape.core.rig import Rig
+from beltscape.evaluate.frame_score import RegionScore, score_frame
+from beltscape.evaluate.paper.laboratory import Laboratory, Scene
+from beltscape.evaluate.truth import Truth
+from beltscape.files.reconstruction import read_frame
+from beltscape.pipeline.reconstruction import reconstruct_capture
+
+METHODS = ("binocular", "pairwise", "multiview")
+"""Of which pairwise is the paper's, multiview ours, and binocular what the paper compares with."""
+TITLES = {
+    "binocular": "binocular",
+    "pairwise": "the paper's method",
+    "multiview": "Beltscape",
+}
+REGION = {"belt_empty": "belt", "belt_loaded": "material", "module": "module"}
+"""Scene → the surface that it is about."""
+FRAME = "000"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """A scene as something measured it."""
+
+    scene: str
+    by: str
+    """Method or sensor."""
+    folder: Path | None
+    """Of the frame; None where nothing could be measured."""
+    depth: DepthMap
+    truth: Truth
+    """On the depth map's grid."""
+    scores: Mapping[str, RegionScore]
+
+    @property
+    def score(self) -> RegionScore:
+        """Of the surface that the scene is about."""
+        return self.scores[REGION[kind_of(self.scene)]]
+
+    @property
+    def points(self) -> int:
+        """Measured pixels of that surface."""
+        return round(self.score.depth.coverage * self.score.depth.pixels)
+
+    @property
+    def right_points(self) -> int:
+        """Of these, the ones within 1 mm of the truth."""
+        return round(self.score.depth.within_1mm * self.score.depth.pixels)
+
+
+Surfaces = Mapping[tuple[str, str], Found]
+"""By scene and method."""
+
+
+def kind_of(scene: str) -> str:
+    """A scene's name without what tells that the projector was off."""
+    return scene.removesuffix("_nospeckle")
+
+
+def reconstruct_all(lab: Laboratory, rig: Rig, out: Path, reporter: Reporter) -> Surfaces:
+    """Every scene by every method, written to ``out`` / method / scene.
+
+    Without speckle the depth range is the one found with it: on an empty belt nothing else tells it.
+    """
+    jobs = [(scene, method) for scene in lab.scenes.values() for method in METHODS]
+    found: dict[tuple[str, str], Found] = {}
+    ranges: dict[str, Range | None] = {}
+    reporter.step("reconstructing", 0, len(jobs))
+    for number, (scene, method) in enumerate(jobs):
+        known = ranges.get(scene.kind)
+        found[scene.name, method], ranges[scene.kind] = _reconstruct(scene, method, rig, out, known)
+        reporter.step("reconstructing", number + 1, len(jobs))
+    return found
+
+
+def found_of(scene: Scene, by: str, folder: Path | None, depth: DepthMap, rig: Rig) -> Found:
+    """A depth map with its scores."""
+    truth = scene.truth.on_grid_of(rig)
+    return Found(scene.name, by, folder, depth, truth, score_frame(depth, rig, scene.truth))
+
+
+def nothing(rig: Rig) -> DepthMap:
+    """A depth map of the rig's core in which nothing was measured."""
+    empty = np.full(rig.core_camera.size_px[::-1], np.nan, np.float32)
+    zero = np.zeros(empty.shape)
+    return DepthMap(empty, empty, zero.astype(np.uint8), zero.astype(np.float32))
+
+
+Range = tuple[float, float]
+
+
+def _reconstruct(
+    scene: Scene, method: str, rig: Rig, out: Path, near_far: Range | None
+) -> tuple[Found, Range | None]:
+    folder = out / method / scene.name
+    try:
+        done = reconstruct_capture(
+            scene.capture, rig, folder, Silent(), method=method, depth_range_mm=near_far
+        )
+    except ReconstructionError:
+        return found_of(scene, method, None, nothing(rig), rig), near_far
+    frame = folder / FRAME
+    return found_of(scene, method, frame, read_frame(frame).depth, rig), done.depth_range_mm

@@ -1,0 +1,46 @@
+"""Table 3 and Fig. 17: the module by a time-of-flight camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.evaluate.frame_score import score_frame
+from beltscape.evaluate.paper.laboratory import Scene
+from beltscape.evaluate.paper.surfaces import FRAME, Found
+from beltscape.evaluate.truth import Truth
+from beltscape.files.reconstruction import read_frame
+from beltscape.simulate.laboratory import DOWN
+from beltscape.simulate.truth import core_view
+from beltscape.simulate.world import Station
+
+TOF = "time of flight"
+
+
+def time_of_flight(scene: Scene) -> Found | None:
+    """The scene by the time-of-flight camera that its capture has, on that camera's own grid; None without one."""
+    folder = scene.capture / "tof" / FRAME
+    if scene.stage is None or scene.stage.scenario.tof is None or not folder.is_dir():
+        return None
+    found = read_frame(folder)
+    height = scene.stage.scenario.tof.height_mm
+    truth = _truth(scene, found.rig, Pose(DOWN.copy(), DOWN @ [0.0, 0.0, -height]))
+    scores = score_frame(found.depth, found.rig, truth)
+    return Found(scene.name, TOF, folder, found.depth, truth, scores)
+
+
+def _truth(scene: Scene, rig: Rig, tof_from_world: Pose) -> Truth:
+    """What the camera has before it; its grid has no auxiliaries, and so nothing that none of them sees."""
+    assert scene.stage is not None
+    view = core_view(scene.stage.world(0), Station(rig, tof_from_world))
+    return replace(
+        scene.truth,
+        rig=rig,
+        core_from_world=tof_from_world,
+        depth_mm=view.depth_mm,
+        label=view.label,
+        unseen=np.zeros(view.label.shape, bool),
+    )

@@ -1,0 +1,58 @@
+"""Profiles → a surface between them → depth on the core camera's pinhole grid, as all others are compared."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.simulate.profile_scan import ProfileScan
+from beltscape.simulate.sight import pixel_rays
+from beltscape.simulate.trace import RayScene
+from beltscape.simulate.world import Label, Solid, Station
+
+REACH = 3.0
+"""Neighbours farther apart than so many usual distances are not joined: there is a step, or nothing."""
+
+
+def depth_of_profiles(scan: ProfileScan, station: Station) -> DepthMap:
+    """The depth that the core camera would have of the surface through the points of neighbouring profiles.
+
+    Nothing is laid across steps and gaps. A pixel's σ is that of the nearest corner of its triangle.
+    """
+    camera, pose = station.rig.core_camera, station.core_from_world
+    height, width = camera.size_px[1], camera.size_px[0]
+    faces = _faces(scan)
+    nothing = np.full((height, width), np.nan, np.float32)
+    if not len(faces):
+        zeros = np.zeros((height, width))
+        return DepthMap(nothing, nothing, zeros.astype(np.uint8), zeros.astype(np.float32))
+    vertices, sigma = np.nan_to_num(scan.points_mm.reshape(-1, 3)), scan.sigma_mm.ravel()
+    surface = Solid("profiles", Label.MATERIAL, vertices, faces, (1.0, 1.0, 1.0))
+    rays = pixel_rays(camera, pose, distorted=False)
+    hits = RayScene([surface]).hits(pose.center_mm, rays)
+    met = hits.face >= 0
+    depth = np.where(met, hits.distance, np.nan)
+    at = pose.center_mm + np.where(met, depth, 0.0)[:, None] * rays
+    corners = faces[np.where(met, hits.face, 0)]
+    away = np.linalg.norm(vertices[corners] - at[:, None], axis=-1)
+    nearest = np.take_along_axis(corners, away.argmin(axis=1)[:, None], axis=1)[:, 0]
+    found = np.where(met, sigma[nearest], np.nan)
+    return DepthMap(
+        depth.reshape(height, width).astype(np.float32),
+        found.reshape(height, width).astype(np.float32),
+        met.reshape(height, width).astype(np.uint8),
+        met.reshape(height, width).astype(np.float32),
+    )
+
+
+def _faces(scan: ProfileScan) -> NDArray[np.int64]:
+    """(F, 3) two triangles of every four neighbours that are near each other, seen from above counter-clockwise."""
+    profiles, columns = scan.points_mm.shape[:2]
+    index = np.arange(profiles * columns).reshape(profiles, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    faces = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in ((a, b, c), (b, d, c))])
+    corners = scan.points_mm.reshape(-1, 3)[faces]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
+    usual = np.nanmedian(edges) if np.isfinite(edges).any() else 0.0
+    return faces[edges <= REACH * usual]

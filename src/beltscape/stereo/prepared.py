@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
+from beltscape.stereo.focus import as_blurred_as
 from beltscape.stereo.levels import grey_levels, local_variance, noise_variance
 from beltscape.stereo.nearness import nearness_unit, view_row
 
@@ -67,7 +68,7 @@ def prepare(
     used = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
     levels = grey_levels(used, rig.core)
     raw = noise_variance(levels[rig.core])
-    levels = {name: reduced(level, step) for name, level in levels.items()}
+    levels = as_blurred_as(rig.core, {name: reduced(level, step) for name, level in levels.items()})
     core = levels[rig.core]
     noise = Noise(
         raw / step**2, _MODEL_VARIANCE, float(np.percentile(local_variance(core)[::4, ::4], _STRONG))

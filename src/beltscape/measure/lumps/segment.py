@@ -13,10 +13,12 @@ from beltscape.measure.lumps.basins import basins, borders
 from beltscape.measure.lumps.merging import merged
 from beltscape.measure.lumps.outlines import Network, outlines
 from beltscape.measure.lumps.raster import Raster, blur
+from beltscape.measure.lumps.rims import rims_of
 
 _FLOOR = 0.03
 _RIM_CELLS = 10.0
 _LUMP = 0.5
+_GROUND = 0.4
 _LEAST_MEASURED = 0.4
 _SPUR = 0.35
 """What is narrower than this share of a lump's widest inner disc is a spur, no part of it."""
@@ -51,7 +53,8 @@ def segment(
     regions = basins(outline, _FLOOR)
     regions = merged(int(regions.max()) + 1, borders(regions, outline), split)[regions]
     usable = raster.measured if allowed is None else raster.measured & allowed
-    keep = _lumps(regions, chances[..., 1], usable, smallest_px)
+    hidden = rims_of(raster, regions, outline, int(regions.max())).hidden_share
+    keep = _lumps(regions, chances[..., 1], usable, hidden, smallest_px)
     number = np.cumsum(keep) * keep
     count = int(keep.sum())
     return Segmentation(_without_spurs(number[regions], count), outline, count)
@@ -75,9 +78,17 @@ def _without_spurs(labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 
 def _lumps(
-    regions: NDArray[np.int64], lump: NDArray[np.float32], usable: NDArray[np.bool_], smallest_px: float
+    regions: NDArray[np.int64],
+    lump: NDArray[np.float32],
+    usable: NDArray[np.bool_],
+    hidden: NDArray[np.float64],
+    smallest_px: float,
 ) -> NDArray[np.bool_]:
-    """(number of regions,) which are lumps: by the cells near their rims, for a large flat top tells nothing."""
+    """(number of regions,) which are lumps.
+
+    By the cells near their rims, for a large flat top tells nothing; but what all about it hides is the ground,
+    unless all its cells look like a lump's.
+    """
     flat = regions.ravel()
     area = np.bincount(flat)
     inside = np.ones(regions.shape, np.uint8)
@@ -94,4 +105,6 @@ def _lumps(
     chance = np.bincount(flat, lump.ravel() * rim, len(area)) / np.maximum(number, 1)
     measured = np.bincount(flat, usable.ravel(), len(area)) / area
     wide = 2 * width + 1 >= 0.6 * smallest_px  # the widest disc within; a narrow oval's is narrower than it
-    return (chance > _LUMP) & (measured > _LEAST_MEASURED) & wide & (area >= 0.5 * smallest_px**2)
+    whole = np.bincount(flat, lump.ravel(), len(area)) / area
+    ground = (hidden > _GROUND) & (whole < _LUMP)
+    return (chance > _LUMP) & ~ground & (measured > _LEAST_MEASURED) & wide & (area >= 0.5 * smallest_px**2)

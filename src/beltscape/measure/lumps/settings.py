@@ -31,5 +31,5 @@ class LumpSettings(BaseModel):
     @classmethod
     def _ascending(cls, sieves: tuple[float, ...]) -> tuple[float, ...]:
         if not sieves or any(a >= b for a, b in pairwise(sieves)):
-            raise ValueError("sieves must ascend")
+            raise ValueError("sieves must ascend, as 10,20,40")
         return sieves

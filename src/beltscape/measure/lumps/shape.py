@@ -14,13 +14,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.pose import Pose
 from beltscape.measure.lumps.raster import Raster
+from beltscape.measure.lumps.rims import Rims, rims_of
 
-_STEP_CELLS = 1.0
-"""A neighbour that is nearer by more than so many cells' widths at the outline hides the lump there."""
 OCCLUDED = 0.15
 """Hidden share of the outline from which on a lump counts as occluded."""
 _HIDDEN = np.array([0.0, 0.12, 0.20, 0.27, 0.42, 0.60])
@@ -71,26 +69,12 @@ class Lump:
     """Mean probability that its outline is one, 0..1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rims:
-    """Sums over the lumps' outlines; index 0 is what is no lump."""
-
-    length: NDArray[np.float64]
-    """(N + 1,) pairs of a cell within and one beyond."""
-    hidden: NDArray[np.float64]
-    """(N + 1,) of them those where the one beyond is nearer."""
-    strength: NDArray[np.float64]
-    """(N + 1,) summed probability of an outline."""
-    open: NDArray[np.bool_]
-    """(N + 1,) whether one beyond is out of what was measured, or the frame ends."""
-
-
 def shapes(
     raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float32], up_from_core: Pose
 ) -> tuple[Lump, ...]:
     """Measure the lumps of a label picture (R, C); ``up_from_core`` leads into a frame whose z is upwards."""
     count = int(labels.max())
-    rims = _rims(raster, labels, outline, count)
+    rims = rims_of(raster, labels, outline, count)
     order = np.argsort(labels, axis=None, kind="stable")
     ends = np.searchsorted(labels.ravel()[order], np.arange(count + 2))
     points = up_from_core.apply(raster.points_mm).reshape(-1, 3)
@@ -137,7 +121,7 @@ def _from_above(
     return _Seen((float(x), float(y), float(top)), width, length, area, float(high - low), cell)
 
 
-def _measured(number: int, seen: _Seen, rims: _Rims, typical_mm: float) -> Lump:
+def _measured(number: int, seen: _Seen, rims: Rims, typical_mm: float) -> Lump:
     """A lump among others of a typical width (their mean by area)."""
     length = max(rims.length[number], 1)
     hidden = float(rims.hidden[number] / length)
@@ -159,30 +143,3 @@ def _measured(number: int, seen: _Seen, rims: _Rims, typical_mm: float) -> Lump:
         cut=bool(rims.open[number]),
         outline=float(rims.strength[number] / length),
     )
-
-
-def _rims(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float32], count: int) -> _Rims:
-    length, hidden, strong = (np.zeros(count + 1) for _ in range(3))
-    beyond = np.pad(_outer(raster.measured), 1, constant_values=True)
-    is_open = np.zeros(count + 1, bool)
-    step = _STEP_CELLS * raster.depth_mm * raster.cell_rad
-    for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        apart = labels[one] != labels[two]
-        strength = np.maximum(outline[one], outline[two])[apart]
-        for a, b in ((one, two), (two, one)):
-            own = labels[a][apart]
-            nearer = (raster.depth_mm[a] - raster.depth_mm[b] > step[a])[apart]
-            length += np.bincount(own, minlength=count + 1)
-            hidden += np.bincount(own, nearer, count + 1)
-            strong += np.bincount(own, strength, count + 1)
-    rows, columns = labels.shape
-    for down, right in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        is_open[labels[beyond[down : down + rows, right : right + columns]]] = True
-    return _Rims(length, hidden, strong, is_open)
-
-
-def _outer(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(R, C) cells that were not measured and lie at the edge of the picture: the frame ends before them."""
-    gaps, _ = ndimage.label(~measured)  # pyright: ignore[reportGeneralTypeIssues]
-    edge = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
-    return np.isin(gaps, edge[edge > 0])

@@ -1,0 +1,99 @@
+"""``beltscape measure lumps``: the answer's form, the files, what it refuses."""
+
+from __future__ import annotations
+
+import csv
+
+import cv2
+import numpy as np
+import pytest
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.files.json_text import read_json
+from beltscape.files.reconstruction import write_frame
+from beltscape.files.rig_json import write_rig
+from synthetic.demo import only_json
+from synthetic.packings import Solid, camera, ellipsoids, seen
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """A reconstruction with a loaded and an empty frame."""
+    folder = tmp_path_factory.mktemp("lumps")
+    eye = camera(420, 360, 490.0)
+    write_rig(folder / "rig.json", Rig("core", {"core": eye}, {"core": Pose(np.eye(3), np.zeros(3))}))
+    solids = ellipsoids(np.random.default_rng(4), columns=4, rows=4, pitch_mm=100, largest_mm=44)
+    for name, content in (("loaded", solids), ("empty", list[Solid]())):
+        depth, _ = seen(content, eye, noise_mm=0.05)
+        points = depth.points_mm(eye)[depth.measured].astype(np.float32)
+        grey = np.full(points.shape, 90, np.uint8)
+        cloud = PointCloud(points, np.full_like(points, np.nan), grey, depth.sigma_mm[depth.measured])
+        write_frame(folder / name, depth, cloud, np.zeros((4, 4, 3), np.uint8))
+    return folder, solids
+
+
+def test_answers_and_writes_what_it_says(run, frames, tmp_path):
+    folder, solids = frames
+    out = tmp_path / "out"
+    code, text, _ = run(
+        "measure", "lumps", folder / "loaded", "--empty", folder / "empty", "--oversize", 70,
+        "--sieves", "20,40,80,160", "--out", out, "--json",
+    )  # fmt: skip
+    assert code == 0
+    answer = only_json(text)
+    assert answer["frame"] == "belt"
+    assert len(answer["lumps"]) == len(solids)
+    assert answer["distribution"]["sieves_mm"] == [20, 40, 80, 160]
+    assert answer["distribution"]["passing"][-1] == pytest.approx(1)
+    assert answer["oversize"]["oversize"] == any(lump["size_mm"] > 70 for lump in answer["lumps"])
+    assert "top layer" in answer["bias"]
+    assert read_json(out / "lumps.json")["lumps"] == answer["lumps"]
+    labels = cv2.imread(str(out / "labels.png"), cv2.IMREAD_UNCHANGED)
+    assert labels is not None
+    assert labels.dtype == np.uint16
+    assert labels.shape == (360, 420)
+    assert set(np.unique(labels)) - {0, 65535} == {lump["number"] for lump in answer["lumps"]}
+    rows = list(csv.DictReader((out / "lumps.csv").read_text().splitlines()))
+    assert [float(row["size_mm"]) for row in rows] == pytest.approx(
+        [lump["size_mm"] for lump in answer["lumps"]], abs=0.006
+    )
+    assert (out / "sieve.csv").read_text().startswith("sieve_mm,passing,passing_fully_visible\n20,")
+    page = (out / "report.html").read_text()
+    assert "Lumps on the belt" in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_an_empty_belt_has_none_and_a_report_all_the_same(run, frames, tmp_path):
+    folder, _ = frames
+    code, text, _ = run("measure", "lumps", folder / "empty", "--oversize", 50, "--out", tmp_path / "out")
+    assert code == 0
+    assert text.startswith("0 lumps")
+    assert "no oversize" in text
+    assert "No lumps in view" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_the_summary_says_the_sizes(run, frames):
+    folder, solids = frames
+    code, text, _ = run("measure", "lumps", folder / "loaded", "--oversize", 20)
+    assert code == 0
+    assert text.startswith(f"{len(solids)} lumps")
+    assert "d50" in text
+    assert "OVERSIZE" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--sieves", "20;40"], "--sieves 20;40"),
+        (["--sieves", "40,20"], "ascend"),
+        (["--oversize", "-1"], "oversize_mm"),
+        (["--empty", "none"], "no such folder"),
+    ],
+)
+def test_what_is_wrong_is_one_line(run, frames, words, says):
+    code, out, error = run("measure", "lumps", frames[0] / "loaded", *words)
+    assert (code, out) == (2, "")
+    (line,) = error
+    assert says in line

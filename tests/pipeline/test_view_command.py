@@ -1,0 +1,175 @@
+"""``beltscape view``: a rig, a frame, a sequence; belt and primitives; what it refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.files.json_text import write_json
+from beltscape.files.reconstruction import write_frame
+from beltscape.files.rig_json import write_rig
+from synthetic.packings import camera, ellipsoids, seen
+
+BELT = {
+    "belt_from_core": {"rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "translation_mm": [0, 0, 700]},
+    "x_mm": [-200, 0, 200],
+    "z_mm": [30, 0, 30],
+}
+FEATURES = {
+    "features": [
+        {
+            "name": "cube 1",
+            "kind": "cube",
+            "edge_mm": {"value": 40.0, "sigma": 0.1},
+            "center_mm": [0, 0, 680],
+        },
+        {"name": "ball", "kind": "sphere", "diameter_mm": 50.0, "center_mm": [60, 0, 675]},
+        {"name": "odd", "kind": "torus"},
+        "not a feature",
+    ]
+}
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("seq")
+    eye = camera(200, 160, 230.0)
+    aside = Pose(np.eye(3), np.array([-150.0, 0.0, 0.0]))
+    rig = Rig("core", {"core": eye, "left": eye}, {"core": Pose(np.eye(3), np.zeros(3)), "left": aside})
+    write_rig(folder / "rig.json", rig)
+    depth, _ = seen(ellipsoids(np.random.default_rng(4), columns=3, rows=3), eye)
+    points = depth.points_mm(eye)[depth.measured].astype(np.float32)
+    up = np.broadcast_to(np.float32([0, 0, -1]), points.shape)
+    for name in ("000", "001", "002"):
+        cloud = PointCloud(points, up, np.full(points.shape, 90, np.uint8), depth.sigma_mm[depth.measured])
+        write_frame(folder / name, depth, cloud, np.zeros((4, 4, 3), np.uint8))
+    write_json(folder / "belt.json", BELT)
+    write_json(folder / "features.json", FEATURES)
+    return folder
+
+
+def scene_of(path):
+    """What the page holds for its script."""
+    page = path.read_text()
+    assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//|@import|fetch\(""", page)
+    held = re.search(r'<script id="scene" type="application/json">(.*?)</script>', page, re.S)
+    assert held is not None
+    return json.loads(held[1])
+
+
+def test_a_sequence_has_a_cloud_per_frame(run, frames, tmp_path):
+    out = tmp_path / "scene.html"
+    code, text, _ = run("view", frames, "--out", out)
+    assert (code, text) == (0, f"view {out}\n")
+    scene = scene_of(out)
+    assert [frame["name"] for frame in scene["frames"]] == ["000", "001", "002"]
+    assert all(frame["count"] == 200 * 160 for frame in scene["frames"])
+    low, step = (np.array(scene["frames"][0][name]) for name in ("low", "step"))
+    high = low + 65_535 * step
+    assert high[2] == pytest.approx(-640, abs=30)  # z is upwards
+    assert low[2] == pytest.approx(-700, abs=0.1)
+    assert {label["text"] for label in scene["labels"]} == {"core", "left"}
+
+
+def test_a_frame_with_belt_and_primitives_stands_in_the_belts_frame(run, frames, tmp_path):
+    out = tmp_path / "scene.html"
+    words = ("--belt", frames / "belt.json", "--features", frames / "features.json")
+    assert run("view", frames / "001", *words, "--out", out)[0] == 0
+    scene = scene_of(out)
+    assert len(scene["frames"]) == 1
+    assert scene["frames"][0]["low"][2] == pytest.approx(0, abs=0.1)
+    (belt,) = scene["surfaces"]
+    assert len(belt["triangles"]) == 3 * 4
+    cube = np.array([p for line in scene["lines"] if line["layer"] == "features" for p in line["line"]])
+    assert cube[:, 2].min() == pytest.approx(0, abs=0.1)
+    assert cube[:, 2].max() == pytest.approx(50, abs=0.5)
+    assert {"cube 1", "ball"} <= {label["text"] for label in scene["labels"]}
+
+
+def test_a_rig_alone(run, frames, tmp_path):
+    out = tmp_path / "scene.html"
+    assert run("view", frames / "rig.json", "--out", out)[0] == 0
+    scene = scene_of(out)
+    assert scene["frames"] == []
+    assert len(scene["lines"]) == 2 * 5
+
+
+def test_without_out_it_opens_the_browser(run, frames, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    code, text, _ = run("view", frames / "000")
+    assert code == 0
+    assert text.endswith("opened in the browser\n")
+    assert opened[0].startswith("file://")
+
+
+def test_large_clouds_are_thinned(run, frames, tmp_path, monkeypatch):
+    monkeypatch.setattr("beltscape.pipeline.view._POINTS", 9000)
+    assert run("view", frames / "000", "--out", tmp_path / "scene.html")[0] == 0
+    (frame,) = scene_of(tmp_path / "scene.html")["frames"]
+    assert frame["count"] == 100 * 80
+    assert frame["spacing"] == pytest.approx(2 * 3.04, rel=0.3)
+
+
+def test_rerun_that_is_not_there_is_said_in_one_line(run, frames, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    code, _, error = run("view", frames, "--rerun")
+    assert code == 2
+    assert error == ["beltscape: --rerun: rerun-sdk is not installed; pip install 'beltscape[viewer]'"]
+
+
+def test_rerun_is_told_everything(run, frames, tmp_path, monkeypatch):
+    logged = []
+
+    class Stream:
+        def __init__(self, name, recording_id):
+            assert (name, recording_id) == ("beltscape", frames.name)
+
+        def save(self, path):
+            assert path == str(tmp_path / "view.rrd")
+
+        def log(self, entity, what, static=False):
+            logged.append((entity, static, what))
+
+        def set_time(self, timeline, sequence):
+            logged.append((timeline, sequence))
+
+        def flush(self):
+            logged.append(("flush", True))
+
+    kinds = ("LineStrips3D", "Points3D", "Mesh3D", "TextLog")
+    rerun = SimpleNamespace(RecordingStream=Stream, ViewCoordinates=SimpleNamespace(RIGHT_HAND_Z_UP="up"))
+    for kind in kinds:
+        setattr(rerun, kind, lambda *told, **more: (told, more))
+    monkeypatch.setitem(sys.modules, "rerun", rerun)
+    words = ("--belt", frames / "belt.json", "--features", frames / "features.json")
+    assert run("view", frames, "--rerun", *words, "--out", tmp_path / "view.rrd")[0] == 0
+    entities = [entity for entity, *_ in logged]
+    assert entities.count("cloud") == 3
+    assert {"cameras/lines", "cameras/names", "belt", "features/lines"} <= set(entities)
+    assert entities[-1] == "flush"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["none"], "holds neither rig.json nor frames"),
+        (["{frames}/000", "--belt", "{frames}/features.json"], "no pose belt_from_core"),
+        (["{frames}/000", "--features", "none.json"], "none.json"),
+    ],
+)
+def test_what_is_wrong_is_one_line(run, frames, words, says, tmp_path):
+    told = [word.format(frames=frames) for word in words]
+    code, out, error = run("view", *told, "--out", tmp_path / "scene.html")
+    assert (code, out) == (2, "")
+    (line,) = error
+    assert says in line
+    assert not (tmp_path / "scene.html").exists()

@@ -55,8 +55,9 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _line(region: str, s: Mapping[str, Any]) -> str:
-    return (
+    line = (
         f"{region:<9} {s['coverage']:8.1%} {s['within_1mm']:7.1%} {s['within_quarter_mm']:7.1%} {s['gross']:7.2%} "
         f"{s['interior_median_mm']:8.4f} {s['interior_bias_mm']:+8.4f} {s['interior_robust_sigma_mm']:8.4f} "
         f"{s['interior_p95_mm']:7.3f} {s['sigma_ratio']:7.2f} {s['false_fill']:10.1%}"
     )
+    return line.replace("nan%", "   –").replace("nan", "  –")

@@ -1,0 +1,55 @@
+"""The paper's numbers name quantities that exist, and rows hold what was measured against them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.core.pose import Pose
+from beltscape.evaluate.paper.dimensions import largest_error_mm, measured_of, rows_of
+from beltscape.evaluate.paper.numbers import Dimension, paper_numbers
+from beltscape.simulate.module_truth import module_quantities
+from beltscape.simulate.scenario import Scenario
+from beltscape.simulate.stage import Stage
+
+CUBES = ("step:a-b height_difference", "step:b-c height_difference")
+STEP = Dimension(row=12, name="step", of=CUBES, actual_mm=20, table2_mm=19.5795)
+EDGE = Dimension(row=1, name="edge", of=("a edge",), actual_mm=100, table2_mm=100.6125, table3_mm=108.1)
+
+
+def test_every_row_is_a_true_dimension_of_the_module():
+    module = Stage(Scenario(kind="module")).module
+    assert module is not None
+    known = {
+        f"{e['name']} {e['quantity']}": e["true_mm"]
+        for e in module_quantities(module, Pose.identity())["features"]
+    }
+    numbers = paper_numbers()
+    assert [d.row for d in numbers.dimension] == list(range(1, 13))
+    for dimension in numbers.dimension:
+        assert all(known[name] == dimension.actual_mm for name in dimension.of)
+
+
+def test_the_errors_are_the_published_ones():
+    published = [0.61, 0.79, 0.02, 2.25, 2.29, 1.69, 2.54, 1.53, 4.14, 1.22, 0.99, 2.10]
+    percent = [100 * abs(d.table2_mm / d.actual_mm - 1) for d in paper_numbers().dimension]
+    np.testing.assert_allclose(percent, published, atol=0.006)
+
+
+def test_means_of_several_and_what_is_missing():
+    document = {
+        "features": [
+            {"name": "a", "quantity": "edge", "measured_mm": 99.5, "sigma_mm": 0.2},
+            {"name": "step:a-b", "quantity": "height_difference", "measured_mm": 20.1, "sigma_mm": 0.3},
+            {"name": "step:b-c", "quantity": "height_difference", "measured_mm": None, "sigma_mm": None},
+        ]
+    }
+    some = measured_of(document)
+    all_of_them = {**some, CUBES[1]: (20.3, 0.4)}
+    rows = rows_of([EDGE, STEP], {"some": some, "all": all_of_them, "none": {}})
+    assert rows[0].error_mm("some") == pytest.approx(-0.5)
+    assert np.isnan(rows[1].error_mm("some"))
+    assert rows[1].measured_mm["all"] == pytest.approx(20.2)
+    assert rows[1].sigma_mm["all"] == pytest.approx(np.sqrt(0.125))
+    assert largest_error_mm(rows, "some") == pytest.approx(0.5)
+    assert np.isnan(largest_error_mm(rows, "none"))

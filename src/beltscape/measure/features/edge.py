@@ -1,0 +1,93 @@
+"""An edge's offset with its σ: the image's evidence and the depth map's rim together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.measure.features.band import Band
+from beltscape.measure.features.rim import RIM_SIGMA_PX, rim_px
+from beltscape.measure.features.votes import OFFSETS_PX, evidence
+
+SYSTEMATIC_PX = 0.09
+"""Of an edge in one image: how shading beside it and the shape of the blur move it (simulated modules)."""
+_BLOCKS = 8
+_NUISANCE_PX = 0.3
+"""How far a tilt or a shift is expected to move the edge's ends."""
+_NEAR_MM = 0.6
+"""An edge is looked for about so far from where the perfect module has it; a sharp one is found farther off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edge:
+    """Where an edge is, against where the perfect module has it."""
+
+    offset_px: float
+    """Outwards."""
+    sigma_px: float
+    nuisance: NDArray[np.float64]
+    """(J,) px, of the band's shapes."""
+    points: int
+    """Pieces (pixels of the rim where no image was used) that voted."""
+    by_image: bool
+
+
+def locate(band: Band, greys: Sequence[NDArray[np.float32]], nuisances: NDArray[np.float64]) -> Edge | None:
+    """The edge by each image (H, W) and by depth, weighed by their variances; None where neither shows it.
+
+    Each image's σ is a jackknife over blocks along the edge, with `SYSTEMATIC_PX` on top.
+    """
+    rim = rim_px(band)
+    near = 1 / (_NEAR_MM / band.px_mm) ** 2
+    told = 0.0 if rim is None else 1 / RIM_SIGMA_PX**2
+    start = (rim or 0.0) * told / (told + near)
+    prior = -0.5 * OFFSETS_PX**2 * (told + near) - 0.5 * np.sum((nuisances / _NUISANCE_PX) ** 2, axis=1)[:, None]
+    found = [
+        edge
+        for grey in greys
+        if (edge := _by_image(band, grey.ravel()[band.index].astype(np.float64), start, nuisances, prior))
+    ]
+    if not found:
+        if rim is None:
+            return None
+        return Edge(rim, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
+    weight = np.array([1 / edge.sigma_px**2 for edge in found])
+    offset = float(weight @ [edge.offset_px for edge in found] / weight.sum())
+    best = found[int(np.argmax(weight))]
+    sigma = float(np.hypot(np.sqrt(1 / weight.sum()), SYSTEMATIC_PX))
+    return Edge(offset, sigma, best.nuisance, max(edge.points for edge in found), best.by_image)
+
+
+def _by_image(
+    band: Band,
+    grey: NDArray[np.float64],
+    start: float,
+    nuisances: NDArray[np.float64],
+    prior: NDArray[np.float64],
+) -> Edge | None:
+    told = evidence(band, grey, start, nuisances, prior, _BLOCKS)
+    if told is None:
+        return None
+    total = told.blocks.sum(axis=0) + prior
+    offset, nuisance = _peak(total)
+    taken = [k for k in range(_BLOCKS) if told.blocks[k].any()]
+    if len(taken) < 3:
+        return None
+    without = np.array([_peak(total - told.blocks[k])[0] for k in taken])
+    count = len(taken)
+    spread = np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))
+    return Edge(start + offset, float(max(spread, 0.02)), nuisances[nuisance], told.pieces, True)
+
+
+def _peak(total: NDArray[np.float64]) -> tuple[float, int]:
+    """Offset (px, between the tries) and nuisance of the highest point of (M, O)."""
+    nuisance, at = (int(n) for n in np.unravel_index(int(np.argmax(total)), total.shape))
+    offset, step = float(OFFSETS_PX[at]), float(OFFSETS_PX[1] - OFFSETS_PX[0])
+    if 0 < at < len(OFFSETS_PX) - 1:
+        left, middle, right = total[nuisance, at - 1 : at + 2]
+        bend = left - 2 * middle + right
+        offset += 0.5 * step * float((left - right) / bend) if bend < 0 else 0.0
+    return offset, nuisance

@@ -1,0 +1,56 @@
+"""How many pixels err as one: what the mean over a face does not average out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+_FARTHEST_PX = 24
+_GONE = 0.05
+"""An autocorrelation below this is noise."""
+
+
+def grain_px(residuals: Sequence[NDArray[np.floating]], farthest_px: int = _FARTHEST_PX) -> float:
+    """Pixels whose errors act as one: the autocorrelation of residuals (h, w), NaN where there are none, summed.
+
+    Pooled over the pictures, clipped at three robust standard deviations, summed up to the lag where it has
+    vanished; at least 1.
+    """
+    side = farthest_px
+    total, pairs = np.zeros((2 * side + 1,) * 2), np.zeros((2 * side + 1,) * 2)
+    for residual in residuals:
+        products, count = _products(residual, side)
+        total, pairs = total + products, pairs + count
+    if pairs[side, side] == 0 or total[side, side] <= 0:
+        return 1.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.where(pairs > 50, total / pairs, 0.0) / (total[side, side] / pairs[side, side])
+    v, u = np.mgrid[-side : side + 1, -side : side + 1]
+    lag = np.rint(np.hypot(u, v)).astype(np.intp)
+    rings = np.bincount(lag.ravel(), correlation.ravel())[: side + 1] / np.bincount(lag.ravel())[: side + 1]
+    gone = np.nonzero(rings < _GONE)[0]
+    reach = int(gone[0]) if len(gone) else side
+    return float(max(correlation[lag < max(reach, 1)].sum(), 1.0))
+
+
+def _products(residual: NDArray[np.floating], side: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(2 side + 1, 2 side + 1) sums of products at each lag, and how many pairs there are."""
+    there = np.isfinite(residual)
+    nothing = np.zeros((2 * side + 1,) * 2)
+    if there.sum() < 30:
+        return nothing, nothing
+    rows, columns = (np.nonzero(there.any(axis=axis))[0] for axis in (1, 0))
+    window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    there, values = there[window], residual[window].astype(np.float64)
+    middle = np.median(values[there])
+    spread = 1.4826 * np.median(np.abs(values[there] - middle)) + 1e-12
+    values = np.where(there, np.clip((np.nan_to_num(values) - middle) / spread, -3, 3), 0)
+    shape = [int(fft.next_fast_len(n + 2 * side, real=True)) for n in there.shape]
+    sums = [
+        np.roll(fft.irfft2(np.abs(fft.rfft2(field, shape)) ** 2, shape), (side, side), (0, 1))
+        for field in (values, there.astype(np.float64))
+    ]
+    return sums[0][: 2 * side + 1, : 2 * side + 1], np.rint(sums[1][: 2 * side + 1, : 2 * side + 1])

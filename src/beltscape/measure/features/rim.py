@@ -1,0 +1,32 @@
+"""What the depth map says of an edge: where its pixels leave the face, to about a pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.measure.features.band import Band
+
+REACH_PX, OUTLINE_PX = 1.4, 0.2
+"""The matcher lets a face reach so far beyond an edge; but only so far where it is the outline of something tall
+(simulated modules)."""
+RIM_SIGMA_PX = 0.6
+"""How much these two differ from edge to edge."""
+_TALL_MM = 20.0
+_ON_MM = 0.35
+_SEARCH_PX = 8.0
+_STEP_PX = 0.1
+
+
+def rim_px(band: Band) -> float | None:
+    """Offset that parts pixels on the face from others best, less what the matcher adds; None without both."""
+    on = np.abs(band.off_mm) < max(_ON_MM, 0.3 * band.px_mm)  # NaN is not on the face
+    if on.all() or not on.any():
+        return None
+    inside = np.sort(band.across_px[on])
+    outside = np.sort(band.across_px[~on])
+    tries = np.arange(-_SEARCH_PX, _SEARCH_PX + _STEP_PX / 2, _STEP_PX)
+    mistaken = len(inside) - np.searchsorted(inside, tries) + np.searchsorted(outside, tries)
+    best = np.nonzero(mistaken == mistaken.min())[0]
+    beyond = band.off_mm[(band.across_px > 2) & (band.across_px < 6)]
+    tall = bool(np.isfinite(beyond).any()) and float(np.nanmedian(beyond)) > _TALL_MM
+    return float(tries[best].mean()) - (OUTLINE_PX if tall and not band.crease else REACH_PX)

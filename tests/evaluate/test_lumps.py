@@ -92,6 +92,13 @@ def test_only_the_region_is_judged():
     assert (one.rocks, one.recall) == (1, 1.0)
 
 
+def test_what_was_not_measured_is_counted_apart():
+    labels = np.where(squares() == 0, 1, 0)
+    one = score(labels, [lump(1, 80.0)], measured=squares() != 2)
+    assert (one.rocks, one.rocks_measured) == (3, 2)
+    assert (one.recall, one.recall_measured) == pytest.approx((1 / 3, 0.5))
+
+
 def test_no_lumps_at_all():
     one = score(np.zeros(squares().shape), [])
     assert one.recall == 0

@@ -16,6 +16,8 @@ from beltscape.measure.lumps.lumps import FINES, Lumps
 
 FULL_SHARE = 0.25
 """A rock counts as visible when it shows this share of a disc of its size."""
+MEASURED_SHARE = 0.8
+"""Of a rock's pixels: with less of its depth its outline cannot be right."""
 LEAST_PX = 100
 """Smaller areas of the depth map are slivers, not rocks to be found."""
 _MATCH = 0.5
@@ -33,6 +35,10 @@ class LumpScore:
     rocks: int
     """Visible rocks as large as the smallest size."""
     recall: float
+    """Share of them that a lump matches."""
+    rocks_measured: int
+    """Visible rocks of which at least `MEASURED_SHARE` was measured; all where that is not told."""
+    recall_measured: float
     """Share of them that a lump matches."""
     precision: float
     """Share of the lumps as large as the smallest size that match a rock."""
@@ -139,6 +145,7 @@ def score_lumps(
     over_mm: float = 60.0,
     smallest_mm: float = 15.0,
     region: NDArray[np.bool_] | None = None,
+    measured: NDArray[np.bool_] | None = None,
 ) -> LumpScore:
     """Compare lumps with the truth.
 
@@ -158,6 +165,8 @@ def score_lumps(
         Rocks and lumps below are left out.
     region
         (H, W) bool: where to compare, such as what a matcher could reach at all; everywhere by default.
+    measured
+        (H, W) bool: where there was a depth to find lumps in; everywhere by default.
 
     Raises
     ------
@@ -181,23 +190,29 @@ def score_lumps(
     disc = np.pi / 4 * (size_mm / pixel_mm) ** 2
     visible = (area >= LEAST_PX) & (area >= FULL_SHARE * disc) & (size_mm >= smallest_mm)
     large = visible & (size_mm > over_mm)
+    there = shown >= 0 if measured is None else (shown >= 0) & measured
+    clear = visible & (
+        np.bincount(shown[there].ravel(), minlength=len(size_mm)) >= MEASURED_SHARE * np.maximum(area, 1)
+    )
     seen_at_all = (area >= LEAST_PX) & (size_mm >= found.smallest_mm)
     seen = np.bincount(labels.ravel(), minlength=FINES + 1)[1 : count + 1] > 0
-    measured = np.array([lump.size_mm for lump in found.lumps])
+    sizes = np.array([lump.size_mm for lump in found.lumps])
     sigma = np.array([lump.sigma_mm for lump in found.lumps])
     own = rock_of[1:]
     true = np.where(own >= 0, size_mm[own], np.nan)
     hit = (own >= 0) & seen
-    big = seen & (measured > over_mm)
+    big = seen & (sizes > over_mm)
     alarmed = np.zeros(len(size_mm), bool)
     alarmed[own[hit & big]] = True
     entire = hit & ~np.array([lump.cut for lump in found.lumps], bool) & (true >= smallest_mm)
     free = entire & ~np.array([lump.occluded for lump in found.lumps], bool)
-    error = measured / true - 1
+    error = sizes / true - 1
     return LumpScore(
         rocks=int(visible.sum()),
         recall=_mean(matched[visible]),
-        precision=_mean(hit[seen & (measured >= smallest_mm)]),
+        rocks_measured=int(clear.sum()),
+        recall_measured=_mean(matched[clear]),
+        precision=_mean(hit[seen & (sizes >= smallest_mm)]),
         iou=float((best * area)[visible].sum() / area[visible].sum()) if visible.any() else np.nan,
         rocks_over=int(large.sum()),
         recall_over=_mean(matched[large]),
@@ -209,7 +224,7 @@ def score_lumps(
         size_bias=_median(error[free]),
         size_error=_median(np.abs(error[free])),
         size_iqr=float(np.subtract(*np.quantile(error[free], [0.75, 0.25]))) if free.any() else np.nan,
-        sigma_ratio=robust_sigma(((measured - true) / sigma)[free]),
+        sigma_ratio=robust_sigma(((sizes - true) / sigma)[free]),
         all_sized=int(entire.sum()),
         all_bias=_median(error[entire]),
         all_error=_median(np.abs(error[entire])),

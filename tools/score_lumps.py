@@ -22,7 +22,7 @@ from beltscape.measure.lumps.settings import LumpSettings
 
 
 def score(capture: Path, frame: Path | None) -> str:
-    """One capture in a line."""
+    """One capture in a few lines."""
     camera = read_rig(capture / "truth" / "rig.json").core_camera
     path = next((capture / "truth").glob("*_depth.npz"))
     truth, rock = true_depth(path), true_rocks(path)
@@ -37,21 +37,25 @@ def score(capture: Path, frame: Path | None) -> str:
     seconds = time.perf_counter() - start
     pixel_mm = float(np.median(truth.depth_mm[rock >= 0])) / float(camera.focal_px.mean())
     one = score_lumps(found, rock, sizes, volumes, pixel_mm=pixel_mm, region=region, measured=depth.measured)
-    return (
-        f"rocks {one.rocks} recall {one.recall:.2f} (measured {one.rocks_measured}: {one.recall_measured:.2f}) "
-        f"precision {one.precision:.2f} IoU {one.iou:.2f} | over 60 mm: {one.rocks_over} recall {one.recall_over:.2f}, "
-        f"{one.lumps_over} precision {one.precision_over:.2f}, by size {one.alarm_recall:.2f} "
-        f"{one.alarm_precision:.2f} | size of {one.sized} whole: bias {one.size_bias:+.1%} |error| {one.size_error:.1%} "
-        f"IQR {one.size_iqr:.1%} σ ratio {one.sigma_ratio:.2f}; all {one.all_sized}: {one.all_bias:+.1%} "
-        f"{one.all_error:.1%} | d50 {one.d50_mm:.1f}, top {one.d50_top_mm:.1f}, heap {one.d50_heap_mm:.1f} | {seconds:.1f} s"
+    return "\n".join(
+        (
+            f"  visible {one.rocks}, found {one.recall:.2f}; measured {one.rocks_measured}, found {one.recall_measured:.2f}; "
+            f"precision {one.precision:.2f}, IoU {one.iou:.2f}; {seconds:.1f} s",
+            f"  over 60 mm: {one.rocks_over} rocks, found {one.recall_over:.2f}; {one.lumps_over} lumps, precision "
+            f"{one.precision_over:.2f}; by size {one.alarm_recall:.2f} and {one.alarm_precision:.2f}",
+            f"  size of {one.sized} whole lumps: bias {one.size_bias:+.1%}, median |error| {one.size_error:.1%}, "
+            f"IQR {one.size_iqr:.1%}, σ ratio {one.sigma_ratio:.2f}",
+            f"  size of {one.all_sized} lumps: bias {one.all_bias:+.1%}, median |error| {one.all_error:.1%}",
+            f"  d50 {one.d50_mm:.1f} mm, true of the top layer {one.d50_top_mm:.1f} mm, of the heap {one.d50_heap_mm:.1f} mm",
+        )
     )
 
 
 def main(*captures: str) -> None:
-    """A line for each."""
+    """A few lines for each."""
     for capture in captures:
         folder, _, frame = capture.partition(",")
-        print(f"{capture}: {score(Path(folder), Path(frame) if frame else None)}", flush=True)
+        print(f"{capture}\n{score(Path(folder), Path(frame) if frame else None)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
 """What is measured of each lump: its outline from above, how much of it others hide, its size, its volume.
 
-Size is the sieve that it just passes, for which the intermediate axis stands (Krumbein 1941,
-10.1306/D4269117-2B26-11D7-8648000102C1865D). Lumps come to rest on their flat side, so from above one sees the
-longest and the intermediate axis: the sides of the smallest rectangle about the outline, as Thurley (2011,
-10.1016/j.jprocont.2010.11.011) sizes rocks on a belt. What neighbours hide makes the rectangle too small: the
-size is then drawn towards what is typical among the frame's lumps.
+Size is the sieve that it just passes, for which the intermediate axis stands (Krumbein 1941, J. Sediment. Petrol.
+11(2)). Lumps come to rest on their flat side, so from above one sees the longest and the intermediate axis: the
+sides of the smallest rectangle about the outline, as Thurley (2011, 10.1016/j.jprocont.2010.11.011) sizes rocks on
+a belt. What neighbours hide makes the rectangle too small: the size is then drawn towards what is typical among the
+frame's lumps.
 """
 
 from __future__ import annotations

@@ -45,6 +45,8 @@ class FlowRecord:
     """Bulk density at that time; NaN: nobody told it."""
     coverage: float
     """Share of the strip that was measured in any frame, 0..1; the rest is interpolated."""
+    single_coverage: float
+    """Share of it that one frame measures, on average: what the fusion of frames adds shows against it."""
     quality: Quality
     """How far to believe it."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.measure.belt import find_belt
-from beltscape.measure.flow.ground import Ground, find_ground
+from beltscape.measure.flow.ground import Ground, ground_of
 
 HEIGHT_MM = 700.0
 SIZE_PX = (180, 150)
@@ -82,4 +82,4 @@ def depth_map(
 def ground() -> Ground:
     """The empty belt's floor."""
     empty = depth_map(None, 0.0, seed=99)
-    return find_ground(empty, CAMERA, find_belt(empty, CAMERA), CAMERA)
+    return ground_of(find_belt(empty, CAMERA), CAMERA)

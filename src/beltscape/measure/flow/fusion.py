@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from beltscape.measure.flow.layer import Layer, closed
 
 _OUTLIER = 4.0
+_RANK = 0.65
+"""Where frames disagree by a step, this share of their weight must lie at or below what is taken: a bit above the
+half, for of two surfaces over one place the upper is the top, and each frame loses half a pixel of its rim."""
 _PATIENCE_CELLS = 0.35
 """Heights that differ by what this much of a cell's misplacement makes on a slope of 45° still agree."""
 
@@ -72,13 +75,14 @@ def fuse(layers: Sequence[Layer], first: int, end: int) -> Fused:
     columns = parts[0].height_mm.shape[1]
     shape = (len(parts), end - first, columns)
     height, sigma, noise = (np.full(shape, np.nan, np.float32) for _ in range(3))
-    inside, share = np.zeros(shape[:2], bool), np.zeros(shape[:2])
+    inside, share, slant = np.zeros(shape[:2], bool), np.zeros(shape[:2]), np.zeros(shape[:2])
     for k, part in enumerate(parts):
         rows = slice(part.first - first, part.end - first)
         height[k, rows], sigma[k, rows], noise[k, rows] = part.height_mm, part.sigma_mm, part.noise_mm
-        inside[k, rows], share[k, rows] = True, part.share
-    layer, scatter = _fused(height, sigma, noise, first)
-    return Fused(layer, share.sum(axis=0) / np.maximum(inside.sum(axis=0), 1), scatter)
+        inside[k, rows], share[k, rows], slant[k, rows] = True, part.share, part.slant
+    number = np.maximum(inside.sum(axis=0), 1)
+    layer, scatter = _fused(height, sigma, noise, first, slant.sum(axis=0) / number)
+    return Fused(layer, share.sum(axis=0) / number, scatter)
 
 
 def _fused(
@@ -86,6 +90,7 @@ def _fused(
     sigma: NDArray[np.float32],
     noise: NDArray[np.float32],
     first: int,
+    slant: NDArray[np.float64],
 ) -> tuple[Layer, Scatter]:
     """The same from stacks (k, n, Nx)."""
     known = np.isfinite(height)
@@ -102,7 +107,7 @@ def _fused(
         own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
         shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
     parts = (part.astype(np.float32) for part in (mean, own, shared))
-    layer = Layer(first, *parts, closed(known.any(axis=0)).mean(axis=1))
+    layer = Layer(first, *parts, closed(known.any(axis=0)).mean(axis=1), slant)
     return layer, _scatter(height, sigma, kept, agrees, known, mean, total)
 
 
@@ -111,7 +116,7 @@ def _weighted_median(height: NDArray[np.float32], weight: NDArray[np.float32]) -
     order = np.argsort(height, axis=0)  # NaN goes last, with no weight
     ranked = np.take_along_axis(height, order, axis=0)
     reached = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
-    pick = np.argmax(reached >= 0.5 * reached[-1], axis=0)
+    pick = np.argmax(reached >= _RANK * reached[-1], axis=0)
     return np.take_along_axis(ranked, pick[None], axis=0)[0]
 
 

@@ -24,6 +24,8 @@ class Layer:
 
     share: NDArray[np.float64]
     """(n,) share of each row that was measured, the pinholes between neighbouring points included."""
+    slant: NDArray[np.float64]
+    """(n,) tangent of the angle at which the core's rays come down on it, positive towards larger s."""
 
     @property
     def end(self) -> int:
@@ -33,7 +35,7 @@ class Layer:
     def rows(self, first: int, end: int) -> Layer:
         """The same rows as far as they lie in a range."""
         part = slice(max(first, self.first) - self.first, max(min(end, self.end) - self.first, 0))
-        parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share)
+        parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share, self.slant)
         return Layer(max(first, self.first), *(values[part] for values in parts))
 
 

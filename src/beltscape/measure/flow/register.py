@@ -3,7 +3,7 @@
 The projected pattern stands still while the material passes below it, so images cannot tell the motion; the
 material's shape can. A masked normalised correlation (Padfield, IEEE Trans. Image Process. 21(5), 2012,
 doi:10.1109/TIP.2011.2181402) over all shifts along y finds the shift to a cell, robust least squares on the
-relief's slopes refines it.
+heights refines it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import fft
 
 from beltscape.measure.flow.relief import Relief
 
@@ -23,7 +23,9 @@ _NEXT_MM = 25.0
 """A shift so near to the best is no other shift."""
 _BLOCK_MM = 30.0
 """Errors are taken as independent from block to block of this size."""
-_ROUNDS = 4
+_ROUNDS = 8
+_SETTLED_CELLS = 1e-4
+_WORST_CONDITION = 1e12
 _LEAST_CELLS = 100
 _FARTHEST_CELLS = 3.0
 _LEAST_SIGMA_CELLS = 0.01
@@ -110,37 +112,81 @@ def _peak(shifts_mm: NDArray[np.float64], score: NDArray[np.float64], near_mm: f
 
 
 def _refined(before: Relief, after: Relief, shift: int, score: float) -> Shift | None:
-    """Robust least squares (Tukey) on the slopes of both reliefs about a whole-cell shift, warped anew each round.
+    """Robust least squares (Tukey) on the slopes of the heights themselves, warped anew each round.
 
-    σ from blocks of the residuals' pull (a sandwich estimate): errors of neighbouring cells go together.
+    Not on the bumps: what hides beside a rock changes from place to place, and with it the mean about each cell. σ
+    from blocks of the residuals' pull (a sandwich estimate), for errors of neighbouring cells go together.
     """
-    rows = before.load.shape[0]
-    own = slice(max(0, -shift), min(rows, rows - shift))
-    its = slice(own.start + shift, own.stop + shift)
-    a, b = before.bump_mm[own], after.bump_mm[its]
-    both = np.asarray(ndimage.binary_erosion(before.load[own] & after.load[its], np.ones((5, 5))), bool)
-    if both.sum() < _LEAST_CELLS:
-        return None
-    step, normal = np.zeros(2), np.eye(3)
-    design, pulls = np.empty((3, 0)), np.empty(0)
+    a, step = before.height_mm, np.array([float(shift), 0.0])
+    cell, covariance = before.cell_mm, np.eye(3)
     for _ in range(_ROUNDS):
-        warped = ndimage.shift(b, -step, order=3, mode="nearest")
-        slopes = [np.gradient(0.5 * (a + warped), axis=axis)[both] for axis in (0, 1)]
-        design = np.stack([*slopes, np.ones(len(slopes[0]))])
-        residual = (warped - a)[both]
-        left = residual - np.median(residual)
-        weight = np.clip(1 - (left / (4.7 * 1.4826 * np.median(np.abs(left)) + 1e-9)) ** 2, 0, None) ** 2
+        warped = _warped(after.height_mm, step)
+        slopes = np.gradient(0.5 * (a + warped))
+        both = np.isfinite(slopes[0]) & np.isfinite(slopes[1]) & np.isfinite(warped - a)
+        if both.sum() < _LEAST_CELLS:
+            return None
+        design = np.stack([slopes[0][both], slopes[1][both], np.ones(int(both.sum()))])
+        solved = _solved(design, (warped - a)[both])
+        if solved is None:
+            return None
+        step = step + solved.change[:2]
+        if np.hypot(step[0] - shift, step[1]) > _FARTHEST_CELLS:
+            return None
+        covariance = _sandwich(design, solved.pulls, solved.normal, both, max(1, round(_BLOCK_MM / cell)))
+        if np.abs(solved.change[:2]).max() < _SETTLED_CELLS:
+            break
+    sigma = cell * float(np.hypot(np.sqrt(covariance[0, 0]), _LEAST_SIGMA_CELLS))
+    return Shift(float(step[0]) * cell, sigma, float(step[1]) * cell, score)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    """One round of robust least squares."""
+
+    change: NDArray[np.float64]
+    """(3,) of the motion along and across, in cells, and of the height, mm."""
+    pulls: NDArray[np.float64]
+    """(N,) weighted residuals."""
+    normal: NDArray[np.float64]
+    """(3, 3) normal matrix."""
+
+
+def _solved(design: NDArray[np.float64], residual: NDArray[np.float64]) -> _Solved | None:
+    """Robust least squares of design (3, N) on residuals (N,), mm; None if they do not determine the change."""
+    solved: _Solved | None = None
+    left = residual - np.median(residual)
+    for _ in range(3):
+        reach = 4.7 * 1.4826 * float(np.median(np.abs(left))) + 1e-9
+        weight = np.clip(1 - (left / reach) ** 2, 0, None) ** 2
         normal = (design * weight) @ design.T
-        if np.linalg.cond(normal) > 1e12:
+        if np.linalg.cond(normal) > _WORST_CONDITION:
             return None
         change = -np.linalg.solve(normal, (design * weight) @ residual)
-        step, pulls = step + change[:2], weight * (residual + change @ design)
-        if np.abs(step).max() > _FARTHEST_CELLS:
-            return None
-    covariance = _sandwich(design, pulls, normal, both, max(1, round(_BLOCK_MM / before.cell_mm)))
-    cell = before.cell_mm
-    sigma = cell * float(np.hypot(np.sqrt(covariance[0, 0]), _LEAST_SIGMA_CELLS))
-    return Shift((shift + float(step[0])) * cell, sigma, float(step[1]) * cell, score)
+        left = residual + change @ design
+        solved = _Solved(change, weight * left, normal)
+    return solved
+
+
+def _warped(values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (Ny, Nx) at (i + step[0], j + step[1]), linear between cells; NaN where one of them is not known."""
+    for axis in (0, 1):
+        whole = int(np.floor(step[axis]))
+        part = step[axis] - whole
+        values = (1 - part) * _moved(values, whole, axis) + part * _moved(values, whole + 1, axis)
+    return values
+
+
+def _moved(values: NDArray[np.float64], cells: int, axis: int) -> NDArray[np.float64]:
+    """Values of the cells so far on; NaN from outside."""
+    size = values.shape[axis]
+    places = np.arange(size) + cells
+    out = np.take(values, np.clip(places, 0, size - 1), axis=axis)
+    lost = (places < 0) | (places >= size)
+    if axis == 0:
+        out[lost] = np.nan
+    else:
+        out[:, lost] = np.nan
+    return out
 
 
 def _sandwich(

@@ -20,6 +20,8 @@ _TALLEST = 4.0
 class Relief:
     """Bumps and hollows of a load, on a grid that stands still (rows along y ascending, columns along x)."""
 
+    height_mm: NDArray[np.float64]
+    """(Ny, Nx) height over the empty belt; NaN where there is no load."""
     bump_mm: NDArray[np.float64]
     """(Ny, Nx) height over the surroundings' mean, tall ones clipped; 0 where there is no load."""
     load: NDArray[np.bool_]
@@ -44,4 +46,5 @@ def relief(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: float) -> R
     mean = ndimage.gaussian_filter(value, blur) / np.maximum(weight, 1e-9)
     bump = np.where(load, value - mean, 0.0)
     spread = float(np.sqrt(np.mean(bump[load] ** 2))) if load.any() else 0.0
-    return Relief(np.clip(bump, -_TALLEST * spread, _TALLEST * spread), load, cell_mm)
+    bump = np.clip(bump, -_TALLEST * spread, _TALLEST * spread)
+    return Relief(np.where(load, height_mm, np.nan), bump, load, cell_mm)

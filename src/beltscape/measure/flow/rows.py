@@ -76,7 +76,7 @@ class Filler:
         self._block = max(1, round(settings.block_mm / ground.cell_mm))
         self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
         self._rows: list[NDArray[np.float64]] = []
-        """Stacks (4, n, Nx) of the open segment: height, σ, noise, and one frame's share of the row."""
+        """Stacks (5, n, Nx) of the open segment: height, σ, noise; one frame's share of the row, and its slant."""
         self._first = 0
         self._done = 0
 
@@ -94,8 +94,9 @@ class Filler:
         """Take in further rows; the finished ones come back."""
         layer = fused.layer
         out = self.reached(layer.first)
-        single = np.repeat(fused.single_share[:, None], layer.height_mm.shape[1], axis=1)
-        stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, single]).astype(np.float64)
+        columns = layer.height_mm.shape[1]
+        by_row = [np.repeat(values[:, None], columns, axis=1) for values in (fused.single_share, layer.slant)]
+        stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, *by_row]).astype(np.float64)
         seen = layer.share >= _SEEN
         for start, stop in _runs(seen):
             if not seen[start]:
@@ -115,9 +116,9 @@ class Filler:
     def _blanks(self, row: int) -> None:
         """Put in rows that were not seen, up to one that was."""
         if self._rows and row > self._end:
-            shape = (4, row - self._end, self._rows[-1].shape[2])
+            shape = (5, row - self._end, self._rows[-1].shape[2])
             blank = np.full(shape, np.nan)
-            blank[3] = 0.0
+            blank[3:] = 0.0
             self._rows.append(blank)
 
     def close(self) -> list[Rows]:
@@ -144,9 +145,11 @@ class Filler:
         """Rows from where it stands up to ``stop``, looking at those up to ``ahead``."""
         whole = np.concatenate(self._rows, axis=1)
         behind = max(self._first, self._done - self._margin)
-        height, sigma, noise, single = whole[:, behind - self._first : ahead - self._first]
+        height, sigma, noise, single, slant = whole[:, behind - self._first : ahead - self._first]
         measured = closed(np.isfinite(height))
-        filled = fill_holes(height, sigma, measured, self._ground.cell_mm)
+        lean = np.stack([np.broadcast_to(self._ground.slant_across(), height.shape), slant])
+        narrow = measured & ~np.isfinite(height)
+        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, lean)
         own = slice(self._done - behind, stop - behind)
         rows = self._sums(filled, noise, measured, single[:, 0], own)
         if self._watch is not None:

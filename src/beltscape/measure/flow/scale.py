@@ -39,7 +39,7 @@ class EncoderScale:
 
     @property
     def ratio(self) -> float:
-        """Encoder over material: above 1 the encoder says too much, or the material slips; 1 before any comparison."""
+        """Encoder over material: above 1 the encoder says too much, or the material slips; 1 at first."""
         return self._encoder_mm2 / self._both_mm2 if self._both_mm2 > 0 else 1.0
 
     @property

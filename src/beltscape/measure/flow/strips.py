@@ -82,6 +82,7 @@ class Strips:
             speed_mm_s=strip.speed_mm_s,
             density_kg_m3=density[0],
             coverage=stretch.share,
+            single_coverage=stretch.single_share,
             quality=_quality(strip, stretch),
         )
 

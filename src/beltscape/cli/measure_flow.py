@@ -1,0 +1,127 @@
+"""``beltscape measure flow CAPTURE --rig rig.json --empty DIR/<frame> [--encoder encoder.csv] --out OUT``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beltscape.cli.arguments import settings
+from beltscape.core.errors import SettingsError
+from beltscape.core.progress import Reporter
+
+if TYPE_CHECKING:
+    from beltscape.measure.flow.density import Density
+
+_ASK_DIRECTION = "?"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of a moving belt")
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json of beltscape calibrate")
+    parser.add_argument("--empty", type=Path, required=True, help="frame folder of the empty belt")
+    parser.add_argument(
+        "--encoder", type=Path, help="encoder.csv: frame,timestamp_s,belt_position_mm (default: the material)"
+    )
+    parser.add_argument(
+        "--frames-per-s", type=float, metavar="HZ", help="the trigger's, where no encoder.csv tells the times"
+    )
+    parser.add_argument("--density", type=float, metavar="KG_M3", help="bulk density")
+    parser.add_argument("--density-table", type=Path, help="CSV timestamp_s,density_kg_m3[,sigma_kg_m3]")
+    parser.add_argument("--products", type=Path, help="TOML [name] density_kg_m3, sigma_kg_m3")
+    parser.add_argument("--product", metavar="NAME", help="one of the products")
+    # argparse takes -y for an option: so it is one, and --direction may stand alone before it
+    parser.add_argument(
+        "--direction", nargs="?", const=_ASK_DIRECTION, metavar="+y|-y",
+        help="which way the belt travels (default: found from the material)",
+    )  # fmt: skip
+    parser.add_argument("-y", dest="direction", action="store_const", const="-y", help=argparse.SUPPRESS)
+    parser.add_argument("--preset", default="standard", help="matching: fast, standard (default) or fine")
+    parser.add_argument("--cell", type=float, metavar="MM", help="edge of a grid cell (default: one pixel)")
+    parser.add_argument("--out", type=Path, required=True, help="folder for flow.csv, flow.json, report.html")
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Measure the flow and write it."""
+    from beltscape.files.atomic import output_folder
+    from beltscape.files.rig_json import read_rig
+    from beltscape.measure.flow.settings import FlowSettings
+    from beltscape.pipeline.flow import flow_of_capture
+    from beltscape.pipeline.flow_files import write_flow_result
+
+    if arguments.direction == _ASK_DIRECTION:
+        raise SettingsError("--direction: say +y or -y, along or against the belt frame's y axis")
+    if arguments.frames_per_s is not None and not 0 < arguments.frames_per_s <= 1e6:
+        raise SettingsError(f"--frames-per-s {arguments.frames_per_s:g}: must be above 0")
+    chosen = settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
+    density = _density(arguments)
+    output_folder(arguments.out)
+    flow = flow_of_capture(
+        arguments.capture,
+        read_rig(arguments.rig),
+        arguments.empty,
+        reporter,
+        encoder=arguments.encoder,
+        frames_per_s=arguments.frames_per_s,
+        density=density,
+        settings=chosen,
+        preset=arguments.preset,
+    )
+    return write_flow_result(arguments.out, flow, density, getattr(reporter, "warnings", ()))
+
+
+def _density(arguments: argparse.Namespace) -> Density:
+    """What was told of it, in one of three ways."""
+    import numpy as np
+
+    from beltscape.files.density import DENSITY_LIMITS, product_named, read_density_table
+    from beltscape.measure.flow.density import Density, unknown_density
+
+    told = [
+        name
+        for name in ("density", "density_table", "product", "products")
+        if getattr(arguments, name) is not None
+    ]
+    if sorted(told) == ["product", "products"]:
+        product = product_named(arguments.products, arguments.product)
+        return Density.constant(product.density_kg_m3, product.sigma_kg_m3, arguments.product)
+    if len(told) > 1:
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in told)
+        raise SettingsError(f"{options}: say the density in one way only")
+    if told in (["product"], ["products"]):
+        raise SettingsError("--product NAME goes with --products FILE: give both")
+    if arguments.density is not None:
+        low, high = DENSITY_LIMITS
+        if not low < arguments.density <= high:
+            raise SettingsError(
+                f"--density {arguments.density:g}: must be above {low:g}, up to {high:g} kg/m³"
+            )
+        return Density.constant(arguments.density)
+    if arguments.density_table is not None:
+        times, densities, sigmas = zip(*read_density_table(arguments.density_table), strict=True)
+        return Density(np.array(times, np.int64), np.array(densities), np.array(sigmas))
+    return unknown_density()
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    totals, encoder = result["totals"], result["encoder"]
+    lines = [
+        f"volume {totals['volume_mm3'] * 1e-6:.3f} l, σ {totals['sigma_mm3'] * 1e-6:.3f} l, on "
+        f"{totals['length_mm'] / 1000:.3f} m of belt in {result['frame_count']} frames, towards "
+        f"{result['direction'] or 'a direction that nothing told'}"
+    ]
+    if totals["mass_t"] is not None:
+        lines.append(f"mass   {totals['mass_t'] * 1000:.2f} kg, σ {totals['mass_sigma_t'] * 1000:.2f} kg")
+    if totals["mean_volume_flow_m3_h"] is not None:
+        lines.append(f"flow   {totals['mean_volume_flow_m3_h']:.2f} m³/h on average")
+    if encoder["compared"]:
+        lines.append(
+            f"encoder over material {encoder['ratio']:.5f}, σ {encoder['sigma']:.5f}, "
+            f"over {encoder['compared']} steps"
+        )
+    quality = ", ".join(f"{count} {name}" for name, count in result["quality"].items() if count)
+    lines.append(f"strips {quality}; {totals['coverage']:.1%} of the belt measured")
+    return "\n".join([*lines, f"report {result['report']}"])

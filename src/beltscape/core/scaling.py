@@ -1,0 +1,42 @@
+"""The same cameras with their images made smaller or larger."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from beltscape.core.camera import Camera
+from beltscape.core.rig import Rig
+
+
+def scaled_camera(camera: Camera, factor: float) -> Camera:
+    """The camera with ``factor`` times as many pixels per side: pixel (0, 0) stays the centre of the top-left one."""
+    size = tuple(round(side * factor) for side in camera.size_px)
+    factors = np.array(size) / np.array(camera.size_px)
+    return replace(
+        camera,
+        size_px=(size[0], size[1]),
+        focal_px=camera.focal_px * factors,
+        center_px=(camera.center_px + 0.5) * factors - 0.5,
+    )
+
+
+def scaled_rig(rig: Rig, factor: float) -> Rig:
+    """The rig with all its cameras scaled; what was said of its quality in pixels is left out."""
+    cameras = {name: scaled_camera(camera, factor) for name, camera in rig.cameras.items()}
+    return Rig(rig.core, cameras, rig.cam_from_core)
+
+
+def scale_between(camera: Camera, other: Camera) -> float | None:
+    """By what factor ``other`` is ``camera`` with its images scaled; None if it is another camera."""
+    factor = other.size_px[0] / camera.size_px[0]
+    expected = scaled_camera(camera, factor)
+    # rows that do not divide evenly are cut off: half a pixel is nothing
+    same = (
+        abs(expected.size_px[1] - other.size_px[1]) <= 1
+        and np.allclose(expected.focal_px, other.focal_px, rtol=2e-3)
+        and np.allclose(expected.center_px, other.center_px, atol=0.6)
+        and np.allclose(expected.distortion, other.distortion, atol=1e-9)
+    )
+    return factor if same else None

@@ -1,0 +1,251 @@
+"""A moving capture, a rig and the empty belt → what passed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError, ReconstructionError, SettingsError
+from beltscape.core.flow import FlowRecord
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.core.scaling import scale_between, scaled_rig
+from beltscape.files.capture import read_capture
+from beltscape.files.encoder_csv import Reading, read_encoder
+from beltscape.files.images import read_image
+from beltscape.files.reconstruction import read_frame
+from beltscape.measure.belt import find_belt
+from beltscape.measure.flow.density import Density
+from beltscape.measure.flow.ground import Ground, ground_of
+from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.picture import BeltPicture
+from beltscape.measure.flow.settings import FlowSettings
+from beltscape.pipeline.reconstruction import depth_range, open_capture
+from beltscape.sources.folder import FolderSource
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
+from beltscape.stereo.prior import Prior
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """One trigger instant of a capture."""
+
+    frame: str
+    time_ns: int | None
+    position_mm: float | None
+    """The encoder's; None without one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flow:
+    """What was measured of a moving capture."""
+
+    records: list[FlowRecord]
+    steps: list[Step]
+    """How each frame was placed."""
+    meter: FlowMeter
+    """As it stands after the last frame."""
+    picture: BeltPicture
+    """The fused belt from end to end."""
+    seconds_per_frame: float
+    """Of reconstruction and measuring together."""
+    by_encoder: bool
+    """Whether an encoder was given."""
+
+
+def flow_of_capture(
+    capture: Path,
+    rig: Rig,
+    empty: Path,
+    reporter: Reporter,
+    *,
+    encoder: Path | None = None,
+    frames_per_s: float | None = None,
+    density: Density | None = None,
+    settings: FlowSettings | None = None,
+    preset: str = "standard",
+) -> Flow:
+    """Reconstruct a moving capture frame by frame and measure what passes.
+
+    Without ``encoder`` the belt's motion is taken from the material; the times are then the capture's own
+    encoder.csv's, where it has one, or follow from ``frames_per_s``. Images may be smaller or larger than the rig's
+    by one factor: the rig is scaled.
+
+    Raises
+    ------
+    InputError, SettingsError, MeasureError, ReconstructionError
+        With one line that names what is wrong and the mend.
+    """
+    if preset not in PRESETS:
+        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
+    rig = fitted(rig, capture, reporter)
+    source = open_capture(capture, rig, reporter)
+    instants = instants_of(source, encoder, frames_per_s, reporter)
+    ground, near_far = _ground(empty, rig, settings, source, reporter)
+    picture, steps = BeltPicture(ground), list[Step]()
+    meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
+    matcher = MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset))
+    began, records, done = perf_counter(), list[FlowRecord](), 0
+    for instant, depth in _depths(source, instants, matcher, meter, reporter):
+        records += meter.push(depth, instant.time_ns, instant.position_mm, frame=instant.frame)
+        done += 1
+        reporter.step("measuring flow", done, len(instants))
+    records += meter.finish()
+    _warn(meter, records, reporter)
+    spent = (perf_counter() - began) / max(done, 1)
+    return Flow(records, steps, meter, picture, spent, encoder is not None)
+
+
+def fitted(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
+    """The rig with its images as large as the capture's; another shape is left for the source to complain of."""
+    files = read_capture(capture).files.get(rig.core)
+    if not files:
+        return rig
+    height, width = read_image(next(iter(files.values()))).shape[:2]
+    own = rig.core_camera.size_px
+    factor = width / own[0]
+    if (width, height) == own or abs(own[1] * factor - height) > 1:
+        return rig
+    reporter.warn(
+        f"{capture}: images of {width}×{height} px, the rig's are {own[0]}×{own[1]}; the rig is scaled by {factor:g}"
+    )
+    return scaled_rig(rig, factor)
+
+
+def _ground(
+    empty: Path, rig: Rig, settings: FlowSettings | None, source: FolderSource, reporter: Reporter
+) -> tuple[Ground, tuple[float, float]]:
+    """The empty belt as a floor for the rig's depth maps, and the depths between which all lies."""
+    bare = read_frame(empty)
+    if bare.rig.core != rig.core or scale_between(bare.rig.core_camera, rig.core_camera) is None:
+        raise InputError(
+            f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
+        )
+    belt = find_belt(bare.depth, bare.rig.core_camera)
+    cell = None if settings is None else settings.cell_mm
+    ground = ground_of(belt, rig.core_camera, cell)
+    near, far = depth_range(source, rig, reporter)
+    low, high = np.nanquantile(bare.depth.depth_mm, [0.001, 0.999])
+    return ground, (min(near, 0.98 * float(low)), max(far, 1.02 * float(high)))
+
+
+def instants_of(
+    source: FolderSource, encoder: Path | None, frames_per_s: float | None, reporter: Reporter
+) -> list[Instant]:
+    """All instants in order: every row of the encoder, or every frame of the capture.
+
+    Raises
+    ------
+    InputError
+        When the encoder's rows name none of the capture's frames.
+    """
+    if encoder is not None:
+        readings = read_encoder(encoder)
+        return _told(readings, source, encoder, reporter, positions=True)
+    own = source.folder / "encoder.csv"
+    if frames_per_s is None and own.is_file():
+        reporter.warn(f"{own}: only its times are used; --encoder takes the belt's positions from it too")
+        return _told(read_encoder(own), source, own, reporter, positions=False)
+    if frames_per_s is None:
+        reporter.warn(
+            "nothing tells when the frames were taken: flows per hour are left empty; give --encoder, --frames-per-s"
+        )
+        return [Instant(frame, None, None) for frame in source.frames]
+    numbers = _numbers(source.frames)
+    return [
+        Instant(frame, round(number / frames_per_s * 1e9), None)
+        for frame, number in zip(source.frames, numbers, strict=True)
+    ]
+
+
+def _told(
+    readings: Sequence[Reading], source: FolderSource, path: Path, reporter: Reporter, *, positions: bool
+) -> list[Instant]:
+    known = {reading.frame for reading in readings}
+    without = [frame for frame in source.frames if frame not in known]
+    if len(without) == len(source.frames):
+        raise InputError(
+            f"{path}: none of its frames ({readings[0].frame}, …) is in the capture ({source.frames[0]}, …); "
+            "give the encoder.csv of this capture"
+        )
+    if without:
+        shown = ", ".join(without[:4]) + (f" and {len(without) - 4} more" if len(without) > 4 else "")
+        reporter.warn(f"{path}: no row for frame {shown}; going on without")
+    lost = [reading.frame for reading in readings if reading.frame not in source.frames]
+    if lost:
+        shown = ", ".join(lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
+        reporter.warn(
+            f"{source.folder}: no image of frame {shown}; their belt is measured in the others, or bridged"
+        )
+    return [
+        Instant(reading.frame, reading.time_ns, reading.belt_position_mm if positions else None)
+        for reading in sorted(readings, key=lambda one: one.time_ns)
+    ]
+
+
+def _numbers(frames: Sequence[str]) -> list[int]:
+    """Numbers of the frames in the trigger's count: their names' own where all are numbers, else their order."""
+    if all(frame.isascii() and frame.isdigit() for frame in frames):
+        return [int(frame) for frame in frames]
+    return list(range(len(frames)))
+
+
+def _depths(
+    source: FolderSource,
+    instants: Sequence[Instant],
+    matcher: MultiviewReconstructor,
+    meter: FlowMeter,
+    reporter: Reporter,
+) -> Iterator[tuple[Instant, DepthMap | None]]:
+    """Depth of every instant, None where there is none; the frame before, moved with the belt, is the start."""
+    before: DepthMap | None = None
+    failure: ReconstructionError | None = None
+    done = 0
+    for instant in instants:
+        frame_set = next(source.only({instant.frame}), None)
+        depth: DepthMap | None = None
+        if frame_set is not None and frame_set.images:
+            prior = _prior(before, meter, instant)
+            try:
+                depth = matcher.reconstruct(frame_set, reporter, prior=prior)
+                done += 1
+            except ReconstructionError as error:
+                failure = error
+                reporter.warn(f"{error}; going on without this frame")
+        before = depth
+        yield instant, depth
+    if not done:
+        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
+
+
+def _prior(before: DepthMap | None, meter: FlowMeter, instant: Instant) -> Prior | None:
+    if before is None:
+        return None
+    motion = meter.expected_motion_mm(instant.time_ns, instant.position_mm)
+    return None if motion is None else Prior(before, motion)
+
+
+def _warn(meter: FlowMeter, records: Sequence[FlowRecord], reporter: Reporter) -> None:
+    """What the operator should know."""
+    scale = meter.scale
+    if scale.compared >= 3 and abs(scale.ratio - 1) > max(0.002, 4 * scale.sigma):
+        reporter.warn(
+            f"the encoder says {scale.ratio:.4f} ± {scale.sigma:.4f} of what the material moves: "
+            "mend its scale, or the belt slips; the material's motion was used"
+        )
+    if meter.motion.conflicts:
+        reporter.warn(
+            f"{meter.motion.conflicts} frames in which encoder and material differ by over a quarter; the material's "
+            "motion was used"
+        )
+    lost = [record.frame for record in records if record.quality == "missing"]
+    if lost:
+        reporter.warn(
+            f"frames of which nothing was counted: {', '.join(lost[:6])}{' …' if len(lost) > 6 else ''}"
+        )

@@ -1,0 +1,111 @@
+"""What `measure flow` writes: flow.csv, flow.json, belt.tiff, report.html."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.flow import QUALITIES, FlowRecord
+from beltscape.files.atomic import write_text
+from beltscape.files.depth_tiff import write_float_tiff
+from beltscape.files.flow_csv import write_flow
+from beltscape.files.json_text import write_json
+from beltscape.measure.flow.density import Density
+from beltscape.pipeline.flow import Flow
+from beltscape.report.flow import FlowReport, flow_page
+
+_DIRECTIONS = {1: "+y", -1: "-y", 0: None}
+
+
+def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequence[str]) -> Mapping[str, Any]:
+    """Write everything into ``out``; the result is what ``--json`` prints."""
+    document = flow_document(flow, density)
+    belt, share = flow.picture.height_map()
+    write_flow(out / "flow.csv", flow.records)
+    write_float_tiff(out / "belt.tiff", belt.height_mm.astype(np.float32))
+    grid = {"origin_mm": belt.origin_mm, "cell_mm": belt.cell_mm, "rows": "belt coordinate s", "columns": "x"}
+    write_json(out / "flow.json", {**document, "belt_grid": grid})
+    page = FlowReport(flow.records, flow.steps, flow.meter.totals, document, belt, share)
+    write_text(out / "report.html", flow_page(page, warnings=warnings))
+    return {**document, "flow": out / "flow.csv", "belt": out / "belt.tiff", "report": out / "report.html"}
+
+
+def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
+    """All figures as plain values."""
+    meter, records = flow.meter, flow.records
+    totals, scale, scatter = meter.totals, meter.scale, meter.scatter
+    seconds, mean = _mean_flow(records)
+    counts = Counter(record.quality for record in records)
+    return {
+        "frame_count": len(records),
+        "direction": _DIRECTIONS[meter.direction],
+        "motion_from": "encoder and material" if flow.by_encoder else "material",
+        "totals": {
+            "volume_mm3": totals.volume_mm3,
+            "sigma_mm3": totals.sigma_mm3,
+            "mass_t": totals.mass_kg * 1e-3,
+            "mass_sigma_t": totals.mass_sigma_kg * 1e-3,
+            "length_mm": totals.length_mm,
+            "seen_mm": totals.seen_mm,
+            "bridged_mm": totals.bridged_mm,
+            "not_counted_mm": totals.unseen_mm,
+            "coverage": totals.share,
+            "seconds": seconds,
+            "mean_volume_flow_m3_h": mean,
+        },
+        "first_strip": _strip(records, totals.first_strip_mm),
+        "last_strip": _strip(records, totals.last_strip_mm),
+        "quality": {name: counts.get(name, 0) for name in QUALITIES},
+        "encoder": {
+            "compared": scale.compared,
+            "ratio": scale.ratio if scale.compared else None,
+            "sigma": scale.sigma if scale.compared else None,
+            "scatter_mm": scale.scatter_mm if scale.compared > 1 else None,
+            "conflicts": meter.motion.conflicts,
+        },
+        "fusion": {
+            "single_coverage": totals.single_share,
+            "coverage": totals.share,
+            "single_noise_mm": scatter.single_noise_mm,
+            "fused_noise_mm": scatter.fused_noise_mm,
+            "claimed_noise_mm": float(np.sqrt(scatter.claimed_mm2 / scatter.cells))
+            if scatter.cells
+            else None,
+            "left_out": scatter.outliers / max(scatter.outliers + scatter.cells, 1),
+        },
+        "density": {"product": density.name or None, "entries": len(density.time_ns)},
+        "cell_mm": meter.ground.cell_mm,
+        "window_mm": meter.ground.window_mm,
+        "seconds_per_frame": flow.seconds_per_frame,
+        "strips": [
+            {
+                "frame": record.frame,
+                "start_mm": record.strip_mm[0],
+                "end_mm": record.strip_mm[1],
+                "volume_mm3": record.volume_mm3,
+                "sigma_mm3": record.sigma_mm3,
+                "quality": record.quality,
+            }
+            for record in records
+        ],
+    }
+
+
+def _mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:
+    """Seconds from the first to the last frame, and the mean volume flow (m³/h) of what became new between them."""
+    timed = [record for record in records if record.time_ns is not None]
+    if len(timed) < 2 or timed[0].time_ns is None or timed[-1].time_ns is None:
+        return float("nan"), float("nan")
+    seconds = (timed[-1].time_ns - timed[0].time_ns) * 1e-9
+    return seconds, sum(record.volume_mm3 for record in timed[1:]) * 3600e-9 / seconds
+
+
+def _strip(records: Sequence[FlowRecord], strip_mm: tuple[float, float] | None) -> dict[str, Any] | None:
+    if strip_mm is None:
+        return None
+    frame = next((record.frame for record in records if record.strip_mm == strip_mm), None)
+    return {"frame": frame, "start_mm": strip_mm[0], "end_mm": strip_mm[1]}

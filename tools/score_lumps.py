@@ -39,14 +39,15 @@ def score(capture: Path, frame: Path | None) -> str:
     one = score_lumps(found, rock, sizes, volumes, pixel_mm=pixel_mm, region=region, measured=depth.measured)
     return "\n".join(
         (
-            f"  visible {one.rocks}, found {one.recall:.2f}; measured {one.rocks_measured}, found {one.recall_measured:.2f}; "
-            f"precision {one.precision:.2f}, IoU {one.iou:.2f}; {seconds:.1f} s",
+            f"  visible {one.rocks}, found {one.recall:.2f}; measured {one.rocks_measured}, found "
+            f"{one.recall_measured:.2f}; precision {one.precision:.2f}, IoU {one.iou:.2f}; {seconds:.1f} s",
             f"  over 60 mm: {one.rocks_over} rocks, found {one.recall_over:.2f}; {one.lumps_over} lumps, precision "
             f"{one.precision_over:.2f}; by size {one.alarm_recall:.2f} and {one.alarm_precision:.2f}",
             f"  size of {one.sized} whole lumps: bias {one.size_bias:+.1%}, median |error| {one.size_error:.1%}, "
             f"IQR {one.size_iqr:.1%}, σ ratio {one.sigma_ratio:.2f}",
             f"  size of {one.all_sized} lumps: bias {one.all_bias:+.1%}, median |error| {one.all_error:.1%}",
-            f"  d50 {one.d50_mm:.1f} mm, true of the top layer {one.d50_top_mm:.1f} mm, of the heap {one.d50_heap_mm:.1f} mm",
+            f"  d50 {one.d50_mm:.1f} mm; true of the top layer {one.d50_top_mm:.1f} mm, of the heap "
+            f"{one.d50_heap_mm:.1f} mm",
         )
     )
 

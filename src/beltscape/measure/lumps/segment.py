@@ -18,7 +18,8 @@ from beltscape.measure.lumps.rims import rims_of
 _FLOOR = 0.03
 _RIM_CELLS = 10.0
 _LUMP = 0.5
-_GROUND = 0.4
+_GROUND, _SURELY = 0.45, 0.65
+"""Hidden share from which on a region is ground unless its cells say lump so clearly."""
 _LEAST_MEASURED = 0.4
 _SPUR = 0.35
 """What is narrower than this share of a lump's widest inner disc is a spur, no part of it."""
@@ -106,5 +107,5 @@ def _lumps(
     measured = np.bincount(flat, usable.ravel(), len(area)) / area
     wide = 2 * width + 1 >= 0.6 * smallest_px  # the widest disc within; a narrow oval's is narrower than it
     whole = np.bincount(flat, lump.ravel(), len(area)) / area
-    ground = (hidden > _GROUND) & (whole < _LUMP)
+    ground = (hidden > _GROUND) & (whole < _SURELY)
     return (chance > _LUMP) & ~ground & (measured > _LEAST_MEASURED) & wide & (area >= 0.5 * smallest_px**2)

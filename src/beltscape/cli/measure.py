@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from beltscape.cli.main import Command
 
 QUANTITIES = {
+    "belt": "the empty belt's shape, place and ends, learned from any number of frames",
+    "features": "dimensions of a calibration module: edges, heights, radii, each with its σ",
     "volume": "between loaded and empty belt, with cross-section profiles",
+    "flow": "what passes on a moving belt: one row per frame, totals",
     "lumps": "of the top layer: sizes, distribution, oversize alarm",
 }
 """Quantity → what is measured."""

@@ -14,7 +14,12 @@ from beltscape.core.progress import Reporter
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("loaded", type=Path, help="frame folder DIR/<frame> of the loaded belt")
-    parser.add_argument("--empty", type=Path, required=True, help="frame folder of the empty belt")
+    parser.add_argument(
+        "--empty",
+        type=Path,
+        required=True,
+        help="the empty belt: a frame folder, a reconstruction (all its frames), or a belt.json",
+    )
     parser.add_argument("--across", nargs=2, type=float, metavar=("A", "B"), help="box across the belt, mm")
     parser.add_argument("--along", nargs=2, type=float, metavar=("A", "B"), help="box along the belt, mm")
     parser.add_argument(
@@ -24,7 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cell", type=float, metavar="MM", help="edge of a grid cell (default: from the density)"
     )
     parser.add_argument(
-        "--out", type=Path, help="folder for volume.json, load.tiff, profiles.csv, report.html"
+        "--surcharge", type=float, default=20.0, metavar="DEG",
+        help="angle at which the load of a full belt rises from its sides (20)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, help="folder for volume.json, load.tiff, meshes, profiles.csv, report.html"
     )
 
 
@@ -36,9 +45,15 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     volume = volume_of_frames(
         arguments.loaded,
         arguments.empty,
-        settings(VolumeSettings, cell_mm=arguments.cell, profile_every_mm=arguments.profile_every),
+        settings(
+            VolumeSettings,
+            cell_mm=arguments.cell,
+            profile_every_mm=arguments.profile_every,
+            surcharge_deg=arguments.surcharge,
+        ),
         across_mm=ordered_range("--across", arguments.across),
         along_mm=ordered_range("--along", arguments.along),
+        reporter=reporter,
     )
     reporter.step("measuring volume", 1, 1)
     if arguments.out is not None:
@@ -53,4 +68,13 @@ def summary(result: Mapping[str, Any]) -> str:
         f"volume {result['volume_mm3'] * 1e-6:.4f} l, σ {result['sigma_mm3'] * 1e-6:.4f} l\n"
         f"box    x {x0:.1f} to {x1:.1f} mm, y {y0:.1f} to {y1:.1f} mm, {result['coverage']:.1%} of it measured"
     )
+    centre, fill, highest = result["centre_of_gravity"], result["fill"], result["highest"]
+    if centre:
+        (x, y, z), (sx, sy, sz) = centre["place_mm"], centre["sigma_mm"]
+        text += f"\ncentre x {x:.1f}, y {y:.1f}, z {z:.1f} mm, σ {sx:.1f}, {sy:.1f}, {sz:.1f} mm; "
+        text += f"{centre['off_middle_mm']:+.1f} mm off the belt's middle"
+    part = "" if fill["whole_belt_seen"] else " (of the part of the belt that was seen)"
+    text += f"\nfill   {fill['level']:.1%} of {fill['capacity_mm2'] * 1e-2:.0f} cm²{part}"
+    if highest:
+        text += f"; highest {highest['height_mm']:.1f} mm"
     return text + (f"\nreport {result['report']}" if result["report"] else "")

@@ -1,17 +1,21 @@
-"""The belt's frame, found on the empty belt."""
+"""The empty belt learned: its frame, its shape, its ends."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.core.pose import Pose
+from beltscape.measure.belt_average import average
+from beltscape.measure.belt_deviation import find_deviation
+from beltscape.measure.belt_edges import belt_edges
 from beltscape.measure.correlation import correlation
 from beltscape.measure.flat import Middle, find_middle, reach
 from beltscape.measure.plane import Plane, fit_plane
@@ -24,38 +28,26 @@ _ROUGHEST = 0.004
 """A belt's scatter about an even surface, per distance; heaped material has more."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Belt:
-    """Where the empty belt lies and what shape it has; x, z in the belt frame."""
+def learn_belt(frames: Sequence[DepthMap], camera: Camera) -> Belt:
+    """The empty belt from any number of its depth maps, averaged pixel by pixel against what is odd in few of them.
 
-    belt_from_core: Pose
-    """Into the belt frame: origin where the core's optical axis meets the belt, x across, y along, z up."""
-    x_mm: NDArray[np.float64]
-    """(K,) float64 nodes across the belt, ascending."""
-    z_mm: NDArray[np.float64]
-    """(K,) float64 the empty cross-section's height there."""
-    across_mm: tuple[float, float]
-    """Reach of the belt in x, as far as it was seen."""
-    flat_mm: tuple[float, float] | None
-    """Ends in x of the flat centre; None for a V-shaped or round trough, which has none."""
-    flat_rms_mm: float
-    """Robust scatter of the depth map's points about the flat (about the cross-section where there is none)."""
-    noise_mm: float
-    """Robust scatter of the points about the cross-section, over the whole belt."""
-    correlation_px: float
-    """Side of the square of neighbouring pixels whose errors act as one, from the scatter itself."""
-    drift_mm: float
-    """Scatter that does not average out over areas of a hundred pixels: the depth map's slow errors."""
-    tilt_sigma_rad: float
-    """One standard deviation of the direction of z."""
-    yaw_sigma_rad: float | None
-    """One standard deviation of the direction of x; None where the belt does not tell it."""
-    yaw_from: Literal["shape", "edges", "camera"]
-    """What gave x: the trough's shape, the flat belt's edges, or (nothing else did) the core image's u axis."""
+    All that `find_belt` finds, and where the belt ends. What is alike in all frames, such as the errors of a rig or
+    of a pattern that stands still, does not average out: the scatter about the belt, which gives every σ, shows it.
 
-    def height_mm(self, x_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height of the empty belt at any x, held constant beyond its ends."""
-        return np.interp(x_mm, self.x_mm, self.z_mm)
+    Raises
+    ------
+    InputError
+        if there is no frame, or one is not the camera's size.
+    MeasureError
+        if there is no belt-like surface under the optical axis.
+    """
+    if not frames:
+        raise InputError("empty belt: no frame given; give at least one frame of the empty belt")
+    for depth in frames:
+        _demand_size(depth, camera)
+    mean = average(frames)
+    belt = replace(find_belt(mean, camera), frames=len(frames))
+    return replace(belt, edges=belt_edges(mean, camera, belt))
 
 
 def find_belt(depth: DepthMap, camera: Camera) -> Belt:
@@ -73,13 +65,7 @@ def find_belt(depth: DepthMap, camera: Camera) -> Belt:
     MeasureError
         if there is no belt-like surface under the optical axis.
     """
-    width, height = camera.size_px
-    if depth.depth_mm.shape != (height, width):
-        rows, columns = depth.depth_mm.shape
-        raise InputError(
-            f"empty belt: the depth map is {columns}×{rows}, the core camera {width}×{height}; "
-            "give the depth and the rig of one reconstruction"
-        )
+    _demand_size(depth, camera)
     if depth.coverage < _LEAST_MEASURED:
         raise MeasureError(
             f"empty belt: only {depth.coverage:.1%} of the pixels are measured; "
@@ -103,6 +89,16 @@ def find_belt(depth: DepthMap, camera: Camera) -> Belt:
         ends = np.array([[x, 0.0, section.height_mm(np.array([x]))[0]] for x in middle.flat_mm])
         flat = pose.apply(ends @ section.rotation)[:, 0]
     return _assemble(depth, camera, upright, pose, start, plane, flat)
+
+
+def _demand_size(depth: DepthMap, camera: Camera) -> None:
+    width, height = camera.size_px
+    if depth.depth_mm.shape != (height, width):
+        rows, columns = depth.depth_mm.shape
+        raise InputError(
+            f"empty belt: the depth map is {columns}×{rows}, the core camera {width}×{height}; "
+            "give the depth and the rig of one reconstruction"
+        )
 
 
 def _sample(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:
@@ -155,6 +151,25 @@ def _flat_plane(points: NDArray[np.float64], middle: Middle) -> Plane | None:
     return fit_plane(points[(points[:, 0] > left + inset) & (points[:, 0] < right - inset)])
 
 
+def _finer(
+    x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], points_mm: NDArray[np.float64], pixel_mm: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The cross-section on nodes two pixels apart, by medians of what the coarse one leaves: folds are sharp."""
+    x, z = points_mm[..., 0].ravel(), points_mm[..., 2].ravel()
+    inside = (x > x_mm[0]) & (x < x_mm[-1])  # NaN is not
+    x, off = x[inside], z[inside] - np.interp(x[inside], x_mm, z_mm)
+    nodes = np.linspace(x_mm[0], x_mm[-1], max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
+    own = np.rint((x - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
+    order = np.lexsort((off, own))
+    count = np.bincount(own, minlength=len(nodes))
+    first = np.cumsum(count) - count
+    full = np.flatnonzero(count >= 20)
+    if len(full) < 2:
+        return x_mm, z_mm
+    median = off[order[first[full] + count[full] // 2]]
+    return nodes, np.interp(nodes, x_mm, z_mm) + np.interp(nodes, nodes[full], median)
+
+
 def _assemble(
     depth: DepthMap,
     camera: Camera,
@@ -170,12 +185,29 @@ def _assemble(
     known = np.isfinite(z)
     x, z = x[known], z[known]
     points = pose.apply(depth.points_mm(camera))
+    x, z = _finer(x, z, points, pixel_mm=abs(float(pose.translation_mm[2])) / float(camera.focal_px[0]))
+    # the finer shape may pass the optical axis a little higher or lower: the origin goes with it
+    lift = np.array([0.0, 0.0, float(np.interp(0.0, x, z))])
+    pose, points, z = Pose(pose.rotation, pose.translation_mm - lift), points - lift, z - lift[2]
     residual = points[..., 2] - np.interp(points[..., 0], x, z, left=np.nan, right=np.nan)
-    related = correlation(residual, section.noise_mm)
+    noise = section.noise_mm
+    related = correlation(residual, noise)
+    deviation = find_deviation(points, residual, noise, related.area_px)
+    if deviation is not None:
+        residual = residual - deviation.at(points[..., 0], points[..., 1])
+        noise = 1.4826 * float(np.nanmedian(np.abs(residual)))
+        related = correlation(residual, noise)
     # the samples stand for fewer independent ones where neighbouring pixels err together
     factor = float(np.sqrt(max(1.0, related.area_px * len(section.residual_mm) / depth.measured.sum())))
     yaw_sigma = section.sigma_rad[1] * factor if start.troughed else None
     yaw_sigma = start.edges.sigma_rad if start.edges is not None else yaw_sigma
+    inside = np.isfinite(residual)
+    # a node gathers the points within half a node on either side
+    count = np.bincount(
+        np.rint(np.interp(points[..., 0][inside], x, np.arange(len(x)))).astype(np.intp), minlength=len(x)
+    )
+    node_sigma = noise * np.sqrt(np.minimum(related.area_px / np.maximum(count, 1), 1.0))
+    low, high = np.quantile(points[..., 1][inside], [0.001, 0.999])
     return Belt(
         belt_from_core=pose,
         x_mm=x,
@@ -183,10 +215,16 @@ def _assemble(
         across_mm=(float(x[0]), float(x[-1])),
         flat_mm=None if flat is None else (float(flat[0]), float(flat[1])),
         flat_rms_mm=section.noise_mm if plane is None else plane.rms_mm,
-        noise_mm=section.noise_mm,
+        noise_mm=noise,
         correlation_px=float(np.sqrt(related.area_px)),
         drift_mm=related.drift_mm,
         tilt_sigma_rad=factor * (section.sigma_rad[0] if plane is None else plane.sigma_rad),
         yaw_sigma_rad=yaw_sigma,
         yaw_from="shape" if start.troughed else "camera" if start.edges is None else "edges",
+        z_sigma_mm=node_sigma,
+        along_mm=(float(low), float(high)),
+        deviation=deviation,
+        edges=None,
+        claimed_sigma_mm=float(np.median(depth.sigma_mm[depth.measured])),
+        frames=1,
     )

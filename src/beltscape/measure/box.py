@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt import BeltProfile
+from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
-from beltscape.measure.belt import Belt
 from beltscape.measure.surface import Grid
 
 Range = tuple[float, float]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.core.belt import HeightMap
+from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.belt import Belt
 from beltscape.measure.holes import Filled
 from beltscape.measure.surface import Grid, blocks_mean, height_map, pixel_size_mm, visible_step_mm
 from beltscape.measure.trust import trusted
@@ -24,61 +24,42 @@ class Load:
     grid: Grid
     """Where the cells lie."""
     height_mm: NDArray[np.float64]
-    """(Ny, Nx) load over the empty belt; NaN where either was not measured."""
+    """(Ny, Nx) load over the empty belt; NaN where it was not measured."""
     sigma_mm: NDArray[np.float64]
     """(Ny, Nx) its σ."""
     noise_mm: NDArray[np.float64]
     """(Ny, Nx) the part of σ that neighbouring cells share."""
-
     measured: NDArray[np.bool_]
-    """(Ny, Nx) where both surfaces were measured, the pinholes between neighbouring points included."""
+    """(Ny, Nx) where it was measured, the pinholes between neighbouring points included."""
+    lean: NDArray[np.float64]
+    """(2, Ny, Nx) tangents, in x and in y, of the angle at which the core's rays come down there, away from it."""
 
 
-def load_over_belt(loaded: DepthMap, empty: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Load:
+def load_over_belt(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Load:
     """Load over the empty belt on a grid; cells that are not trustworthy count as not measured.
 
-    The empty surface is the belt's cross-section plus what was measured about it. A depth map that claims less
-    noise than it has on the empty belt has its σ raised to that.
+    A depth map that claims less noise than the empty belt's has there has its σ raised to that.
     """
     pose = belt.belt_from_core
-    pixel_mm, step_mm = pixel_size_mm(empty, camera), visible_step_mm(empty, camera)
-    bottom = height_map(empty, camera, pose, grid, trusted(empty, pixel_mm, step_mm, belt.correlation_px))
-    even = belt.height_mm(grid.x_mm)[None]
-    off = bottom.heights.height_mm - even
-    sound = np.abs(off) <= 6 * belt.noise_mm + grid.cell_mm
-    bottom_height = even + np.where(sound, off, _smoothed(off, sound, grid.cell_mm))
-    top = height_map(
-        loaded,
-        camera,
-        pose,
-        grid,
-        trusted(loaded, pixel_mm, visible_step_mm(loaded, camera), belt.correlation_px),
-    )
-    height = top.heights.height_mm - bottom_height
+    pixel_mm, step_mm = pixel_size_mm(loaded, camera), visible_step_mm(loaded, camera)
+    use = trusted(loaded, pixel_mm, step_mm, belt.correlation_px)
+    top = height_map(loaded, camera, pose, grid, use)
+    bottom = belt.surface_mm(grid.x_mm, grid.y_mm)
+    height = top.heights.height_mm - bottom
+    raised = max(1.0, belt.noise_mm / max(belt.claimed_sigma_mm, 1e-9))
+    sigma = np.hypot(raised * top.heights.sigma_mm, belt.surface_sigma_mm(grid.x_mm, grid.y_mm))
     # what lies well below the empty belt is no surface
-    good = sound & (height > -(10 * belt.noise_mm + 3 * grid.cell_mm))
-    raised = _raise(empty, belt)
+    good = height > -(10 * belt.noise_mm + 3 * grid.cell_mm)
+    eye = pose.translation_mm
+    reach = np.maximum(eye[2] - bottom, 1.0)
     return Load(
         grid,
         np.where(good, height, np.nan),
-        np.where(good, raised * np.hypot(top.heights.sigma_mm, bottom.heights.sigma_mm), np.nan),
-        np.where(good, raised * np.hypot(top.noise_mm, bottom.noise_mm), np.nan),
+        np.where(good, sigma, np.nan),
+        np.where(good, raised * top.noise_mm, np.nan),
         np.asarray(ndimage.binary_closing(np.pad(good, 1), np.ones((3, 3))), bool)[1:-1, 1:-1],
+        np.stack([(grid.x_mm[None] - eye[0]) / reach, (grid.y_mm[:, None] - eye[1]) / reach]),
     )
-
-
-def _raise(empty: DepthMap, belt: Belt) -> float:
-    """Factor from the σ that the depth map claims to the scatter on the even belt, at least one."""
-    claimed = float(np.median(empty.sigma_mm[empty.measured]))
-    return max(1.0, belt.noise_mm / max(claimed, 1e-9))
-
-
-def _smoothed(off_mm: NDArray[np.float64], sound: NDArray[np.bool_], cell_mm: float) -> NDArray[np.float64]:
-    """Mean of the sound cells about each cell, fading to zero far from any."""
-    blur = 10.0 / cell_mm
-    value = ndimage.gaussian_filter(np.where(sound, off_mm, 0.0), blur)
-    weight = ndimage.gaussian_filter(sound.astype(np.float64), blur)
-    return value / (weight + 1e-3)
 
 
 def gathered(load: Load, filled: Filled, side: int) -> HeightMap:

@@ -16,3 +16,6 @@ class VolumeSettings(BaseModel):
     cell. It is rounded to whole pixels. The volume itself is summed over cells of one pixel."""
     profile_every_mm: Annotated[float, Field(gt=0, le=10_000)] = 50.0
     """Longest stretch of belt that one cross-section stands for."""
+    surcharge_deg: Annotated[float, Field(ge=0, le=45)] = 20.0
+    """Angle at which the load of a full belt rises from its sides; of a moving belt, some 15° below the angle of
+    repose."""

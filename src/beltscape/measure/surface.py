@@ -11,9 +11,8 @@ from beltscape.core.belt import HeightMap
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
+from beltscape.measure.mesh import from_above, triangles
 
-_QUANTUM_MM = 1e-6
-"""Heights are sorted as integers of this step: far below any noise."""
 _GRAZING = float(np.tan(np.deg2rad(10.0)))
 
 
@@ -51,7 +50,7 @@ class Surface:
     """Heights on a grid, with the two parts of their uncertainty apart."""
 
     heights: HeightMap
-    """Median height per cell and its whole σ; NaN where a cell got no point."""
+    """Height per cell and its whole σ; NaN where a cell was not measured."""
     noise_mm: NDArray[np.float64]
     """(Ny, Nx) the part of σ that neighbouring cells share: the depth map's own."""
 
@@ -77,78 +76,29 @@ def visible_step_mm(depth: DepthMap, camera: Camera) -> float:
 def height_map(
     depth: DepthMap, camera: Camera, belt_from_core: Pose, grid: Grid, use: NDArray[np.bool_]
 ) -> Surface:
-    """Median height of the upper layer of points in each cell, from the pixels ``use`` (H, W).
+    """Height of the top surface over each cell, from the pixels ``use`` (H, W).
 
-    Where a gap parts a cell's points in height, the camera looked under an overhang, which counts as solid: only
-    the upper ones count. A cell's σ joins the points' mean σ (neighbours err together: it does not fall with
-    their number) and the median's own scatter, from the quartiles of the heights.
+    Neighbouring pixels of one surface are joined to triangles, and these are looked at from straight above: every
+    cell gets the area that is its own, however dense the pixels lie on what is near, far or steep, and of several
+    layers the uppermost, for an overhang counts as solid. A cell much larger than a pixel is the mean over such
+    looks a pixel apart, where most of them meet the surface. σ is the pixels' own: neighbours err together, so it
+    does not fall with their number.
     """
-    points = np.concatenate([camera.rays()[use], np.ones((int(use.sum()), 1))], axis=1)
-    points *= depth.depth_mm[use].astype(np.float64)[:, None]
-    points = belt_from_core.apply(points)
-    place = (points[:, :2] - grid.origin_mm) / grid.cell_mm
-    nearest = np.rint(place)
-    rows, columns = grid.shape
-    inside = ((nearest >= 0) & (nearest < (columns, rows))).all(axis=1)
-    whole = nearest[inside].astype(np.int64)
-    cell = whole[:, 1] * columns + whole[:, 0]
-    height, scatter, count = _medians(cell, points[inside, 2], rows * columns, visible_step_mm(depth, camera))
-    number = np.bincount(cell, minlength=rows * columns)
-
-    def mean(values: NDArray[np.floating]) -> NDArray[np.float64]:
-        return (np.bincount(cell, values, rows * columns) / number).reshape(grid.shape)
-
-    with np.errstate(invalid="ignore", divide="ignore"):
-        off = place[inside] - whole
-        height = _centered(height.reshape(grid.shape), mean(off[:, 0]), mean(off[:, 1]))
-        variance = mean(depth.sigma_mm[use][inside].astype(np.float64) ** 2)
-        sampling = ((1.25 * scatter) ** 2 / count).reshape(grid.shape)
-    sigma = np.sqrt(variance + sampling)
-    return Surface(HeightMap(height, sigma, grid.origin_mm, grid.cell_mm), np.sqrt(variance))
-
-
-def _centered(
-    height: NDArray[np.float64], off_x: NDArray[np.float64], off_y: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Heights moved from where the points lie (offsets in cells) to the cells' centres along the local slope.
-
-    The points' raster beats with the grid's, so the offsets are alike over large areas and would not average out.
-    """
-    moved = height.copy()
-    for axis, off in ((1, off_x), (0, off_y)):
-        forward = np.diff(height, axis=axis)
-        # both neighbours must tell much the same slope: an edge has none
-        one, two = (forward[:-1], forward[1:]) if axis == 0 else (forward[:, :-1], forward[:, 1:])
-        slope = 0.5 * (one + two)
-        slope = np.where(
-            np.abs(one - two) < 0.5 * np.abs(slope) + 0.5 * np.nanmedian(np.abs(forward)), slope, 0.0
-        )
-        inner = (slice(1, -1), slice(None)) if axis == 0 else (slice(None), slice(1, -1))
-        moved[inner] -= np.nan_to_num(slope * off[inner])
-    return moved
-
-
-def _medians(
-    cell: NDArray[np.int64], height_mm: NDArray[np.float64], cells: int, gap_mm: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Median, robust scatter (from quartiles) and number of each cell's points above its topmost gap."""
-    # one integer per point, cell above height: a plain sort groups and ranks at once
-    level = np.rint(height_mm / _QUANTUM_MM).astype(np.int64) + (1 << 35)
-    key = np.sort((cell << 36) | np.clip(level, 0, (1 << 36) - 1))
-    owner, level = key >> 36, (key & ((1 << 36) - 1)) - (1 << 35)
-    count = np.bincount(cell, minlength=cells)
-    end = np.cumsum(count)
-    first = end - count
-    gap = np.flatnonzero((np.diff(level) > gap_mm / _QUANTUM_MM) & (owner[1:] == owner[:-1]))
-    first[owner[gap]] = gap + 1  # of several gaps the last written, the topmost, stays
-    count = end - first
-    full = count > 0
-    start, number = first[full], count[full]
-
-    def ranked(rank: NDArray[np.int64]) -> NDArray[np.float64]:
-        return level[start + rank].astype(np.float64) * _QUANTUM_MM
-
-    median, scatter = np.full(cells, np.nan), np.full(cells, np.nan)
-    median[full] = 0.5 * (ranked((number - 1) // 2) + ranked(number // 2))
-    scatter[full] = (ranked((3 * (number - 1) + 2) // 4) - ranked((number - 1) // 4)) / 1.349
-    return median, scatter, count
+    side = max(1, round(grid.cell_mm / pixel_size_mm(depth, camera)))
+    fine_mm = grid.cell_mm / side
+    shape = (grid.shape[0] * side, grid.shape[1] * side)
+    start = np.array(grid.origin_mm) - 0.5 * (side - 1) * fine_mm
+    points = belt_from_core.apply(depth.points_mm(camera)).reshape(-1, 3)
+    corners = triangles(depth.depth_mm, use, visible_step_mm(depth, camera))
+    values = np.column_stack([points[:, 2], depth.sigma_mm.ravel().astype(np.float64) ** 2])
+    height, variance = from_above((points[:, :2] - start) / fine_mm, values, corners, shape)
+    if side > 1:
+        measured = np.isfinite(height)
+        share = blocks_mean(measured, side)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            height, variance = (
+                np.where(share > 0.5, blocks_mean(np.where(measured, part, 0.0), side) / share, np.nan)
+                for part in (height, variance)
+            )
+    sigma = np.sqrt(variance)
+    return Surface(HeightMap(height, sigma, grid.origin_mm, grid.cell_mm), sigma)

@@ -8,6 +8,9 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 
+_TELLING = 0.999
+"""A depth map that trusts every pixel wholly tells nothing of them."""
+
 
 def trusted(depth: DepthMap, pixel_mm: float, step_mm: float, window_px: float) -> NDArray[np.bool_]:
     """(H, W) pixels to measure by.
@@ -19,10 +22,16 @@ def trusted(depth: DepthMap, pixel_mm: float, step_mm: float, window_px: float) 
     - that steps by more than ``step_mm`` from most of its neighbours in the image: it flies between two surfaces;
     - most of whose neighbours, within the matcher's reach ``window_px``, were left out for these reasons or are
       not measured: what a matcher invents in shadows and beside steps hangs together in such tatters.
+
+    Where the depth map tells of each pixel how far it is to be trusted, that is believed instead: there what is less
+    likely true than false is left out, and what flies. Leaving out more makes holes wider, and a wide hole
+    beside a step is worse known than a doubtful pixel.
     """
     measured = depth.measured
     if not measured.any():
         return measured
+    if depth.confidence[measured].min() < _TELLING:
+        return measured & (depth.confidence >= 0.5) & _joined(depth.depth_mm, step_mm)
     typical = float(np.median(depth.sigma_mm[measured]))
     believed = measured & (depth.sigma_mm <= max(pixel_mm, 4 * typical))
     believed &= _joined(depth.depth_mm, step_mm)

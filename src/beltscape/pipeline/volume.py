@@ -1,4 +1,4 @@
-"""Two reconstructed frames → volume, height map, profiles, report."""
+"""A loaded frame and the empty belt → volume, height map, profiles, meshes, report."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.rig import Rig
+from beltscape.core.progress import Reporter, Silent
 from beltscape.files.atomic import output_folder, write_text
-from beltscape.files.depth_tiff import write_float_tiff
+from beltscape.files.height_tiff import write_height_tiff
 from beltscape.files.json_text import write_json
 from beltscape.files.reconstruction import read_frame
+from beltscape.files.stl import write_stl
 from beltscape.measure.settings import VolumeSettings
+from beltscape.measure.solid import load_mesh, surface_mesh
 from beltscape.measure.volume import Volume, measure_volume
+from beltscape.pipeline.belt import empty_belt
 from beltscape.report.volume import volume_page
 
 
@@ -26,37 +30,40 @@ def volume_of_frames(
     *,
     across_mm: tuple[float, float] | None,
     along_mm: tuple[float, float] | None,
+    reporter: Reporter | None = None,
 ) -> Volume:
-    """Volume between two frame folders of beltscape reconstruct.
+    """Volume between a frame folder of beltscape reconstruct and the empty belt.
+
+    ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
 
     Raises
     ------
     InputError, MeasureError
         With one line that names what is wrong and the mend.
     """
-    full, bare = read_frame(loaded), read_frame(empty)
-    if not _same_view(full.rig, bare.rig):
+    full = read_frame(loaded)
+    belt, camera = empty_belt(empty, reporter or Silent())
+    if not _same_view(full.rig.core_camera, camera):
         raise InputError(
             f"{loaded} and {empty}: reconstructed with different rigs; reconstruct both with the same rig.json"
         )
     return measure_volume(
-        full.depth, bare.depth, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
+        full.depth, belt, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
     )
 
 
-def _same_view(first: Rig, second: Rig) -> bool:
-    a, b = first.core_camera, second.core_camera
+def _same_view(first: Camera, second: Camera) -> bool:
     return (
-        first.core == second.core
-        and a.size_px == b.size_px
-        and np.allclose(a.focal_px, b.focal_px, rtol=1e-9)
-        and np.allclose(a.center_px, b.center_px, atol=1e-6)
+        first.name == second.name
+        and first.size_px == second.size_px
+        and np.allclose(first.focal_px, second.focal_px, rtol=1e-9)
+        and np.allclose(first.center_px, second.center_px, atol=1e-6)
     )
 
 
 def volume_document(volume: Volume) -> Mapping[str, Any]:
     """What ``measure volume --json`` answers."""
-    belt = volume.belt
+    belt, centre, summit = volume.belt, volume.centre, volume.summit
     return {
         "volume_mm3": volume.volume_mm3,
         "sigma_mm3": volume.sigma_mm3,
@@ -73,19 +80,56 @@ def volume_document(volume: Volume) -> Mapping[str, Any]:
             {"y_mm": profile.y_mm, "area_mm2": profile.area_mm2, "coverage": profile.coverage}
             for profile in volume.profiles
         ],
+        "sigma_from_mm3": {
+            "noise": volume.causes.noise_mm3,
+            "belt": volume.causes.belt_mm3,
+            "holes": volume.causes.holes_mm3,
+            "edges": volume.causes.edges_mm3,
+            "drift": volume.causes.drift_mm3,
+        },
+        "centre_of_gravity": centre
+        and {
+            "place_mm": centre.place_mm,
+            "sigma_mm": centre.sigma_mm,
+            "off_middle_mm": centre.off_middle_mm,
+            "off_middle_sigma_mm": centre.off_middle_sigma_mm,
+        },
+        "fill": {
+            "area_mm2": volume.fullness.area_mm2,
+            "capacity_mm2": volume.fullness.capacity_mm2,
+            "level": volume.fullness.level,
+            "whole_belt_seen": volume.fullness.whole_belt,
+        },
+        "highest": summit
+        and {"height_mm": summit.height_mm, "sigma_mm": summit.sigma_mm, "place_mm": summit.place_mm},
     }
 
 
 def write_volume(out: Path, volume: Volume) -> None:
-    """volume.json, load.tiff and load_sigma.tiff (mm, with the grid in volume.json), profiles.csv, report.html."""
+    """volume.json, report.html, and the load as maps, meshes and tables.
+
+    load.tiff and load_sigma.tiff are placed in the belt frame, mm; surface.stl is what is seen from above, load.stl
+    the closed body between it and the belt; profiles.csv and areas.csv are the cross-sections.
+    """
     output_folder(out)
     load = volume.load
-    write_float_tiff(out / "load.tiff", load.height_mm.astype(np.float32))
-    write_float_tiff(out / "load_sigma.tiff", load.sigma_mm.astype(np.float32))
-    grid = {"origin_mm": load.origin_mm, "cell_mm": load.cell_mm, "rows": "along y", "columns": "along x"}
+    write_height_tiff(out / "load.tiff", load)
+    write_height_tiff(out / "load_sigma.tiff", load, sigma=True)
+    first = (load.origin_mm[0], float(load.y_mm[-1]))
+    grid = {"origin_mm": first, "cell_mm": load.cell_mm, "rows": "along -y", "columns": "along x"}
     write_json(out / "volume.json", {**volume_document(volume), "load_grid": grid})
+    for name, mesh in (("surface.stl", surface_mesh(volume)), ("load.stl", load_mesh(volume))):
+        write_stl(out / name, mesh.vertices_mm, mesh.faces)
     write_text(out / "profiles.csv", profiles_csv(volume))
+    write_text(out / "areas.csv", areas_csv(volume))
     write_text(out / "report.html", volume_page(volume, warnings=()))
+
+
+def areas_csv(volume: Volume) -> str:
+    """One row per cross-section: ``y_mm,area_mm2,coverage``."""
+    rows = ["y_mm,area_mm2,coverage"]
+    rows += [f"{p.y_mm:.3f},{p.area_mm2:.3f},{p.coverage:.4f}" for p in volume.profiles]
+    return "\n".join(rows) + "\n"
 
 
 def profiles_csv(volume: Volume) -> str:

@@ -18,6 +18,11 @@ def volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
     sections = [
         Section("The load", "Heights above the empty belt, in the belt frame.", volume_items(volume)),
         Section(
+            "How sure, and where its weight acts",
+            "Of an evenly dense load; x across, y along the belt, z up from the belt's level middle.",
+            [sigma_table(volume), centre_table(volume)],
+        ),
+        Section(
             "Cross-sections",
             "Each is the mean over its stretch of belt; area times length adds up to the volume.",
             [Figure.png(profiles_plot(volume), "Load above the empty belt."), _profile_table(volume)],
@@ -54,15 +59,55 @@ def volume_items(volume: Volume) -> list[Item]:
                     f"over {length:.0f} mm",
                 ),
                 Tile("measured", f"{100 * volume.coverage:.1f}", "%", "the rest is interpolated"),
-                Tile(
-                    "highest", f"{float(np.nanmax(volume.load.height_mm)):.1f}", "mm", "above the empty belt"
-                ),
+                *_load_tiles(volume),
             ]
         ),
         Figure.png(
-            height_plot(volume), "Height of the load; the box in white, interpolated cells hatched grey."
+            height_plot(volume),
+            "Height of the load; the box and the centre of gravity in white, interpolated cells veiled grey.",
         ),
     ]
+
+
+def _load_tiles(volume: Volume) -> list[Tile]:
+    """Fill level, highest place, how eccentrically the belt is loaded."""
+    full, summit, centre = volume.fullness, volume.summit, volume.centre
+    of = "of the whole belt" if full.whole_belt else "of the part of the belt that was seen"
+    tiles = [Tile("full", f"{100 * full.level:.0f}", "%", f"{full.capacity_mm2 / 100:.0f} cm² {of}")]
+    if summit is not None:
+        where = f"at x {summit.place_mm[0]:.0f}, y {summit.place_mm[1]:.0f} mm"
+        tiles.append(Tile("highest", f"{summit.height_mm:.1f}", "mm", where))
+    if centre is not None:
+        sigma = f"σ {centre.off_middle_sigma_mm:.1f} mm"
+        tiles.append(Tile("load off the middle", f"{centre.off_middle_mm:+.1f}", "mm", sigma))
+    return tiles
+
+
+def sigma_table(volume: Volume) -> Table:
+    """What the uncertainty is put together from."""
+    causes = volume.causes
+    rows = (
+        ("places that no camera measured", causes.holes_mm3),
+        ("where steps lie", causes.edges_mm3),
+        ("noise of the depth map", causes.noise_mm3),
+        ("the empty belt", causes.belt_mm3),
+        ("slow errors of the depth map", causes.drift_mm3),
+        ("together (root of the sum of squares)", volume.sigma_mm3),
+    )
+    return Table(["cause", "σ, litres"], [[name, f"{value * 1e-6:.4f}"] for name, value in rows])
+
+
+def centre_table(volume: Volume) -> Table:
+    """The centre of gravity."""
+    centre = volume.centre
+    if centre is None:
+        return Table(["centre of gravity", "mm", "σ"], [["none: hardly any load", "–", "–"]])
+    rows = [
+        [name, f"{value:.1f}", f"{sigma:.1f}"]
+        for name, value, sigma in zip("xyz", centre.place_mm, centre.sigma_mm, strict=True)
+    ]
+    off = [f"{centre.off_middle_mm:+.1f}", f"{centre.off_middle_sigma_mm:.1f}"]
+    return Table(["centre of gravity", "mm", "σ"], [*rows, ["off the belt's middle", *off]])
 
 
 def height_plot(volume: Volume) -> bytes:
@@ -86,6 +131,8 @@ def height_plot(volume: Volume) -> bytes:
     axis.imshow(veil, origin="lower", extent=extent, interpolation="nearest")
     (x0, x1), (y0, y1) = volume.across_mm, volume.along_mm
     axis.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor="white", linewidth=1.6))
+    if volume.centre is not None:
+        axis.plot(*volume.centre.place_mm[:2], "+", color="white", markersize=14, markeredgewidth=2)
     axis.set(xlabel="x across, mm", ylabel="y along, mm", xlim=extent[:2], ylim=extent[2:])
     figure.colorbar(image, ax=axis, label="height, mm", shrink=0.85)
     return to_png(figure)

@@ -1,0 +1,179 @@
+"""belt.json: ``beltscape-belt/1``, an empty belt as it was learned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.belt_model import Belt, BeltDeviation, BeltEdges
+from beltscape.core.camera import Camera
+from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
+from beltscape.files.json_text import read_json, write_json
+
+FORMAT = "beltscape-belt/1"
+_MEND = "give a belt.json of beltscape measure belt"
+_NUMBERS = ("flat_rms_mm", "noise_mm", "correlation_px", "drift_mm", "tilt_sigma_rad", "claimed_sigma_mm")
+_EDGES = ("left_mm", "right_mm", "left_sigma_mm", "right_sigma_mm", "offset_mm", "sigma_mm")
+
+
+def write_belt(path: Path, belt: Belt, camera: Camera) -> None:
+    """Write a belt and the core camera that saw it, atomically, with full float precision."""
+    write_json(path, belt_document(belt, camera))
+
+
+def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
+    """The belt as the plain document that belt.json holds; what was not measured is null."""
+    edges, deviation = belt.edges, belt.deviation
+    return {
+        "format": FORMAT,
+        "units": "mm",
+        "frames": belt.frames,
+        "core": {
+            "name": camera.name,
+            "size_px": list(camera.size_px),
+            "focal_px": camera.focal_px,
+            "center_px": camera.center_px,
+        },
+        "belt_from_core": {
+            "rotation": belt.belt_from_core.rotation,
+            "translation_mm": belt.belt_from_core.translation_mm,
+        },
+        "section": {"x_mm": belt.x_mm, "z_mm": belt.z_mm, "sigma_mm": belt.z_sigma_mm},
+        "across_mm": belt.across_mm,
+        "along_mm": belt.along_mm,
+        "flat_mm": belt.flat_mm,
+        "deviation": deviation
+        and {
+            "x_mm": deviation.x_mm,
+            "y_mm": deviation.y_mm,
+            "height_mm": deviation.height_mm,
+            "sigma_mm": deviation.sigma_mm,
+        },
+        "edges": edges and {**{key: getattr(edges, key) for key in _EDGES}, "against": edges.against},
+        "quality": {
+            **{key: getattr(belt, key) for key in _NUMBERS},
+            "yaw_sigma_rad": belt.yaw_sigma_rad,
+            "yaw_from": belt.yaw_from,
+        },
+    }
+
+
+def read_belt(path: Path) -> tuple[Belt, Camera]:
+    """Read belt.json, or InputError naming the key that does not fit. The camera has no distortion."""
+    document = read_json(path)
+    found = document.get("format") if isinstance(document, dict) else None
+    if found != FORMAT:
+        raise InputError(f"{path}: format is {found!r}, not {FORMAT!r}; {_MEND}")
+    try:
+        return _belt(document), _camera(_entry(document, "core"))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; {_MEND}") from error
+
+
+def _belt(document: Mapping[str, Any]) -> Belt:
+    """The belt, or ValueError in words."""
+    if document.get("units") != "mm":
+        raise ValueError(f'units = {document.get("units")!r}: only "mm" is known')
+    frames = document.get("frames")
+    if not isinstance(frames, int) or frames < 1:
+        raise ValueError(f"frames = {frames!r}: must be a whole number of at least 1")
+    section, quality = _entry(document, "section"), _entry(document, "quality")
+    x = _ascending("section", section, "x_mm")
+    yaw_from = quality.get("yaw_from")
+    if yaw_from not in ("shape", "edges", "camera"):
+        raise ValueError(f"quality.yaw_from = {yaw_from!r}: must be shape, edges or camera")
+    yaw = quality.get("yaw_sigma_rad")
+    flat = document.get("flat_mm")
+    return Belt(
+        belt_from_core=_pose(_entry(document, "belt_from_core")),
+        x_mm=x,
+        z_mm=_array("section", section, "z_mm", x.shape),
+        across_mm=_range(document, "across_mm"),
+        flat_mm=None if flat is None else _range(document, "flat_mm"),
+        yaw_sigma_rad=None if yaw is None else _number("quality", quality, "yaw_sigma_rad"),
+        yaw_from=yaw_from,
+        z_sigma_mm=_array("section", section, "sigma_mm", x.shape),
+        along_mm=_range(document, "along_mm"),
+        deviation=None if document.get("deviation") is None else _deviation(_entry(document, "deviation")),
+        edges=None if document.get("edges") is None else _edges(_entry(document, "edges")),
+        frames=frames,
+        **{key: _number("quality", quality, key) for key in _NUMBERS},
+    )
+
+
+def _deviation(entry: Mapping[str, Any]) -> BeltDeviation:
+    x, y = (_ascending("deviation", entry, key) for key in ("x_mm", "y_mm"))
+    shape = (len(y), len(x))
+    return BeltDeviation(
+        x, y, _array("deviation", entry, "height_mm", shape), _array("deviation", entry, "sigma_mm", shape)
+    )
+
+
+def _edges(entry: Mapping[str, Any]) -> BeltEdges:
+    against = entry.get("against")
+    if against not in ("trough", "learned"):
+        raise ValueError(f"edges.against = {against!r}: must be trough or learned")
+    numbers = {key: np.nan if entry.get(key) is None else _number("edges", entry, key) for key in _EDGES}
+    return BeltEdges(**numbers, against=against)
+
+
+def _camera(entry: Mapping[str, Any]) -> Camera:
+    size = _array("core", entry, "size_px", (2,))
+    if size.min() < 1 or (size % 1).any():
+        raise ValueError(f"core.size_px = {entry['size_px']}: must be two positive whole numbers")
+    return Camera(
+        str(entry.get("name")),
+        (int(size[0]), int(size[1])),
+        _array("core", entry, "focal_px", (2,)),
+        _array("core", entry, "center_px", (2,)),
+        np.zeros(5),
+    )
+
+
+def _pose(entry: Mapping[str, Any]) -> Pose:
+    rotation = _array("belt_from_core", entry, "rotation", (3, 3))
+    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(rotation) < 0:
+        raise ValueError("belt_from_core.rotation is not a rotation (orthonormal, determinant +1)")
+    return Pose(rotation, _array("belt_from_core", entry, "translation_mm", (3,)))
+
+
+def _entry(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = document.get(key)
+    if not isinstance(value, dict):
+        raise ValueError(f"{key} must be a table")
+    return value
+
+
+def _range(document: Mapping[str, Any], key: str) -> tuple[float, float]:
+    low, high = _array("", document, key, (2,))
+    if low >= high:
+        raise ValueError(f"{key} = {document[key]}: the first number must be the smaller one")
+    return float(low), float(high)
+
+
+def _ascending(place: str, entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+    value = entry.get(key)
+    values = _array(place, entry, key, (len(value) if isinstance(value, list) else 0,))
+    if len(values) < 2 or (np.diff(values) <= 0).any():
+        raise ValueError(f"{place}.{key} must be two or more ascending numbers")
+    return values
+
+
+def _number(place: str, entry: Mapping[str, Any], key: str) -> float:
+    return float(_array(place, entry, key, ()))
+
+
+def _array(place: str, entry: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    try:
+        values = np.array(entry.get(key), dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.full(shape, np.nan)
+    if values.shape != shape or not np.isfinite(values).all():
+        size = "×".join(map(str, shape)) + " numbers" if shape else "a number"
+        raise ValueError(f"{place}.{key} must be {size}".replace(" .", " ").removeprefix("."))
+    return values

@@ -27,10 +27,17 @@ class FrameResult:
     folder: Path
     rig: Rig
     depth: DepthMap
+    image: Image | None = None
+    """(H, W) or (H, W, 3) what the core camera saw, on the same grid; None where it was not kept."""
 
 
-def write_frame(folder: Path, depth: DepthMap, cloud: PointCloud, preview: Image) -> None:
-    """depth.tiff, sigma.tiff, confidence.tiff, views.png, cloud.ply and preview.png of one frame."""
+def write_frame(
+    folder: Path, depth: DepthMap, cloud: PointCloud, preview: Image, image: Image | None = None
+) -> None:
+    """depth.tiff, sigma.tiff, confidence.tiff, views.png, cloud.ply, preview.png, and image.png where there is one.
+
+    ``image`` is the core camera's, brought onto the depth map's undistorted grid.
+    """
     output_folder(folder)
     write_float_tiff(folder / "depth.tiff", depth.depth_mm)
     write_float_tiff(folder / "sigma.tiff", depth.sigma_mm)
@@ -38,6 +45,8 @@ def write_frame(folder: Path, depth: DepthMap, cloud: PointCloud, preview: Image
     write_image(folder / "views.png", depth.views)
     write_cloud(folder / "cloud.ply", cloud)
     write_image(folder / "preview.png", preview)
+    if image is not None:
+        write_image(folder / "image.png", image)
 
 
 def read_frame(folder: Path) -> FrameResult:
@@ -60,7 +69,8 @@ def read_frame(folder: Path) -> FrameResult:
                 f"{folder / name}: {values.shape[1]}×{values.shape[0]} px, but the rig's core camera {rig.core} "
                 f"has {width}×{height}; the rig.json beside the frame is another rig's"
             )
-    return FrameResult(folder, rig, DepthMap(depth, sigma, _views(folder / "views.png", depth), confidence))
+    views, image = _views(folder / "views.png", depth), _image(folder / "image.png", depth)
+    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence), image)
 
 
 def _confidence(path: Path, depth: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -75,3 +85,16 @@ def _views(path: Path, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
         if views.shape == depth.shape and views.dtype == np.uint8:
             return np.asarray(views, np.uint8)
     return np.isfinite(depth).astype(np.uint8)
+
+
+def _image(path: Path, depth: NDArray[np.float32]) -> Image | None:
+    """What the core camera saw, if somebody kept it."""
+    if not path.is_file():
+        return None
+    image = read_image(path)
+    if image.shape[:2] != depth.shape:
+        raise InputError(
+            f"{path}: {image.shape[1]}×{image.shape[0]} px, but the depth map beside it has "
+            f"{depth.shape[1]}×{depth.shape[0]}; reconstruct the frame again"
+        )
+    return image

@@ -101,9 +101,8 @@ def reconstruct_capture(
 
 
 def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
-    depth = frame.depth
-    cloud = builder.cloud(depth, frame.frame_set.images[builder.camera.name])
-    write_frame(folder, depth, cloud, frame_picture(depth))
+    depth, image = frame.depth, frame.frame_set.images[builder.camera.name]
+    write_frame(folder, depth, builder.cloud(depth, image), frame_picture(depth), builder.undistorted(image))
     measured = depth.measured.any()
     return {
         "frame": frame.frame_set.frame,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,8 @@ class Band:
     """Size of a pixel on the face."""
     off_mm: NDArray[np.float32]
     """(N,) measured depth minus the face's, NaN where not measured."""
-    crease: bool
-    """Whether one sees the solid's own side beyond the edge; else the edge is its outline."""
+    kind: Literal["outline", "crease", "round"]
+    """Crease: one sees the solid's own side beyond the edge; a round edge is partly this, partly that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +131,7 @@ def _band(
     if near.sum() < 60:
         return None
     window = plane.window
-    labels, tops, nominal = (a[window][near] for a in (view.label, view.top, view.depth_mm))
+    labels, tops, nominal = view.label[window][near], view.top[window][near], view.depth_mm[window][near]
     across, along, shapes = across[near], along[near], shapes[near]
     bins = np.floor((along - along.min()) / BIN_PX).astype(np.intp)
     count = int(bins.max()) + 1
@@ -146,8 +147,10 @@ def _band(
     keep = ~bad[bins]
     if keep.sum() < 60:
         return None
-    at = np.ravel_multi_index(np.mgrid[window], view.label.shape)[near][keep]
+    rows, columns = np.mgrid[window]
+    at = (rows * view.label.shape[1] + columns)[near][keep]
     off = (depth_mm.ravel()[at] - plane.depth_mm[near][keep]).astype(np.float32)
     beyond = keep & (across > 0.7) & (across < _NEXT_PX[1])
-    crease = bool(np.mean(labels[beyond] == label) > _SIDE_SHARE) if beyond.any() else False
-    return Band(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, crease)
+    crease = bool(beyond.any()) and float(np.mean(labels[beyond] == label)) > _SIDE_SHARE
+    kind = "round" if shapes.shape[1] == 2 else "crease" if crease else "outline"
+    return Band(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, kind)

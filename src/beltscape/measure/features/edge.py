@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ from beltscape.measure.features.band import Band
 from beltscape.measure.features.rim import RIM_SIGMA_PX, rim_px
 from beltscape.measure.features.votes import OFFSETS_PX, evidence
 
-SYSTEMATIC_PX = 0.09
+SYSTEMATIC_PX = 0.11
 """Of an edge in one image: how shading beside it and the shape of the blur move it (simulated modules)."""
 _BLOCKS = 8
 _NUISANCE_PX = 0.3
@@ -35,30 +34,27 @@ class Edge:
     by_image: bool
 
 
-def locate(band: Band, greys: Sequence[NDArray[np.float32]], nuisances: NDArray[np.float64]) -> Edge | None:
-    """The edge by each image (H, W) and by depth, weighed by their variances; None where neither shows it.
+def locate(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64]) -> Edge | None:
+    """The edge by the image (H, W) on what depth expects; by depth alone without one; None where neither shows it.
 
-    Each image's σ is a jackknife over blocks along the edge, with `SYSTEMATIC_PX` on top.
+    Of ``nuisances`` (M, J) px of the band's shapes the likeliest is taken. The image's σ is a jackknife over blocks
+    along the edge, with `SYSTEMATIC_PX` on top.
     """
     rim = rim_px(band)
     near = 1 / (_NEAR_MM / band.px_mm) ** 2
     told = 0.0 if rim is None else 1 / RIM_SIGMA_PX**2
     start = (rim or 0.0) * told / (told + near)
-    prior = -0.5 * OFFSETS_PX**2 * (told + near) - 0.5 * np.sum((nuisances / _NUISANCE_PX) ** 2, axis=1)[:, None]
-    found = [
-        edge
-        for grey in greys
-        if (edge := _by_image(band, grey.ravel()[band.index].astype(np.float64), start, nuisances, prior))
-    ]
-    if not found:
-        if rim is None:
-            return None
-        return Edge(rim, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
-    weight = np.array([1 / edge.sigma_px**2 for edge in found])
-    offset = float(weight @ [edge.offset_px for edge in found] / weight.sum())
-    best = found[int(np.argmax(weight))]
-    sigma = float(np.hypot(np.sqrt(1 / weight.sum()), SYSTEMATIC_PX))
-    return Edge(offset, sigma, best.nuisance, max(edge.points for edge in found), best.by_image)
+    prior = (
+        -0.5 * OFFSETS_PX**2 * (told + near) - 0.5 * np.sum((nuisances / _NUISANCE_PX) ** 2, axis=1)[:, None]
+    )
+    if grey is not None:
+        here = grey.ravel()[band.index].astype(np.float64)
+        edge = _by_image(band, here, start, nuisances, prior)
+        if edge is not None:
+            return edge
+    if rim is None:
+        return None
+    return Edge(rim, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
 
 
 def _by_image(
@@ -79,7 +75,8 @@ def _by_image(
     without = np.array([_peak(total - told.blocks[k])[0] for k in taken])
     count = len(taken)
     spread = np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))
-    return Edge(start + offset, float(max(spread, 0.02)), nuisances[nuisance], told.pieces, True)
+    sigma = float(np.hypot(spread, SYSTEMATIC_PX))
+    return Edge(start + offset, sigma, nuisances[nuisance], told.pieces, True)
 
 
 def _peak(total: NDArray[np.float64]) -> tuple[float, int]:

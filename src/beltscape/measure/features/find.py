@@ -1,4 +1,4 @@
-"""Where a module lies, without a hint: its heights over each plane of the depth map, matched over all turns and shifts."""
+"""Where a module lies, without a hint: its heights over each plane of the frame, over all turns and shifts."""
 
 from __future__ import annotations
 
@@ -58,7 +58,9 @@ def find_module(depth: DepthMap, camera: Camera, module: Module) -> Match:
     """
     planes = candidate_planes(depth, camera, _PLANES)
     if not planes:
-        raise MeasureError(f"{module.name}: the frame shows no plane at all; give a frame that shows the module")
+        raise MeasureError(
+            f"{module.name}: the frame shows no plane at all; give a frame that shows the module"
+        )
     step = max(int(np.sqrt(depth.measured.sum() / _SAMPLES)), 1)
     points = depth.points_mm(camera)[::step, ::step]
     points = points[np.isfinite(points[..., 2])]
@@ -103,17 +105,18 @@ def _match(
     if len(local) < 100:
         return Match(core_from_plane, 0.0, -1.0)
     low = local[:, :2].min(axis=0)
-    size = tuple(int(fft.next_fast_len(int(n) + cells + 4, real=True)) for n in np.ptp(local[:, :2], axis=0) // cell)
+    size = tuple(
+        int(fft.next_fast_len(int(n) + cells + 4, real=True)) for n in np.ptp(local[:, :2], axis=0) // cell
+    )
     scene = _scene_levels(local, low, cell, (count, *size))
-    seen = fft.rfft2(scene.max(axis=0))
-    scene = fft.rfft2(scene)
+    seen, scene = _spectrum(scene.max(axis=0), size), _spectrum(scene, size)
     best = Match(core_from_plane, 0.0, -1.0)
     for turn in turns:
         levels, middle = _module_levels(module, float(turn), cell, count)
         footprint = levels.any(axis=0)
-        pattern = np.conj(fft.rfft2(levels.astype(np.float32), size))
-        matched = fft.irfft2(np.einsum("kij,kij->ij", scene, pattern), size)
-        covered = fft.irfft2(seen * np.conj(fft.rfft2(footprint.astype(np.float32), size)), size)
+        pattern = np.conj(_spectrum(levels, size))
+        matched = np.asarray(fft.irfft2(np.einsum("kij,kij->ij", scene, pattern), size))
+        covered = np.asarray(fft.irfft2(seen * np.conj(_spectrum(footprint, size)), size))
         score = ((1 + _DOUBT) * matched - _DOUBT * covered) / footprint.sum()
         at = np.unravel_index(int(np.argmax(score)), size)
         if score[at] > best.agreement:
@@ -129,6 +132,11 @@ def _plane_frame(plane: CandidatePlane) -> Pose:
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z
     x /= np.linalg.norm(x)
     return Pose(np.stack([x, np.cross(z, x), z], axis=1), z * plane.offset_mm)
+
+
+def _spectrum(maps: NDArray[np.generic], size: tuple[int, ...]) -> NDArray[np.complexfloating]:
+    """Of the last two axes, padded with zeros."""
+    return np.asarray(fft.rfft2(maps.astype(np.float32), size))
 
 
 def _scene_levels(

@@ -62,7 +62,8 @@ def measure_module(
     faces, balls = _faces(depth, rig, module, view), {}
     if "base" not in faces:
         raise MeasureError(f"{module.name}: too little of its base is measured; heights need it")
-    scene = Scene(camera, depth.depth_mm, [image for image in (plain, pattern) if image is not None], view, pose)
+    image = plain if plain is not None else pattern  # dots only disturb what a plain image shows
+    scene = Scene(camera, depth.depth_mm, image, view, pose)
     grain = grain_px([face.residual_mm for face in faces.values()])
     weight = None if pattern is None else information(pattern, scale_of(camera))
     quantities, edges = _base(scene, module, faces["base"])
@@ -97,7 +98,8 @@ def _faces(depth: DepthMap, rig: Rig, module: Module, view: NominalView) -> dict
         if not isinstance(feature, Sphere)
     }
     found = {
-        name: fit_face(depth, rig.core_camera, view.face(label), view.depth_mm) for name, label in labels.items()
+        name: fit_face(depth, rig.core_camera, view.face(label), view.depth_mm)
+        for name, label in labels.items()
     }
     return {name: face for name, face in found.items() if face is not None}
 
@@ -184,7 +186,9 @@ def _warnings(
     lost = [n for n in names if all(q in missing for q in quantities if q.name == n)]
     told = [f"{name}: not measured; it is missing, hidden, or not where module.toml has it" for name in lost]
     told += [
-        f"{q.name}: {q.quantity} not measured; too little of it is seen" for q in missing if q.name not in lost
+        f"{q.name}: {q.quantity} not measured; too little of it is seen"
+        for q in missing
+        if q.name not in lost
     ]
     if not patterned:
         told.append(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +26,8 @@ class Scene:
     camera: Camera
     depth_mm: NDArray[np.float32]
     """(H, W)."""
-    greys: Sequence[NDArray[np.float32]]
-    """(H, W) each: images of the still scene by the core camera, on its undistorted grid."""
+    grey: NDArray[np.float32] | None
+    """(H, W) brightness of the still scene in the core camera, on its undistorted grid."""
     view: NominalView
     core_from_module: Pose
 
@@ -54,11 +53,15 @@ def rectangle(
         pair: list[tuple[Edge, float]] = []
         for sign in (1, -1):
             band = straight_band(plane, scene.view, label, scene.depth_mm, half, axis, sign)
-            edge = band and locate(band, scene.greys, _TILTS_PX)
+            edge = band and locate(band, scene.grey, _TILTS_PX)
             if band is None or edge is None:
                 continue
             pair.append((edge, band.px_mm))
-            lines.append(_line(scene, name, face, place, half, axis, sign, edge, band.px_mm))
+            found, perfect = (
+                _on_face(scene, face, place, _ends(half, axis, sign, offset, tilt))
+                for offset, tilt in ((edge.offset_px * band.px_mm, edge.nuisance[0] * band.px_mm), (0.0, 0.0))
+            )
+            lines.append(EdgeLine(name, found, perfect, edge.sigma_px * band.px_mm, edge.by_image))
         extents.append(_extent(size_mm[axis], pair) if len(pair) == 2 else None)
     return (extents[0], extents[1]), lines
 
@@ -69,7 +72,7 @@ def circle(
     """Diameter of a round face around ``place`` (3,) mm; None where its rim is not seen."""
     plane = _plane(scene, face, place, diameter_mm / 2)
     band = round_band(plane, scene.view, label, scene.depth_mm, diameter_mm / 2)
-    edge = band and locate(band, scene.greys, _SHIFTS_PX)
+    edge = band and locate(band, scene.grey, _SHIFTS_PX)
     if band is None or edge is None:
         return None, []
     angle = np.linspace(-np.pi, np.pi, 73)
@@ -93,25 +96,12 @@ def _extent(nominal_mm: float, pair: list[tuple[Edge, float]]) -> Extent:
     return Extent(length, sigma, sum(edge.points for edge, _ in pair))
 
 
-def _line(
-    scene: Scene,
-    name: str,
-    face: Face,
-    place: NDArray[np.float64],
-    half: tuple[float, float],
-    axis: int,
-    sign: int,
-    edge: Edge,
-    px_mm: float,
-) -> EdgeLine:
-    """The edge and the perfect one, in the core's frame."""
-    drawn: list[NDArray[np.float64]] = []
-    for offset, tilt in ((edge.offset_px * px_mm, float(edge.nuisance[0]) * px_mm), (0.0, 0.0)):
-        flat = np.empty((2, 2))
-        flat[:, 1 - axis] = [-half[1 - axis], half[1 - axis]]
-        flat[:, axis] = sign * (half[axis] + offset + tilt * np.array([-1.0, 1.0]))
-        drawn.append(_on_face(scene, face, place, flat))
-    return EdgeLine(name, drawn[0], drawn[1], edge.sigma_px * px_mm, edge.by_image)
+def _ends(half: tuple[float, float], axis: int, sign: int, offset: float, tilt: float) -> NDArray[np.float64]:
+    """(2, 2) both ends of an edge on the face, mm, moved outwards by ``offset`` -+ ``tilt``."""
+    flat = np.empty((2, 2))
+    flat[:, 1 - axis] = [-half[1 - axis], half[1 - axis]]
+    flat[:, axis] = sign * (half[axis] + offset + tilt * np.array([-1.0, 1.0]))
+    return flat
 
 
 def _on_face(

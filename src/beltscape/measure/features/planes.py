@@ -33,7 +33,9 @@ def candidate_planes(depth: DepthMap, camera: Camera, most: int) -> list[Candida
     """Up to ``most`` planes, the ones with most blocks first, each from blocks no plane before it took."""
     side = max(8, round(_FINE_PX * camera.size_px[0] / _FINE_OF_PX))
     blocks = block_planes(depth, camera, side)
-    blocks = _kept(blocks, blocks.rms_mm <= max(4 * _low(blocks.rms_mm), 1e-5 * _low(blocks.centers_mm[:, 2])))
+    blocks = _kept(
+        blocks, blocks.rms_mm <= max(4 * _low(blocks.rms_mm), 1e-5 * _low(blocks.centers_mm[:, 2]))
+    )
     found: list[CandidatePlane] = []
     while len(found) < most and len(blocks.normals) >= 6:
         normal, offset, members = _largest(blocks)

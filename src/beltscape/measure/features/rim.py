@@ -29,4 +29,7 @@ def rim_px(band: Band) -> float | None:
     best = np.nonzero(mistaken == mistaken.min())[0]
     beyond = band.off_mm[(band.across_px > 2) & (band.across_px < 6)]
     tall = bool(np.isfinite(beyond).any()) and float(np.nanmedian(beyond)) > _TALL_MM
-    return float(tries[best].mean()) - (OUTLINE_PX if tall and not band.crease else REACH_PX)
+    reach = OUTLINE_PX if tall and band.kind == "outline" else REACH_PX
+    if band.kind == "round":
+        reach = (OUTLINE_PX + REACH_PX) / 2
+    return float(tries[best].mean()) - reach

@@ -35,7 +35,9 @@ def settle(depth: DepthMap, camera: Camera, module: Module, start: Pose) -> Pose
         local = local[local[:, 2] > -0.5 * module.base.size_mm[2]]
         off = _distance(solids, local)
         weight = (1 + (off / scale) ** 2) ** -2
-        slopes = np.column_stack([(_distance(solids, _moved(step).apply(local)) - off) / _STEP for step in steps])
+        slopes = np.column_stack(
+            [(_distance(solids, _moved(step).apply(local)) - off) / _STEP for step in steps]
+        )
         weighted = slopes * weight[:, None]
         damping = 1e-9 * np.trace(weighted.T @ slopes) * np.eye(6)
         answer = np.linalg.solve(weighted.T @ slopes + damping, -weighted.T @ off)

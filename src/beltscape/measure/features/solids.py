@@ -147,7 +147,9 @@ def _solid(feature: Feature) -> Solid:
 
 
 def _corners(low: Points, high: Points) -> Points:
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    return np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
 
 
 def _enter(off: Points, direction: Points, radius: float) -> tuple[Points, Points]:

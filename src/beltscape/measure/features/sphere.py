@@ -10,7 +10,7 @@ from scipy import ndimage, optimize
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.kernels import Kernels, load
+from beltscape.kernels import load
 from beltscape.measure.features.face import rays_at
 from beltscape.measure.features.smoothing import smoothed
 from beltscape.measure.features.view import scale_of
@@ -62,7 +62,8 @@ def fit_sphere(
     z, sigma, on = (a[window].astype(np.float64) for a in (depth.depth_mm, depth.sigma_mm, shown))
     tell = np.ones_like(z) if weight is None else weight[window]
     sound = (on > 0) & (np.asarray(ndimage.distance_transform_edt(np.isfinite(z))) > 2)
-    sphere, inverse, points, off = np.append(center_mm, radius_mm), np.eye(4), 0, np.zeros_like(z)
+    sphere, inverse, points = np.append(center_mm, radius_mm), np.eye(4), 0
+    off, corrected = np.zeros_like(z), 0.0
     for turn in range(_ROUNDS):
         model = _depth(sphere, rays)
         lean = _lean_deg(sphere, rays, model)
@@ -75,9 +76,9 @@ def fit_sphere(
         trust = np.minimum(tell[use] / max(float(np.median(tell[use])), 1e-12), 5)
         trust /= np.hypot(_FLOOR_MM, sigma[use]) ** 4
         fitted = _fit(sphere, rays[use], (z - off)[use], trust, radius_mm)
-        sphere, inverse, points = fitted, *_covariance(fitted, rays[use], (z - off)[use], trust)
+        sphere, (inverse, points) = fitted, _covariance(fitted, rays[use], (z - off)[use], trust)
+        corrected = float(np.mean(off[use]))
     grain = _GRAIN_PX * scale_of(camera) ** 2
-    corrected = float(np.mean(off[use]))
     return Ball(sphere[:3], float(sphere[3]), float(np.sqrt(inverse[3, 3] * grain)), points, corrected)
 
 
@@ -151,4 +152,5 @@ def _covariance(
     slopes = np.stack([(_depth(sphere + d, rays) - _depth(sphere - d, rays)) / 2e-4 for d in steps], axis=-1)
     slopes = (slopes * root[:, None] / spread)[kept]
     slopes = slopes[np.isfinite(slopes).all(axis=1)]
-    return np.linalg.inv(slopes.T @ slopes + 1e-12 * np.eye(4)), int(kept.sum())
+    information = np.asarray(slopes.T @ slopes, np.float64) + 1e-12 * np.eye(4)
+    return np.asarray(np.linalg.inv(information), np.float64), int(kept.sum())

@@ -53,52 +53,61 @@ def evidence(
     `quantile`: the distribution of brightness changes at the edge (composite quantile regression, Zou & Yuan,
     Ann. Statist. 36(3), 2008, doi:10.1214/07-AOS507).
 
-    ``grey`` (N,) of the band's pixels; ``prior`` (O,) is what depth says of the offsets.
+    ``grey`` (N,) of the band's pixels; ``prior`` (M, O) is what is known of them before.
     """
     near = np.abs(band.across_px - start_px) < _WINDOW_PX - OFFSETS_PX[0] + _MARGIN_PX
-    across, shapes, bins, value = (a[near] for a in (band.across_px - start_px, band.shapes, band.bins, grey))
-    along = band.along_px[near]
-    if not len(value):
+    if not near.any():
         return None
-    block = np.minimum(((along - along.min()) / (np.ptp(along) + 1e-9) * blocks).astype(np.intp), blocks - 1)
+    along = band.along_px[near]
+    block = ((along - along.min()) / (np.ptp(along) + 1e-9) * blocks).astype(np.intp)
     noise = 0.003 * float(np.quantile(grey, 0.99)) + 1e-6
-    total, pieces = _step(across, bins, shapes, value, block, nuisances, noise, blocks)
+    pixels = _Pixels(
+        band.across_px[near] - start_px, along, band.shapes[near], band.bins[near], grey[near],
+        np.minimum(block, blocks - 1), blocks, noise,
+    )  # fmt: skip
+    total, pieces = _step(pixels, nuisances)
     if pieces < 8:
         return None
     total *= _STEP_WEIGHT
+    if band.kind == "round":  # too short to tell distributions by
+        return Evidence(total, pieces)
+    both = total
     for _ in range(3):
-        at = OFFSETS_PX[int(np.argmax((total.sum(axis=0) + prior).max(axis=0)))]
-        more = _quantile(across, shapes, along, value, block, nuisances, at, blocks, noise)
-        total_now = total + _QUANTILE_WEIGHT * more
-        now = OFFSETS_PX[int(np.argmax((total_now.sum(axis=0) + prior).max(axis=0)))]
-        if abs(now - at) < 0.05:
-            break
-    return Evidence(total_now, pieces)
+        at = float(OFFSETS_PX[int(np.argmax((both.sum(axis=0) + prior).max(axis=0)))])
+        both = total + _QUANTILE_WEIGHT * _quantile(pixels, nuisances, at)
+    return Evidence(both, pieces)
 
 
-def _step(
-    across: NDArray[np.float64],
-    bins: NDArray[np.intp],
-    shapes: NDArray[np.float64],
-    value: NDArray[np.float64],
-    block: NDArray[np.intp],
-    nuisances: NDArray[np.float64],
-    noise: float,
-    blocks: int,
-) -> tuple[NDArray[np.float64], int]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pixels:
+    """A band's pixels about where the edge may be."""
+
+    across: NDArray[np.float64]
+    """(N,) px from the start."""
+    along: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+    """(N, J)."""
+    bins: NDArray[np.intp]
+    value: NDArray[np.float64]
+    """(N,) brightness."""
+    block: NDArray[np.intp]
+    blocks: int
+    noise: float
+    """Of the brightness."""
+
+
+def _step(pixels: _Pixels, nuisances: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
     """(K, M, O) gain in log-likelihood by a step, piece by piece; and how many pieces there are."""
-    order = np.argsort(bins, kind="stable")
-    across, bins, shapes, value, block = (a[order] for a in (across, bins, shapes, value, block))
+    order = np.argsort(pixels.bins, kind="stable")
     fine = np.arange(OFFSETS_PX[0] - _MARGIN_PX, OFFSETS_PX[-1] + _MARGIN_PX + 0.05, 0.1)
-    total, pieces = np.zeros((blocks, len(nuisances), len(OFFSETS_PX))), 0
-    starts = np.concatenate([[0], np.nonzero(np.diff(bins))[0] + 1, [len(bins)]])
-    for first, last in zip(starts[:-1], starts[1:], strict=True):
-        if last - first < 3 * _WINDOW_PX:
+    total, pieces = np.zeros((pixels.blocks, len(nuisances), len(OFFSETS_PX))), 0
+    for piece in np.split(order, np.nonzero(np.diff(pixels.bins[order]))[0] + 1):
+        if len(piece) < 3 * _WINDOW_PX:
             continue
-        gain = _gain(across[first:last], value[first:last], fine, noise)
-        moved = nuisances @ shapes[first:last].mean(axis=0)
+        gain = _gain(pixels.across[piece], pixels.value[piece], fine, pixels.noise)
+        moved = nuisances @ pixels.shapes[piece].mean(axis=0)
         place = OFFSETS_PX[None] + np.clip(moved, -_MARGIN_PX, _MARGIN_PX)[:, None]
-        total[block[first]] += np.interp(place, fine, gain)
+        total[pixels.block[piece[0]]] += np.interp(place, fine, gain)
         pieces += 1
     return total, pieces
 
@@ -116,7 +125,9 @@ def _gain(
     spread = np.sqrt(square / count_or_one) + noise
     z = u / BLUR_PX
     share, bell = ndtr(z), np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
-    step = np.stack([1 - share, (z * (1 - share) - bell) * BLUR_PX, share, (z * share + bell) * BLUR_PX], axis=-1)
+    step = np.stack(
+        [1 - share, (z * (1 - share) - bell) * BLUR_PX, share, (z * share + bell) * BLUR_PX], axis=-1
+    )
     ridge = np.diag([1e-6, 1 / _SLOPE**2, 1e-6, 1 / _SLOPE**2]) * (noise / spread)[:, None, None] ** 2
     smooth = np.stack([np.ones_like(u), u, u * u], axis=-1)
     left = [
@@ -141,32 +152,21 @@ def _left_over(
     return np.maximum(square - np.einsum("gi,gi->g", answer, right), 0)
 
 
-def _quantile(
-    across: NDArray[np.float64],
-    shapes: NDArray[np.float64],
-    along: NDArray[np.float64],
-    value: NDArray[np.float64],
-    block: NDArray[np.intp],
-    nuisances: NDArray[np.float64],
-    at: float,
-    blocks: int,
-    noise: float,
-) -> NDArray[np.float64]:
+def _quantile(pixels: _Pixels, nuisances: NDArray[np.float64], at: float) -> NDArray[np.float64]:
     """(K, M, O) minus the check loss of brightness quantiles that change at the edge, in units of the least."""
-    inner, outer = _levels(across - at, along, value)
-    mid = (np.abs(across - at) < _CLEAR_PX[0] + 0.7) & np.isfinite(inner[0])
-    total = np.zeros((blocks, len(nuisances), len(OFFSETS_PX)))
+    inner, outer = _levels(pixels.across - at, pixels.along, pixels.value)
+    mid = (np.abs(pixels.across - at) < _CLEAR_PX[0] + 0.7) & np.isfinite(inner[0])
+    total = np.zeros((pixels.blocks, len(nuisances), len(OFFSETS_PX)))
     if mid.sum() < 40:
         return total
-    inner, outer, t, y, k = inner[:, mid], outer[:, mid], across[mid], value[mid], block[mid]
-    edges = np.eye(blocks)[k]
-    for level, a, b in zip(_LEVELS, inner, outer, strict=True):
+    t, y, edges = pixels.across[mid], pixels.value[mid], np.eye(pixels.blocks)[pixels.block[mid]]
+    for level, a, b in zip(_LEVELS, inner[:, mid], outer[:, mid], strict=True):
         losses = np.empty_like(total)
         for m, nuisance in enumerate(nuisances):
-            share = ndtr((t[None] - shapes[mid] @ nuisance - OFFSETS_PX[:, None]) / BLUR_PX)
+            share = ndtr((t[None] - pixels.shapes[mid] @ nuisance - OFFSETS_PX[:, None]) / BLUR_PX)
             off = y - (a + (b - a) * share)
             losses[:, m] = (np.maximum(off, 0) * level + np.maximum(-off, 0) * (1 - level)).dot(edges).T
-        least = losses.sum(axis=0).min() / len(y) + 0.1 * noise
+        least = losses.sum(axis=0).min() / len(y) + 0.1 * pixels.noise
         total -= losses / least / len(_LEVELS)
     return total
 
@@ -176,7 +176,9 @@ def _levels(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(T, N) quantiles of the brightness inside and outside, by stretch along the edge; NaN where unknown."""
     stretches = max(1, round(float(np.ptp(along)) / _PIECE_PX))
-    stretch = np.minimum(((along - along.min()) / (np.ptp(along) + 1e-9) * stretches).astype(int), stretches - 1)
+    stretch = np.minimum(
+        ((along - along.min()) / (np.ptp(along) + 1e-9) * stretches).astype(int), stretches - 1
+    )
     levels = np.full((2, len(_LEVELS), len(value)), np.nan)
     low, high = _CLEAR_PX
     for s in range(stretches):

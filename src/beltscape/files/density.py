@@ -60,7 +60,7 @@ def read_density_table(path: Path) -> list[tuple[int, float, float]]:
     table: list[tuple[int, float, float]] = []
     for line in read_csv(path, ("timestamp_s", "density_kg_m3"), ("sigma_kg_m3",)):
         time_ns, density = round(line.number_in(0, "timestamp_s") * 1e9), line.number_in(1, "density_kg_m3")
-        sigma = line.number_in(2, "sigma_kg_m3") if len(line.values) > 2 else 0.0
+        sigma = line.number_in(2, "sigma_kg_m3") if line.values[2:] else 0.0
         if not DENSITY_LIMITS[0] < density <= DENSITY_LIMITS[1] or sigma < 0:
             raise line.wrong(f"a density of {density:g} ± {sigma:g} kg/m³; give one above 0, up to 30000")
         if table and time_ns <= table[-1][0]:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.flow import FlowRecord
@@ -18,13 +16,12 @@ from beltscape.core.scaling import scale_between, scaled_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.encoder_csv import Reading, read_encoder
 from beltscape.files.images import read_image
-from beltscape.files.reconstruction import read_frame
-from beltscape.measure.belt import find_belt
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.ground import Ground, ground_of
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.picture import BeltPicture
 from beltscape.measure.flow.settings import FlowSettings
+from beltscape.pipeline.belt import empty_belt
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview import MultiviewReconstructor
@@ -122,17 +119,15 @@ def _ground(
     empty: Path, rig: Rig, settings: FlowSettings | None, source: FolderSource, reporter: Reporter
 ) -> tuple[Ground, tuple[float, float]]:
     """The empty belt as a floor for the rig's depth maps, and the depths between which all lies."""
-    bare = read_frame(empty)
-    if bare.rig.core != rig.core or scale_between(bare.rig.core_camera, rig.core_camera) is None:
+    belt, camera = empty_belt(empty, reporter)
+    if camera.name != rig.core or scale_between(camera, rig.core_camera) is None:
         raise InputError(
             f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
         )
-    belt = find_belt(bare.depth, bare.rig.core_camera)
-    cell = None if settings is None else settings.cell_mm
-    ground = ground_of(belt, rig.core_camera, cell)
+    ground = ground_of(belt, rig.core_camera, None if settings is None else settings.cell_mm)
     near, far = depth_range(source, rig, reporter)
-    low, high = np.nanquantile(bare.depth.depth_mm, [0.001, 0.999])
-    return ground, (min(near, 0.98 * float(low)), max(far, 1.02 * float(high)))
+    low, high = ground.depths_mm()
+    return ground, (min(near, 0.98 * low), max(far, 1.02 * high))
 
 
 def instants_of(

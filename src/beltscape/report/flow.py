@@ -230,6 +230,10 @@ def motion_plot(flow: FlowReport) -> bytes:
                 speed = np.diff(encoder) / np.diff(clock)
                 axes[0].plot(middle, speed, color=_ENCODER, linewidth=1.0, linestyle="--", label="encoder")
         axes[0].legend(frameon=False, fontsize=8, ncols=3)
+        axes[0].ticklabel_format(axis="y", useOffset=False)
+        low, high = axes[0].get_ylim()
+        room = max(0.0, 0.01 * abs(0.5 * (low + high)) - 0.5 * (high - low))  # a steady belt looks steady
+        axes[0].set_ylim(low - room, high + room)
     axes[0].set(xlabel="time, s", ylabel="speed, mm/s")
     if both:
         off = [float(s.place.encoder_mm or 0.0) - s.place.position_mm for s in both]

@@ -92,6 +92,13 @@ class Ground:
         about = ndimage.maximum_filter(np.nan_to_num(load.height_mm), side, mode="nearest")
         return in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
 
+    def depths_mm(self) -> Range:
+        """Nearest and farthest depth of the empty belt within the view."""
+        x, y = np.meshgrid(self.grid.x_mm, self.grid.y_mm)
+        z = self.belt.surface_mm(self.grid.x_mm, self.grid.y_mm)
+        depth = self.belt.belt_from_core.inverse().apply(np.stack([x, y, z], axis=-1))[..., 2]
+        return float(depth.min()), float(depth.max())
+
     def slant_across(self) -> NDArray[np.float64]:
         """(Nx,) tangent of the rays' slant in x, at the belt's height."""
         eye = self.belt.belt_from_core.translation_mm

@@ -1,0 +1,216 @@
+"""The flow meter on a smooth heap: any frame rate, cut, direction, gap and encoder gives the same total."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from flow.moving_belt import Heap, depth_map, ground
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.flow import FlowRecord
+from beltscape.measure.flow.density import Density
+from beltscape.measure.flow.ground import Ground
+from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.settings import FlowSettings
+
+HEAP = Heap(start_mm=-1150, end_mm=-450)
+"""Comes in from -y."""
+BACK = Heap(start_mm=450, end_mm=1150)
+"""Comes in from +y."""
+PASSED_MM = 1500.0
+
+
+@cache
+def floor() -> Ground:
+    return ground()
+
+
+@cache
+def seen(heap: Heap, place_mm: float, direction: int) -> DepthMap:
+    return depth_map(heap, place_mm, direction)
+
+
+def positions(step_mm: float, start_mm: float = 0.0) -> list[float]:
+    return list(np.arange(start_mm, start_mm + PASSED_MM, step_mm))
+
+
+def measure(
+    places: Sequence[float],
+    *,
+    direction: int = 1,
+    encoder: Sequence[float] | bool | None = True,
+    settings: FlowSettings | None = None,
+    lost: Sequence[int] = (),
+    density: Density | None = None,
+) -> tuple[FlowMeter, list[FlowRecord], list[Step]]:
+    """Push a capture frame by frame; ``encoder`` True: the true places, None: none."""
+    steps: list[Step] = []
+    meter = FlowMeter(floor(), settings, density=density, watch_step=steps.append)
+    told = list(places) if encoder is True else encoder
+    heap = HEAP if direction == 1 else BACK
+    records: list[FlowRecord] = []
+    for k, place in enumerate(places):
+        depth = None if k in lost else seen(heap, place, direction)
+        records += meter.push(depth, round(k * 1e8), told[k] if told else None, frame=f"{k:03d}")
+    return meter, records + meter.finish(), steps
+
+
+def check_every_mm_once(meter: FlowMeter, records: Sequence[FlowRecord]) -> None:
+    strips = [r.strip_mm for r in records if np.isfinite(r.strip_mm[0])]
+    for before, after in pairwise(strips):
+        assert before[1] == after[0]
+    assert sum(r.volume_mm3 for r in records) == pytest.approx(meter.totals.volume_mm3, rel=1e-12)
+    assert meter.totals.length_mm == pytest.approx(strips[-1][1] - strips[0][0], abs=1e-6)
+    assert meter.totals.first_strip_mm == strips[0]
+
+
+@pytest.mark.parametrize("step_mm", [60.0, 141.0, 230.0])
+def test_total_is_the_same_at_any_frame_rate(step_mm: float) -> None:
+    meter, records, _ = measure(positions(step_mm))
+    check_every_mm_once(meter, records)
+    assert len(records) == len(positions(step_mm))
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.004)
+    assert abs(meter.totals.volume_mm3 - HEAP.volume_mm3) < 3 * meter.totals.sigma_mm3
+    assert {r.quality for r in records} == {"measured"}
+
+
+def test_cutting_the_run_in_two_loses_and_doubles_nothing() -> None:
+    places = positions(100.0)
+    whole, _, _ = measure(places)
+    first, _, _ = measure(places[:8])
+    second, _, _ = measure(places[7:])
+    # the second run's first strip is all that was in view: of it only what the first run did not count is new
+    both = first.totals.volume_mm3 + second.totals.volume_mm3
+    seen_twice = measure(places[7:8])[0].totals.volume_mm3
+    assert both - seen_twice == pytest.approx(whole.totals.volume_mm3, rel=0.01)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_without_an_encoder_the_material_tells_motion_and_direction(direction: int) -> None:
+    places = positions(100.0)
+    meter, records, steps = measure(places, direction=direction, encoder=None)
+    heap = HEAP if direction == 1 else BACK
+    assert meter.direction == direction
+    assert meter.totals.volume_mm3 == pytest.approx(heap.volume_mm3, rel=0.006)
+    assert sum(s.place.source == "material" for s in steps) >= 6
+    for one, two in pairwise(steps):
+        if one.place.source == two.place.source == "material":
+            error = two.place.position_mm - one.place.position_mm - 100.0
+            assert abs(error) < 0.2
+            assert abs(error) < 4 * two.place.sigma_mm
+    # where the belt is empty nothing tells the motion: the last speed goes on, and is said to
+    blind = {s.frame for s in steps if s.place.source == "speed"}
+    assert {r.quality for r in records if r.frame in blind} <= {"degraded"}
+    check_every_mm_once(meter, records)
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.02])
+def test_a_wrong_encoder_scale_is_found_and_does_no_harm(scale: float) -> None:
+    places = positions(100.0)
+    meter, records, _ = measure(places, encoder=[scale * place for place in places])
+    assert abs(meter.scale.ratio - scale) < min(0.002, 4 * meter.scale.sigma)
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.006)
+    assert records[3].belt_position_mm == pytest.approx(scale * places[3])
+
+
+def test_a_slipping_belt_is_measured_by_its_material() -> None:
+    places = positions(100.0)
+    slipping = np.cumsum([0.0, *np.where(np.arange(len(places) - 1) % 2, 110.0, 100.0)])
+    meter, _, _ = measure(places, encoder=list(slipping))
+    assert meter.scale.ratio == pytest.approx(1.05, abs=0.02)
+    assert meter.scale.scatter_mm > 2
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.006)
+
+
+def test_the_encoder_says_which_way_when_told_nothing_else() -> None:
+    meter, _, _ = measure(positions(120.0), direction=-1)
+    assert meter.direction == -1
+    assert meter.totals.volume_mm3 == pytest.approx(BACK.volume_mm3, rel=0.006)
+
+
+def test_a_lost_frame_is_seen_by_its_neighbours() -> None:
+    meter, records, _ = measure(positions(100.0), lost=(7,))
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.004)
+    assert meter.totals.bridged_mm == 0
+    assert records[7].quality == "measured"
+    check_every_mm_once(meter, records)
+
+
+def test_a_gap_longer_than_the_view_is_bridged_with_its_own_sigma() -> None:
+    whole, _, _ = measure(positions(100.0))
+    meter, records, _ = measure(positions(100.0), lost=tuple(range(5, 12)))
+    assert meter.totals.bridged_mm > 100
+    assert "bridged" in {r.quality for r in records}
+    assert meter.totals.sigma_mm3 > 3 * whole.totals.sigma_mm3
+    assert abs(meter.totals.volume_mm3 - HEAP.volume_mm3) < 2.5 * meter.totals.sigma_mm3
+    check_every_mm_once(meter, records)
+
+
+def test_a_gap_too_long_to_bridge_is_not_counted() -> None:
+    meter, records, _ = measure(
+        positions(100.0), lost=tuple(range(5, 12)), settings=FlowSettings(bridge_mm=60.0)
+    )
+    assert meter.totals.bridged_mm == 0
+    assert meter.totals.unseen_mm > 100
+    assert "missing" in {r.quality for r in records}
+    assert meter.totals.volume_mm3 < 0.95 * HEAP.volume_mm3
+
+
+@pytest.mark.parametrize("encoder", [True, None])
+def test_a_stop_adds_nothing(encoder: bool | None) -> None:
+    places = [*positions(100.0)[:9], *[800.0] * 5, *positions(100.0)[9:]]
+    meter, records, _ = measure(places, encoder=encoder)
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.006)
+    still = records[9:14]
+    assert abs(sum(r.volume_mm3 for r in still)) < 0.001 * HEAP.volume_mm3
+    assert max(abs(r.volume_flow_m3_h) for r in still) < 0.02 * records[6].volume_flow_m3_h
+    check_every_mm_once(meter, records)
+
+
+def test_a_belt_that_rolls_back_a_bit_counts_nothing_twice() -> None:
+    places = [*positions(100.0)[:10], 860.0, 880.0, *positions(100.0)[10:]]
+    meter, records, _ = measure(places, encoder=None)
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.006)
+    check_every_mm_once(meter, records)
+
+
+def test_records_come_as_soon_as_their_belt_has_left_and_memory_stays_bounded() -> None:
+    meter = FlowMeter(floor(), FlowSettings(direction="+y"))
+    held: list[int] = []
+    given = 0
+    for k in range(36):
+        given += len(meter.push(depth_map(None, 0.0), k * 10**8, 20.0 * k))
+        held.append(len(meter._buffer._layers))
+    late = (floor().seen_mm[1] - floor().seen_mm[0] + 80 + 50 + 40) / 20.0
+    assert given >= 36 - late
+    assert max(held) <= meter.settings.layers + 2
+
+
+def test_the_same_frames_give_the_same_records_and_order_matters_not_for_live_or_offline() -> None:
+    first, second = (measure(positions(150.0), encoder=None)[1] for _ in range(2))
+    assert [repr(record) for record in first] == [repr(record) for record in second]
+
+
+def test_an_empty_belt_without_an_encoder_is_never_given_a_speed() -> None:
+    meter = FlowMeter(floor())
+    records: list[FlowRecord] = []
+    for k in range(14):
+        records += meter.push(depth_map(None, 50.0 * k), k * 10**8, frame=str(k))
+    records += meter.finish()
+    assert len(records) == 14
+    assert sum(r.quality == "missing" for r in records) == 13
+    assert meter.totals.volume_mm3 == pytest.approx(0, abs=0.003 * HEAP.volume_mm3)
+
+
+def test_mass_follows_density_over_time() -> None:
+    table = Density(np.array([0, 700_000_000]), np.array([800.0, 1600.0]), np.array([8.0, 16.0]))
+    meter, records, _ = measure(positions(100.0), density=table)
+    early = sum(r.volume_mm3 for r in records if (r.time_ns or 0) < 700_000_000)
+    late = sum(r.volume_mm3 for r in records) - early
+    assert meter.totals.mass_kg == pytest.approx((800 * early + 1600 * late) * 1e-9, rel=1e-9)
+    assert meter.totals.mass_sigma_kg >= 0.01 * meter.totals.mass_kg
+    assert records[8].mass_flow_t_h == pytest.approx(1.6 * records[8].volume_flow_m3_h)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.judge import SIGMA_WEIGHTS, WEIGHTS, Verdict, evidence, judge
+from beltscape.stereo.belief import fitted
+from beltscape.stereo.evidence import evidence
+from beltscape.stereo.judge import SIGMA_WEIGHTS, Verdict, judge
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.propagate import propagate
 from beltscape.stereo.refine import refine
@@ -53,11 +57,40 @@ def test_every_weight_is_of_some_evidence():
     made = scene(*STEP, noise=1.0)
     chosen, refined = stages(made, made.s)
     seen, scale = np.ones(made.s.shape, np.uint8), windows(made.s.shape[1]).scale
-    found = list(evidence(chosen, refined, made.prepared, seen, scale))
-    assert {*WEIGHTS, *SIGMA_WEIGHTS} <= {name for name, _ in found}
-    for name, value in found:
+    found = dict(evidence(chosen, refined, made.prepared, seen, scale))
+    assert set(fitted().names) <= found.keys()
+    assert set(SIGMA_WEIGHTS) - {"constant"} <= found.keys()
+    for name, value in found.items():
         assert np.isfinite(value).all(), name
         assert value.shape == made.s.shape
+
+
+def test_the_weights_that_ship_fit_each_other():
+    belief = fitted()
+    n, k = len(belief.names), len(belief.hidden)
+    assert len(set(belief.names)) == n
+    assert (belief.limits[0] <= belief.limits[1]).all()
+    assert belief.limits.shape == (2, n)
+    assert belief.hidden.shape == (k, n + 1)
+    assert belief.output.shape == (1, k + 1)
+
+
+def test_relief_and_light_are_what_their_names_say():
+    made = scene(*STEP, noise=1.0)
+    shaded = made.prepared.core.copy()
+    shaded[40:70, 50:80] *= 0.3
+    prepared = replace(made.prepared, core=shaded)
+    chosen, refined = stages(made, made.s)
+    found = dict(evidence(chosen, refined, prepared, np.ones(made.s.shape, np.uint8), 1.0))
+    shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
+    assert np.median(found["light within 11"][shadow]) < np.median(found["light within 11"][rest]) - 0.1
+    assert np.median(found["contrast within 11"][shadow]) < np.median(found["contrast within 11"][rest]) - 0.5
+    for side in (5, 11, 21):
+        s = refined.surface.s
+        nearer, farther = found[f"nearer within {side}"], found[f"farther within {side}"]
+        window = np.ones((side, side), np.uint8)
+        span = cv2.dilate(s, window) - cv2.erode(s, window)
+        np.testing.assert_allclose((nearer + farther)[span < 30], span[span < 30], atol=1e-3)
 
 
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])

@@ -70,7 +70,7 @@ def struck_out(image):
 def test_one_bad_auxiliary_among_four_does_little_harm(belt, matcher, change):
     _, frames, truth = belt
     score = score_depth(matcher.reconstruct(changed(frames, change, "cam2"), Silent()), truth)
-    assert score.within_1mm > 0.99
+    assert score.within_1mm > 0.985
     assert score.interior_median_mm < 0.07
     assert abs(score.interior_bias_mm) < 0.02
     assert score.gross < 0.002

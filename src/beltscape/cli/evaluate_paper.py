@@ -35,11 +35,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.atomic import output_folder, write_text
     from beltscape.files.json_text import write_json
 
+    given = arguments.captures and given_laboratory(arguments.captures)
     out = output_folder(arguments.out)
-    if arguments.captures is not None:
-        lab = given_laboratory(arguments.captures)
-    else:
-        lab = rendered_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
+    lab = given or rendered_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
     paper = evaluate_paper(lab, out, arguments.seed, reporter)
     document = {**paper_document(paper), "report": out / "report.html"}
     write_text(out / "report.html", paper_page(paper))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.pose import Pose
-from beltscape.evaluate.paper.dimensions import largest_error_mm, measured_of, rows_of
+from beltscape.evaluate.paper.dimensions import largest_error_mm, rows_of
 from beltscape.evaluate.paper.numbers import Dimension, paper_numbers
 from beltscape.simulate.module_truth import module_quantities
 from beltscape.simulate.scenario import Scenario
@@ -37,14 +37,7 @@ def test_the_errors_are_the_published_ones():
 
 
 def test_means_of_several_and_what_is_missing():
-    document = {
-        "features": [
-            {"name": "a", "quantity": "edge", "measured_mm": 99.5, "sigma_mm": 0.2},
-            {"name": "step:a-b", "quantity": "height_difference", "measured_mm": 20.1, "sigma_mm": 0.3},
-            {"name": "step:b-c", "quantity": "height_difference", "measured_mm": None, "sigma_mm": None},
-        ]
-    }
-    some = measured_of(document)
+    some = {"a edge": (99.5, 0.2), CUBES[0]: (20.1, 0.3)}
     all_of_them = {**some, CUBES[1]: (20.3, 0.4)}
     rows = rows_of([EDGE, STEP], {"some": some, "all": all_of_them, "none": {}})
     assert rows[0].error_mm("some") == pytest.approx(-0.5)

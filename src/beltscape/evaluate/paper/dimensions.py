@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from beltscape.evaluate.paper.numbers import Dimension
@@ -27,15 +25,6 @@ class Row:
     def error_mm(self, by: str) -> float:
         """Measured minus actual."""
         return self.measured_mm[by] - self.dimension.actual_mm
-
-
-def measured_of(document: Mapping[str, Any]) -> Measured:
-    """From the document that `measure features --json` prints."""
-    return {
-        f"{entry['name']} {entry['quantity']}": (float(entry["measured_mm"]), float(entry["sigma_mm"]))
-        for entry in document["features"]
-        if entry["measured_mm"] is not None and np.isfinite(entry["measured_mm"])
-    }
 
 
 def rows_of(dimensions: Sequence[Dimension], measured: Mapping[str, Measured]) -> tuple[Row, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -14,7 +15,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.evaluate.paper.density import Density, densities
 from beltscape.evaluate.paper.dimensions import Measured, Row, rows_of
-from beltscape.evaluate.paper.features import features_of
+from beltscape.evaluate.paper.features import PLAIN, core_image, features_of
 from beltscape.evaluate.paper.laboratory import Laboratory
 from beltscape.evaluate.paper.numbers import PaperNumbers, paper_numbers
 from beltscape.evaluate.paper.peers import PEERS, SPEED_MM_S, measure_peers, moving_belt
@@ -25,6 +26,7 @@ from beltscape.kernels import load
 from beltscape.pipeline.calibration import calibrate
 from beltscape.pipeline.calibration_files import write_calibration
 from beltscape.target.board import read_board
+from beltscape.target.module import read_module
 
 TRAVELS_MM = (0.0, 0.1, 1.0, 10.0)
 """Belt between two pictures of structured light: at 1 m/s 10,000, 1000 and 100 pictures a second."""
@@ -82,7 +84,7 @@ def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) ->
     moving = _moving(lab, peers, seed, reporter)
     clock.lap("other sensors")
     numbers = paper_numbers()
-    measured = _measured(lab, surfaces, tof, peers, reporter)
+    measured = _measured(lab, rig, surfaces, tof, peers, reporter)
     clock.lap("dimensions")
     return Paper(
         numbers=numbers,
@@ -113,20 +115,38 @@ def _moving(
 
 def _measured(
     lab: Laboratory,
+    rig: Rig,
     surfaces: Surfaces,
     tof: Found | None,
     peers: Mapping[tuple[str, str], Found],
     reporter: Reporter,
 ) -> Mapping[str, Measured]:
-    """By whom; empty without the module."""
-    jobs = [surfaces["module", method] for method in METHODS if ("module", method) in surfaces]
-    jobs += [tof] if tof else []
-    jobs += [found for (scene, _), found in peers.items() if scene == "module"]
+    """By whom; empty without the module.
+
+    As in the paper, its method, binocular and the sensors have nothing but their points; Beltscape has the image that
+    it matched by, too, and structured light an image under even light.
+    """
+    if "module" not in lab.scenes:
+        return {}
+    module, true_rig = read_module(lab.module), lab.scenes["module"].truth.rig
+    pattern, plain = (core_image(lab, name, rig.core_camera) for name in ("module", "module_nospeckle"))
+    even = core_image(lab, "module_nospeckle", true_rig.core_camera)
+    found = {method: surfaces["module", method] for method in METHODS}
+    jobs = {method: partial(features_of, found[method], rig, module) for method in ("binocular", "pairwise")}
+    jobs["multiview"] = partial(features_of, found["multiview"], rig, module, pattern=pattern)
+    if plain is not None:
+        jobs[PLAIN] = partial(features_of, found["multiview"], rig, module, pattern=pattern, plain=plain)
+    if tof is not None:
+        jobs[tof.by] = partial(features_of, tof, tof.truth.rig, module)
+    for peer in PEERS:
+        if ("module", peer.name) in peers:
+            image = even if peer.sees_images else None
+            jobs[peer.name] = partial(features_of, peers["module", peer.name], true_rig, module, plain=image)
     measured: dict[str, Measured] = {}
-    for number, found in enumerate(jobs):
-        reporter.step("measuring the module", number, len(jobs))
-        measured[found.by] = features_of(found.folder, lab.module)
-    reporter.step("measuring the module", len(jobs), max(len(jobs), 1))
+    for by, job in jobs.items():
+        reporter.step("measuring the module", len(measured), len(jobs))
+        measured[by] = job()
+    reporter.step("measuring the module", len(jobs), len(jobs))
     return measured
 
 

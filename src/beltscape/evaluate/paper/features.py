@@ -1,13 +1,57 @@
-"""The module's dimensions from a frame's folder."""
+"""The module's dimensions as each measures them: from depth alone, or with the core camera's images beside it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.errors import MeasureError
+from beltscape.core.frames import grey
+from beltscape.core.rig import Rig
 from beltscape.evaluate.paper.dimensions import Measured
+from beltscape.evaluate.paper.laboratory import Laboratory
+from beltscape.evaluate.paper.surfaces import FRAME, Found
+from beltscape.files.capture import read_capture
+from beltscape.files.images import read_image
+from beltscape.measure.features.measure import measure_module
+from beltscape.stereo.cloud import undistorted
+from beltscape.target.module import Module
+
+PLAIN = "multiview, plain image"
+"""Beltscape with an image without speckle beside the one with it."""
+
+Grey = NDArray[np.float32]
 
 
-def features_of(folder: Path | None, module: Path) -> Measured:
-    """What `measure features` finds there; nothing where there is no frame, or it shows no module."""
-    del folder, module
-    return {}
+def features_of(
+    found: Found, rig: Rig, module: Module, *, pattern: Grey | None = None, plain: Grey | None = None
+) -> Measured:
+    """What `measure features` finds in a depth map; nothing where it shows no module.
+
+    ``pattern`` and ``plain`` (H, W) are the core camera's images with and without speckle, on the depth map's grid.
+    """
+    if found.folder is None:
+        return {}
+    try:
+        measured = measure_module(found.depth, rig, module, pattern=pattern, plain=plain)
+    except MeasureError:
+        return {}
+    return {
+        f"{one.name} {one.quantity}": (one.measured_mm, one.sigma_mm)
+        for one in measured.quantities
+        if np.isfinite(one.measured_mm)
+    }
+
+
+def core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:
+    """(H, W) what the core camera sees of a scene, on its pinhole grid; None where there is no such capture."""
+    if scene not in lab.scenes:
+        return None
+    return grey(undistorted(read_image(_image(lab.scenes[scene].capture, camera.name)), camera))
+
+
+def _image(capture: Path, camera: str) -> Path:
+    return read_capture(capture).files[camera][FRAME]

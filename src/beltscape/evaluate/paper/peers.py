@@ -52,6 +52,8 @@ class Peer:
     """What one surface takes."""
     measure: Callable[[Stage, int], DepthMap]
     """Scene, seed → depth on the core's pinhole grid."""
+    sees_images: bool = False
+    """Whether it could take an image under even light, too."""
 
 
 def scanner_projector(stage: Stage, *, beside: bool) -> Projector:
@@ -104,12 +106,14 @@ PEERS = (
         "4 shifts of 1, 8 and 64 fringes; core camera and a projector 300 mm beside it",
         f"{FRAMES} images, belt at rest",
         lambda stage, seed: structured_light(stage, seed, beside=True),
+        sees_images=True,
     ),
     Peer(
         "structured light, rig's projector",
         "the same with the speckle projector where the rig has it, 71 mm beside the core",
         f"{FRAMES} images, belt at rest",
         lambda stage, seed: structured_light(stage, seed, beside=False),
+        sees_images=True,
     ),
     Peer(
         "line laser",

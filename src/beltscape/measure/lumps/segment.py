@@ -21,6 +21,8 @@ _LUMP = 0.5
 _GROUND, _SURELY = 0.45, 0.65
 """Hidden share from which on a region is ground unless its cells say lump so clearly."""
 _LEAST_MEASURED = 0.4
+_BURIED, _BULKY = 0.6, 0.85
+"""Hidden share from which on a region is ground unless it fills so much of its convex hull."""
 _SPUR = 0.35
 """What is narrower than this share of a lump's widest inner disc is a spur, no part of it."""
 
@@ -57,14 +59,19 @@ def segment(
     hidden = rims_of(raster, regions, outline, int(regions.max())).hidden_share
     keep = _lumps(regions, chances[..., 1], usable, hidden, smallest_px)
     number = np.cumsum(keep) * keep
-    count = int(keep.sum())
-    return Segmentation(_without_spurs(number[regions], count), outline, count)
+    labels = _without_spurs(number[regions], hidden[keep])
+    present, labels = np.unique(np.append(0, labels.ravel()), return_inverse=True)
+    return Segmentation(labels[1:].reshape(regions.shape), outline, len(present) - 1)
 
 
-def _without_spurs(labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Each lump opened by a disc, its radius a share of the largest that fits into the lump, and made one piece."""
+def _without_spurs(labels: NDArray[np.int64], hidden: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Each lump opened by a disc, its radius a share of the largest that fits into the lump, and made one piece.
+
+    What much is hidden of (shares of the rims of the lumps from 1) and is hollow then is dropped: lumps are bulky,
+    the ground that shows between them is not.
+    """
     tidy = np.zeros_like(labels)
-    for number, box in enumerate(ndimage.find_objects(labels, count), 1):
+    for number, box in enumerate(ndimage.find_objects(labels, len(hidden)), 1):
         if box is None:
             continue
         own = np.pad((labels[box] == number).astype(np.uint8), 1)
@@ -74,8 +81,19 @@ def _without_spurs(labels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
         kept = ((away < radius) & (own > 0)).astype(np.uint8)
         _, parts, sizes, _ = cv2.connectedComponentsWithStats(kept, connectivity=4)
         largest = 1 + int(sizes[1:, cv2.CC_STAT_AREA].argmax())
-        tidy[box][parts[1:-1, 1:-1] == largest] = number
+        piece = parts == largest
+        if hidden[number - 1] > _BURIED and _solidity(piece) < _BULKY:
+            continue
+        tidy[box][piece[1:-1, 1:-1]] = number
     return tidy
+
+
+def _solidity(piece: NDArray[np.bool_]) -> float:
+    """Its area over its convex hull's."""
+    corners = cv2.findNonZero(piece.astype(np.uint8))
+    # the hull through the cells' middles, and half a cell about it
+    hull = cv2.convexHull(corners)
+    return float(piece.sum()) / (cv2.contourArea(hull) + 0.5 * cv2.arcLength(hull, True) + 1)
 
 
 def _lumps(

@@ -81,6 +81,18 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
         "cell_mm": meter.ground.cell_mm,
         "window_mm": meter.ground.window_mm,
         "seconds_per_frame": flow.seconds_per_frame,
+        "drift_across": _drift(flow),
+        "places": [
+            {
+                "frame": step.frame,
+                "position_mm": step.place.position_mm,
+                "sigma_mm": step.place.sigma_mm,
+                "from": step.place.source,
+                "encoder_mm": step.place.encoder_mm,
+                "score": None if step.shift is None else step.shift.score,
+            }
+            for step in flow.steps
+        ],
         "strips": [
             {
                 "frame": record.frame,
@@ -93,6 +105,12 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
             for record in records
         ],
     }
+
+
+def _drift(flow: Flow) -> float | None:
+    """How far the material moves across the belt frame for each mm along it; None where it did not tell."""
+    shifts = [step.shift for step in flow.steps if step.shift is not None and abs(step.shift.along_mm) > 1]
+    return float(np.median([shift.across_mm / shift.along_mm for shift in shifts])) if shifts else None
 
 
 def _mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:

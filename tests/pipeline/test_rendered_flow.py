@@ -1,0 +1,66 @@
+"""On the rendered capture of a moving belt: a few frames' motion and volume against the truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rendered import RENDERED, halved_frames, halved_rig, needs_rendered
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.files.images import read_image
+from beltscape.measure.belt import find_belt
+from beltscape.measure.flow.ground import ground_of
+from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.settings import FlowSettings
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import MultiviewSettings
+
+FRAMES = ("008", "009", "010")
+
+
+def origin_y_mm(rotation: np.ndarray, translation: np.ndarray) -> float:
+    """World y where the core camera's axis meets the flat belt, z = 0."""
+    center, axis = -rotation.T @ translation, rotation[2]
+    return float((center - axis * center[2] / axis[2])[1])
+
+
+def moving(frame: str) -> FrameSet:
+    folder: Path = RENDERED / "belt_moving"
+    return FrameSet(frame, {f"cam{i}": read_image(folder / f"cam{i}/{frame}.png") for i in range(5)})
+
+
+@needs_rendered
+@pytest.mark.skipif(
+    not (RENDERED / "belt_moving").is_dir(), reason="optional data: the moving capture is not there"
+)
+def test_motion_and_volume_of_rendered_frames() -> None:
+    rig = halved_rig()
+    matcher = MultiviewReconstructor(rig, (560.0, 790.0), MultiviewSettings.preset("fast"))
+    belt = find_belt(matcher.reconstruct(halved_frames("belt_empty"), Silent()), rig.core_camera)
+    steps: list[Step] = []
+    meter = FlowMeter(ground_of(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
+    truth = json.loads((RENDERED / "truth/belt_moving.json").read_text())
+    told = {f["frame"].removesuffix(".png"): f for f in truth["frames"]}
+    records = []
+    for frame in FRAMES:
+        depth = matcher.reconstruct(moving(frame), Silent())
+        records += meter.push(depth, round(told[frame]["t"] * 1e9), frame=frame)
+    records += meter.finish()
+    assert meter.direction == 1
+    places = np.array([told[frame]["belt_position_mm"] for frame in FRAMES])
+    found = np.array([step.place.position_mm for step in steps])
+    np.testing.assert_allclose(found[1:] - found[0], places[1:] - places[0], atol=0.3)
+    core = json.loads((RENDERED / "truth/rig.json").read_text())["cameras"]["cam0"]
+    origin = origin_y_mm(np.array(core["R"]), np.array(core["t"]))
+    profile = np.load(RENDERED / "truth/belt_moving_profile.npz")
+    place = float(profile["y_belt_first"]) + float(profile["step"]) * np.arange(len(profile["area_mm2"]))
+    low, high = records[0].strip_mm[0], records[-1].strip_mm[1]
+    # s = position - (world y - origin) and world y = own y + position, from the first frame on
+    on = (place > origin - places[0] - high) & (place < origin - places[0] - low)
+    expected = float(profile["area_mm2"][on].sum()) * float(profile["step"])
+    assert meter.totals.volume_mm3 == pytest.approx(expected, rel=0.04)
+    assert meter.totals.share > meter.totals.single_share + 0.05

@@ -14,6 +14,8 @@ from beltscape.measure.features.votes import OFFSETS_PX, evidence
 SYSTEMATIC_PX = 0.11
 """Of an edge in one image: how shading beside it and the shape of the blur move it (simulated modules)."""
 _BLOCKS = 8
+_BEND = 3
+"""Steps of the offsets over which a curve's bend is taken."""
 _NUISANCE_PX = 0.3
 """How far a tilt or a shift is expected to move the edge's ends."""
 _NEAR_MM = 0.6
@@ -34,13 +36,15 @@ class Edge:
     by_image: bool
 
 
-def locate(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64]) -> Edge | None:
+def locate(
+    band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64], scale: float = 1.0
+) -> Edge | None:
     """The edge by the image (H, W) on what depth expects; by depth alone without one; None where neither shows it.
 
     Of ``nuisances`` (M, J) px of the band's shapes the likeliest is taken. The image's σ is a jackknife over blocks
     along the edge, with `SYSTEMATIC_PX` on top.
     """
-    rim = rim_px(band)
+    rim = rim_px(band, scale)
     near = 1 / (_NEAR_MM / band.px_mm) ** 2
     told = 0.0 if rim is None else 1 / RIM_SIGMA_PX**2
     start = (rim or 0.0) * told / (told + near)
@@ -75,8 +79,20 @@ def _by_image(
     without = np.array([_peak(total - told.blocks[k])[0] for k in taken])
     count = len(taken)
     spread = np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))
-    sigma = float(np.hypot(spread, SYSTEMATIC_PX))
+    leaning = _leaning_px(told.blocks.sum(axis=0)[nuisance], prior[nuisance])
+    sigma = float(np.sqrt(spread**2 + SYSTEMATIC_PX**2 + leaning**2))
     return Edge(start + offset, sigma, nuisances[nuisance], told.pieces, True)
+
+
+def _leaning_px(evidence: NDArray[np.float64], prior: NDArray[np.float64]) -> float:
+    """How uncertain an offset is because it leans on what was known before: (O,) both, by their bends at the peak."""
+    at = int(np.clip(np.argmax(evidence + prior), _BEND, len(OFFSETS_PX) - 1 - _BEND))
+    step = float(OFFSETS_PX[_BEND] - OFFSETS_PX[0])
+    shown, known = (
+        max(float(2 * curve[at] - curve[at - _BEND] - curve[at + _BEND]) / step**2, 0.0)
+        for curve in (evidence, prior)
+    )
+    return known / (shown + known) / float(np.sqrt(known)) if known > 0 else 0.0
 
 
 def _peak(total: NDArray[np.float64]) -> tuple[float, int]:

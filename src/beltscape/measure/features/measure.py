@@ -23,6 +23,8 @@ from beltscape.measure.features.sphere import Ball, fit_sphere
 from beltscape.measure.features.view import scale_of
 from beltscape.target.module import Cube, Cylinder, Module, Sphere
 
+_LEAST_FOUND = 0.5
+"""With fewer of its features it is not this module."""
 _FLAT_MM = 0.0005
 """What no face of a depth map is better than: slow errors that a plane's own scatter does not tell."""
 
@@ -83,11 +85,21 @@ def measure_module(
             found, lines = _diameter(scene, feature, label, top)
         quantities += [found, _height(feature, top, faces["base"], grain)]
         edges += lines
+    _check(module, len(balls) + len(faces) - 1)
     quantities += _steps(module, faces, grain)
     warnings = _warnings(module, quantities, edges, pattern is not None)
     return MeasuredModule(
         module, pose, match.agreement, view, faces, balls, tuple(edges), tuple(quantities), warnings
     )
+
+
+def _check(module: Module, found: int) -> None:
+    """Refuse a plate of the same size with other things on it."""
+    if found < _LEAST_FOUND * len(module.features):
+        raise MeasureError(
+            f"{module.name}: only {found} of its {len(module.features)} features are where they should be; "
+            "is this its module.toml, and is it within view?"
+        )
 
 
 def _faces(depth: DepthMap, rig: Rig, module: Module, view: NominalView) -> dict[str, Face]:

@@ -17,8 +17,11 @@ _SEARCH_PX = 8.0
 _STEP_PX = 0.1
 
 
-def rim_px(band: Band) -> float | None:
-    """Offset that parts pixels on the face from others best, less what the matcher adds; None without both."""
+def rim_px(band: Band, scale: float = 1.0) -> float | None:
+    """Offset that parts pixels on the face from others best, less what the matcher adds; None without both.
+
+    ``scale`` is how much larger the matcher's windows are than those of the paper's images, halved.
+    """
     on = np.abs(band.off_mm) < max(_ON_MM, 0.3 * band.px_mm)  # NaN is not on the face
     if on.all() or not on.any():
         return None
@@ -32,4 +35,4 @@ def rim_px(band: Band) -> float | None:
     reach = OUTLINE_PX if tall and band.kind == "outline" else REACH_PX
     if band.kind == "round":
         reach = (OUTLINE_PX + REACH_PX) / 2
-    return float(tries[best].mean()) - reach
+    return float(tries[best].mean()) - reach * scale

@@ -18,7 +18,10 @@ from beltscape.measure.features.view import scale_of
 _CAP_DEG = 55.0
 """Seen at more than this from the normal, a surface is measured badly, and towards its limb not at all."""
 _LEAST = 60
-_FLOOR_MM = 0.02
+_OFF_MM, _LEAST_SHARE = 4.0, 0.3
+"""With less of it than this share so near to where it should be, the sphere is not there."""
+_FLOOR_MM, _LEAST_MM = 0.02, 0.002
+"""Of a depth whose σ is less; of a radius whose σ would be less."""
 _GRAIN_PX = 45.0
 """Pixels that err as one: about a dot."""
 _ROUNDS = 4
@@ -62,6 +65,10 @@ def fit_sphere(
     z, sigma, on = (a[window].astype(np.float64) for a in (depth.depth_mm, depth.sigma_mm, shown))
     tell = np.ones_like(z) if weight is None else weight[window]
     sound = (on > 0) & (np.asarray(ndimage.distance_transform_edt(np.isfinite(z))) > 2)
+    start = _depth(np.append(center_mm, radius_mm), rays)
+    there = on > 0
+    if np.mean(np.abs(z - start)[there] < _OFF_MM if there.any() else [False]) < _LEAST_SHARE:
+        return None
     sphere, inverse, points = np.append(center_mm, radius_mm), np.eye(4), 0
     off, corrected = np.zeros_like(z), 0.0
     for turn in range(_ROUNDS):
@@ -79,7 +86,8 @@ def fit_sphere(
         sphere, (inverse, points) = fitted, _covariance(fitted, rays[use], (z - off)[use], trust)
         corrected = float(np.mean(off[use]))
     grain = _GRAIN_PX * scale_of(camera) ** 2
-    return Ball(sphere[:3], float(sphere[3]), float(np.sqrt(inverse[3, 3] * grain)), points, corrected)
+    sigma = float(np.sqrt(inverse[3, 3] * grain + _LEAST_MM**2))
+    return Ball(sphere[:3], float(sphere[3]), sigma, points, corrected)
 
 
 def _window(camera: Camera, center_mm: NDArray[np.float64], radius_mm: float) -> tuple[slice, slice]:

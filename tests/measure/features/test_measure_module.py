@@ -1,0 +1,146 @@
+"""A module on exact depth maps: found anywhere, measured right, and honest about what is not there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import MeasureError
+from beltscape.measure.features.face import fit_face
+from beltscape.measure.features.grain import grain_px
+from beltscape.measure.features.measure import measure_module
+from beltscape.measure.features.nominal import nominal_view
+from beltscape.measure.features.result import MeasuredModule
+from synthetic.modules import Seen, lying, module, rig
+
+FLAT = ("height", "height_difference")
+
+
+def errors(measured: MeasuredModule, *kinds: str) -> dict[str, float]:
+    return {
+        f"{q.name} {q.quantity}": q.measured_mm - q.nominal_mm
+        for q in measured.quantities
+        if not kinds or q.quantity in kinds
+    }
+
+
+@pytest.fixture(scope="module")
+def exact() -> tuple[DepthMap, np.ndarray]:
+    seen = Seen(module(), lying(12, -8, 25))
+    return seen.depth(), seen.brightness()
+
+
+def test_exact_depth_and_a_plain_image_give_every_dimension(exact):
+    depth, plain = exact
+    measured = measure_module(depth, rig(), module(), plain=plain)
+    assert len(measured.quantities) == 2 + 3 * 2 + 1 + 2 + 2
+    assert max(map(abs, errors(measured, *FLAT).values())) < 0.001
+    assert max(map(abs, errors(measured, "radius").values())) < 0.005
+    # a pixel is 1.2 mm here
+    assert max(map(abs, errors(measured, "edge", "length", "width", "diameter").values())) < 0.2
+    assert all(0 < q.sigma_mm < 0.6 for q in measured.quantities)
+    assert all(q.points > 0 for q in measured.quantities)
+
+
+def test_without_an_image_edges_are_those_of_the_depth_map_with_a_wide_sigma(exact):
+    measured = measure_module(exact[0], rig(), module())
+    for q in measured.quantities:
+        if q.quantity in ("edge", "length", "width", "diameter"):
+            assert (
+                abs(q.measured_mm - q.nominal_mm) < 3.0
+            )  # the matcher's reach, taken off, is not in exact depth
+            assert q.sigma_mm > 0.4
+    assert any("rim alone" in warning for warning in measured.warnings)
+    assert any("image.png" in warning for warning in measured.warnings)
+
+
+@settings(max_examples=3, deadline=None, derandomize=True)
+@given(
+    x=st.floats(-90, 90),
+    y=st.floats(-60, 60),
+    turn=st.floats(-180, 180),
+    tilt=st.floats(-4, 4),
+)
+def test_wherever_it_lies_the_dimensions_are_the_same(x, y, turn, tilt):
+    true = lying(x, y, turn, tilt)
+    measured = measure_module(Seen(module(), true).depth(), rig(), module())
+    off = true.inverse() @ measured.core_from_module
+    assert np.abs(off.translation_mm).max() < 0.3
+    assert off.angle_deg < 0.2
+    assert max(map(abs, errors(measured, *FLAT).values())) < 0.002
+    assert max(map(abs, errors(measured, "radius").values())) < 0.01
+
+
+def test_sizes_are_measured_not_copied_from_nominal():
+    larger = [
+        {"name": "cube100", "edge_mm": 100.7, "center_mm": (-80, -42)},
+        {"name": "cube60", "edge_mm": 59.2, "center_mm": (20, 52)},
+        {"name": "cube40", "edge_mm": 40, "center_mm": (110, 66)},
+    ]
+    there = module(cube=larger, sphere=[{"name": "sphere70", "diameter_mm": 71, "center_mm": (90, -45)}])
+    seen = Seen(there, lying(0, 0, -10))
+    found = errors(measure_module(seen.depth(), rig(), module(), plain=seen.brightness()))
+    assert found["cube100 height"] == pytest.approx(0.7, abs=0.002)
+    assert found["cube60 height"] == pytest.approx(-0.8, abs=0.002)
+    assert found["cube100 edge"] == pytest.approx(0.7, abs=0.25)
+    assert found["cube60 edge"] == pytest.approx(-0.8, abs=0.25)
+    assert found["sphere70 radius"] == pytest.approx(0.5, abs=0.01)
+    assert found["step:cube100-cube60 height_difference"] == pytest.approx(1.5, abs=0.003)
+
+
+def test_what_is_not_there_is_named_and_left_out():
+    left = [cube.model_dump() for cube in module().cube if cube.name != "cube60"]
+    there = module(cube=left, cylinder=[])
+    measured = measure_module(Seen(there, lying(0, 0, 70)).depth(), rig(), module())
+    by_name = {(q.name, q.quantity): q.measured_mm for q in measured.quantities}
+    for lost in (("cube60", "height"), ("cube60", "edge"), ("rod", "height"), ("rod", "diameter")):
+        assert np.isnan(by_name[lost])
+    assert np.isnan(by_name["step:cube100-cube60", "height_difference"])
+    assert by_name["cube100", "height"] == pytest.approx(100, abs=0.002)
+    assert by_name["sphere70", "radius"] == pytest.approx(35, abs=0.01)
+    text = " ".join(measured.warnings)
+    assert all(f"{name}: not measured" in text for name in ("cube60", "rod"))
+    assert "cube100: not" not in text
+
+
+def test_another_module_is_not_taken_for_this_one():
+    other = module(
+        cube=[{"name": "cube90", "edge_mm": 90, "center_mm": (60, 30)}],
+        sphere=[{"name": "sphere80", "diameter_mm": 80, "center_mm": (-60, -40)}],
+        cylinder=[],
+        base={"size_mm": (230, 180, 10)},
+    )
+    with pytest.raises(MeasureError, match=r"is this its module\.toml"):
+        measure_module(Seen(other, lying(0, 0, 30)).depth(), rig(), module())
+
+
+def test_a_frame_without_depth_shows_no_module():
+    nothing = np.full((512, 612), np.nan, np.float32)
+    zero = np.zeros(nothing.shape, np.float32)
+    with pytest.raises(MeasureError, match="shows no plane"):
+        measure_module(DepthMap(nothing, nothing, zero.astype(np.uint8), zero), rig(), module())
+
+
+def test_sigma_of_a_height_is_what_correlated_noise_makes_of_it(exact):
+    """The σ of a face's height covers errors that go together over several pixels."""
+    depth, camera = exact[0], rig().core_camera
+    view = nominal_view(module(), lying(12, -8, 25), camera)
+    ratios: list[float] = []
+    for seed in range(12):
+        noise = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=view.label.shape), 2.0)
+        noise *= 0.02 / noise.std()
+        sigma = np.full_like(depth.sigma_mm, 0.02)
+        noisy = DepthMap((depth.depth_mm + noise).astype(np.float32), sigma, depth.views, depth.confidence)
+        faces = [fit_face(noisy, camera, view.face(label), view.depth_mm) for label in (0, 1, 2)]
+        assert all(faces)
+        base, *tops = [face for face in faces if face]
+        grain = grain_px([face.residual_mm for face in (base, *tops)])
+        for top, true in zip(tops, (100.0, 60.0), strict=True):
+            height, slope = base.above(top.middle_mm)
+            variance = top.depth_variance(grain) + grain * slope @ base.covariance @ slope
+            ratios.append((height - true) / np.sqrt(variance))
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.4

@@ -1,0 +1,160 @@
+"""``beltscape measure features``: the answer's form, the files, what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from beltscape.core.depth import DepthMap
+from beltscape.files.images import read_image, write_image
+from beltscape.files.reconstruction import write_frame
+from beltscape.files.rig_json import write_rig
+from beltscape.stereo.cloud import cloud_from_depth
+from synthetic.demo import only_json
+from synthetic.modules import Seen, lying, module, rig
+
+TOML = """
+name = "laboratory"
+[base]
+size_mm = [285, 200, 10]
+[[cube]]
+name = "cube100"
+edge_mm = 100
+center_mm = [-80, -42]
+[[cube]]
+name = "cube60"
+edge_mm = 60
+center_mm = [20, 52]
+[[sphere]]
+name = "sphere70"
+diameter_mm = 70
+center_mm = [90, -45]
+[[cylinder]]
+name = "rod"
+diameter_mm = 24
+height_mm = 70
+center_mm = [-90, 65]
+"""
+
+
+@pytest.fixture(scope="module")
+def frame(tmp_path_factory):
+    """A frame folder with a module in it, image.png included, and its module.toml beside the rig."""
+    folder = tmp_path_factory.mktemp("module")
+    cubes = [cube.model_dump() for cube in module().cube[:2]]
+    seen = Seen(module(cube=cubes), lying(5, -5, -30))
+    depth, image = seen.depth(), np.clip(seen.brightness(), 0, 255).astype(np.uint8)
+    camera = rig().core_camera
+    cloud = cloud_from_depth(depth, camera, None)
+    write_frame(folder / "000", depth, cloud, np.zeros((4, 4, 3), np.uint8), image)
+    write_rig(folder / "rig.json", rig())
+    (folder / "module.toml").write_text(TOML)
+    return folder / "000"
+
+
+def test_answers_and_writes_what_the_contract_says(run, frame, tmp_path):
+    out = tmp_path / "f"
+    code, text, _ = run(
+        "measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out, "--json"
+    )
+    assert code == 0
+    answer = only_json(text)
+    names = [(f["name"], f["quantity"]) for f in answer["features"]]
+    assert names == [
+        ("base", "length"), ("base", "width"), ("cube100", "edge"), ("cube100", "height"), ("cube60", "edge"),
+        ("cube60", "height"), ("sphere70", "radius"), ("rod", "diameter"), ("rod", "height"),
+        ("step:cube100-cube60", "height_difference"),
+    ]  # fmt: skip
+    for found in answer["features"]:
+        assert set(found) == {"name", "quantity", "nominal_mm", "measured_mm", "sigma_mm", "points"}
+        assert abs(found["measured_mm"] - found["nominal_mm"]) < 0.5
+        assert found["sigma_mm"] > 0
+    assert answer["pose"]["agreement"] > 0.6
+    assert np.linalg.det(answer["pose"]["core_from_module"]["rotation"]) == pytest.approx(1)
+    assert answer["warnings"] == []
+    assert json.loads((out / "features.json").read_text())["features"] == answer["features"]
+    rows = list(csv.DictReader((out / "features.csv").read_text().splitlines()))
+    assert [(row["name"], row["quantity"]) for row in rows] == names
+    assert float(rows[3]["measured_mm"]) == pytest.approx(100, abs=0.002)
+    page = (out / "report.html").read_text()
+    assert "Dimensions of laboratory" in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+
+
+def test_a_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path):
+    toml, dots = frame.parent / "module.toml", tmp_path / "dots.png"
+    noise = np.random.default_rng(1).integers(0, 255, (512, 612), dtype=np.uint8)
+    write_image(dots, noise)
+    first, second = (
+        only_json(run("measure", "features", frame, "--module", toml, "--json", *more)[1])["features"]
+        for more in ((), ("--image", dots))
+    )
+    sigmas = [
+        (a["sigma_mm"], b["sigma_mm"]) for a, b in zip(first, second, strict=True) if a["quantity"] == "edge"
+    ]
+    assert all(b > 1.5 * a for a, b in sigmas)  # noise shows no edges, and is not believed to
+
+
+def test_the_same_frame_gives_the_same_bytes(run, frame, tmp_path):
+    for name in ("a", "b"):
+        run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", tmp_path / name)
+    for file in ("features.json", "features.csv", "report.html"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (TOML.replace("edge_mm = 60", "edge_mm = -60"), "edge_mm"),
+        (TOML.replace('name = "cube60"', 'name = "cube100"'), "cube100"),
+        (TOML.replace("[base]", "[plate]"), "base"),
+        ("[base\n", "module.toml"),
+    ],
+)
+def test_refuses_a_bad_module_in_one_line(run, frame, tmp_path, text, word):
+    path = tmp_path / "module.toml"
+    path.write_text(text)
+    code, out, err = run("measure", "features", frame, "--module", path)
+    assert (code, out) == (2, "")
+    assert len(err) == 1
+    assert "module.toml" in err[0]
+    assert word in err[0]
+
+
+def test_refuses_what_does_not_fit(run, frame, tmp_path):
+    toml, small = frame.parent / "module.toml", tmp_path / "small.png"
+    write_image(small, np.zeros((40, 60), np.uint8))
+    bad = [
+        (("measure", "features", tmp_path / "none", "--module", toml), "no such folder"),
+        (("measure", "features", frame, "--module", tmp_path / "no.toml"), "no.toml"),
+        (("measure", "features", frame, "--module", toml, "--image", small), "60×40"),
+        (("measure", "features", frame, "--module", toml, "--image", toml), "not a readable image"),
+    ]
+    for words, say in bad:
+        code, out, err = run(*words)
+        assert (code, out) == (2, "")
+        assert len(err) == 1
+        assert say in err[0]
+
+
+def test_refuses_an_image_png_of_another_size(run, frame, tmp_path):
+    depth = Seen(module(), lying()).depth()
+    camera = rig().core_camera
+    nothing = DepthMap(depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence)
+    folder = tmp_path / "r" / "000"
+    write_frame(folder, nothing, cloud_from_depth(depth, camera, None), np.zeros((4, 4, 3), np.uint8))
+    write_rig(folder.parent / "rig.json", rig())
+    write_image(folder / "image.png", np.zeros((40, 60), np.uint8))
+    code, _, err = run("measure", "features", folder, "--module", frame.parent / "module.toml")
+    assert code == 2
+    assert "image.png" in err[0]
+
+
+def test_reconstruct_keeps_the_cores_image_on_the_depth_maps_grid(small_frames):
+    folder = small_frames / "belt_loaded" / "000"
+    image, depth = read_image(folder / "image.png"), read_image(folder / "views.png")
+    assert image.shape[:2] == depth.shape
+    assert image.any()

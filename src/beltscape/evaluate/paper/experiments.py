@@ -20,7 +20,7 @@ from beltscape.evaluate.paper.laboratory import Laboratory
 from beltscape.evaluate.paper.numbers import PaperNumbers, paper_numbers
 from beltscape.evaluate.paper.peers import PEERS, SPEED_MM_S, measure_peers, moving_belt
 from beltscape.evaluate.paper.surfaces import METHODS, Found, Surfaces, reconstruct_all
-from beltscape.evaluate.paper.tof import time_of_flight
+from beltscape.evaluate.paper.tof import smoothed, time_of_flight
 from beltscape.evaluate.rig import RigScore, score_rig_against_truth
 from beltscape.kernels import load
 from beltscape.pipeline.calibration import calibrate
@@ -137,7 +137,7 @@ def _measured(
     if plain is not None:
         jobs[PLAIN] = partial(features_of, found["multiview"], rig, module, pattern=pattern, plain=plain)
     if tof is not None:
-        jobs[tof.by] = partial(features_of, tof, tof.truth.rig, module)
+        jobs[tof.by] = partial(features_of, smoothed(tof), tof.truth.rig, module)
     for peer in PEERS:
         if ("module", peer.name) in peers:
             image = even if peer.sees_images else None

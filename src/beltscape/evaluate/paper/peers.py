@@ -39,6 +39,8 @@ BESIDE_MM = 300.0
 """Baseline of the structured-light scanner and of the laser: that of the rig's cameras."""
 QUICK = RenderSettings(passes=1)
 """Fringes are smooth: one set of sub-samples suffices."""
+AT_REST = RenderSettings(passes=1, ambient_samples=1)
+"""What the hall's light lacks in samples is the same in all pictures, and cancels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,8 @@ def structured_light(stage: Stage, seed: int, *, beside: bool, travel_mm: float 
     """Shifted fringes; the belt travels so far from picture to picture."""
     light, fringes = scanner_projector(stage, beside=beside), FringeSettings()
     pictures = fringe_pictures(fringes, light.camera.size_px)
-    images = sequence(stage, light, pictures, travel_mm=travel_mm, settings=QUICK, seed=seed)
+    how = QUICK if travel_mm else AT_REST
+    images = sequence(stage, light, pictures, travel_mm=travel_mm, settings=how, seed=seed)
     pose = light.projector_from_world @ stage.station.core_from_world.inverse()
     return decode(images, stage.station.rig.core_camera, light.camera, pose, fringes)
 

@@ -61,7 +61,7 @@ def errors(found: Sequence[Found], titles: Mapping[str, str], *, limit_mm: float
     for one in found:
         values = one.depth.depth_mm - one.truth.depth_mm
         note = f"{one.score.depth.within_1mm:.1%} < 1 mm"
-        pictures.append((titles[one.by], note, error_colors(values, one.truth.depth_mm, scale)))
+        pictures.append((f"{titles[one.by]}: error", note, error_colors(values, one.truth.depth_mm, scale)))
     rows = [_row(pictures[i : i + columns], columns) for i in range(0, len(pictures), columns)]
     return np.concatenate([*rows, keyed(scale, NO_ERROR, WIDE_PX)])
 

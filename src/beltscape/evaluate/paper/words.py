@@ -12,6 +12,7 @@ UNITS = (
     "Median, bias and robust σ in mm, more than 6 px from a true step; gross: off by more than 5 mm, of the "
     "measured; σ ratio: actual over predicted σ."
 )
+_MANY = 1000
 ERROR_MM = 1.0
 """Fullest colour of the error pictures."""
 
@@ -43,4 +44,6 @@ def percent(value: float) -> str:
 
 def ratio(value: float) -> str:
     """How many times; inf over nothing."""
-    return f"{value:.1f} ×" if np.isfinite(value) else "none without"
+    if value > _MANY:
+        return f"over {_MANY} ×" if np.isfinite(value) else "none without"
+    return f"{value:.1f} ×"

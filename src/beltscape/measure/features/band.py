@@ -17,7 +17,7 @@ WIDE_PX = 9.0
 BIN_PX = 1.5
 """Length of the pieces along the edge that are judged one by one."""
 _NEXT_PX = (1.0, 3.5)
-"""What lies so far outside should be one thing."""
+"""What lies so far outside may hide the edge; up to the farther it should be one thing: a strip is another step."""
 _NEARER_MM = 1.0
 _SIDE_SHARE = 0.15
 """Of what lies beyond an edge: with more of the solid's own side the edge is a crease."""
@@ -139,7 +139,7 @@ def _band(
     wrong = other & (across < -1.0) & (across > -_NEXT_PX[1])
     wrong |= (across > 1.0) & (across < _NEXT_PX[1]) & (nominal < plane.depth_mm[near] - _NEARER_MM)
     bad = np.bincount(bins, wrong, count) > 0
-    outside = (across > _NEXT_PX[0]) & (across < _NEXT_PX[1]) & ((labels != label) | tops)
+    outside = (across > 0.15) & (across < _NEXT_PX[1]) & (labels != label)
     highest, lowest = np.full(count, NOTHING - 1), np.full(count, np.iinfo(np.int16).max)
     np.maximum.at(highest, bins[outside], labels[outside])
     np.minimum.at(lowest, bins[outside], labels[outside])

@@ -25,6 +25,8 @@ _FLOOR_MM, _LEAST_MM = 0.02, 0.002
 _GRAIN_PX = 45.0
 """Pixels that err as one: about a dot."""
 _ROUNDS = 4
+_SMOOTHED_PX = 2.3
+"""Without weights the smoothing stays in, some (this)² / radius of the radius (simulated modules): then part of σ."""
 _WITHIN = 0.3
 """A radius differs from the perfect module's by less than this share."""
 
@@ -60,7 +62,7 @@ def fit_sphere(
     is taken off where that explains the residuals better (it does where the depth came of matching).
     """
     kernels = load()
-    window = _window(camera, center_mm, radius_mm)
+    window, pixel = _window(camera, center_mm, radius_mm), center_mm[2] / float(camera.focal_px.mean())
     rays = rays_at(camera, *np.mgrid[window])
     z, sigma, on = (a[window].astype(np.float64) for a in (depth.depth_mm, depth.sigma_mm, shown))
     tell = np.ones_like(z) if weight is None else weight[window]
@@ -86,7 +88,8 @@ def fit_sphere(
         sphere, (inverse, points) = fitted, _covariance(fitted, rays[use], (z - off)[use], trust)
         corrected = float(np.mean(off[use]))
     grain = _GRAIN_PX * scale_of(camera) ** 2
-    sigma = float(np.sqrt(inverse[3, 3] * grain + _LEAST_MM**2))
+    unknown = 0.0 if weight is not None else (_SMOOTHED_PX * scale_of(camera) * pixel) ** 2 / radius_mm
+    sigma = float(np.sqrt(inverse[3, 3] * grain + unknown**2 + _LEAST_MM**2))
     return Ball(sphere[:3], float(sphere[3]), sigma, points, corrected)
 
 

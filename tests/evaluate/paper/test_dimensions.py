@@ -7,10 +7,12 @@ import pytest
 
 from beltscape.core.pose import Pose
 from beltscape.evaluate.paper.dimensions import largest_error_mm, rows_of
+from beltscape.evaluate.paper.features import paper_names
 from beltscape.evaluate.paper.numbers import Dimension, paper_numbers
 from beltscape.simulate.module_truth import module_quantities
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.stage import Stage
+from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 
 CUBES = ("step:a-b height_difference", "step:b-c height_difference")
 STEP = Dimension(row=12, name="step", of=CUBES, actual_mm=20, table2_mm=19.5795)
@@ -46,3 +48,21 @@ def test_means_of_several_and_what_is_missing():
     assert rows[1].sigma_mm["all"] == pytest.approx(np.sqrt(0.125))
     assert largest_error_mm(rows, "some") == pytest.approx(0.5)
     assert np.isnan(largest_error_mm(rows, "none"))
+
+
+def test_another_modules_names_are_those_of_the_paper():
+    here = (0.0, 0.0)
+    module = Module(
+        name="other",
+        base=Base(size_mm=(285, 200, 10)),
+        cube=(Cube(name="a", edge_mm=80, center_mm=here), Cube(name="b", edge_mm=100, center_mm=here)),
+        sphere=(Sphere(name="ball", diameter_mm=30, center_mm=here),),
+        cylinder=(Cylinder(name="rod", diameter_mm=20, height_mm=90, center_mm=here),),
+    )
+    assert paper_names(module) == {
+        "a": "cube80",
+        "b": "cube100",
+        "ball": "sphere30",
+        "rod": "cylinder20",
+        "step:b-a": "step:cube100-cube80",
+    }

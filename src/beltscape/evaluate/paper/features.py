@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +41,21 @@ def features_of(
         measured = measure_module(found.depth, rig, module, pattern=pattern, plain=plain)
     except MeasureError:
         return {}
+    names = paper_names(module)
     return {
-        f"{one.name} {one.quantity}": (one.measured_mm, one.sigma_mm)
+        f"{names.get(one.name, one.name)} {one.quantity}": (one.measured_mm, one.sigma_mm)
         for one in measured.quantities
         if np.isfinite(one.measured_mm)
     }
+
+
+def paper_names(module: Module) -> Mapping[str, str]:
+    """A module's own names → kind and size, as data/paper.toml names them: "cylinder" of 20 mm → "cylinder20"."""
+    names = {cube.name: f"cube{cube.edge_mm:g}" for cube in module.cube}
+    names |= {one.name: f"sphere{one.diameter_mm:g}" for one in module.sphere}
+    names |= {one.name: f"cylinder{one.diameter_mm:g}" for one in module.cylinder}
+    steps = pairwise(sorted(module.cube, key=lambda cube: -cube.edge_mm))
+    return names | {f"step:{a.name}-{b.name}": f"step:{names[a.name]}-{names[b.name]}" for a, b in steps}
 
 
 def core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:

@@ -22,7 +22,7 @@ COMMANDS = {
     "check": "score a rig on board views it has never seen, in px and in mm",
     "rectify": "epipolar rectification about the core camera, with the check picture",
     "reconstruct": "images → depth, its uncertainty and a point cloud, frame by frame",
-    "measure": "volume between loaded and empty surface, cross-section profiles",
+    "measure": "belt, volume, flow, lumps, a module's dimensions",
     "evaluate": "the paper's experiments side by side, a depth map against its truth",
     "view": "a rig, a frame or a sequence in 3-D, with belt and fitted primitives, in the browser",
     "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info",

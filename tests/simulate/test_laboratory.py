@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
+from beltscape.core.scaling import scaled_camera
 from beltscape.files.rig_json import write_rig
-from beltscape.simulate.laboratory import projector, scaled, station
+from beltscape.simulate.laboratory import projector, station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.target.pattern import PatternSettings, make_pattern
 from beltscape.target.pattern_json import write_pattern
@@ -99,7 +100,7 @@ def test_a_seed_is_a_plant():
 
 @given(cameras(), st.sampled_from([1.0, 0.5, 0.25, 0.37]))
 def test_scaled_pixels_are_the_old_ones_put_together(camera, scale):
-    small = scaled(camera, scale)
+    small = scaled_camera(camera, scale)
     np.testing.assert_allclose(small.size_px, scale * np.array(camera.size_px), atol=0.5)
     factor = np.array(small.size_px) / camera.size_px
     points = np.array([[0.0, 0.0, 700.0], [120.0, -80.0, 650.0], [-90.0, 140.0, 900.0]])

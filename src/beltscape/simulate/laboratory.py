@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +12,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.scaling import scaled_camera
 from beltscape.files.rig_json import read_rig
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.simulate.world import Projector, Station
@@ -40,7 +40,7 @@ def station(spec: RigSpec) -> Station:
     core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
     if spec.file is not None:
         given = read_rig(spec.file)
-        cameras = {name: scaled(camera, spec.image_scale) for name, camera in given.cameras.items()}
+        cameras = {name: scaled_camera(camera, spec.image_scale) for name, camera in given.cameras.items()}
         return Station(Rig(given.core, cameras, given.cam_from_core), core_from_world)
     rng = np.random.default_rng([spec.seed, 1])
     count = spec.auxiliaries + 1
@@ -53,18 +53,6 @@ def station(spec: RigSpec) -> Station:
     poses = {f"cam{i}": pose @ core_from_world.inverse() for i, pose in enumerate(from_world)}
     poses["cam0"] = Pose.identity()
     return Station(Rig("cam0", cameras, poses), core_from_world)
-
-
-def scaled(camera: Camera, scale: float) -> Camera:
-    """The camera with its pixels put together: pixel (0, 0) stays the centre of the top-left one."""
-    size = tuple(round(side * scale) for side in camera.size_px)
-    factor = np.array(size) / np.array(camera.size_px)
-    return replace(
-        camera,
-        size_px=(size[0], size[1]),
-        focal_px=camera.focal_px * factor,
-        center_px=(camera.center_px + 0.5) * factor - 0.5,
-    )
 
 
 def projector(spec: ProjectorSpec) -> Projector:
@@ -110,7 +98,7 @@ def _camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
     )  # pixels are all but square
     center = (size - 1) / 2 + spec.scatter * CENTER * size[0] * rng.normal(size=2)
     distortion = np.array(spec.distortion) + spec.scatter * DISTORTION * rng.normal(size=5)
-    return scaled(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
+    return scaled_camera(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
 
 
 def _places(spec: RigSpec) -> list[Array]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.measure.features.face import Face, rays_at
 from beltscape.measure.features.nominal import NOTHING, NominalView
+from beltscape.measure.features.view import MATCHER_REACH_PX, scale_of
 
 WIDE_PX = 9.0
 """Half of a band's width."""
@@ -18,6 +19,8 @@ BIN_PX = 1.5
 """Length of the pieces along the edge that are judged one by one."""
 _NEXT_PX = (1.0, 3.5)
 """What lies so far outside may hide the edge; up to the farther it should be one thing: a strip is another step."""
+_MIXED_PX = 1.0
+"""About something else, a pixel is of both."""
 _NEARER_MM = 1.0
 _SIDE_SHARE = 0.15
 """Of what lies beyond an edge: with more of the solid's own side the edge is a crease."""
@@ -41,6 +44,8 @@ class Band:
     """Size of a pixel on the face."""
     off_mm: NDArray[np.float32]
     """(N,) measured depth minus the face's, NaN where not measured."""
+    clear: NDArray[np.bool_]
+    """(N,) whether the matcher's windows met nothing else near its piece: else its depth says nothing of the edge."""
     kind: Literal["outline", "crease", "round"]
     """Crease: one sees the solid's own side beyond the edge; a round edge is partly this, partly that."""
 
@@ -57,6 +62,8 @@ class OnFace:
     depth_mm: NDArray[np.float64]
     """(h, w) of the plane."""
     px_mm: float
+    scale: float
+    """See `scale_of`."""
 
 
 def on_face(
@@ -85,7 +92,7 @@ def on_face(
     rays = rays_at(camera, *np.mgrid[window])
     depth = face.depth_at(rays)
     local = rays * depth[..., None] - center
-    return OnFace(window, local @ x_axis, local @ y_axis, depth, pixel)
+    return OnFace(window, local @ x_axis, local @ y_axis, depth, pixel, scale_of(camera))
 
 
 def straight_band(
@@ -135,16 +142,16 @@ def _band(
     across, along, shapes = across[near], along[near], shapes[near]
     bins = np.floor((along - along.min()) / BIN_PX).astype(np.intp)
     count = int(bins.max()) + 1
-    other = (labels != label) | ~tops
-    wrong = other & (across < -1.0) & (across > -_NEXT_PX[1])
-    wrong |= (across > 1.0) & (across < _NEXT_PX[1]) & (nominal < plane.depth_mm[near] - _NEARER_MM)
-    bad = np.bincount(bins, wrong, count) > 0
+    over = nominal < plane.depth_mm[near] - _NEARER_MM
+    last = _furthest(bins, across, count, ((labels != label) | ~tops) & (across < -1.0))
+    next_ = -_furthest(bins, -across, count, over & (across > 1.0))
+    bad = (last > -_NEXT_PX[1]) | (next_ < _NEXT_PX[1])
     outside = (across > 0.15) & (across < _NEXT_PX[1]) & (labels != label)
     highest, lowest = np.full(count, NOTHING - 1), np.full(count, np.iinfo(np.int16).max)
     np.maximum.at(highest, bins[outside], labels[outside])
     np.minimum.at(lowest, bins[outside], labels[outside])
     bad |= (highest > lowest) & (highest >= NOTHING)
-    keep = ~bad[bins]
+    keep = ~bad[bins] & (across > last[bins] + _MIXED_PX) & (across < next_[bins] - _MIXED_PX)
     if keep.sum() < 60:
         return None
     rows, columns = np.mgrid[window]
@@ -153,4 +160,15 @@ def _band(
     beyond = keep & (across > 0.7) & (across < _NEXT_PX[1])
     crease = bool(beyond.any()) and float(np.mean(labels[beyond] == label)) > _SIDE_SHARE
     kind = "round" if shapes.shape[1] == 2 else "crease" if crease else "outline"
-    return Band(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, kind)
+    reach = min(MATCHER_REACH_PX * plane.scale + 2, WIDE_PX)
+    clear = ((last < -reach) & (next_ > reach))[bins[keep]]
+    return Band(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, clear, kind)
+
+
+def _furthest(
+    bins: NDArray[np.intp], across: NDArray[np.float64], count: int, other: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """(count,) the largest place across of what is something else, by piece; far inside where nothing is."""
+    furthest = np.full(count, -np.inf)
+    np.maximum.at(furthest, bins[other], across[other])
+    return furthest

@@ -21,6 +21,9 @@ _NUISANCE_PX = 0.3
 _NEAR_MM = 0.6
 """An edge is looked for about so far from where the perfect module has it; a sharp one is found farther off."""
 
+_AGREE = 3.0
+"""A rim more than so many σ from there is another thing's."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edge:
@@ -44,8 +47,9 @@ def locate(
     Of ``nuisances`` (M, J) px of the band's shapes the likeliest is taken. The image's σ is a jackknife over blocks
     along the edge, with `SYSTEMATIC_PX` on top.
     """
-    rim = rim_px(band, scale)
-    near = 1 / (_NEAR_MM / band.px_mm) ** 2
+    rim, near = rim_px(band, scale), 1 / (_NEAR_MM / band.px_mm) ** 2
+    if rim is not None and rim**2 > _AGREE**2 * (RIM_SIGMA_PX**2 + 1 / near):
+        rim = None
     told = 0.0 if rim is None else 1 / RIM_SIGMA_PX**2
     start = (rim or 0.0) * told / (told + near)
     prior = (
@@ -73,6 +77,8 @@ def _by_image(
         return None
     total = told.blocks.sum(axis=0) + prior
     offset, nuisance = _peak(total)
+    if abs(offset) > OFFSETS_PX[-2]:  # it only grows towards something else
+        return None
     taken = [k for k in range(_BLOCKS) if told.blocks[k].any()]
     if len(taken) < 3:
         return None
@@ -80,7 +86,8 @@ def _by_image(
     count = len(taken)
     spread = np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2))
     leaning = _leaning_px(told.blocks.sum(axis=0)[nuisance], prior[nuisance])
-    sigma = float(np.sqrt(spread**2 + SYSTEMATIC_PX**2 + leaning**2))
+    unsure = max(spread**2 + leaning**2, _width_px(total, offset) ** 2)
+    sigma = float(np.sqrt(unsure + SYSTEMATIC_PX**2))
     return Edge(start + offset, sigma, nuisances[nuisance], told.pieces, True)
 
 
@@ -93,6 +100,12 @@ def _leaning_px(evidence: NDArray[np.float64], prior: NDArray[np.float64]) -> fl
         for curve in (evidence, prior)
     )
     return known / (shown + known) / float(np.sqrt(known)) if known > 0 else 0.0
+
+
+def _width_px(total: NDArray[np.float64], offset: float) -> float:
+    """Spread about an offset (px) of what is as likely, all nuisances together: a second peak counts. (M, O)."""
+    likely = np.exp(total - total.max()).sum(axis=0)
+    return float(np.sqrt(np.average((OFFSETS_PX - offset) ** 2, weights=likely)))
 
 
 def _peak(total: NDArray[np.float64]) -> tuple[float, int]:

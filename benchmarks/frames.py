@@ -10,6 +10,7 @@ import numpy as np
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
+from beltscape.measure.belt import find_belt
 from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.volume import measure_volume
 from beltscape.stereo.search import find_depth_range
@@ -124,8 +125,9 @@ def _volumes(scenes: list[Scene], results: Mapping[tuple[str, str], Mapping[str,
             empty = results["belt_empty", scene.size].get(method)
             if scene.true_volume_mm3 is None or loaded is None or empty is None:
                 continue
+            camera = scene.rig.core_camera
             v = measure_volume(
-                loaded.depth, empty.depth, scene.rig.core_camera, VolumeSettings(),
+                loaded.depth, find_belt(empty.depth, camera), camera, VolumeSettings(),
                 across_mm=None, along_mm=scene.along_mm,
             )  # fmt: skip
             rows.append(

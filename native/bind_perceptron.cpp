@@ -14,8 +14,10 @@ constexpr int kRowsPerJob = 16;
 void perceptron(const std::vector<Grid>& planes, Grid limits, Grid hidden, Grid output,
                 const std::vector<GridOut>& out, std::size_t threads) {
     const int height = height_of(planes[0]), width = width_of(planes[0]);
-    const Network net = {limits.data(),     limits.data() + width_of(limits), hidden.data(),     output.data(),
-                         width_of(limits), height_of(hidden),                height_of(output)};
+    const Network net = {limits.data(),    limits.data() + width_of(limits),
+                         hidden.data(),    output.data(),
+                         width_of(limits), height_of(hidden),
+                         height_of(output)};
     std::vector<const float*> from;
     std::vector<float*> to;
     for (const Grid& plane : planes) from.push_back(plane.data());

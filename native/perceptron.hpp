@@ -1,4 +1,5 @@
-// A small network with one hidden layer, at every pixel of a row: planes of evidence in, planes of answers out.
+// A small network with one hidden layer, at every pixel of a row: planes of evidence in, planes of answers
+// out.
 #pragma once
 
 #include "lanes.hpp"

@@ -98,7 +98,9 @@ def test_a_quantity_that_is_not_there_is_one_line(run):
     code, _, err = run("measure", "weather", "x")
     assert code == 2
     assert len(err) == 1
-    assert err[0].startswith("beltscape measure: argument QUANTITY: invalid choice: 'weather' (choose from 'belt', ")
+    assert err[0].startswith(
+        "beltscape measure: argument QUANTITY: invalid choice: 'weather' (choose from 'belt', "
+    )
 
 
 def test_a_setting_out_of_bounds_is_one_line(run, small_frames):

@@ -21,11 +21,10 @@ class Weighs(Protocol):
         *,
         threads: int = 0,
     ) -> Sequence[NDArray[np.floating]]:
-        """Answers of the network
+        """Answers of a network to each pixel's evidence x.
 
             out = W max(0, V min(max(x, low), high) + v) + w
 
-        to each pixel's evidence x.
 
         Parameters
         ----------

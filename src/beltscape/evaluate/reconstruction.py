@@ -9,7 +9,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.evaluate.frame_score import RegionScore, score_frame
 from beltscape.evaluate.truth import WITHIN_MM, TruthFile
-from beltscape.files.reconstruction import read_frame
+from beltscape.files.reconstruction import frame_folders, read_frame
 
 
 def score_reconstruction(
@@ -23,6 +23,8 @@ def score_reconstruction(
         When there is no frame in the folder, or none of its truth.
     """
     frames = frame_folders(folder)
+    if not frames:
+        raise InputError(f"{folder}: no frame with depth.tiff in it; give a folder of beltscape reconstruct")
     scores = {}
     for number, frame in enumerate(frames):
         found = read_frame(frame)
@@ -31,19 +33,3 @@ def score_reconstruction(
         )
         reporter.step("against the truth", number + 1, len(frames))
     return scores
-
-
-def frame_folders(folder: Path) -> list[Path]:
-    """The frame folders of a reconstruction, or itself where it is one.
-
-    Raises
-    ------
-    InputError
-        When there is none.
-    """
-    if (folder / "depth.tiff").is_file():
-        return [folder]
-    found = sorted(path.parent for path in folder.glob("*/depth.tiff"))
-    if not found:
-        raise InputError(f"{folder}: no frame with depth.tiff in it; give a folder of beltscape reconstruct")
-    return found

@@ -49,6 +49,13 @@ def write_frame(
         write_image(folder / "image.png", image)
 
 
+def frame_folders(folder: Path) -> list[Path]:
+    """The frame folders of a reconstruction in order, or the folder itself where it is one; empty where neither."""
+    if (folder / "depth.tiff").is_file():
+        return [folder]
+    return sorted(path.parent for path in folder.glob("*/depth.tiff")) if folder.is_dir() else []
+
+
 def read_frame(folder: Path) -> FrameResult:
     """Read a frame folder and the rig beside it.
 

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.belt import HeightMap
 from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.measure.holes import Filled
-from beltscape.measure.surface import Grid, blocks_mean, height_map, pixel_size_mm, visible_step_mm
+from beltscape.measure.surface import Grid, blocks_mean, closed, height_map, pixel_size_mm, visible_step_mm
 from beltscape.measure.trust import trusted
 
 
@@ -57,7 +56,7 @@ def load_over_belt(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> 
         np.where(good, height, np.nan),
         np.where(good, sigma, np.nan),
         np.where(good, raised * top.noise_mm, np.nan),
-        np.asarray(ndimage.binary_closing(np.pad(good, 1), np.ones((3, 3))), bool)[1:-1, 1:-1],
+        closed(good),
         np.stack([(grid.x_mm[None] - eye[0]) / reach, (grid.y_mm[:, None] - eye[1]) / reach]),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from beltscape.core.belt import HeightMap
 from beltscape.core.camera import Camera
@@ -60,6 +61,11 @@ def blocks_mean(values: NDArray[np.generic], side: int) -> NDArray[np.float64]:
     rows, columns = values.shape[0] // side, values.shape[1] // side
     blocks = values[: rows * side, : columns * side].reshape(rows, side, columns, side)
     return blocks.astype(np.float64).mean(axis=(1, 3))
+
+
+def closed(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(Ny, Nx) measured cells and the pinholes between neighbouring points."""
+    return np.asarray(ndimage.binary_closing(np.pad(measured, 1), np.ones((3, 3))), bool)[1:-1, 1:-1]
 
 
 def pixel_size_mm(depth: DepthMap, camera: Camera) -> float:

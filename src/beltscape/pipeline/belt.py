@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.atomic import write_text
 from beltscape.files.belt_json import read_belt, write_belt
-from beltscape.files.reconstruction import read_frame
+from beltscape.files.reconstruction import frame_folders, read_frame
 from beltscape.measure.belt import learn_belt
 from beltscape.report.belt import belt_page
 
@@ -42,7 +42,7 @@ def frame_names(folder: Path) -> list[str]:
     """Names of a reconstruction's frame folders, in order."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give a reconstruction of beltscape reconstruct")
-    names = sorted(path.parent.name for path in folder.glob("*/depth.tiff"))
+    names = [path.name for path in frame_folders(folder) if path != folder]
     if not names:
         raise InputError(
             f"{folder}: no frame folder with a depth.tiff; give a reconstruction of beltscape reconstruct"

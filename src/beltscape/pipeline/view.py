@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.files.atomic import write_text
 from beltscape.files.json_text import read_json
 from beltscape.files.ply_points import read_cloud
-from beltscape.files.reconstruction import read_frame
+from beltscape.files.reconstruction import frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.report.scene import rig_scene
 from beltscape.report.scene_solids import belt_triangles, outlines_of
@@ -87,11 +87,8 @@ def _found(source: Path) -> tuple[Rig | None, Sequence[Path]]:
     """The rig, and the frames' folders in order."""
     if source.is_file():
         return read_rig(source), ()
-    if (source / "depth.tiff").is_file():
-        beside = source.parent / "rig.json"
-        return (read_rig(beside) if beside.is_file() else None), (source,)
-    frames = sorted(path.parent for path in source.glob("*/depth.tiff")) if source.is_dir() else []
-    rig = source / "rig.json"
+    frames = frame_folders(source)
+    rig = (source.parent if frames == [source] else source) / "rig.json"
     if not frames and not rig.is_file():
         raise InputError(
             f"{source}: holds neither rig.json nor frames with depth.tiff; "

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.measure.flow.layer import Layer, closed
+from beltscape.measure.flow.layer import Layer
+from beltscape.measure.surface import closed
 
 _OUTLIER = 4.0
 _RANK = 0.65

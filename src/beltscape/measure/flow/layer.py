@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +36,3 @@ class Layer:
         part = slice(max(first, self.first) - self.first, max(min(end, self.end) - self.first, 0))
         parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share, self.slant)
         return Layer(max(first, self.first), *(values[part] for values in parts))
-
-
-def closed(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(n, Nx) measured cells and the pinholes between neighbouring points."""
-    return np.asarray(ndimage.binary_closing(np.pad(measured, 1), np.ones((3, 3))), bool)[1:-1, 1:-1]

@@ -13,18 +13,15 @@ from scipy import ndimage
 from beltscape.measure.flow.crevices import Crevices
 from beltscape.measure.flow.fusion import Fused
 from beltscape.measure.flow.ground import Ground
-from beltscape.measure.flow.layer import closed
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes import Filled, fill_holes
+from beltscape.measure.surface import closed
+from beltscape.measure.uncertainty import COMMON, STEP
 
 _SEEN = 0.02
 """A row of which less was measured was not seen."""
-_STEP = float(np.tan(np.deg2rad(60.0)))
 _EDGE_PX = 0.1
-"""Steps are placed this well, all alike, as in `beltscape.measure.uncertainty`."""
-_COMMON = 0.35
-"""Share of the holes' σ that all holes have in common. What several frames could not see is alike: simulated heaps
-of rocks of 30 and 50 mm had all their holes 0.1 to 0.8 σ too high."""
+"""Steps are placed this well, all alike; `beltscape.measure.uncertainty` allows a single frame three times as much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +185,7 @@ class Filler:
         holes = (whole[label] * open_mm).sum(axis=1) * cell
         rise_x = np.abs(np.diff(filled.value_mm, axis=1, prepend=filled.value_mm[:, :1]))
         rise_y = np.abs(np.diff(filled.value_mm, axis=0, prepend=filled.value_mm[:1]))
-        steps = sum((np.where(rise > _STEP * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
+        steps = sum((np.where(rise > STEP * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
         return Rows(
             first=self._done,
             area_mm2=cell * filled.value_mm[own].sum(axis=1),
@@ -196,7 +193,7 @@ class Filler:
             single_share=single[own],
             apart_mm5=apart[own] + holes,
             edges_mm2=_EDGE_PX * cell * np.asarray(steps)[own],
-            holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
+            holes_mm2=COMMON * cell * open_mm.sum(axis=1),
         )
 
 

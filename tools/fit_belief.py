@@ -1,4 +1,4 @@
-"""Fit what is believed of a surface to simulated captures with truth: stereo/belief.json, the weights of sigma.
+"""Fit what is believed of a surface to simulated captures with truth: data/belief.json, the weights of sigma.
 
     python tools/fit_belief.py CAPTURE…
 
@@ -19,6 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+import beltscape
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
@@ -26,7 +27,6 @@ from beltscape.core.rig import Rig
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
-from beltscape.stereo import belief
 from beltscape.stereo.evidence import evidence
 from beltscape.stereo.judge import SIGMA_WEIGHTS
 from beltscape.stereo.multiview import MultiviewReconstructor
@@ -229,7 +229,7 @@ def sigma_weights(x: np.ndarray, size_px: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Match, fit, write stereo/belief.json, print the weights of sigma."""
+    """Match, fit, write data/belief.json, print the weights of sigma."""
     found = [sample for folder in sys.argv[1:] for sample in samples(Path(folder))]
     names = found[0].names
     x = np.concatenate([sample.evidence for sample in found])
@@ -248,7 +248,7 @@ def main() -> None:
         + output[0, -1]
     )
     known = (logit > np.log(BELIEVED / (1 - BELIEVED))) & (dz <= GROSS_MM)
-    columns = [names.index(name) for name in SIGMA_WEIGHTS if name != "constant"]
+    columns = [names.index(name) for name in SIGMA_WEIGHTS]
     inputs = np.column_stack([x[known][:, columns], np.ones(known.sum())])
     weights = sigma_weights(inputs, ds[known])
     print(
@@ -260,11 +260,11 @@ def main() -> None:
 
 
 def write(names: tuple[str, ...], parts: dict[str, np.ndarray]) -> None:
-    """stereo/belief.json, a row a line."""
+    """data/belief.json, a row a line."""
     rows = {part: [[float(f"{value:.6g}") for value in row] for row in rows] for part, rows in parts.items()}
     kept = {"names": names, **rows}
     text = (f'"{part}": [\n' + ",\n".join(map(json.dumps, kept[part])) + "\n]" for part in kept)
-    path = Path(belief.__file__).with_name("belief.json")
+    path = Path(beltscape.__file__).parent / "data" / "belief.json"
     path.write_text("{" + ",\n".join(text) + "}\n", "utf-8")
 
 

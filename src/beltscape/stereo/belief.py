@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class Belief:
 @cache
 def fitted() -> Belief:
     """The weights that ship: what tools/fit_belief.py made of simulated frames with known truth."""
-    kept = json.loads(resources.files(__package__).joinpath("belief.json").read_text("utf-8"))
+    kept = json.loads((files("beltscape") / "data" / "belief.json").read_text(encoding="utf-8"))
     return Belief(tuple(kept["names"]), *(_array(kept[part]) for part in ("limits", "hidden", "output")))
 
 

@@ -23,8 +23,8 @@ REACH_PX = 9
 """A flat pixel may be held by texture so far away that its fit's window still touches it."""
 CONTRADICTION = 0.4
 """Mean dissimilarity from which on views that do not agree contradict the surface."""
+SIGMA_CONSTANT = 1.716
 SIGMA_WEIGHTS: dict[str, float] = {
-    "constant": 1.716,
     "log sigma": 0.867,
     "bend": 0.317,
     "wide bend": 0.182,
@@ -65,10 +65,9 @@ def judge(
     (logit,) = kernels.perceptron(
         [found[name] for name in belief.names], belief.limits, belief.hidden, belief.output, threads=threads
     )
-    log_sigma = np.full_like(logit, SIGMA_WEIGHTS["constant"])
+    log_sigma = np.full_like(logit, SIGMA_CONSTANT)
     for name, weight in SIGMA_WEIGHTS.items():
-        if name in found:
-            log_sigma += np.float32(weight) * found[name]
+        log_sigma += np.float32(weight) * found[name]
     confidence = 1 / (1 + np.exp(-logit))
     trusted = np.isfinite(refined.surface.s) & (seen > 0) & _told(chosen, refined, prepared)
     return Verdict(

@@ -21,7 +21,7 @@ from beltscape.measure.uncertainty import COMMON, STEP
 _SEEN = 0.02
 """A row of which less was measured was not seen."""
 _EDGE_PX = 0.1
-"""Steps are placed this well, all alike; `beltscape.measure.uncertainty` allows a single frame three times as much."""
+"""Steps are placed this well, all alike; `beltscape.measure.uncertainty` allows one frame three times as much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

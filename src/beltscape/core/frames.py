@@ -20,7 +20,9 @@ class FrameSet:
     images: Mapping[str, Image]
     """By camera: (H, W) grey or (H, W, 3) RGB, uint8 or uint16."""
     time_ns: int | None = None
-    """Trigger time where it is known."""
+    """Trigger time where it is known, on a clock that never jumps."""
+    position_mm: float | None = None
+    """The encoder's reading at that instant; grows with the belt's travel; None where there is none."""
 
 
 def grey(image: Image) -> NDArray[np.float32]:

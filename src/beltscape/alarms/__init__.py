@@ -1,0 +1,1 @@
+"""What the operator must be told: limits with hysteresis, acknowledgement."""

@@ -1,0 +1,1 @@
+"""The operator's page and the programming interface behind it: HTTP and WebSocket."""

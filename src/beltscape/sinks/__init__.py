@@ -1,0 +1,1 @@
+"""Where finished records and raw frames go: historian, tables, recordings."""

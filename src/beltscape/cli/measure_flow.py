@@ -39,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("-y", dest="direction", action="store_const", const="-y", help=argparse.SUPPRESS)
     parser.add_argument("--preset", default="standard", help="matching: fast, standard (default) or fine")
+    parser.add_argument(
+        "--load",
+        type=float,
+        metavar="MM",
+        help="height that a load may reach (default: looked for in the frames)",
+    )
     parser.add_argument("--cell", type=float, metavar="MM", help="edge of a grid cell (default: one pixel)")
     parser.add_argument("--out", type=Path, required=True, help="folder for flow.csv, flow.json, report.html")
 
@@ -55,6 +61,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         raise SettingsError("--direction: say +y or -y, along or against the belt frame's y axis")
     if arguments.frames_per_s is not None and not 0 < arguments.frames_per_s <= 1e6:
         raise SettingsError(f"--frames-per-s {arguments.frames_per_s:g}: must be above 0")
+    if arguments.load is not None and not 0 < arguments.load <= 1e5:
+        raise SettingsError(f"--load {arguments.load:g}: must be above 0 mm")
     chosen = settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
     density = _density(arguments)
     output_folder(arguments.out)
@@ -68,6 +76,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         density=density,
         settings=chosen,
         preset=arguments.preset,
+        load_mm=arguments.load,
     )
     return write_flow_result(arguments.out, flow, density, getattr(reporter, "warnings", ()))
 

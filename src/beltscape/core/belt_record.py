@@ -63,6 +63,8 @@ class BeltRecord:
     """Cameras that gave an image to its frame."""
     section: CrossSection | None
     """The mean cross-section behind it; None where nothing was measured."""
+    offset_mm: float = 0.0
+    """What the ledger's count is ahead of the encoder's: it changes only where an encoder began to count anew."""
 
     @property
     def length_mm(self) -> float:

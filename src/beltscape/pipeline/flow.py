@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.flow import FlowRecord
+from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_between, scaled_rig
+from beltscape.core.scaling import scaled_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.encoder_csv import Reading, read_encoder
 from beltscape.files.images import read_image
 from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.ground import Ground, ground_of
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.picture import BeltPicture
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.belt import empty_belt
+from beltscape.pipeline.flow_chain import FlowChain, depths_over, ground_under, reaching
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
-from beltscape.stereo.prior import Prior
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +64,13 @@ def flow_of_capture(
     density: Density | None = None,
     settings: FlowSettings | None = None,
     preset: str = "standard",
+    load_mm: float | None = None,
 ) -> Flow:
     """Reconstruct a moving capture frame by frame and measure what passes.
 
     Without ``encoder`` the belt's motion is taken from the material; the times are then the capture's own
-    encoder.csv's, where it has one, or follow from ``frames_per_s``. Images may be smaller or larger than the rig's
+    encoder.csv's, where it has one, or follow from ``frames_per_s``. Depth is looked for up to ``load_mm`` over the
+    empty belt, or else where a few frames show any. Images may be smaller or larger than the rig's
     by one factor: the rig is scaled.
 
     Raises
@@ -84,18 +83,25 @@ def flow_of_capture(
     rig = fitted(rig, capture, reporter)
     source = open_capture(capture, rig, reporter)
     instants = instants_of(source, encoder, frames_per_s, reporter)
-    ground, near_far = _ground(empty, rig, settings, source, reporter)
+    ground = ground_under(empty, rig, None if settings is None else settings.cell_mm, reporter)
+    near_far = (
+        reaching(ground, depth_range(source, rig, reporter))
+        if load_mm is None
+        else depths_over(ground, load_mm)
+    )
     picture, steps = BeltPicture(ground), list[Step]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
-    matcher = MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset))
-    began, records, done = perf_counter(), list[FlowRecord](), 0
-    for instant, depth in _depths(source, instants, matcher, meter, reporter):
-        records += meter.push(depth, instant.time_ns, instant.position_mm, frame=instant.frame)
-        done += 1
+    chain = FlowChain(rig, near_far, MultiviewSettings.preset(preset), meter)
+    began, records = perf_counter(), list[FlowRecord]()
+    for done, instant in enumerate(instants, 1):
+        frames = _frames(source, instant)
+        records += chain.push(frames, reporter, whole=set(source.cameras) <= set(frames.images)).records
         reporter.step("measuring flow", done, len(instants))
-    records += meter.finish()
+    if not chain.done:
+        raise chain.failure or ReconstructionError(f"{source.folder}: no frame in it")
+    records += chain.finish()
+    spent = (perf_counter() - began) / max(len(instants), 1)
     _warn(meter, records, reporter)
-    spent = (perf_counter() - began) / max(done, 1)
     return Flow(records, steps, meter, picture, spent, encoder is not None)
 
 
@@ -113,21 +119,6 @@ def fitted(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
         f"{capture}: images of {width}×{height} px, the rig's are {own[0]}×{own[1]}; the rig is scaled by {factor:g}"
     )
     return scaled_rig(rig, factor)
-
-
-def _ground(
-    empty: Path, rig: Rig, settings: FlowSettings | None, source: FolderSource, reporter: Reporter
-) -> tuple[Ground, tuple[float, float]]:
-    """The empty belt as a floor for the rig's depth maps, and the depths between which all lies."""
-    belt, camera = empty_belt(empty, reporter)
-    if camera.name != rig.core or scale_between(camera, rig.core_camera) is None:
-        raise InputError(
-            f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
-        )
-    ground = ground_of(belt, rig.core_camera, None if settings is None else settings.cell_mm)
-    near, far = depth_range(source, rig, reporter)
-    low, high = ground.depths_mm()
-    return ground, (min(near, 0.98 * low), max(far, 1.02 * high))
 
 
 def instants_of(
@@ -191,39 +182,11 @@ def _numbers(frames: Sequence[str]) -> list[int]:
     return list(range(len(frames)))
 
 
-def _depths(
-    source: FolderSource,
-    instants: Sequence[Instant],
-    matcher: MultiviewReconstructor,
-    meter: FlowMeter,
-    reporter: Reporter,
-) -> Iterator[tuple[Instant, DepthMap | None]]:
-    """Depth of every instant, None where there is none; the frame before, moved with the belt, is the start."""
-    before: DepthMap | None = None
-    failure: ReconstructionError | None = None
-    done = 0
-    for instant in instants:
-        frame_set = next(source.only({instant.frame}), None)
-        depth: DepthMap | None = None
-        if frame_set is not None and frame_set.images:
-            prior = _prior(before, meter, instant)
-            try:
-                depth = matcher.reconstruct(frame_set, reporter, prior=prior)
-                done += 1
-            except ReconstructionError as error:
-                failure = error
-                reporter.warn(f"{error}; going on without this frame")
-        before = depth
-        yield instant, depth
-    if not done:
-        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
-
-
-def _prior(before: DepthMap | None, meter: FlowMeter, instant: Instant) -> Prior | None:
-    if before is None:
-        return None
-    motion = meter.expected_motion_mm(instant.time_ns, instant.position_mm)
-    return None if motion is None else Prior(before, motion)
+def _frames(source: FolderSource, instant: Instant) -> FrameSet:
+    """The images of an instant, none where there are none, with its time and the encoder's reading."""
+    found = next(source.only({instant.frame}), None)
+    images = {} if found is None else found.images
+    return FrameSet(instant.frame, images, instant.time_ns, instant.position_mm)
 
 
 def _warn(meter: FlowMeter, records: Sequence[FlowRecord], reporter: Reporter) -> None:

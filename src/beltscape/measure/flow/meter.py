@@ -42,6 +42,7 @@ class _Seen:
     clock: float
     encoder_mm: float | None
     relief: Relief | None
+    whole: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +70,13 @@ class FlowMeter:
         density: Density | None = None,
         watch_belt: Watcher | None = None,
         watch_step: Callable[[Step], None] | None = None,
+        front_mm: float | None = None,
     ) -> None:
-        """``watch_belt`` is given each finished piece of the fused belt, ``watch_step`` each frame's place."""
+        """``watch_belt`` is given each finished piece of the fused belt, ``watch_step`` each frame's place.
+
+        ``front_mm`` is a belt coordinate up to which the belt is counted already: of what is in view at the first
+        frame, only what lies beyond is new. It needs an encoder that went on counting.
+        """
         self.ground = ground
         self.settings = settings or FlowSettings()
         self.motion = Motion()
@@ -81,7 +87,7 @@ class FlowMeter:
         self._waiting: list[_Seen] = []
         self._key_relief: Relief | None = None
         self._count = 0
-        self._front_mm: float | None = None
+        self._front_mm = front_mm
         self._opening: Strip | None = None
         self._width_mm = ground.belt.across_mm[1] - ground.belt.across_mm[0]
         self._sums = Sums(ground.belt.drift_mm, self._width_mm)
@@ -132,14 +138,17 @@ class FlowMeter:
         position_mm: float | None = None,
         *,
         frame: str = "",
+        whole: bool = True,
     ) -> list[FlowRecord]:
         """The next frame; the records that are finished with it.
 
         ``depth`` is None for a frame that gave none, ``time_ns`` where nobody told the time (then no frame may have
-        one), ``position_mm`` is the encoder's and grows with the travel; None where there is none.
+        one), ``position_mm`` is the encoder's and grows with the travel; None where there is none. A frame that is
+        not ``whole``, for a camera gave it no image, makes its strip a degraded one.
         """
         clock = float(self._count) if time_ns is None else time_ns * 1e-9
-        seen = _Seen(frame or f"{self._count:03d}", depth, time_ns, clock, position_mm, self._relief(depth))
+        name = frame or f"{self._count:03d}"
+        seen = _Seen(name, depth, time_ns, clock, position_mm, self._relief(depth), whole)
         self._count += 1
         self._waiting.append(seen)
         if not self._started():
@@ -259,16 +268,15 @@ class FlowMeter:
         """The strip of belt that is new in this frame."""
         low, high = self._ends(self.ground.window_mm)
         end = place.position_mm + high
-        if self._front_mm is None:
-            start = place.position_mm + low
-        else:
-            start, end = self._front_mm, max(self._front_mm, end)
-        self._front_mm = end
+        start = place.position_mm + low
+        if self._front_mm is not None:
+            start = self._front_mm if before is not None else max(start, self._front_mm)
+        self._front_mm = end = max(start, end)
         speed = float("nan")
         if before is not None and seen.time_ns is not None and seen.clock > before.clock:
             speed = (place.position_mm - before.position_mm) / (seen.clock - before.clock)
         position = place.position_mm if seen.encoder_mm is None else seen.encoder_mm
-        sure = place.source != "speed"
+        sure = seen.whole and place.source != "speed"
         strip = Strip(
             seen.frame,
             seen.time_ns,

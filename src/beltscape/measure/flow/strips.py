@@ -36,7 +36,7 @@ class Strip:
     placed: bool
     """Whether anything told where the belt was."""
     sure: bool
-    """Whether that was the material or the encoder, not the last known speed."""
+    """Whether that was the material or the encoder, not the last known speed, and all cameras saw the frame."""
 
 
 class Strips:

@@ -1,0 +1,1 @@
+"""The same chain, running: from cameras to records, for years."""

@@ -1,0 +1,164 @@
+"""Flow records of one run → entries of the ledger, which meet end to end from run to run."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from beltscape.core.belt_record import BeltRecord, CrossSection, standing_of
+from beltscape.core.flow import FlowRecord
+
+ROLL_BACK_MM = 3000.0
+"""A belt that stops may roll back by so much; an encoder that is back further has begun to count anew."""
+
+
+@dataclass(slots=True)
+class Books:
+    """Where the ledger stands, over all runs."""
+
+    run: int
+    number: int
+    """Of the next entry."""
+    end_mm: float | None
+    """Where the last entry ended; None in a new ledger."""
+    offset_mm: float = 0.0
+    """What the ledger's count is ahead of the encoder's."""
+
+
+@dataclass(slots=True)
+class _Pushed:
+    """A frame whose record is not finished yet."""
+
+    frame: str
+    present: int
+    missing: tuple[str, ...]
+    encoder_mm: float | None
+    place_mm: float | None = None
+    """Where the meter placed the belt; None where nothing told."""
+
+
+class Ledger:
+    """Turns the records of meters, one after the other, into entries.
+
+    A meter counts in its own belt coordinate, which follows the material; the ledger counts what the encoder said,
+    plus an offset. Without an encoder it counts what the meter did, on from where it stood.
+    """
+
+    def __init__(self, books: Books, cameras: Sequence[str]) -> None:
+        """``cameras`` are those that each frame should have."""
+        self.books = books
+        self._cameras = tuple(cameras)
+        self._pushed: deque[_Pushed] = deque()
+        self._begun = False
+        self._carried = False
+
+    def begin(self, encoder_mm: float | None) -> float | None:
+        """A new meter begins at that reading: where (in the encoder's count) its belt is counted up to already.
+
+        None where the ledger is new, there is no encoder, or it has begun anew: all in view is new then.
+        """
+        self._begun = False
+        end = self.books.end_mm
+        self._carried = end is None or (encoder_mm is not None and not self.began_anew(encoder_mm))
+        return end - self.books.offset_mm if end is not None and self._carried else None
+
+    def began_anew(self, encoder_mm: float) -> bool:
+        """Whether a reading is further back than a belt rolls."""
+        end = self.books.end_mm
+        return end is not None and end - self.books.offset_mm - encoder_mm > ROLL_BACK_MM
+
+    def push(self, frame: str, present: Collection[str], encoder_mm: float | None) -> None:
+        """A frame goes into the meter."""
+        missing = tuple(name for name in self._cameras if name not in present)
+        self._pushed.append(_Pushed(frame, len(present), missing, encoder_mm))
+
+    def placed(self, frame: str, place_mm: float) -> None:
+        """The meter placed a frame that was pushed."""
+        for one in reversed(self._pushed):
+            if one.frame == frame:
+                one.place_mm = place_mm
+                return
+
+    def entries(
+        self,
+        records: Sequence[FlowRecord],
+        sections: Mapping[str, CrossSection],
+        run_sigma_mm3: float,
+        wall_ns: int,
+    ) -> list[BeltRecord]:
+        """Finished records as entries; belt that passed unseen before the first of them is an entry of its own."""
+        out: list[BeltRecord] = []
+        for record in records:
+            pushed = self._pushed.popleft()
+            start, end = self._reach(record, pushed)
+            if self.books.end_mm is not None and start > self.books.end_mm:
+                reason = "nothing ran while it passed"
+                out.append(self._entry(start, None, reason, run_sigma_mm3, wall_ns, 0, None))
+            if self.books.end_mm is None:
+                self.books.end_mm = start
+            reason = _reason(record, pushed)
+            section = sections.get(record.frame)
+            out.append(self._entry(end, record, reason, run_sigma_mm3, wall_ns, pushed.present, section))
+        return out
+
+    def _reach(self, record: FlowRecord, pushed: _Pushed) -> tuple[float, float]:
+        """From where to where a strip reaches in the ledger's count."""
+        low, high = record.strip_mm
+        stands = self.books.end_mm
+        if pushed.place_mm is None or not math.isfinite(high):
+            here = stands if stands is not None else (pushed.encoder_mm or 0.0)
+            return here, here
+        # the material's coordinate against the encoder's: they part by the belt's slip
+        shift = 0.0 if pushed.encoder_mm is None else pushed.encoder_mm - pushed.place_mm
+        if not self._begun:
+            self._begun = True
+            if not self._carried and stands is not None:
+                self.books.offset_mm = stands - (low + shift)
+            start = low + shift + self.books.offset_mm
+            return start, high + shift + self.books.offset_mm
+        before = low + shift + self.books.offset_mm if stands is None else stands
+        return before, (high + shift + self.books.offset_mm if high > low else before)
+
+    def _entry(
+        self,
+        end_mm: float,
+        strip: FlowRecord | None,
+        reason: str,
+        run_sigma_mm3: float,
+        wall_ns: int,
+        cameras: int,
+        section: CrossSection | None,
+    ) -> BeltRecord:
+        """The next entry, from where the ledger stands."""
+        books = self.books
+        begin = end_mm if books.end_mm is None else books.end_mm
+        entry = BeltRecord(
+            number=books.number,
+            run=books.run,
+            belt_mm=(begin, max(begin, end_mm)),
+            standing="missing" if strip is None else standing_of(strip.quality),
+            reason=reason,
+            wall_ns=wall_ns,
+            strip=strip,
+            run_sigma_mm3=run_sigma_mm3,
+            cameras=cameras,
+            section=section,
+            offset_mm=books.offset_mm,
+        )
+        books.number, books.end_mm = books.number + 1, entry.belt_mm[1]
+        return entry
+
+
+def _reason(record: FlowRecord, pushed: _Pushed) -> str:
+    """Why a strip is not valid, in a few words; empty where it is."""
+    if record.quality == "measured":
+        return ""
+    if record.quality == "missing":
+        return "no frame showed it"
+    if record.quality == "bridged":
+        return "part of it passed between frames"
+    if pushed.missing:
+        return f"without {', '.join(pushed.missing)}"
+    return "much of it was hidden, or its place not told"

@@ -1,0 +1,168 @@
+"""The database: its tables, how it is opened, how an older one is brought up to date."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+from beltscape.core.errors import InputError
+
+APPLICATION_ID = 0x62656C74
+"""Says whose file it is: "belt"."""
+
+_SUMS = """(
+    bucket      INTEGER PRIMARY KEY,   -- minutes or hours of wall clock since 1970, shifted by where days begin
+    first       INTEGER NOT NULL,      -- smallest and greatest record number in it
+    last        INTEGER NOT NULL,
+    records     INTEGER NOT NULL,
+    volume      REAL NOT NULL,         -- mm³
+    mass        REAL NOT NULL,         -- kg, of what has a density
+    unweighed   INTEGER NOT NULL,      -- records without
+    valid       REAL NOT NULL,         -- mm
+    degraded    REAL NOT NULL,
+    missing     REAL NOT NULL,
+    moved       REAL NOT NULL,         -- mm³ on the belt whose speed is known
+    run_mm      REAL NOT NULL,         -- its length, and how long it took
+    run_s       REAL NOT NULL,
+    covered     REAL NOT NULL,         -- coverage × mm
+    measured    REAL NOT NULL,         -- mm that coverage is of
+    flow_low    REAL,                  -- m³/h
+    flow_high   REAL
+)"""
+
+_FIRST = f"""
+CREATE TABLE runs (
+    run         INTEGER PRIMARY KEY,
+    wall_ns     INTEGER NOT NULL,
+    run_sigma   REAL NOT NULL DEFAULT 0    -- mm³, of the run's newest record
+);
+-- one row: where the ledger ends and what it adds up to; sums as value and rest, so that nothing gets lost
+CREATE TABLE ledger (
+    one         INTEGER PRIMARY KEY CHECK (one = 1),
+    number      INTEGER NOT NULL,
+    run         INTEGER NOT NULL,
+    end_mm      REAL,
+    state       TEXT NOT NULL
+);
+INSERT INTO ledger VALUES (1, 0, 0, NULL, '');
+CREATE TABLE records (
+    number      INTEGER PRIMARY KEY,
+    run         INTEGER NOT NULL,
+    from_mm     REAL NOT NULL,
+    to_mm       REAL NOT NULL CHECK (to_mm >= from_mm),
+    standing    INTEGER NOT NULL CHECK (standing BETWEEN 0 AND 2),
+    reason      TEXT NOT NULL,
+    wall_ns     INTEGER NOT NULL,
+    run_sigma   REAL,
+    cameras     INTEGER NOT NULL,
+    frame       TEXT,                      -- NULL: no strip
+    time_ns     INTEGER,
+    position    REAL,
+    strip_from  REAL,
+    strip_to    REAL,
+    area        REAL,
+    volume      REAL,
+    sigma       REAL,
+    speed       REAL,
+    density     REAL,
+    coverage    REAL,
+    single      REAL,
+    quality     INTEGER
+);
+CREATE TRIGGER contiguous BEFORE INSERT ON records
+WHEN NEW.number <> (SELECT number + 1 FROM ledger)
+    OR NEW.from_mm <> (SELECT coalesce(end_mm, NEW.from_mm) FROM ledger)
+BEGIN
+    SELECT RAISE(ABORT, 'the ledger must go on where it ended');
+END;
+CREATE TRIGGER goes_on AFTER INSERT ON records
+BEGIN
+    UPDATE ledger SET number = NEW.number, run = NEW.run, end_mm = NEW.to_mm;
+END;
+CREATE TABLE grids (
+    grid        INTEGER PRIMARY KEY,
+    x           BLOB NOT NULL UNIQUE       -- float32, mm
+);
+CREATE TABLE sections (
+    number      INTEGER PRIMARY KEY,
+    grid        INTEGER NOT NULL,
+    height      BLOB NOT NULL
+);
+CREATE TABLE minutes {_SUMS};
+CREATE TABLE hours {_SUMS};
+CREATE TABLE events (
+    event       INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_ns     INTEGER NOT NULL,
+    kind        TEXT NOT NULL,
+    name        TEXT NOT NULL,
+    text        TEXT NOT NULL,
+    by          TEXT NOT NULL
+);
+CREATE INDEX events_wall ON events (wall_ns);
+CREATE TABLE files (
+    name        TEXT PRIMARY KEY,
+    day         INTEGER NOT NULL,          -- since 1970
+    first       INTEGER NOT NULL,          -- record numbers: all of that day from first to last
+    last        INTEGER NOT NULL,
+    since_ns    INTEGER NOT NULL,          -- wall clock of the earliest and of the latest
+    until_ns    INTEGER NOT NULL,
+    records     INTEGER NOT NULL,
+    bytes       INTEGER NOT NULL,
+    sha256      TEXT NOT NULL,
+    pruned      INTEGER NOT NULL DEFAULT 0 -- its records are, or are being, taken out of the table above
+);
+CREATE INDEX files_day ON files (day);
+"""
+
+MIGRATIONS: tuple[str, ...] = (_FIRST,)
+"""The script at place n leads from version n to n + 1; what is there is never changed, only added to."""
+
+
+def open_writer(path: Path) -> sqlite3.Connection:
+    """The one writing connection, its tables up to date; sqlite3.DatabaseError where the file is damaged.
+
+    Raises
+    ------
+    InputError
+        When a newer version of the program wrote the file, or it is another program's.
+    """
+    connection = sqlite3.connect(path, check_same_thread=False, isolation_level=None, timeout=10)
+    try:
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA temp_store = MEMORY")
+        connection.execute("PRAGMA cache_size = -16384")
+        connection.execute("PRAGMA journal_size_limit = 16777216")
+        _migrate(connection, path)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def open_reader(path: Path) -> sqlite3.Connection:
+    """A read-only connection; it never holds the writer up."""
+    connection = sqlite3.connect(
+        f"{path.absolute().as_uri()}?mode=ro", uri=True, check_same_thread=False, isolation_level=None, timeout=10
+    )
+    connection.execute("PRAGMA query_only = ON")
+    connection.execute("PRAGMA temp_store = MEMORY")
+    return connection
+
+
+def _migrate(connection: sqlite3.Connection, path: Path) -> None:
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if connection.execute("PRAGMA application_id").fetchone()[0] not in (0, APPLICATION_ID):
+        raise InputError(f"{path}: another program's database; give beltscape a data folder of its own")
+    if version > len(MIGRATIONS):
+        raise InputError(
+            f"{path}: its version is {version}, this program knows up to {len(MIGRATIONS)}; "
+            "install the version that wrote it"
+        )
+    for step in range(version, len(MIGRATIONS)):
+        # a script is one transaction: a crash in between leaves the version it had
+        connection.executescript(
+            f"BEGIN IMMEDIATE; {MIGRATIONS[step]}; PRAGMA application_id = {APPLICATION_ID}; "
+            f"PRAGMA user_version = {step + 1}; COMMIT;"
+        )

@@ -1,0 +1,38 @@
+"""The alarms' one-line details in English; a page in another language fills its own lines with the same values."""
+
+from __future__ import annotations
+
+import math
+
+TEXTS = {
+    "overload": "{value}, limit {limit}: slow the feed",
+    "empty": "load {value}, limit {limit}: check the feed",
+    "belt_stopped": "{value}, limit {limit}: start the belt",
+    "oversize_lump": "a lump of {value}, limit {limit}: take it off before the next transfer",
+    "misaligned_belt": "{value} off the middle, limit {limit}: align the belt",
+    "low_coverage": "{value} of the view measured, limit {limit}: clean the lenses, check light and dust",
+    "camera_lost": "{subject} gives no image: check its power, cable and address",
+    "camera_skew": "{value}, limit {limit}: check the trigger line and the cameras' clocks",
+    "frames_dropped": "{value}, limit {limit}: lower the frame rate or choose a faster preset",
+    "disk_full": "the history is not written: free space on its disk",
+    "recording_paused": "raw frames are not recorded: free space on their disk",
+    "encoder_silent": "no reading for {value}, limit {limit}: check the encoder and its line",
+    "encoder_wrong": "its readings cannot be: check wiring and settings",
+    "slip": "encoder and material differ by {value}, limit {limit}: check the wheel and mm_per_count",
+    "no_measurement": "{subject} is not measured any more: look at cameras and belt",
+    "certificate_expiring": "it ends in {value}: install a new one",
+}
+"""By alarm, without the subject after the colon of its name. ``value`` and ``limit`` come with their unit."""
+
+
+def detail(kind: str, subject: str, value: float, limit: float, unit: str) -> str:
+    """What is wrong and the mend, in one line."""
+    return TEXTS[kind].format(subject=subject, value=_amount(value, unit), limit=_amount(limit, unit))
+
+
+def _amount(value: float, unit: str) -> str:
+    if not math.isfinite(value):
+        return "unknown"
+    size = abs(value)
+    digits = 0 if size >= 100 else 1 if size >= 10 else 2
+    return f"{value:.{digits}f} {unit}".rstrip()

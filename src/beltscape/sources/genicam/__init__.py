@@ -1,0 +1,1 @@
+"""GenICam cameras over GigE Vision, through Aravis: triggered, matched to frame sets, watched, re-opened."""

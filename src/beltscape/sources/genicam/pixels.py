@@ -1,0 +1,132 @@
+"""What a camera sends, as an image: unpacked, scaled to the full range of its type, colours restored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+
+Packing = Literal["none", "gige", "lsb"]
+"""a pixel a word; GigE Vision's "Packed", two pixels in three bytes; PFNC's "p", a stream of bits"""
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One pixel format (PFNC, https://www.emva.org GenICam Pixel Format Naming Convention 2.1)."""
+
+    name: str
+    bits: int
+    packing: Packing = "none"
+    pattern: str = ""
+    """Colours of the upper left 2×2 pixels, row by row; empty where the sensor has none."""
+    channels: int = 1
+
+
+def _bayer(codes: dict[str, int], bits: int, packing: Packing, suffix: str) -> dict[int, Format]:
+    rows = {"GR": "GRBG", "RG": "RGGB", "GB": "GBRG", "BG": "BGGR"}
+    return {
+        code: Format(f"Bayer{start}{bits}{suffix}", bits, packing, rows[start])
+        for start, code in codes.items()
+    }
+
+
+FORMATS: dict[int, Format] = {
+    0x01080001: Format("Mono8", 8),
+    0x01100003: Format("Mono10", 10),
+    0x010C0004: Format("Mono10Packed", 10, "gige"),
+    0x010A0046: Format("Mono10p", 10, "lsb"),
+    0x01100005: Format("Mono12", 12),
+    0x010C0006: Format("Mono12Packed", 12, "gige"),
+    0x010C0047: Format("Mono12p", 12, "lsb"),
+    0x01100025: Format("Mono14", 14),
+    0x01100007: Format("Mono16", 16),
+    0x02180014: Format("RGB8", 8, channels=3),
+    0x02180015: Format("BGR8", 8, channels=3),
+    **_bayer({"GR": 0x01080008, "RG": 0x01080009, "GB": 0x0108000A, "BG": 0x0108000B}, 8, "none", ""),
+    **_bayer({"GR": 0x0110000C, "RG": 0x0110000D, "GB": 0x0110000E, "BG": 0x0110000F}, 10, "none", ""),
+    **_bayer({"GR": 0x01100010, "RG": 0x01100011, "GB": 0x01100012, "BG": 0x01100013}, 12, "none", ""),
+    **_bayer({"GR": 0x0110002E, "RG": 0x0110002F, "GB": 0x01100030, "BG": 0x01100031}, 16, "none", ""),
+    **_bayer({"GR": 0x010C002A, "RG": 0x010C002B, "GB": 0x010C002C, "BG": 0x010C002D}, 12, "gige", "Packed"),
+    **_bayer({"GR": 0x010C0057, "RG": 0x010C0059, "GB": 0x010C0055, "BG": 0x010C0053}, 12, "lsb", "p"),
+}
+"""Code in the image's head → what it means."""
+
+
+def image_from(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
+    """(H, W) or (H, W, 3) RGB of a buffer; uint8 from 8 bits, else uint16 with the top value at 65535.
+
+    ``size_px`` is (width, height) as the image's head says. InputError: format not understood, too few bytes.
+    """
+    format_ = FORMATS.get(code)
+    if format_ is None:
+        raise InputError(f"pixel format {code:#010x} is not understood; set pixel_format, such as Mono8")
+    width, height = size_px
+    count = width * height * format_.channels
+    need = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _bytes_of(format_, count)
+    if len(data) < need:
+        raise InputError(f"image of {width}×{height} {format_.name} has {len(data)} bytes instead of {need}")
+    values = scaled(unpacked(np.frombuffer(data, np.uint8, need), format_, count), format_.bits)
+    if format_.channels == 3:
+        colours = values.reshape(height, width, 3)
+        return np.ascontiguousarray(colours[..., ::-1]) if format_.name.startswith("BGR") else colours
+    plane = values.reshape(height, width)
+    return demosaiced(plane, format_.pattern) if format_.pattern else plane
+
+
+def _bytes_of(format_: Format, count: int) -> int:
+    if format_.packing == "gige":
+        return (count + 1) // 2 * 3
+    return count if format_.bits <= 8 else 2 * count
+
+
+def unpacked(raw: NDArray[np.uint8], format_: Format, count: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """(count,) values of a buffer's bytes, in the format's own range."""
+    if format_.packing == "gige":
+        return _two_in_three(raw, format_.bits)[:count]
+    if format_.packing == "lsb":
+        return _bit_stream(raw, format_.bits, count)
+    return raw if format_.bits <= 8 else raw.view("<u2")
+
+
+def _two_in_three(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
+    """The middle byte has the low bits of both pixels, those of the first in its lower half."""
+    low = bits - 8
+    first, both, second = raw.reshape(-1, 3).astype(np.uint16).T
+    mask = (1 << low) - 1
+    return np.stack([(first << low) | (both & mask), (second << low) | (both >> 4 & mask)], axis=-1).ravel()
+
+
+def _bit_stream(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:
+    """Pixel after pixel from the lowest bit on; groups that fill whole bytes are done at once."""
+    pixels, size = (2, 3) if bits == 12 else (4, 5)
+    groups = -(-count // pixels)
+    filled = np.zeros(groups * size, np.uint8)
+    filled[: len(raw)] = raw
+    columns = filled.reshape(groups, size).astype(np.uint32)
+    out = np.empty((groups, pixels), np.uint16)
+    for pixel in range(pixels):
+        byte, shift = divmod(pixel * bits, 8)
+        out[:, pixel] = (columns[:, byte] | columns[:, byte + 1] << 8) >> shift & ((1 << bits) - 1)
+    return out.ravel()[:count]
+
+
+def scaled(
+    values: NDArray[np.uint8] | NDArray[np.uint16], bits: int
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """8 bits as they are; more on 16, where the top value becomes 65535 and 0 stays 0 (the high bits repeat below)."""
+    if bits <= 8 or bits == 16:
+        return values
+    wide = values.astype(np.uint16)
+    return (wide << (16 - bits)) | (wide >> (2 * bits - 16))
+
+
+def demosaiced(plane: NDArray[np.uint8] | NDArray[np.uint16], pattern: str) -> Image:
+    """(H, W, 3) RGB of a (H, W) colour mosaic that begins with the 2×2 ``pattern``, by bilinear interpolation."""
+    import cv2
+
+    return cv2.cvtColor(plane, getattr(cv2, f"COLOR_Bayer{pattern}2RGB"))  # pyright: ignore[reportReturnType]

@@ -1,0 +1,332 @@
+from __future__ import annotations
+
+import itertools
+from dataclasses import fields, replace
+from threading import Thread
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.alarms.readings import Readings
+from beltscape.alarms.rules import RULES
+from beltscape.alarms.settings import AlarmSettings, OversizeLump
+from beltscape.alarms.texts import TEXTS
+from beltscape.core.live import CameraHealth
+from beltscape.files.toml_text import validated
+from strategies import floats
+
+NAN = float("nan")
+SECOND = 1_000_000_000
+SETTINGS = AlarmSettings(oversize_lump=OversizeLump(size_mm=200))
+
+
+def camera(name="cam2", state="ok", skew_ms=0.1, message=""):
+    return CameraHealth(name, state, 10, 0, 25.0, skew_ms, message)
+
+
+GOOD = Readings(
+    area_mm2=5e4,
+    area_sigma_mm2=1e3,
+    full_area_mm2=1e5,
+    volume_flow_m3_h=300,
+    volume_flow_sigma_m3_h=3,
+    mass_flow_t_h=500,
+    mass_flow_sigma_t_h=5,
+    belt_mm=0,
+    speed_mm_s=1500,
+    coverage=0.9,
+    largest_lump_mm=90,
+    largest_lump_sigma_mm=9,
+    belt_offset_mm=3,
+    belt_offset_sigma_mm=2,
+    cameras={"cam2": camera()},
+    dropped_per_minute=0,
+    history_trouble="",
+    recording_trouble="",
+    encoder_silent_s=0.01,
+    encoder_trouble="",
+    encoder_ratio=1.002,
+    encoder_ratio_sigma=0.001,
+    certificate_days=200,
+)
+BAD = {
+    "overload": {"area_mm2": 1.2e5},
+    "empty": {"area_mm2": 500.0},
+    "belt_stopped": {"speed_mm_s": 0.0},
+    "oversize_lump": {"largest_lump_mm": 230.0},
+    "misaligned_belt": {"belt_offset_mm": -70.0},
+    "low_coverage": {"coverage": 0.4},
+    "camera_lost:cam2": {"cameras": {"cam2": camera(state="lost", message="silent for 1.0 s; check its cable")}},
+    "camera_skew": {"cameras": {"cam2": camera(skew_ms=-5.0)}},
+    "frames_dropped": {"dropped_per_minute": 30.0},
+    "disk_full": {"history_trouble": "no space left; free some"},
+    "recording_paused": {"recording_trouble": "no space left; free some"},
+    "encoder_silent": {"encoder_silent_s": 9.0},
+    "encoder_wrong": {"encoder_trouble": "runs backwards"},
+    "slip": {"encoder_ratio": 0.9},
+    "no_measurement:load": {"area_mm2": NAN, "volume_flow_m3_h": NAN, "mass_flow_t_h": NAN},
+    "no_measurement:speed": {"speed_mm_s": NAN},
+    "no_measurement:lump": {"largest_lump_mm": NAN},
+    "no_measurement:offset": {"belt_offset_mm": NAN},
+    "certificate_expiring": {"certificate_days": 12.0},
+}  # fmt: skip
+
+
+class Plant:
+    """A board, and the clocks that go with it."""
+
+    def __init__(self, settings=SETTINGS):
+        self.board = AlarmBoard(settings)
+        self.second = 0
+
+    def run(self, readings, seconds):
+        """Looks once a second; every alarm that changed."""
+        changed = []
+        for _ in range(seconds):
+            self.second += 1
+            now = replace(readings, belt_mm=1500.0 * self.second)
+            changed += self.board.update(now, 10**18 + self.second * SECOND, self.second * SECOND)
+        return changed
+
+    def states(self):
+        return {alarm.name: alarm.state for alarm in self.board.alarms}
+
+
+def test_every_rule_has_settings_a_text_and_a_case():
+    kinds = {name.partition(":")[0] for name in BAD}
+    assert set(RULES) == set(AlarmSettings.model_fields) == set(TEXTS) == kinds
+
+
+def test_when_all_is_well_all_is_clear():
+    plant = Plant()
+    assert plant.run(GOOD, 300) == []
+    assert set(plant.states().values()) == {"clear"}
+    assert set(plant.states()) == set(BAD)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_every_alarm_is_raised_alone_and_clears(name):
+    plant = Plant()
+    plant.run(GOOD, 5)
+    (raised,) = plant.run(replace(GOOD, **BAD[name]), 300)
+    assert (raised.name, raised.state) == (name, "raised")
+    assert raised.since_ns is not None
+    assert raised.detail
+    assert "{" not in raised.detail
+    assert "\n" not in raised.detail
+    over = plant.run(GOOD, 300)
+    kind = name.partition(":")[0]
+    latched = getattr(SETTINGS, kind).latched
+    assert [alarm.state for alarm in over] == ["gone" if latched else "clear"]
+    assert plant.board.acknowledge(name, "ada", 1) == latched
+    assert set(plant.states().values()) == {"clear"}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_every_alarm_can_be_acknowledged_while_it_lasts(name):
+    plant = Plant()
+    plant.run(GOOD, 5)
+    plant.run(replace(GOOD, **BAD[name]), 300)
+    assert plant.board.acknowledge(name, "ada", 1)
+    assert not plant.board.acknowledge(name, "bob", 1)
+    assert plant.run(replace(GOOD, **BAD[name]), 100) == []
+    (alarm,) = [one for one in plant.board.alarms if one.state != "clear"]
+    assert (alarm.name, alarm.state, alarm.by) == (name, "acknowledged", "ada")
+    (over,) = plant.run(GOOD, 300)
+    assert (over.state, over.by, over.detail) == ("clear", "", "")
+
+
+@pytest.mark.parametrize("name", [name for name in BAD if not name.startswith("no_measurement")])
+def test_not_knowing_neither_raises_nor_clears(name):
+    kind = name.partition(":")[0]
+    settings = AlarmSettings.model_validate({**SETTINGS.model_dump(), "no_measurement": {"enabled": False}})
+    plant = Plant(settings)
+    plant.run(Readings(), 300)
+    assert set(plant.states().values()) == {"clear"}
+    plant.run(replace(GOOD, **BAD[name]), 300)
+    before = plant.states()
+    assert before[name] == "raised"
+    assert plant.run(Readings(), 300) == []
+    assert plant.states() == before
+    assert kind in RULES
+
+
+def test_the_load_that_is_not_measured_is_missed_from_the_start_and_hides_the_rest():
+    plant = Plant()
+    changed = plant.run(Readings(), 600)
+    assert [alarm.name for alarm in changed] == ["no_measurement:load"]
+
+
+def test_what_was_never_measured_is_not_missed():
+    plant = Plant()
+    blind = replace(GOOD, belt_offset_mm=NAN, speed_mm_s=NAN)
+    assert plant.run(blind, 600) == []
+
+
+def test_a_camera_that_was_never_heard_of_is_lost_later():
+    plant = Plant()
+    waiting = replace(GOOD, cameras={"cam2": camera(state="waiting")})
+    assert plant.run(waiting, 29) == []
+    (lost,) = plant.run(waiting, 2)
+    assert lost.name == "camera_lost:cam2"
+    assert lost.detail.startswith("cam2 gives no image")
+
+
+def test_a_lost_camera_is_told_at_once_in_its_own_words():
+    plant = Plant()
+    plant.run(GOOD, 1)
+    (lost,) = plant.run(replace(GOOD, **BAD["camera_lost:cam2"]), 1)
+    assert lost.detail == "silent for 1.0 s; check its cable"
+
+
+def test_an_alarm_tells_its_numbers():
+    plant = Plant()
+    (alarm,) = plant.run(replace(GOOD, **BAD["overload"]), 3)
+    assert (alarm.value, alarm.limit, alarm.unit) == (120.0, 100.0, "%")
+    assert alarm.detail == "120 %, limit 100 %: slow the feed"
+
+
+def test_sides_are_told():
+    plant = Plant()
+    (alarm,) = plant.run(replace(GOOD, **BAD["misaligned_belt"]), 9)
+    assert alarm.value == -70
+
+
+def test_mass_flow_alone_overloads():
+    plant = Plant(AlarmSettings.model_validate({"overload": {"fill": None, "mass_flow_t_h": 490}}))
+    (alarm,) = plant.run(GOOD, 9)
+    assert (alarm.name, alarm.unit) == ("overload", "t/h")
+
+
+def test_a_load_on_a_stopped_belt_stays_an_overload():
+    """Its delay runs in millimetres of belt."""
+    board = AlarmBoard(AlarmSettings.model_validate({"overload": {"clear_after_mm": 500}}))
+    heavy = replace(GOOD, **BAD["overload"])
+    for second, (readings, belt_mm) in enumerate(
+        [(heavy, 0), (heavy, 1500), (heavy, 3000), *[(GOOD, 3000)] * 50]
+    ):
+        board.update(replace(readings, belt_mm=belt_mm), 0, second * SECOND)
+    assert {a.name: a.state for a in board.alarms}["overload"] == "raised"
+    board.update(replace(GOOD, belt_mm=3600), 0, 60 * SECOND)
+    assert {a.name: a.state for a in board.alarms}["overload"] == "gone"
+
+
+def test_a_disabled_alarm_is_not_there():
+    settings = AlarmSettings.model_validate({name: {"enabled": False} for name in RULES})
+    plant = Plant(settings)
+    for wrong in BAD.values():
+        assert plant.run(replace(GOOD, **wrong), 100) == []
+    assert plant.board.alarms == ()
+
+
+def test_the_system_clock_may_jump():
+    one, two = AlarmBoard(SETTINGS), AlarmBoard(SETTINGS)
+    walls = itertools.cycle([0, 10**19, -(10**18)])
+    for second in range(100):
+        readings = replace(GOOD, **BAD["overload"]) if second % 40 < 20 else GOOD
+        first = one.update(readings, second, second * SECOND)
+        second_ = two.update(readings, next(walls), second * SECOND)
+        assert [(a.name, a.state) for a in first] == [(a.name, a.state) for a in second_]
+
+
+def noisy(value, low, high):
+    return st.lists(floats(low, high), min_size=1, max_size=50).map(lambda values: (value, values))
+
+
+BANDS = st.one_of(
+    noisy("area_mm2", 9.51e4, 1.009e5),  # overload at 1e5 with σ 1e3, clear at 9.5e4
+    noisy("speed_mm_s", 20, 39.9),
+    noisy("belt_offset_mm", 35.1, 51.9),
+    noisy("belt_offset_mm", -51.9, -35.1),
+    noisy("coverage", 0.6, 0.659),
+    noisy("largest_lump_mm", 190.1, 200),
+    noisy("dropped_per_minute", 3.1, 6),
+    noisy("encoder_ratio", 1.0211, 1.0319),
+    noisy("certificate_days", 30, 31.4),
+)
+
+
+@given(BANDS, st.sampled_from([{}, *BAD.values()]), st.integers(1, 6))
+def test_within_the_band_no_state_changes(band, wrong, seconds):
+    field, values = band
+    plant = Plant()
+    plant.run(GOOD, 2)
+    plant.run(replace(GOOD, **wrong), 30)
+    held = replace(GOOD, **{**wrong, field: values[0]})
+    plant.run(held, 130)
+    before = plant.states()
+    for value in values:
+        plant.run(replace(held, **{field: value}), seconds)
+    assert plant.states() == before
+
+
+SITUATIONS = st.lists(st.tuples(st.sampled_from([{}, *BAD.values()]), st.integers(1, 20)), max_size=8)
+
+
+@given(SITUATIONS)
+def test_alarms_do_not_know_of_each_other(situations):
+    """What one alarm does, alone on the board or among all others, is the same."""
+    every = Plant()
+    kinds = ("overload", "belt_stopped", "camera_lost", "slip")
+    off = {kind: {"enabled": False} for kind in RULES}
+    alone = [
+        Plant(AlarmSettings.model_validate({**off, kind: getattr(SETTINGS, kind).model_dump()}))
+        for kind in kinds
+    ]
+    for wrong, seconds in situations:
+        for plant in (every, *alone):
+            plant.run(replace(GOOD, **wrong), seconds)
+        states = every.states()
+        for plant in alone:
+            assert plant.states().items() <= states.items()
+
+
+@given(SITUATIONS, st.integers(1, 5))
+def test_changes_told_are_the_changes_made(situations, seconds):
+    plant = Plant()
+    told = {}
+    for wrong, _ in situations:
+        told |= {alarm.name: alarm for alarm in plant.run(replace(GOOD, **wrong), seconds)}
+        assert {name: state for name, state in plant.states().items() if state != "clear"} == {
+            name: alarm.state for name, alarm in told.items() if alarm.state != "clear"
+        }
+
+
+def test_any_thread_may_ask_and_acknowledge():
+    plant = Plant()
+    done = []
+    asking = Thread(target=lambda: done.extend(len(plant.board.alarms) for _ in range(300)))
+    seeing = Thread(
+        target=lambda: done.extend(plant.board.acknowledge("overload", "ada", 0) for _ in range(300))
+    )
+    for thread in (asking, seeing):
+        thread.start()
+    for _ in range(20):
+        plant.run(replace(GOOD, **BAD["overload"]), 5)
+        plant.run(GOOD, 10)
+    for thread in (asking, seeing):
+        thread.join()
+    assert len(done) == 600
+
+
+def test_a_camera_that_is_told_of_no_more_stays_as_it_was():
+    plant = Plant()
+    plant.run(replace(GOOD, **BAD["camera_lost:cam2"]), 2)
+    plant.run(replace(GOOD, cameras={}), 50)
+    assert plant.states()["camera_lost:cam2"] == "raised"
+
+
+def test_an_unknown_key_is_refused_with_the_nearest(tmp_path):
+    from beltscape.core.errors import InputError
+
+    with pytest.raises(InputError, match="did you mean speed_mm_s"):
+        validated(tmp_path / "project.toml", AlarmSettings, {"belt_stopped": {"sped_mm_s": 3}})
+
+
+def test_readings_know_nothing_at_first():
+    for one in fields(Readings):
+        value = getattr(Readings(), one.name)
+        assert value is None or value == {} or np.isnan(value)

@@ -1,0 +1,152 @@
+"""What happens on a connection before there is a request: how many there may be, and how slow they may be.
+
+uvicorn has no time limit for headers, for readers who do not read, and none for TLS handshakes but asyncio's 60 s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections import Counter
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+
+from beltscape.service.access.settings import LimitSettings
+from beltscape.service.access.throttle import network
+
+
+class Connections:
+    """Those that are open; used from the event loop only."""
+
+    def __init__(self, limits: LimitSettings) -> None:
+        self.limits = limits
+        self._open: dict[asyncio.BaseTransport, str] = {}
+        self._of: Counter[str] = Counter()
+
+    def enter(self, transport: asyncio.BaseTransport) -> bool:
+        """Count a new one; False: there are too many, and it is not counted."""
+        peer = transport.get_extra_info("peername")
+        address = network(peer[0]) if peer else ""
+        limits = self.limits
+        if len(self._open) >= limits.connections_max or self._of[address] >= limits.connections_per_address:
+            return False
+        self._open[transport] = address
+        self._of[address] += 1
+        return True
+
+    def change(self, old: asyncio.BaseTransport, new: asyncio.BaseTransport) -> None:
+        """The same connection, by another transport from now on."""
+        self._open[new] = self._open.pop(old)
+
+    def leave(self, transport: asyncio.BaseTransport) -> None:
+        """It is closed."""
+        address = self._open.pop(transport, None)
+        if address is not None:
+            self._of[address] -= 1
+            if not self._of[address]:
+                del self._of[address]
+
+
+def door(connections: Connections, tls: ssl.SSLContext | None) -> type[H11Protocol]:
+    """HTTP as uvicorn speaks it, with limits; TLS inside, so that handshakes count as connections."""
+
+    class Door(H11Protocol):
+        _deadline: asyncio.TimerHandle | None = None
+        _stuck: asyncio.TimerHandle | None = None
+        _handshake: asyncio.Task[None] | None = None
+
+        def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+            if not connections.enter(transport):
+                transport.abort()
+            elif tls is None:
+                self._ready(transport)
+            else:
+                transport.pause_reading()
+                self._handshake = self.loop.create_task(self._encrypt(transport, tls))
+
+        async def _encrypt(self, plain: asyncio.Transport, context: ssl.SSLContext) -> None:
+            try:
+                limit_s = connections.limits.header_timeout_s
+                encrypted = await self.loop.start_tls(
+                    plain, self, context, server_side=True, ssl_handshake_timeout=limit_s
+                )
+            except (OSError, TimeoutError):  # SSLError is an OSError
+                connections.leave(plain)
+                plain.abort()
+                return
+            if encrypted is None or encrypted.is_closing():
+                connections.leave(plain)
+                return
+            connections.change(plain, encrypted)
+            self._ready(encrypted)
+
+        def _ready(self, transport: asyncio.Transport) -> None:
+            super().connection_made(transport)
+            self._expect_headers()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            if self.transport is None:  # refused, or in its handshake
+                return
+            connections.leave(self.transport)
+            self._no_longer_expected()
+            self.resume_writing()
+            super().connection_lost(exc)
+
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            idle = self.timeout_keep_alive_task is not None
+            if self.conn.their_state is h11.IDLE and not idle and not self.transport.is_closing():
+                self._expect_headers()
+            else:
+                self._no_longer_expected()
+
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            self._stuck = self.loop.call_later(connections.limits.write_timeout_s, self.transport.abort)
+
+        def resume_writing(self) -> None:
+            if self._stuck is not None:
+                self._stuck.cancel()
+                self._stuck = None
+            super().resume_writing()
+
+        def _expect_headers(self) -> None:
+            if self._deadline is None:
+                seconds = connections.limits.header_timeout_s
+                self._deadline = self.loop.call_later(seconds, self.transport.abort)
+
+        def _no_longer_expected(self) -> None:
+            if self._deadline is not None:
+                self._deadline.cancel()
+                self._deadline = None
+
+    return Door
+
+
+def watched_socket(connections: Connections) -> type[WebSocketsSansIOProtocol]:
+    """WebSockets as uvicorn speaks them; who does not read is cut off."""
+
+    class Watched(WebSocketsSansIOProtocol):
+        _stuck: asyncio.TimerHandle | None = None
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            connections.leave(self.transport)
+            self._unstick()
+            super().connection_lost(exc)
+
+        def pause_writing(self) -> None:
+            super().pause_writing()
+            self._stuck = self.loop.call_later(connections.limits.write_timeout_s, self.transport.abort)
+
+        def resume_writing(self) -> None:
+            self._unstick()
+            super().resume_writing()
+
+        def _unstick(self) -> None:
+            if self._stuck is not None:
+                self._stuck.cancel()
+                self._stuck = None
+
+    return Watched

@@ -1,0 +1,48 @@
+"""Putting the door into an application."""
+
+from __future__ import annotations
+
+import json
+import logging
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import Response
+
+from beltscape.core.errors import OutputError
+from beltscape.service.access.access import Access
+from beltscape.service.access.guard import Guard
+from beltscape.service.access.headers import policy
+from beltscape.service.access.routes import router
+
+PUBLIC = ("/login", "/setup", "/access/", "/api/access/state", "/api/access/login", "/api/access/setup")
+"""What everybody may call."""
+
+
+def install(
+    app: FastAPI, access: Access, *, public: tuple[str, ...] = (), script_hashes: tuple[str, ...] = ()
+) -> None:
+    """Add the routes and, around everything else, the guard. Call it last.
+
+    Without a user every path is refused but the door's own and those of ``public`` ("/metrics", or "/static/" for all
+    below it), which decide for themselves. ``script_hashes``: of inline scripts that the pages may have ("sha256-…").
+    """
+    app.include_router(router(access))
+    app.add_exception_handler(RequestValidationError, _unfit)
+    app.add_exception_handler(OutputError, _unwritable)
+    app.add_middleware(Guard, access=access, public=(*PUBLIC, *public), policy=policy(script_hashes))
+    if access.invitation:
+        logging.getLogger("beltscape.access").warning(access.invitation)
+
+
+def _unfit(_request: Request, error: Exception) -> Response:
+    """What does not fit, without saying the value again: it may be a password, or no valid JSON (NaN)."""
+    errors = error.errors() if isinstance(error, RequestValidationError) else []
+    detail = [
+        {"loc": [str(p)[:100] for p in e["loc"]], "msg": e["msg"], "type": e["type"]} for e in errors[:20]
+    ]
+    return Response(json.dumps({"detail": detail}), 422, media_type="application/json")
+
+
+def _unwritable(_request: Request, error: Exception) -> Response:
+    return Response(json.dumps({"detail": str(error)}), 507, media_type="application/json")

@@ -1,0 +1,89 @@
+"""The certificate: looked at when the service starts, and while it runs for the day it ends."""
+
+from __future__ import annotations
+
+import ssl
+import time
+from pathlib import Path
+
+from beltscape.core.errors import InputError
+
+SOON_DAYS = 30
+"""A certificate that ends within this time is worth a note."""
+
+
+def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
+    """What a server needs for TLS 1.2 or later. InputError naming the file and the mend where they do not do."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    context.options |= ssl.OP_NO_COMPRESSION | ssl.OP_NO_RENEGOTIATION | ssl.OP_CIPHER_SERVER_PREFERENCE
+    context.set_ciphers("ECDHE+AESGCM:ECDHE+CHACHA20")
+    for path, what in ((certificate, "certificate"), (key, "key")):
+        _there(path, what)
+    try:
+        context.load_cert_chain(certificate, key, password=lambda: _locked(key))
+    except ssl.SSLError as error:
+        raise InputError(_in_words(certificate, key, error)) from error
+    return context
+
+
+def certificate_ends(certificate: Path, key: Path) -> float:
+    """When the certificate ends, seconds since 1970.
+
+    The standard library decodes no leaf certificate from a file, so a server that has it and a client that trusts
+    nothing else shake hands in memory. InputError where they do not: what no browser would take either.
+    """
+    client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    client.check_hostname = False
+    client.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
+    client.load_verify_locations(certificate)
+    to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
+    server_end = tls_context(certificate, key).wrap_bio(to_server, to_client, server_side=True)
+    client_end = client.wrap_bio(to_client, to_server)
+    for _ in range(4):
+        for end in (client_end, server_end):
+            try:
+                end.do_handshake()
+            except ssl.SSLWantReadError:
+                continue
+            except ssl.SSLCertVerificationError as error:
+                raise InputError(f"{certificate}: {error.verify_message}; make a new certificate") from error
+    ends = (client_end.getpeercert() or {}).get("notAfter")
+    if not isinstance(ends, str):
+        raise InputError(f"{certificate}: cannot be used for TLS; make a new certificate")
+    return ssl.cert_time_to_seconds(ends)
+
+
+def certificate_note(certificate: Path, key: Path, now_s: float | None = None) -> str | None:
+    """What is to be said of the certificate, in one line; None: it is well for a month and more."""
+    try:
+        days = (certificate_ends(certificate, key) - (time.time() if now_s is None else now_s)) / 86_400
+    except InputError as error:
+        return str(error)
+    if days > SOON_DAYS:
+        return None
+    when = "has ended" if days <= 0 else f"ends in {days:.0f} days"
+    return f"{certificate}: the certificate {when}; make a new one and start the service again"
+
+
+def _there(path: Path, what: str) -> None:
+    try:
+        path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: the TLS {what} cannot be read ({error.strerror})") from error
+
+
+def _locked(key: Path) -> str:
+    raise InputError(f"{key}: has a passphrase; give the key without one, readable for the service alone")
+
+
+def _in_words(certificate: Path, key: Path, error: ssl.SSLError) -> str:
+    if error.reason == "KEY_VALUES_MISMATCH":
+        return f"{key}: is not the key of {certificate}; give the one it was made with"
+    if b"-----BEGIN CERTIFICATE-----" not in certificate.read_bytes():
+        return (
+            f"{certificate}: holds no PEM certificate; convert it (openssl x509 -in … -out certificate.pem)"
+        )
+    if b"PRIVATE KEY-----" not in key.read_bytes():
+        return f"{key}: holds no PEM private key; convert it (openssl pkey -in … -out key.pem)"
+    return f"{certificate}, {key}: cannot be used for TLS ({error.reason or error})"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import ssl
 import threading
 import time
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from starlette.types import ASGIApp
 from uvicorn import Config, Server
 
 from beltscape.core.errors import OutputError, SettingsError
-from beltscape.service.access.connections import Connections, door, watched_socket
+from beltscape.service.access.connections import protocols
 from beltscape.service.access.settings import LimitSettings
 from beltscape.service.access.tls import tls_context
 
@@ -83,9 +82,9 @@ def serve(app: ASGIApp, settings: Listening, limits: LimitSettings | None = None
         tls = tls_context(settings.tls_certificate, settings.tls_key)
     warnings = _judged(settings.host, limits, encrypted=tls is not None)
     listener = _listener(settings.host, settings.port)
-    connections = Connections(limits)
+    http, websocket = protocols(limits, tls)
     config = Config(
-        app, loop="asyncio", http=door(connections, tls), ws=watched_socket(connections), lifespan="auto",
+        app, loop="asyncio", http=http, ws=websocket, lifespan="auto",
         log_config=None, log_level="error", access_log=False, server_header=False, backlog=_BACKLOG,
         proxy_headers=bool(limits.trusted_proxies), forwarded_allow_ips=list(limits.trusted_proxies),
         h11_max_incomplete_event_size=limits.header_max_bytes, timeout_keep_alive=limits.keep_alive_s,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hmac
 import secrets
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
@@ -12,6 +11,7 @@ from beltscape.service.access.accounts import Accounts, known_as
 from beltscape.service.access.audit import Audit
 from beltscape.service.access.database import Database
 from beltscape.service.access.passwords import Cost
+from beltscape.service.access.queue import PasswordQueue
 from beltscape.service.access.roles import ANONYMOUS, User
 from beltscape.service.access.sessions import Sessions
 from beltscape.service.access.settings import AccessSettings
@@ -33,8 +33,7 @@ class Access:
         self.audit = Audit(folder, int(self.settings.audit_file_mb * 1e6), self.settings.audit_files)
         self.throttle = Throttle()
         self.requests = Buckets(self.settings.requests_per_s, self.settings.requests_burst)
-        # one at a time: many logins at once must not take the metering's memory and cores
-        self.guesses = ThreadPoolExecutor(1, "beltscape-passwords")
+        self.passwords = PasswordQueue(self.throttle)
         self._setup_token = _spoken(secrets.token_hex(10))
 
     @property
@@ -67,14 +66,31 @@ class Access:
 
     def log_in(self, name: str, password: str, address: str) -> str | None:
         """A new session's token; None where name or password is wrong. Ask ``throttle.wait_s`` before."""
+        user = self._checked(name, password, address, "login")
+        if user is None:
+            return None
+        self.audit.write("login", user.name, address)
+        return self._opened(user, address)
+
+    def change_password(self, user: User, old: str, new: str, address: str) -> str | None:
+        """All of the user's sessions end; a new one's token. None where the old password is wrong."""
+        if self._checked(user.name, old, address, "password change") is None:
+            return None
+        self.accounts.set_password(user.name, new)
+        self.audit.write("password changed", user.name, address, {"user": user.name})
+        return self._opened(user, address)
+
+    def _checked(self, name: str, password: str, address: str, what: str) -> User | None:
         name = known_as(name)
         user = self.accounts.check(name, password)
         if user is None:
             self.throttle.failed(name, address)
-            self.audit.write("login failed", name, address)
-            return None
-        self.throttle.succeeded(user.name, address)
-        self.audit.write("login", user.name, address)
+            self.audit.write(f"{what} failed", name, address)
+        else:
+            self.throttle.succeeded(user.name, address)
+        return user
+
+    def _opened(self, user: User, address: str) -> str:
         try:
             return self.sessions.open(user, address)
         except OutputError:
@@ -94,7 +110,7 @@ class Access:
 
     def close(self) -> None:
         """No more is asked."""
-        self.guesses.shutdown(cancel_futures=True)
+        self.passwords.close()
         self._database.close()
 
 

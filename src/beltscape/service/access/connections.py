@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 from collections import Counter
+from typing import ClassVar
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -49,104 +50,110 @@ class Connections:
                 del self._of[address]
 
 
-def door(connections: Connections, tls: ssl.SSLContext | None) -> type[H11Protocol]:
+class Door(H11Protocol):
     """HTTP as uvicorn speaks it, with limits; TLS inside, so that handshakes count as connections."""
 
-    class Door(H11Protocol):
-        _deadline: asyncio.TimerHandle | None = None
-        _stuck: asyncio.TimerHandle | None = None
-        _handshake: asyncio.Task[None] | None = None
+    counted: ClassVar[Connections]
+    tls: ClassVar[ssl.SSLContext | None]
+    _deadline: asyncio.TimerHandle | None = None
+    _stuck: asyncio.TimerHandle | None = None
+    _handshake: asyncio.Task[None] | None = None
 
-        def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-            if not connections.enter(transport):
-                transport.abort()
-            elif tls is None:
-                self._ready(transport)
-            else:
-                transport.pause_reading()
-                self._handshake = self.loop.create_task(self._encrypt(transport, tls))
+    def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Let it in, or cut it off."""
+        if not self.counted.enter(transport):
+            transport.abort()
+        elif self.tls is None:
+            self._ready(transport)
+        else:
+            transport.pause_reading()
+            self._handshake = self.loop.create_task(self._encrypt(transport, self.tls))
 
-        async def _encrypt(self, plain: asyncio.Transport, context: ssl.SSLContext) -> None:
-            try:
-                limit_s = connections.limits.header_timeout_s
-                encrypted = await self.loop.start_tls(
-                    plain, self, context, server_side=True, ssl_handshake_timeout=limit_s
-                )
-            except (OSError, TimeoutError):  # SSLError is an OSError
-                connections.leave(plain)
-                plain.abort()
-                return
-            if encrypted is None or encrypted.is_closing():
-                connections.leave(plain)
-                return
-            connections.change(plain, encrypted)
+    async def _encrypt(self, plain: asyncio.Transport, context: ssl.SSLContext) -> None:
+        limit_s = self.counted.limits.header_timeout_s
+        encrypted = None
+        try:
+            encrypted = await self.loop.start_tls(
+                plain, self, context, server_side=True, ssl_handshake_timeout=limit_s
+            )
+        except OSError:  # SSLError, TimeoutError and a reset are OSErrors
+            plain.abort()
+        if encrypted is None or encrypted.is_closing():
+            self.counted.leave(plain)
+        else:
+            self.counted.change(plain, encrypted)
             self._ready(encrypted)
 
-        def _ready(self, transport: asyncio.Transport) -> None:
-            super().connection_made(transport)
+    def _ready(self, transport: asyncio.Transport) -> None:
+        super().connection_made(transport)
+        self._expect_headers()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget it."""
+        if self.transport is None:  # refused, or in its handshake
+            return
+        self.counted.leave(self.transport)
+        self._no_longer_expected()
+        self.resume_writing()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Take it; whoever has begun a request must finish its headers in time."""
+        super().data_received(data)
+        idle = self.timeout_keep_alive_task is not None
+        if self.conn.their_state is h11.IDLE and not idle and not self.transport.is_closing():
             self._expect_headers()
-
-        def connection_lost(self, exc: Exception | None) -> None:
-            if self.transport is None:  # refused, or in its handshake
-                return
-            connections.leave(self.transport)
+        else:
             self._no_longer_expected()
-            self.resume_writing()
-            super().connection_lost(exc)
 
-        def data_received(self, data: bytes) -> None:
-            super().data_received(data)
-            idle = self.timeout_keep_alive_task is not None
-            if self.conn.their_state is h11.IDLE and not idle and not self.transport.is_closing():
-                self._expect_headers()
-            else:
-                self._no_longer_expected()
+    def pause_writing(self) -> None:
+        """He does not read."""
+        super().pause_writing()
+        self._stuck = self.loop.call_later(self.counted.limits.write_timeout_s, self.transport.abort)
 
-        def pause_writing(self) -> None:
-            super().pause_writing()
-            self._stuck = self.loop.call_later(connections.limits.write_timeout_s, self.transport.abort)
+    def resume_writing(self) -> None:
+        """He reads."""
+        self._stuck = _cancelled(self._stuck)
+        super().resume_writing()
 
-        def resume_writing(self) -> None:
-            if self._stuck is not None:
-                self._stuck.cancel()
-                self._stuck = None
-            super().resume_writing()
+    def _expect_headers(self) -> None:
+        if self._deadline is None:
+            limit_s = self.counted.limits.header_timeout_s
+            self._deadline = self.loop.call_later(limit_s, self.transport.abort)
 
-        def _expect_headers(self) -> None:
-            if self._deadline is None:
-                seconds = connections.limits.header_timeout_s
-                self._deadline = self.loop.call_later(seconds, self.transport.abort)
-
-        def _no_longer_expected(self) -> None:
-            if self._deadline is not None:
-                self._deadline.cancel()
-                self._deadline = None
-
-    return Door
+    def _no_longer_expected(self) -> None:
+        self._deadline = _cancelled(self._deadline)
 
 
-def watched_socket(connections: Connections) -> type[WebSocketsSansIOProtocol]:
+class Socket(WebSocketsSansIOProtocol):
     """WebSockets as uvicorn speaks them; who does not read is cut off."""
 
-    class Watched(WebSocketsSansIOProtocol):
-        _stuck: asyncio.TimerHandle | None = None
+    counted: ClassVar[Connections]
+    _stuck: asyncio.TimerHandle | None = None
 
-        def connection_lost(self, exc: Exception | None) -> None:
-            connections.leave(self.transport)
-            self._unstick()
-            super().connection_lost(exc)
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget it."""
+        self.counted.leave(self.transport)
+        self._stuck = _cancelled(self._stuck)
+        super().connection_lost(exc)
 
-        def pause_writing(self) -> None:
-            super().pause_writing()
-            self._stuck = self.loop.call_later(connections.limits.write_timeout_s, self.transport.abort)
+    def pause_writing(self) -> None:
+        """He does not read."""
+        super().pause_writing()
+        self._stuck = self.loop.call_later(self.counted.limits.write_timeout_s, self.transport.abort)
 
-        def resume_writing(self) -> None:
-            self._unstick()
-            super().resume_writing()
+    def resume_writing(self) -> None:
+        """He reads."""
+        self._stuck = _cancelled(self._stuck)
+        super().resume_writing()
 
-        def _unstick(self) -> None:
-            if self._stuck is not None:
-                self._stuck.cancel()
-                self._stuck = None
 
-    return Watched
+def protocols(limits: LimitSettings, tls: ssl.SSLContext | None) -> tuple[type[Door], type[Socket]]:
+    """Both, counting together."""
+    shared = {"counted": Connections(limits), "tls": tls}
+    return type("CountedDoor", (Door,), shared), type("CountedSocket", (Socket,), shared)
+
+
+def _cancelled(timer: asyncio.TimerHandle | None) -> None:
+    if timer is not None:
+        timer.cancel()

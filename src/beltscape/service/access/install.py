@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 
-from fastapi import FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 
@@ -13,7 +13,8 @@ from beltscape.core.errors import OutputError
 from beltscape.service.access.access import Access
 from beltscape.service.access.guard import Guard
 from beltscape.service.access.headers import policy
-from beltscape.service.access.routes import router
+from beltscape.service.access.session_routes import SessionRoutes
+from beltscape.service.access.user_routes import UserRoutes
 
 PUBLIC = ("/login", "/setup", "/access/", "/api/access/state", "/api/access/login", "/api/access/setup")
 """What everybody may call."""
@@ -27,7 +28,10 @@ def install(
     Without a user every path is refused but the door's own and those of ``public`` ("/metrics", or "/static/" for all
     below it), which decide for themselves. ``script_hashes``: of inline scripts that the pages may have ("sha256-…").
     """
-    app.include_router(router(access))
+    routes = APIRouter(prefix="/api/access", tags=["access"])
+    SessionRoutes(access).add_to(routes)
+    UserRoutes(access).add_to(routes)
+    app.include_router(routes)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(OutputError, _unwritable)
     app.add_middleware(Guard, access=access, public=(*PUBLIC, *public), policy=policy(script_hashes))

@@ -21,8 +21,8 @@ SELECT = f"SELECT {', '.join(f'records.{name}' for name in COLUMNS)} FROM record
 def to_row(record: BeltRecord) -> tuple[Any, ...]:
     """Values in the order of COLUMNS."""
     head = (
-        *(record.number, record.run, *map(float, record.belt_mm), STANDINGS.index(record.standing)),
-        *(record.reason, record.wall_ns, _number(record.run_sigma_mm3), record.cameras),
+        *(int(record.number), int(record.run), *map(float, record.belt_mm), STANDINGS.index(record.standing)),
+        *(record.reason, int(record.wall_ns), _number(record.run_sigma_mm3), int(record.cameras)),
     )
     strip = record.strip
     if strip is None:

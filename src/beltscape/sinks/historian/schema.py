@@ -21,9 +21,11 @@ _SUMS = """(
     valid       REAL NOT NULL,         -- mm
     degraded    REAL NOT NULL,
     missing     REAL NOT NULL,
-    moved       REAL NOT NULL,         -- mm³ on the belt whose speed is known
+    moved       REAL NOT NULL,         -- mm³ and kg on the belt whose speed is known
+    moved_kg    REAL NOT NULL,
     run_mm      REAL NOT NULL,         -- its length, and how long it took
     run_s       REAL NOT NULL,
+    known       INTEGER NOT NULL,      -- records whose flow is known
     covered     REAL NOT NULL,         -- coverage × mm
     measured    REAL NOT NULL,         -- mm that coverage is of
     flow_low    REAL,                  -- m³/h
@@ -33,10 +35,9 @@ _SUMS = """(
 _FIRST = f"""
 CREATE TABLE runs (
     run         INTEGER PRIMARY KEY,
-    wall_ns     INTEGER NOT NULL,
-    run_sigma   REAL NOT NULL DEFAULT 0    -- mm³, of the run's newest record
+    wall_ns     INTEGER NOT NULL
 );
--- one row: where the ledger ends and what it adds up to; sums as value and rest, so that nothing gets lost
+-- one row: where the ledger ends and, in state, what it adds up to (sums.py)
 CREATE TABLE ledger (
     one         INTEGER PRIMARY KEY CHECK (one = 1),
     number      INTEGER NOT NULL,
@@ -144,7 +145,11 @@ def open_writer(path: Path) -> sqlite3.Connection:
 def open_reader(path: Path) -> sqlite3.Connection:
     """A read-only connection; it never holds the writer up."""
     connection = sqlite3.connect(
-        f"{path.absolute().as_uri()}?mode=ro", uri=True, check_same_thread=False, isolation_level=None, timeout=10
+        f"{path.absolute().as_uri()}?mode=ro",
+        uri=True,
+        check_same_thread=False,
+        isolation_level=None,
+        timeout=10,
     )
     connection.execute("PRAGMA query_only = ON")
     connection.execute("PRAGMA temp_store = MEMORY")

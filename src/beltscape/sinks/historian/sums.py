@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 from beltscape.core.belt_record import BeltRecord, Totals
@@ -39,26 +39,30 @@ class Sums:
     valid_mm: Pair = (0.0, 0.0)
     degraded_mm: Pair = (0.0, 0.0)
     missing_mm: Pair = (0.0, 0.0)
-    sigma_mm3: dict[str, float] = field(default_factory=lambda: {"before": 0.0, "run": 0.0})
-    """Of all runs before, and of this one."""
+    sigma_before_mm3: float = 0.0
+    """Of all runs before; they are added: what errors have in common stays from run to run."""
+    sigma_run_mm3: float = 0.0
+    """Of this run."""
 
     def with_record(self, record: BeltRecord) -> Sums:
         """One more record."""
         volume, mass = record_volume_mm3(record), record_mass_kg(record)
         lengths = {f"{record.standing}_mm": plus(getattr(self, f"{record.standing}_mm"), record.length_mm)}
-        before = self.sigma_mm3["before"] + (self.sigma_mm3["run"] if record.run != self.run else 0.0)
-        last = self.sigma_mm3["run"] if record.run == self.run else 0.0
-        sigma = record.run_sigma_mm3
+        before, last = self.sigma_before_mm3, self.sigma_run_mm3
+        if record.run != self.run:
+            before, last = before + last, 0.0
+        sigma = float(record.run_sigma_mm3)
         return replace(
             self,
-            number=record.number,
-            run=record.run,
+            number=int(record.number),
+            run=int(record.run),
             end_mm=float(record.belt_mm[1]),
-            since_ns=record.wall_ns if self.since_ns is None else self.since_ns,
+            since_ns=int(record.wall_ns) if self.since_ns is None else self.since_ns,
             volume_mm3=plus(self.volume_mm3, volume),
             mass_kg=self.mass_kg if math.isnan(mass) else plus(self.mass_kg, mass),
             unweighed=self.unweighed + math.isnan(mass),
-            sigma_mm3={"before": before, "run": last if math.isnan(sigma) else float(sigma)},
+            sigma_before_mm3=before,
+            sigma_run_mm3=last if math.isnan(sigma) else sigma,
             **lengths,
         )
 
@@ -68,7 +72,7 @@ class Sums:
         return Totals(
             records=self.number,
             volume_mm3=self.volume_mm3[0],
-            sigma_mm3=self.sigma_mm3["before"] + self.sigma_mm3["run"],
+            sigma_mm3=self.sigma_before_mm3 + self.sigma_run_mm3,
             mass_kg=math.nan if self.unweighed else self.mass_kg[0],
             valid_mm=self.valid_mm[0],
             degraded_mm=self.degraded_mm[0],

@@ -1,0 +1,156 @@
+"""Records as CSV, a file a day: flow.csv's columns and the ledger's."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+from beltscape.core.belt_record import BeltRecord
+from beltscape.core.errors import InputError, OutputError
+from beltscape.files import flow_csv
+from beltscape.sinks.days import day_name, day_number, day_of
+from beltscape.sinks.settings import CsvSettings
+
+HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,cameras,wall_time_s"
+_FLOW_COLUMNS = flow_csv.HEADER.count(",") + 1
+_NUMBER = _FLOW_COLUMNS
+_TAIL = 1 << 16
+"""Bytes in which a file's last row surely lies."""
+
+
+class CsvSink:
+    """A ``RecordSink``; every file holds whole rows only, no record is there twice."""
+
+    def __init__(self, path: Path, settings: CsvSettings) -> None:
+        """Files go into the folder ``path``; a row that a crash cut short is taken away.
+
+        Raises
+        ------
+        InputError
+            When a file of that name has another header.
+        OutputError
+            When the folder cannot be written.
+        """
+        self._folder, self._settings = path, settings
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            self._last = max((_mend(file) for file in path.glob("????-??-??.csv")), default=0)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+
+    @property
+    def last(self) -> int:
+        """Number of the last record that is there; 0 while there is none. Later ones may be handed in again."""
+        return self._last
+
+    def write(self, records: Sequence[BeltRecord]) -> None:
+        """Append what is new; with the system when it returns.
+
+        Raises
+        ------
+        OutputError
+            When it cannot be written; the file is as it was then.
+        """
+        new = [record for record in records if record.number > self._last]
+        for day, group in groupby(
+            new, lambda record: day_of(record.wall_ns, self._settings.day_begins_utc_h)
+        ):
+            its = list(group)
+            path = self._folder / f"{day_name(day)}.csv"
+            try:
+                if not path.exists():
+                    self._forget(day)
+                _append(path, "".join(f"{csv_line(record)}\n" for record in its).encode())
+            except OSError as error:
+                raise _unwritable(path, error) from error
+            self._last = its[-1].number
+
+    def close(self) -> None:
+        """Nothing is open between calls."""
+
+    def _forget(self, today: int) -> None:
+        """Remove files that are too old."""
+        for file in self._folder.glob("????-??-??.csv"):
+            if _day(file) < today - self._settings.days:
+                file.unlink(missing_ok=True)
+
+
+def csv_line(record: BeltRecord) -> str:
+    """One row, without its end; what is not known is left empty."""
+    strip = record.strip
+    if strip is None:
+        flow = "," * (_FLOW_COLUMNS - 1) + "missing"
+    else:
+        flow = flow_csv.flow_line(replace(strip, frame=_cell(strip.frame)))
+    ledger = (
+        *(record.number, record.run, f"{record.belt_mm[0]:.4f}", f"{record.belt_mm[1]:.4f}", record.standing),
+        *(
+            _cell(record.reason),
+            record.cameras,
+            f"{record.wall_ns // 10**9}.{record.wall_ns % 10**9 // 1000:06d}",
+        ),
+    )
+    return f"{flow},{','.join(map(str, ledger))}"
+
+
+def _cell(text: str) -> str:
+    """Text as one cell on one line."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="").writerow([re.sub(r"\s+", " ", text)])
+    return out.getvalue() if text else ""
+
+
+def _append(path: Path, rows: bytes) -> None:
+    """Rows at the end of a file, which gets its header first; all or none of them."""
+    start = path.stat().st_size if path.exists() else 0
+    try:
+        with path.open("ab", buffering=0) as file:
+            data = rows if start else f"{HEADER}\n".encode() + rows
+            while data:
+                data = data[file.write(data) :]
+    except OSError:
+        if path.exists():
+            with path.open("r+b") as file:
+                file.truncate(start)
+        raise
+
+
+def _mend(path: Path) -> int:
+    """Take away what a crash left of a row; the number of the last whole one, 0 where there is none."""
+    with path.open("r+b") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(max(0, size - _TAIL))
+        tail = file.read()
+        end = tail.rfind(b"\n") + 1
+        if end < len(tail):
+            file.truncate(size - len(tail) + end)
+        file.seek(0)
+        header = file.readline().decode("utf-8", "replace").rstrip("\n")
+    if header != HEADER:
+        if not header:
+            return 0
+        raise InputError(f"{path}: the header is {header[:200]!r}; it must be {HEADER}: move the file away")
+    rows = tail[:end].decode("utf-8", "replace").splitlines()
+    values = next(csv.reader(rows[-1:]), []) if len(rows) > 1 else []
+    if values and not (len(values) == HEADER.count(",") + 1 and values[_NUMBER].isdecimal()):
+        raise InputError(f"{path}: its last row {rows[-1][:200]!r} is no record; move the file away")
+    return int(values[_NUMBER]) if values else 0
+
+
+def _day(path: Path) -> int:
+    """Of a file's name; far in the future where it is no day's."""
+    try:
+        return day_number(path.stem)
+    except ValueError:
+        return 10**9
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"{path}: cannot be written ({error.strerror or error}); free some space or mend its rights"
+    )

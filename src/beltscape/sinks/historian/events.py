@@ -1,0 +1,44 @@
+"""Alarms, notes and what people did, as the historian keeps them."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened."""
+
+    number: int
+    """Grows from event to event."""
+    wall_ns: int
+    """System clock, ns since 1970."""
+    kind: str
+    """Such as "alarm", "note", "audit"."""
+    name: str
+    """Which alarm, or what about."""
+    text: str
+    """What, in one line."""
+    by: str
+    """Whose doing; empty where nobody's."""
+
+
+def add_event(connection: sqlite3.Connection, wall_ns: int, kind: str, name: str, text: str, by: str) -> None:
+    """Keep it; on disk when this returns."""
+    connection.execute(
+        "INSERT INTO events (wall_ns, kind, name, text, by) VALUES (?, ?, ?, ?, ?)",
+        (wall_ns, kind, name, text, by),
+    )
+
+
+def read_events(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, limit: int
+) -> tuple[Event, ...]:
+    """Events of that time, newest first."""
+    rows = connection.execute(
+        "SELECT event, wall_ns, kind, name, text, by FROM events WHERE wall_ns >= ? AND wall_ns < ? "
+        "ORDER BY event DESC LIMIT ?",
+        (since_ns, until_ns, limit),
+    )
+    return tuple(Event(*row) for row in rows)

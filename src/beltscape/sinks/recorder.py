@@ -1,0 +1,196 @@
+"""Raw frame sets on disk while running; never in the way."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltscape.core.frames import FrameSet
+from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.sinks.recording.ring import PARTS, Ring
+from beltscape.sinks.recording.shelf import Shelf
+from beltscape.sinks.settings import RecordingSettings
+
+_GIB = 1 << 30
+_LOOK_S = 1.0
+"""How often the disk is looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderState:
+    """How recording goes."""
+
+    mode: str
+    written: int
+    """Frame sets on disk since the start."""
+    dropped: int
+    """Frame sets left out since the start: the queue or the disk was full."""
+    waiting: int
+    """Frame sets in the queue."""
+    size_bytes: int
+    """All recordings."""
+    trouble: str
+    """Why it pauses, in one line; empty while it does not."""
+
+
+class Recorder:
+    """Writes what it is handed in a thread of its own; what it cannot keep up with is left out and counted."""
+
+    def __init__(self, folder: Path, settings: RecordingSettings) -> None:
+        """Captures go below ``folder``; it is made when the first frame set comes."""
+        self._folder, self._settings = folder, settings
+        self._shelf = Shelf(folder)
+        self._ring = Ring(self._shelf, settings.ring_min * 60, time.monotonic())
+        self._queue: deque[FrameSet | Path] = deque()
+        self._wake = threading.Condition()
+        self._closing = False
+        self._capture: CaptureWriter | None = None
+        self._begun_s = self._looked_s = float("-inf")
+        self._written = self._dropped = 0
+        self._trouble = ""
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def trouble(self) -> str:
+        """Why recording pauses, in one line; empty while it does not."""
+        return self._trouble
+
+    @property
+    def state(self) -> RecorderState:
+        """How recording goes; from any thread."""
+        with self._wake:
+            return RecorderState(
+                mode=self._settings.mode,
+                written=self._written,
+                dropped=self._dropped,
+                waiting=self._waiting(),
+                size_bytes=self._shelf.size_bytes,
+                trouble=self._trouble,
+            )
+
+    def take(self, frames: FrameSet) -> None:
+        """Record a frame set; returns at once. The images must not be changed afterwards."""
+        if self._settings.mode == "off":
+            return
+        with self._wake:
+            if self._closing or self._waiting() >= self._settings.queue:
+                self._dropped += 1
+                return
+            self._queue.append(frames)
+            self._wake.notify()
+
+    def keep(self, reason: str) -> Path | None:
+        """Keep what the ring holds, up to the frame set taken last; the capture in which it will be in a moment.
+
+        None where there is no ring, or nothing in it.
+        """
+        with self._wake:
+            if self._settings.mode != "ring" or self._closing or not (self._ring or self._waiting()):
+                return None
+            target = self._shelf.new("kept", reason)
+            self._queue.append(target)
+            self._wake.notify()
+            return target
+
+    def close(self) -> None:
+        """Write what waits, then end."""
+        with self._wake:
+            self._closing = True
+            self._wake.notify()
+        self._thread.join()
+
+    def _waiting(self) -> int:
+        return sum(isinstance(item, FrameSet) for item in self._queue)
+
+    def _run(self) -> None:
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._queue or self._closing)
+                if not self._queue:
+                    return
+                item = self._queue[0]
+            if isinstance(item, FrameSet):
+                self._record(item)
+            else:
+                self._keep(item)
+            with self._wake:
+                self._queue.popleft()
+
+    def _record(self, frames: FrameSet) -> None:
+        """Write one frame set, or count it as left out and say why."""
+        now = time.monotonic()
+        if now - self._looked_s >= _LOOK_S:
+            self._looked_s = now
+            self._trouble = self._make_room()
+        size = 0
+        try:
+            size = 0 if self._trouble else self._capture_for(frames, now).write(frames)
+        except OSError as error:
+            self._trouble = f"{self._folder}: recording pauses ({error.strerror or error}); free some space"
+        with self._wake:
+            if self._trouble or self._capture is None:
+                self._dropped += 1
+            else:
+                self._shelf.grew(self._capture.folder, size)
+                self._written += 1
+
+    def _capture_for(self, frames: FrameSet, now_s: float) -> CaptureWriter:
+        """The capture it goes into: the one before, or a new one."""
+        settings = self._settings
+        length_min = settings.ring_min / PARTS if settings.mode == "ring" else settings.capture_min
+        follows = self._capture is not None and self._capture.follows(frames)
+        if self._capture is None or not follows or now_s - self._begun_s >= length_min * 60:
+            with self._wake:
+                self._capture = CaptureWriter(self._shelf.new(settings.mode), settings.image)
+                self._begun_s = now_s
+                if settings.mode == "ring":
+                    self._ring.add(self._capture.folder, now_s, goes_on=follows)
+        return self._capture
+
+    def _keep(self, target: Path) -> None:
+        with self._wake:
+            self._capture = None
+        try:
+            self._ring.keep(target)
+        except OSError as error:
+            self._trouble = f"{target}: cannot be kept ({error.strerror or error})"
+
+    def _make_room(self) -> str:
+        """Remove the oldest that nobody asked to keep; why there is no room still, or nothing."""
+        limit, least = self._settings.limit_gib * _GIB, self._settings.free_gib * _GIB
+        while self._shelf.size_bytes > limit or _free(self._folder) < least:
+            if not self._remove_oldest():
+                break
+        if self._shelf.size_bytes > limit:
+            return (
+                f"{self._folder}: recording pauses: kept captures take {self._shelf.kept_bytes / _GIB:.1f} of "
+                f"{self._settings.limit_gib:g} GiB; remove those that are no longer needed from kept/"
+            )
+        if (free := _free(self._folder)) < least:
+            return (
+                f"{self._folder}: recording pauses: {free / _GIB:.1f} GiB are free, {self._settings.free_gib:g} must "
+                "stay (free_gib); free some space"
+            )
+        return ""
+
+    def _remove_oldest(self) -> bool:
+        """One capture less; False where only kept ones and the one being written are left."""
+        with self._wake:
+            current = None if self._capture is None else self._capture.folder
+            oldest = next((path for path in self._shelf.of("all") if path != current), None)
+            if oldest is not None:
+                self._shelf.remove(oldest)
+                return True
+            return self._ring.drop_oldest()
+
+
+def _free(folder: Path) -> int:
+    """Bytes that the disk of a folder, there or not, has left."""
+    while not folder.is_dir():
+        folder = folder.parent
+    return shutil.disk_usage(folder).free

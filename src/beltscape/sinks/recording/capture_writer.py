@@ -1,0 +1,113 @@
+"""One capture being written, frame set by frame set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from beltscape.core.frames import FrameSet, Image
+from beltscape.files.encoder_csv import HEADER
+
+ENCODER = "encoder.csv"
+_HOW = {
+    "tiff": [cv2.IMWRITE_TIFF_COMPRESSION, 1],  # none
+    "png": [cv2.IMWRITE_PNG_COMPRESSION, 1],
+}
+
+
+class CaptureWriter:
+    """Writes ``<folder>/<camera>/<frame>.<ext>`` and ``encoder.csv``; whole files only."""
+
+    def __init__(self, folder: Path, image: str) -> None:
+        """``image`` is "tiff" or "png"; the folder is made with the first frame set."""
+        self.folder = folder
+        self._image = image
+        self._time_ns: int | None = None
+        self._position_mm: float | None = None
+        self._frames: set[str] = set()
+
+    @property
+    def frames(self) -> int:
+        """Frame sets written."""
+        return len(self._frames)
+
+    def follows(self, frames: FrameSet) -> bool:
+        """Whether that frame set can go into this capture: a new name, time going on, the belt not running back."""
+        return (
+            frames.frame not in self._frames
+            and (self._time_ns is None or frames.time_ns is None or frames.time_ns > self._time_ns)
+            and (
+                self._position_mm is None
+                or frames.position_mm is None
+                or frames.position_mm >= self._position_mm
+            )
+        )
+
+    def write(self, frames: FrameSet) -> int:
+        """Write one frame set; bytes written. OSError where it cannot; nothing of it is left then."""
+        written: list[Path] = []
+        try:
+            size = 0
+            for camera, image in frames.images.items():
+                path = self.folder / camera / f"{frames.frame}.{self._image}"
+                written.append(path)
+                size += _write(path, encoded(image, self._image))
+            size += self._write_reading(frames)
+        except OSError:
+            for path in written:
+                path.unlink(missing_ok=True)
+            raise
+        self._frames.add(frames.frame)
+        self._time_ns = frames.time_ns if frames.time_ns is not None else self._time_ns
+        self._position_mm = frames.position_mm if frames.position_mm is not None else self._position_mm
+        return size
+
+    def _write_reading(self, frames: FrameSet) -> int:
+        """The row of encoder.csv, where time and position are known."""
+        if frames.time_ns is None or frames.position_mm is None or not frames.images:
+            return 0
+        line = f"{frames.frame},{seconds_text(frames.time_ns)},{float(frames.position_mm)!r}\n"
+        return append_lines(self.folder / ENCODER, line.encode())
+
+
+def append_lines(path: Path, lines: bytes) -> int:
+    """Whole rows at the end of an encoder.csv, or none of them; bytes written."""
+    start = path.stat().st_size if path.exists() else 0
+    if not start:
+        lines = ",".join(HEADER).encode() + b"\n" + lines
+    try:
+        with path.open("ab") as file:
+            file.write(lines)
+    except OSError:
+        if path.exists():
+            with path.open("r+b") as file:
+                file.truncate(start)
+        raise
+    return len(lines)
+
+
+def seconds_text(time_ns: int) -> str:
+    """Seconds with all nine digits."""
+    sign = "-" if time_ns < 0 else ""
+    return f"{sign}{abs(time_ns) // 10**9}.{abs(time_ns) % 10**9:09d}"
+
+
+def encoded(image: Image, how: str) -> bytes:
+    """Bytes of a TIFF without compression, or of a PNG; both read back exactly."""
+    bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
+    return cv2.imencode(f".{how}", bgr, _HOW[how])[1].tobytes()
+
+
+def _write(path: Path, data: bytes) -> int:
+    """A file under a hidden name first, so that a crash leaves no half image."""
+    temporary = path.with_name(f".{path.name}.part")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+    return len(data)

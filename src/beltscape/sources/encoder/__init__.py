@@ -1,0 +1,1 @@
+"""Where the belt is: encoders of every kind behind one call."""

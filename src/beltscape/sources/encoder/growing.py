@@ -1,0 +1,87 @@
+"""The new lines of a text file that another program goes on writing."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import BinaryIO
+
+_BACK = 4096
+_CHUNK = 1 << 20
+_LONGEST = 1 << 16
+
+
+class GrowingFile:
+    """Lines as they are finished: half-written ones wait, a rotated file is read to its end before the new one.
+
+    What is there at first was written before anybody listened and is left out; a file that comes later, or in
+    place of another, is read from its beginning.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: BinaryIO | None = None
+        self._rest = b""
+        if path.is_file():
+            self._open()
+            self._skip()
+
+    def lines(self) -> list[str]:
+        """All that were finished since the call before; OSError where the file cannot be read."""
+        if self._file is None and not self._open():
+            return []
+        lines = self._read()
+        if self._replaced():
+            lines += self._read()  # what came between the last look and the renaming
+            self._open()
+            lines += self._read()
+        return lines
+
+    def close(self) -> None:
+        """No more is wanted."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _open(self) -> bool:
+        self.close()
+        self._rest = b""
+        try:
+            self._file = self._path.open("rb")
+        except FileNotFoundError:
+            return False
+        return True
+
+    def _skip(self) -> None:
+        """To the beginning of the line that is being written."""
+        if self._file is None:
+            return
+        size = self._file.seek(0, os.SEEK_END)
+        start = self._file.seek(max(0, size - _BACK))
+        last = self._file.read(_BACK).rfind(b"\n")
+        self._file.seek(start + last + 1)
+
+    def _read(self) -> list[str]:
+        file = self._file
+        if file is None:
+            return []
+        if os.fstat(file.fileno()).st_size < file.tell():  # emptied in place
+            file.seek(0)
+            self._rest = b""
+        lines: list[str] = []
+        while chunk := file.read(_CHUNK):
+            *whole, self._rest = (self._rest + chunk).split(b"\n")
+            lines += [line.decode("utf-8", "replace").strip() for line in whole]
+            if len(self._rest) > _LONGEST:
+                self._rest = self._rest[:_LONGEST]  # no line of ours: refused once it ends
+        return lines
+
+    def _replaced(self) -> bool:
+        """Whether another file lies under the name."""
+        if self._file is None:
+            return False
+        try:
+            there = self._path.stat()
+        except FileNotFoundError:
+            return False
+        return not os.path.samestat(there, os.fstat(self._file.fileno()))

@@ -1,0 +1,53 @@
+"""What one may choose of the encoder."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+EncoderKind = Literal["capture", "file", "udp", "constant", "camera", "none"]
+"""capture: a recorded capture's encoder.csv, by frame; file: a CSV file that grows; udp: datagrams; constant: a told
+speed; camera: the cameras send it with their images; none: the belt's motion is taken from the material"""
+
+
+class EncoderSettings(BaseModel):
+    """Settings of ``[encoder]``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    kind: EncoderKind = "none"
+    path: str = ""
+    """The file that grows, or a recorded table in place of the capture's own; beside project.toml unless absolute."""
+    host: str = "127.0.0.1"
+    """Address that datagrams are awaited on; one that other machines reach should name the ``sender``."""
+    port: Annotated[int, Field(ge=1, le=65_535)] = 8461
+    sender: str = ""
+    """Address of the only machine whose datagrams count; empty: any."""
+    speed_mm_s: Annotated[float, Field(ge=0, le=20_000)] | None = None
+    """Of a belt without encoder that always runs at one speed."""
+    times: Literal["device", "arrival", "steady"] = "device"
+    """device: timestamps are of any clock, laid on this machine's by the readings that took least to arrive;
+    arrival: they are not believed; steady: they are of this machine's CLOCK_MONOTONIC. A reading without one is
+    stamped on arrival."""
+    mm_per_count: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    """1 where positions come in mm."""
+    counter_bits: Literal[16, 32] | None = None
+    """Width of a counter that wraps; None: it does not."""
+    reverse: bool = False
+    """Whether its count falls as the belt travels."""
+    fastest_mm_s: Annotated[float, Field(gt=0, le=50_000)] = 12_000.0
+    """What is faster is no travel but a reset or a fault."""
+    silent_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    """Between readings farther apart it tells nothing: it must speak so often, also while the belt stands."""
+    wait_s: Annotated[float, Field(ge=0, le=1)] = 0.05
+    """How long a frame waits for the reading after it."""
+    poll_s: Annotated[float, Field(ge=0.001, le=1)] = 0.02
+    """How often the growing file is looked at."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> EncoderSettings:
+        if self.kind == "file" and not self.path:
+            raise ValueError('kind "file" needs path = "…", the CSV file that grows')
+        if self.kind == "constant" and self.speed_mm_s is None:
+            raise ValueError('kind "constant" needs speed_mm_s = …')
+        return self

@@ -1,0 +1,57 @@
+"""One reading as a line of text."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltscape.files.encoder_csv import HEADER
+from beltscape.files.images import EXTENSIONS
+
+LONGEST = 256
+"""Characters; what is longer is no reading."""
+_LARGEST = 1e15
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a line says."""
+
+    count: float
+    """The device's count or position, as it is."""
+    stamp_ns: int | None
+    """Its timestamp, on whatever clock."""
+    frame: str
+    """Name of the frame it belongs to; empty where none is named."""
+
+
+def parse(line: str) -> Reading | None:
+    """``position``, ``timestamp,position`` or ``frame,timestamp,position``; None for an empty line or a header.
+
+    Raises
+    ------
+    ValueError
+        When it is none of these.
+    """
+    cells = tuple(cell.strip() for cell in line.split(","))
+    if not any(cells) or cells[0].lower() in (HEADER[0], HEADER[1], HEADER[2], "position"):
+        return None
+    if len(line) > LONGEST or len(cells) > 3:
+        raise ValueError("not position, timestamp,position or frame,timestamp,position")
+    *before, last = cells
+    stamp_ns = round(_number(before[-1]) * 1e9) if before else None
+    return Reading(_number(last), stamp_ns, _frame(before[0]) if len(before) == 2 else "")
+
+
+def _frame(text: str) -> str:
+    """A frame's name, with or without its image file's ending."""
+    name = Path(text)
+    return name.stem if name.suffix.lower() in EXTENSIONS else text
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value) or abs(value) > _LARGEST:
+        raise ValueError(f"{text!r} is no finite number")
+    return value

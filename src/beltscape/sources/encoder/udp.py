@@ -1,0 +1,73 @@
+"""Encoder readings as datagrams."""
+
+from __future__ import annotations
+
+import socket
+from threading import Event, Thread
+from time import monotonic_ns
+
+from beltscape.core.errors import InputError
+from beltscape.sources.encoder.origin import Origin
+from beltscape.sources.encoder.settings import EncoderSettings
+from beltscape.sources.encoder.stream import Stream
+
+_LARGEST = 2048
+_PATIENCE_S = 0.2
+
+
+class UdpEncoder(Stream):
+    """Text datagrams ``position`` or ``timestamp,position``, one or several lines each, stamped as they arrive."""
+
+    def __init__(
+        self, settings: EncoderSettings, origin: Origin | None = None, resume_mm: float | None = None
+    ) -> None:
+        """InputError where nobody may listen at that address."""
+        super().__init__(settings, origin, resume_mm)
+        self._socket = _listening(settings.host, settings.port)
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="encoder", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                data, sender = self._socket.recvfrom(_LARGEST)
+            except TimeoutError:
+                continue
+            except OSError as error:
+                now_ns = monotonic_ns()
+                self.note("socket", f"datagrams cannot be received ({error}); check the network", now_ns)
+                self._stop.wait(_PATIENCE_S)
+                continue
+            now_ns = monotonic_ns()
+            if self._settings.sender and sender[0] != self._settings.sender:
+                self.note("sender", f"datagrams of {sender[0]} are left out; sender says otherwise", now_ns)
+                continue
+            for line in data.decode("utf-8", "replace").splitlines():
+                self.take(line, now_ns)
+
+    def close(self) -> None:
+        """Stop listening."""
+        super().close()
+        self._stop.set()
+        self._thread.join()
+        self._socket.close()
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]
+        sock = socket.socket(family, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise InputError(
+            f"encoder: host = {host!r} is no address ({error.strerror}); give one of this machine"
+        ) from error
+    try:
+        sock.bind((host, port))
+    except OSError as error:
+        sock.close()
+        raise InputError(
+            f"encoder: cannot listen at {host} port {port} ({error.strerror}); give a free port of this machine"
+        ) from error
+    sock.settimeout(_PATIENCE_S)
+    return sock

@@ -23,6 +23,7 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.flow_chain import FlowChain, depths_over, ground_under, reaching
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.sources.folder import FolderSource
+from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
 
 
@@ -91,7 +92,7 @@ def flow_of_capture(
     )
     picture, steps = BeltPicture(ground), list[Step]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
-    chain = FlowChain(rig, near_far, MultiviewSettings.preset(preset), meter)
+    chain = FlowChain(MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset)), meter)
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):
         frames = _frames(source, instant)

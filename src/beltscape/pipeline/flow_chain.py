@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError
@@ -15,8 +16,6 @@ from beltscape.core.scaling import scale_between
 from beltscape.measure.flow.ground import Ground, ground_of
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.belt import empty_belt
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prior import Prior
 
 _MARGIN = 0.02
@@ -33,19 +32,24 @@ class Passed:
     """Those that are finished with it."""
 
 
+class SequenceMatcher(Protocol):
+    """What makes depth of one frame after the other."""
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+        """Depth of a frame, from the one before it; ReconstructionError where its images do not suffice."""
+        ...
+
+
 class FlowChain:
     """Matcher and meter as one; the matcher starts from the frame before, moved with the belt."""
 
-    def __init__(
-        self, rig: Rig, near_far_mm: tuple[float, float], matching: MultiviewSettings, meter: FlowMeter
-    ) -> None:
-        """``near_far_mm`` are the depths between which all lies."""
+    def __init__(self, matcher: SequenceMatcher, meter: FlowMeter) -> None:
         self.meter = meter
         self.done = 0
         """Frame sets that gave depth."""
         self.failure: ReconstructionError | None = None
         """Why the last one that gave none did not."""
-        self._matcher = MultiviewReconstructor(rig, near_far_mm, matching)
+        self._matcher = matcher
         self._before: DepthMap | None = None
 
     def push(self, frames: FrameSet, reporter: Reporter, *, whole: bool) -> Passed:

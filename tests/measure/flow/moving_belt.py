@@ -51,8 +51,12 @@ class Heap:
 
     @property
     def volume_mm3(self) -> float:
+        return self.volume_between_mm3(self.start_mm, self.end_mm)
+
+    def volume_between_mm3(self, start_mm: float, end_mm: float) -> float:
+        """Between two places of the belt's own y."""
         x = np.arange(-self.half_width_mm, self.half_width_mm, 1.0) + 0.5
-        y = np.arange(self.start_mm, self.end_mm, 1.0) + 0.5
+        y = np.arange(start_mm, end_mm, 1.0) + 0.5
         return float(self.height_mm(x[None], y[:, None]).sum())
 
 

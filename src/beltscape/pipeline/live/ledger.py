@@ -53,21 +53,23 @@ class Ledger:
         self._pushed: deque[_Pushed] = deque()
         self._begun = False
         self._carried = False
+        self._slip_mm = 0.0
+        """The encoder's count less the material's, at the last frame that had both."""
 
-    def begin(self, encoder_mm: float | None) -> float | None:
+    def begin(self, encoder_mm: float | None, *, anew: bool = False) -> float | None:
         """A new meter begins at that reading: where (in the encoder's count) its belt is counted up to already.
 
-        None where the ledger is new, there is no encoder, or it has begun anew: all in view is new then.
+        None where the ledger is new, there is no encoder, or it has begun ``anew``, as it must have where it is
+        further back than a belt rolls: all in view is new then.
         """
-        self._begun = False
+        self._begun, self._slip_mm = False, 0.0
         end = self.books.end_mm
-        self._carried = end is None or (encoder_mm is not None and not self.began_anew(encoder_mm))
-        return end - self.books.offset_mm if end is not None and self._carried else None
-
-    def began_anew(self, encoder_mm: float) -> bool:
-        """Whether a reading is further back than a belt rolls."""
-        end = self.books.end_mm
-        return end is not None and end - self.books.offset_mm - encoder_mm > ROLL_BACK_MM
+        if end is None:
+            self._carried = True
+            return None
+        counted = end - self.books.offset_mm
+        self._carried = encoder_mm is not None and not anew and counted - encoder_mm <= ROLL_BACK_MM
+        return counted if self._carried else None
 
     def push(self, frame: str, present: Collection[str], encoder_mm: float | None) -> None:
         """A frame goes into the meter."""
@@ -110,16 +112,15 @@ class Ledger:
         if pushed.place_mm is None or not math.isfinite(high):
             here = stands if stands is not None else (pushed.encoder_mm or 0.0)
             return here, here
-        # the material's coordinate against the encoder's: they part by the belt's slip
-        shift = 0.0 if pushed.encoder_mm is None else pushed.encoder_mm - pushed.place_mm
-        if not self._begun:
-            self._begun = True
-            if not self._carried and stands is not None:
-                self.books.offset_mm = stands - (low + shift)
-            start = low + shift + self.books.offset_mm
-            return start, high + shift + self.books.offset_mm
-        before = low + shift + self.books.offset_mm if stands is None else stands
-        return before, (high + shift + self.books.offset_mm if high > low else before)
+        if pushed.encoder_mm is not None:
+            self._slip_mm = pushed.encoder_mm - pushed.place_mm
+        if not self._begun and not self._carried and stands is not None:
+            self.books.offset_mm = stands - (low + self._slip_mm)
+        shift = self._slip_mm + self.books.offset_mm
+        # but for the first, a strip begins where the one before ended, though the material slips on the encoder
+        first, self._begun = not self._begun, True
+        start = low + shift if first or stands is None else stands
+        return start, (high + shift if high > low else start)
 
     def _entry(
         self,

@@ -1,0 +1,270 @@
+"""The running system: cameras, worker, writers and watch as threads around one `Measuring`."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import monotonic, monotonic_ns, time_ns
+from typing import Protocol
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.core.belt_record import BeltRecord
+from beltscape.core.frames import FrameSet
+from beltscape.core.live import LiveSource, Observer, Sight
+from beltscape.pipeline.live.frame_queue import FrameQueue
+from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.look import Looker
+from beltscape.pipeline.live.measuring import Measuring, Outcome
+from beltscape.pipeline.live.writer import Writer
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.recorder import Recorder
+
+_WAIT_S = 0.2
+_SILENT_S = 1.0
+"""Without a frame set for so long, the encoder alone tells how much belt passes."""
+_SILENT_STEP_MM = 50.0
+_WATCH_S = 0.5
+_TEND_S = 60.0
+
+
+class Encoder(Protocol):
+    """Where the belt is."""
+
+    def at(self, time_ns: int | None, frame: str) -> float | None:
+        """Position (mm) at a frame's time; None where it is silent."""
+        ...
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with what it says, and the mend; empty: nothing."""
+        ...
+
+    def close(self) -> None:
+        """Stop listening."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parts:
+    """What an engine is made of."""
+
+    source: LiveSource
+    encoder: Encoder | None
+    """None where the frame sets bring the position themselves, or nothing tells it."""
+    queue: FrameQueue
+    measuring: Measuring
+    historian: Historian
+    writers: Sequence[Writer]
+    recorder: Recorder | None
+    board: AlarmBoard
+    looker: Looker
+    gauges: Gauges
+    observer: Observer
+    ticks: bool
+    """Whether the encoder is asked where no frame set comes: not for a recording."""
+    certificate_days: Callable[[], float] = lambda: float("nan")
+    alive: Callable[[], None] = lambda: None
+    """Called as long as all threads do their work: for a watchdog."""
+
+
+class Engine:
+    """Starts, watches and stops the threads; what people may ask of it is `core.live.Controls`."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._stopping = threading.Event()
+        self._ended = threading.Event()
+        self._done = 0
+        self._heard = monotonic()
+        self._ticked_mm: float | None = None
+        self._threads = [
+            threading.Thread(target=self._guarded(work), name=name, daemon=True)
+            for name, work in (("feeder", self._feed), ("worker", self._work), ("watch", self._watch))
+        ]
+
+    def start(self) -> None:
+        """Begin to measure."""
+        for thread in self._threads:
+            thread.start()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Wait until a recording has ended; whether it has."""
+        return self._ended.wait(seconds)
+
+    def stop(self) -> int:
+        """Stop, measure what waits, write it down; how many records no disk would take."""
+        parts = self._parts
+        self._stopping.set()
+        parts.source.close()
+        self._threads[0].join(5)
+        parts.queue.close()
+        self._threads[1].join(60)
+        left = [writer.close() for writer in parts.writers]
+        self._threads[2].join(5)
+        if parts.recorder is not None:
+            parts.recorder.close()
+        if parts.encoder is not None:
+            parts.encoder.close()
+        return max(left, default=0)
+
+    def acknowledge(self, alarm: str, by: str) -> bool:
+        """Somebody has seen an alarm."""
+        board, wall = self._parts.board, time_ns()
+        if not board.acknowledge(alarm, by, wall):
+            return False
+        self._parts.historian.note("alarm", alarm, "acknowledged", by=by, wall_ns=wall)
+        self._parts.observer.alarmed(board.alarms)
+        return True
+
+    def keep_recording(self, reason: str, by: str) -> bool:
+        """Keep what the ring of recorded frames holds."""
+        recorder = self._parts.recorder
+        kept = None if recorder is None else recorder.keep(reason)
+        if kept is None:
+            return False
+        self._parts.historian.note("recording", kept.name, reason, by=by, wall_ns=time_ns())
+        return True
+
+    def _guarded(self, work: Callable[[], None]) -> Callable[[], None]:
+        """A thread that fails says so and goes on: a plant's metre must not stop for one bad frame."""
+
+        def run() -> None:
+            while True:
+                try:
+                    work()
+                    return
+                except Exception as error:
+                    self._parts.observer.noted(
+                        f"{threading.current_thread().name}: {type(error).__name__}: {error}"
+                    )
+                    if self._stopping.wait(1.0):
+                        return
+
+        return run
+
+    def _feed(self) -> None:
+        """Frame sets from the source, with the encoder's reading, into the queue."""
+        parts = self._parts
+        for frames in parts.source:
+            self._heard = monotonic()
+            located = self._located(frames)
+            if parts.recorder is not None:
+                parts.recorder.take(located)
+            parts.queue.put(located)
+            if self._stopping.is_set():
+                return
+        parts.queue.close()
+
+    def _located(self, frames: FrameSet) -> FrameSet:
+        gauges, encoder = self._parts.gauges, self._parts.encoder
+        position = frames.position_mm
+        if position is None and encoder is not None:
+            position = encoder.at(frames.time_ns, frames.frame)
+            gauges.encoder_trouble = encoder.trouble
+            if gauges.encoder_heard_s is None:
+                gauges.encoder_heard_s = monotonic()
+        if position is not None:
+            gauges.encoder_heard_s = monotonic()
+        return frames if position == frames.position_mm else replace(frames, position_mm=position)
+
+    def _work(self) -> None:
+        """Frame sets from the queue into the ledger."""
+        parts = self._parts
+        while True:
+            frames = parts.queue.get(_WAIT_S)
+            if frames is not None:
+                self._measure(frames)
+            elif parts.queue.closed:
+                break
+            elif parts.ticks and (tick := self._tick()) is not None:
+                self._measure(tick)
+        self._give(parts.measuring.finish())
+        self._ended.set()
+
+    def _tick(self) -> FrameSet | None:
+        """A frame set without images where no camera says anything, but the belt moves on."""
+        if monotonic() - self._heard < _SILENT_S:
+            return None
+        now = monotonic_ns()
+        tick = self._located(FrameSet(f"silent-{now // 1_000_000}", {}, now))
+        position = tick.position_mm
+        if position is None or (self._ticked_mm is not None and position - self._ticked_mm < _SILENT_STEP_MM):
+            return None
+        return tick
+
+    def _measure(self, frames: FrameSet) -> None:
+        parts, began = self._parts, monotonic()
+        self._ticked_mm = frames.position_mm
+        try:
+            outcome = parts.measuring.push(frames)
+        except Exception as error:
+            parts.observer.noted(
+                f"frame {frames.frame}: {type(error).__name__}: {error}; going on without it"
+            )
+            return
+        self._give(outcome)
+        self._done += 1
+        gauges, depth = parts.gauges, outcome.depth
+        gauges.speed_mm_s, gauges.depth = outcome.speed_mm_s, depth
+        gauges.coverage = 0.0 if depth is None else depth.coverage
+        gauges.encoder_ratio = parts.measuring.encoder_ratio
+        parts.observer.saw(
+            Sight(
+                frames,
+                self._done,
+                parts.queue.dropped,
+                len(parts.queue),
+                monotonic() - began,
+                gauges.coverage,
+                outcome.speed_mm_s,
+            )
+        )
+
+    def _give(self, outcome: Outcome) -> None:
+        """Entries to the writers, pieces of belt to whoever looks."""
+        for stretch in outcome.stretches:
+            self._parts.observer.surfaced(stretch)
+        if outcome.entries:
+            self._parts.gauges.add(outcome.entries)
+            for writer in self._parts.writers:
+                writer.put(outcome.entries)
+
+    def _watch(self) -> None:
+        """Health and alarms, twice a second; the historian's housekeeping, once a minute."""
+        tended = monotonic()
+        while not self._stopping.wait(_WATCH_S):
+            self._judge()
+            if monotonic() - tended > _TEND_S:
+                tended = monotonic()
+                self._parts.historian.tend(time_ns())
+            if self._threads[1].is_alive():
+                self._parts.alive()
+
+    def _judge(self) -> None:
+        parts = self._parts
+        cameras = parts.source.health()
+        parts.observer.health(cameras)
+        parts.looker.look(parts.gauges)
+        troubles = [writer.trouble for writer in parts.writers] + [parts.historian.trouble]
+        recording = "" if parts.recorder is None else parts.recorder.trouble
+        readings = parts.gauges.readings(
+            cameras,
+            parts.queue.dropped,
+            next((text for text in troubles if text), ""),
+            recording,
+            parts.certificate_days(),
+        )
+        wall = time_ns()
+        changed = parts.board.update(readings, wall, monotonic_ns())
+        for alarm in changed:
+            text = f"{alarm.state}: {alarm.detail}" if alarm.detail else alarm.state
+            parts.historian.note("alarm", alarm.name, text, wall_ns=wall)
+            if alarm.state == "raised" and alarm.severity == "critical" and parts.recorder is not None:
+                parts.recorder.keep(alarm.name)
+        parts.observer.alarmed(parts.board.alarms)
+
+
+def told(observer: Observer, historian: Historian) -> Callable[[Sequence[BeltRecord]], None]:
+    """Tells an observer of records once they are on disk."""
+    return lambda records: observer.measured(records, historian.totals)

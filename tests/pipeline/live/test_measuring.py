@@ -1,0 +1,163 @@
+"""Runs, one after the other: every millimetre that the encoder counts is in the ledger once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltscape.core.belt_record import BeltRecord
+from beltscape.pipeline.live.ledger import Books
+from synthetic.belt_feed import CAMERAS, HEAP, frames, run
+
+STEP_MM = 60.0
+
+
+def measured(books: Books, sets: Sequence, *, killed: bool = False) -> list[BeltRecord]:
+    """What a run leaves in the ledger; one that was killed does not finish, and its books are read back."""
+    measuring = run(books)
+    out = [entry for one in sets for entry in measuring.push(one).entries]
+    return out if killed else out + measuring.finish().entries
+
+
+def reopened(entries: Sequence[BeltRecord], run_number: int) -> Books:
+    """As the historian tells it at the next start."""
+    if not entries:
+        return Books(run_number, 0, None)
+    last = entries[-1]
+    return Books(run_number, last.number + 1, last.belt_mm[1], last.offset_mm)
+
+
+def check(entries: Sequence[BeltRecord]) -> None:
+    assert [entry.number for entry in entries] == list(range(len(entries)))
+    for before, after in pairwise(entries):
+        assert after.belt_mm[0] == before.belt_mm[1]
+    for entry in entries:
+        assert entry.length_mm >= 0
+        assert (entry.reason == "") == (entry.standing == "valid")
+
+
+def places(start: float, stop: float, step: float = STEP_MM) -> list[float]:
+    return [float(place) for place in np.arange(start, stop, step)]
+
+
+def test_one_run_counts_the_encoders_millimetres_and_the_heap() -> None:
+    track = places(0, 3300)
+    entries = measured(Books(1, 0, None), [frames(p, 5000 + p) for p in track])
+    check(entries)
+    assert len(entries) == len(track)
+    window = entries[0].length_mm
+    assert entries[-1].belt_mm[1] - entries[0].belt_mm[0] == pytest.approx(track[-1] + window, abs=0.5)
+    assert sum(e.volume_mm3 for e in entries) == pytest.approx(HEAP.volume_mm3, rel=0.01)
+    assert {e.standing for e in entries} == {"valid"}
+    sections = [e.section for e in entries if e.section is not None]
+    assert len(sections) == len(entries)
+    loaded = max(entries, key=lambda e: 0 if e.strip is None else e.strip.area_mm2)
+    assert loaded.section is not None
+    assert loaded.strip is not None
+    area = np.trapezoid(loaded.section.height_mm, loaded.section.x_mm)
+    assert area == pytest.approx(loaded.strip.area_mm2, rel=0.02)
+
+
+def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:
+    sets = [frames(p, p, cameras=("cam0",) if 900 <= p < 1100 else CAMERAS) for p in places(0, 3000)]
+    entries = measured(Books(1, 0, None), sets)
+    check(entries)
+    degraded = [e for e in entries if e.standing == "degraded"]
+    assert {e.reason for e in degraded} == {"without cam1"}
+    assert len(degraded) == sum(900 <= p < 1100 for p in places(0, 3000))
+    assert all(e.cameras == 1 for e in degraded)
+
+
+def test_a_graceful_stop_loses_nothing() -> None:
+    first = measured(Books(1, 0, None), [frames(p, p) for p in places(0, 1500)])
+    books = reopened(first, 2)
+    # the belt stood still meanwhile
+    second = measured(books, [frames(p, p) for p in places(1440, 3300)])
+    check([*first, *second])
+    assert "nothing ran while it passed" not in {e.reason for e in second}
+    total = sum(e.volume_mm3 for e in [*first, *second])
+    assert total == pytest.approx(HEAP.volume_mm3, rel=0.01)
+
+
+def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
+    first = measured(Books(1, 0, None), [frames(p, p) for p in places(0, 900)])
+    second = measured(reopened(first, 2), [frames(p, p) for p in places(2400, 3300)])
+    check([*first, *second])
+    gap = second[0]
+    assert (gap.standing, gap.strip, gap.reason) == ("missing", None, "nothing ran while it passed")
+    window = first[0].length_mm
+    assert gap.length_mm == pytest.approx(2400 - 840 - window, abs=1.0)
+
+
+def test_a_killed_run_leaves_what_was_finished_and_the_rest_is_measured_again() -> None:
+    first = measured(Books(1, 0, None), [frames(p, p) for p in places(0, 1500)], killed=True)
+    books = reopened(first, 2)
+    second = measured(books, [frames(p, p) for p in places(1500, 3300)])
+    entries = [*first, *second]
+    check(entries)
+    # what had left the view but was not finished is lost, and said to be: about the length of two blocks
+    (gap,) = (e for e in entries if e.standing == "missing")
+    assert 0 < gap.length_mm < 300
+    lost = HEAP.volume_between_mm3(-gap.belt_mm[1], -gap.belt_mm[0])
+    assert sum(e.volume_mm3 for e in entries) + lost == pytest.approx(HEAP.volume_mm3, rel=0.01)
+
+
+def test_an_encoder_that_begins_anew_goes_on_in_the_ledger() -> None:
+    sets = [frames(p, 90_000 + p if p < 1500 else p - 1500) for p in places(0, 3000)]
+    entries = measured(Books(1, 0, None), sets)
+    check(entries)
+    assert {e.offset_mm for e in entries} != {0.0}
+    # what lies between the two views is not counted twice: the second meter begins with all that it sees
+    assert entries[-1].belt_mm[1] - entries[0].belt_mm[0] == pytest.approx(
+        2940 + 2 * entries[0].length_mm - STEP_MM, abs=2 * STEP_MM
+    )
+    assert all(e.standing != "missing" or e.length_mm == 0 for e in entries)
+
+
+def test_an_encoder_anew_after_a_stop_goes_on_in_the_ledger() -> None:
+    first = measured(Books(1, 0, None), [frames(p, 90_000 + p) for p in places(0, 900)])
+    second = measured(reopened(first, 2), [frames(p, p) for p in places(900, 1500)])
+    third = measured(reopened([*first, *second], 3), [frames(p, p) for p in places(1500, 2100)])
+    check([*first, *second, *third])
+    assert "nothing ran while it passed" not in {e.reason for e in [*second, *third]}
+
+
+def test_without_an_encoder_the_material_counts() -> None:
+    first = measured(Books(1, 0, None), [frames(p, None) for p in places(900, 1800)])
+    second = measured(reopened(first, 2), [frames(p, None) for p in places(1800, 2700)])
+    check([*first, *second])
+    lengths = [sum(e.length_mm for e in part) for part in (first, second)]
+    assert lengths[0] == pytest.approx(lengths[1], rel=0.02)
+    assert lengths[0] == pytest.approx(840 + first[0].length_mm, rel=0.02)
+
+
+def test_an_encoder_that_comes_later_takes_over() -> None:
+    sets = [frames(p, None if p < 1500 else 40_000 + p) for p in places(900, 2700)]
+    check(measured(Books(1, 0, None), sets))
+
+
+@given(
+    cuts=st.lists(st.tuples(st.integers(1, 14), st.integers(0, 12), st.booleans()), min_size=1, max_size=4),
+    lost=st.sets(st.integers(0, 40), max_size=12),
+    blind=st.sets(st.integers(0, 40), max_size=8),
+)
+@settings(max_examples=25, deadline=None)
+def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, lost, blind) -> None:
+    """Runs of some frames, pauses of some frames during which the belt goes on, frames lost or without images."""
+    entries: list[BeltRecord] = []
+    frame = 0
+    for number, (length, pause, killed) in enumerate(cuts, 1):
+        track = [k for k in range(frame, frame + length) if k not in lost]
+        sets = [frames(60.0 * k, 60.0 * k, cameras=() if k in blind else CAMERAS) for k in track]
+        entries += measured(reopened(entries, number), sets, killed=killed)
+        frame += length + pause
+    check(entries)
+    if entries:
+        span = entries[-1].belt_mm[1] - entries[0].belt_mm[0]
+        assert span == pytest.approx(sum(e.length_mm for e in entries), abs=1e-6)
+        assert entries[-1].belt_mm[1] <= 60.0 * frame + 500.0

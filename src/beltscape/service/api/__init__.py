@@ -1,0 +1,1 @@
+"""What programs may ask for by HTTP; one file per subject."""

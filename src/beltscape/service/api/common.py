@@ -1,0 +1,73 @@
+"""What the endpoints share: bounds of parameters, descriptions of refusals, what they work with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Annotated, Any
+
+from fastapi import HTTPException, Path, Query
+from pydantic import BaseModel, BeforeValidator, ConfigDict
+
+from beltscape.core.live import Controls
+from beltscape.service.hub import Hub
+from beltscape.service.settings import WebSettings
+from beltscape.sinks.historian import Historian
+
+LAST_MS = 4_102_444_800_000
+"""The year 2100."""
+
+WallMs = Annotated[int, Query(ge=0, le=LAST_MS, description="System clock, ms since 1970 UTC")]
+CameraName = Annotated[str, Path(min_length=1, max_length=64, description="Name of a camera")]
+AlarmName = Annotated[str, Path(min_length=1, max_length=160, description="Name of an alarm")]
+
+
+@dataclass(frozen=True, slots=True)
+class Behind:
+    """What the endpoints work with."""
+
+    hub: Hub
+    history: Historian
+    controls: Controls
+    settings: WebSettings
+
+
+class Out(BaseModel):
+    """What is answered; nothing is in it that its description does not name."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Problem(Out):
+    """Why it was refused, in one line."""
+
+    detail: str
+
+
+def _none_for_nan(value: object) -> object:
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+Number = Annotated[float | None, BeforeValidator(_none_for_nan)]
+"""A number; null where it is not known."""
+
+_WHY = {
+    401: "Not signed in",
+    403: "Signed in, but the role does not allow it",
+    404: "There is no such thing",
+    409: "It changed nothing: it was so already, or cannot be now",
+    429: "Too many requests",
+    503: "The history cannot be read at the moment",
+}
+
+
+def refusals(*codes: int) -> dict[int | str, dict[str, Any]]:
+    """Descriptions of the refusals an endpoint gives, beside those that all of them give."""
+    return {code: {"model": Problem, "description": _WHY[code]} for code in (401, 403, 429, *codes)}
+
+
+def not_before(since_ms: int, until_ms: int) -> None:
+    """422 where a period ends before it begins."""
+    if until_ms < since_ms:
+        detail = [{"loc": ["query", "until_ms"], "msg": "lies before since_ms", "type": "value_error"}]
+        raise HTTPException(422, detail)

@@ -1,0 +1,47 @@
+"""What operators may ask of the running system: acknowledge an alarm, keep the recording."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, HTTPException
+from pydantic import BaseModel, ConfigDict, Field
+
+from beltscape.service.access import User, needs
+from beltscape.service.api.common import AlarmName, Behind, Out, refusals
+
+
+class Done(Out):
+    """It was done."""
+
+    by: str
+
+
+class KeepRecording(BaseModel):
+    """Why the recording is kept."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    reason: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+def routes(behind: Behind) -> APIRouter:
+    """POST /api/alarms/{name}/acknowledge and /api/recording/keep."""
+    router = APIRouter(prefix="/api", tags=["controls"])
+
+    @router.post("/alarms/{name}/acknowledge", responses=refusals(404, 409))
+    def acknowledge(name: AlarmName, user: Annotated[User, Depends(needs("operator"))]) -> Done:
+        """Say that somebody has seen the alarm of that name."""
+        if all(alarm.name != name for alarm in behind.hub.now().alarms):
+            raise HTTPException(404, "there is no alarm of that name")
+        if not behind.controls.acknowledge(name, user.name):
+            raise HTTPException(409, "that alarm is not waiting to be acknowledged")
+        return Done(by=user.name)
+
+    @router.post("/recording/keep", responses=refusals(409))
+    def keep(wish: KeepRecording, user: Annotated[User, Depends(needs("operator"))]) -> Done:
+        """Keep the raw frames that the ring of the last minutes holds now."""
+        if not behind.controls.keep_recording(wish.reason, user.name):
+            raise HTTPException(409, "nothing is being recorded, or what there is was kept already")
+        return Done(by=user.name)
+
+    return router

@@ -1,0 +1,189 @@
+"""What was: curves, records, events, cross-sections of any stretch of time."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Depends, HTTPException, Query
+from numpy.typing import NDArray
+
+from beltscape.core.belt_record import BeltRecord, Standing
+from beltscape.core.errors import OutputError
+from beltscape.service.access import User, needs
+from beltscape.service.api.common import Behind, Number, Out, WallMs, not_before, refusals
+
+MS_NS = 1_000_000
+Viewer = Annotated[User, Depends(needs("viewer"))]
+RecordNumber = Annotated[int, Query(ge=0, le=2**53, description="Number of an entry of the ledger")]
+
+
+class SeriesOut(Out):
+    """Curves over equal intervals; null: not known."""
+
+    start_ms: Annotated[tuple[int, ...], "System clock at which each interval begins"]
+    width_ms: float
+    flow_m3_h: tuple[Number, ...]
+    low_m3_h: tuple[Number, ...]
+    high_m3_h: tuple[Number, ...]
+    mass_flow_t_h: tuple[Number, ...]
+    speed_m_s: tuple[Number, ...]
+    coverage: tuple[Number, ...]
+    volume_m3: tuple[Number, ...]
+    mass_t: tuple[Number, ...]
+    valid_m: tuple[Number, ...]
+    degraded_m: tuple[Number, ...]
+    missing_m: tuple[Number, ...]
+
+
+class RecordOut(Out):
+    """One entry of the ledger."""
+
+    number: int
+    run: int
+    wall_ms: int
+    from_m: float
+    to_m: float
+    standing: Standing
+    reason: str
+    volume_m3: Number
+    sigma_m3: Number
+    mass_t: Number
+    flow_m3_h: Number
+    coverage: Number
+    cameras: int
+
+    @classmethod
+    def of(cls, record: BeltRecord) -> RecordOut:
+        """In the units people use."""
+        strip = record.strip
+        return cls(
+            number=record.number,
+            run=record.run,
+            wall_ms=record.wall_ns // MS_NS,
+            from_m=record.belt_mm[0] * 1e-3,
+            to_m=record.belt_mm[1] * 1e-3,
+            standing=record.standing,
+            reason=record.reason,
+            volume_m3=record.volume_mm3 * 1e-9,
+            sigma_m3=record.sigma_mm3 * 1e-9,
+            mass_t=record.mass_kg * 1e-3,
+            flow_m3_h=None if strip is None else strip.volume_flow_m3_h,
+            coverage=None if strip is None else strip.coverage,
+            cameras=record.cameras,
+        )
+
+
+class EventOut(Out):
+    """Something that happened."""
+
+    number: int
+    wall_ms: int
+    kind: str
+    name: str
+    text: str
+    by: str
+
+
+class SectionOut(Out):
+    """The mean cross-section behind a record."""
+
+    number: int
+    x_mm: tuple[float, ...]
+    height_mm: tuple[Number, ...]
+
+
+@contextmanager
+def readable() -> Iterator[None]:
+    """503 where the history cannot be read."""
+    try:
+        yield
+    except (sqlite3.Error, OSError, OutputError) as error:
+        raise HTTPException(503, "the history cannot be read at the moment; see the alarms") from error
+
+
+def routes(behind: Behind) -> APIRouter:
+    """GET /api/series, /api/records, /api/events and /api/section."""
+    router = APIRouter(prefix="/api", tags=["history"])
+    history = behind.history
+
+    @router.get("/series", responses=refusals(503))
+    def series(
+        _: Viewer, since_ms: WallMs, until_ms: WallMs, points: Annotated[int, Query(ge=2, le=2000)] = 600
+    ) -> SeriesOut:
+        """Curves from ``since_ms`` to before ``until_ms`` in at most ``points`` intervals."""
+        not_before(since_ms, until_ms)
+        with readable():
+            found = history.series(since_ms * MS_NS, until_ms * MS_NS, points)
+        return SeriesOut(
+            start_ms=tuple(int(ns) // MS_NS for ns in found.start_ns),
+            width_ms=found.width_ns / MS_NS,
+            flow_m3_h=_listed(found.flow_m3_h),
+            low_m3_h=_listed(found.flow_low_m3_h),
+            high_m3_h=_listed(found.flow_high_m3_h),
+            mass_flow_t_h=_listed(found.mass_flow_t_h),
+            speed_m_s=_listed(found.speed_mm_s * 1e-3),
+            coverage=_listed(found.coverage),
+            volume_m3=_listed(found.volume_mm3 * 1e-9),
+            mass_t=_listed(found.mass_kg * 1e-3),
+            valid_m=_listed(found.valid_mm * 1e-3),
+            degraded_m=_listed(found.degraded_mm * 1e-3),
+            missing_m=_listed(found.missing_mm * 1e-3),
+        )
+
+    @router.get("/records", responses=refusals(503))
+    def records(
+        _: Viewer,
+        since_ms: WallMs,
+        until_ms: WallMs,
+        limit: Annotated[int, Query(ge=1, le=1000)] = 200,
+        after: RecordNumber = 0,
+    ) -> list[RecordOut]:
+        """Entries of the ledger with numbers above ``after``, in order."""
+        not_before(since_ms, until_ms)
+        with readable():
+            found = history.records(since_ms * MS_NS, until_ms * MS_NS, limit, after)
+        return [RecordOut.of(record) for record in found]
+
+    @router.get("/events", responses=refusals(503))
+    def events(
+        _: Viewer, since_ms: WallMs, until_ms: WallMs, limit: Annotated[int, Query(ge=1, le=1000)] = 200
+    ) -> list[EventOut]:
+        """Alarms, notes and what people did, newest first."""
+        not_before(since_ms, until_ms)
+        with readable():
+            found = history.events(since_ms * MS_NS, until_ms * MS_NS, limit)
+        return [
+            EventOut(
+                number=one.number,
+                wall_ms=one.wall_ns // MS_NS,
+                kind=one.kind,
+                name=one.name,
+                text=one.text,
+                by=one.by,
+            )
+            for one in found
+        ]
+
+    @router.get("/section", responses=refusals(404, 503))
+    def section(_: Viewer, number: RecordNumber) -> SectionOut:
+        """The cross-section behind the record of that number."""
+        with readable():
+            found = history.section(number)
+        if found is None:
+            raise HTTPException(404, "no cross-section is kept behind that record")
+        return SectionOut(number=number, x_mm=_plain(found.x_mm), height_mm=_listed(found.height_mm))
+
+    return router
+
+
+def _plain(values: NDArray[np.floating]) -> tuple[float, ...]:
+    return tuple(round(float(value), 3) for value in values)
+
+
+def _listed(values: NDArray[np.floating]) -> tuple[float | None, ...]:
+    """With None where not finite, and no more digits than mean something."""
+    return tuple(float(f"{value:.6g}") if np.isfinite(value) else None for value in values)

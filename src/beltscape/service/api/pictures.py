@@ -1,0 +1,35 @@
+"""The cameras' last images, small."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, HTTPException, Response
+
+from beltscape.service.access import User, needs
+from beltscape.service.api.common import Behind, CameraName, refusals
+from beltscape.service.shown.picture import MEDIA_TYPE
+
+
+def routes(behind: Behind) -> APIRouter:
+    """GET /api/cameras/{name}/picture."""
+    router = APIRouter(prefix="/api", tags=["now"])
+
+    @router.get(
+        "/cameras/{name}/picture",
+        response_class=Response,
+        responses=refusals(404) | {200: {"content": {MEDIA_TYPE: {}}, "description": "WebP"}},
+    )
+    def picture(name: CameraName, _: Annotated[User, Depends(needs("viewer"))]) -> Response:
+        """The camera's last image; ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` say which and of when."""
+        made = behind.hub.picture(name)
+        if made is None:
+            raise HTTPException(404, "no image came from a camera of that name yet")
+        headers = {
+            "Cache-Control": "no-store",
+            "Beltscape-Frame": made.frame.encode("ascii", "replace").decode(),
+            "Beltscape-Wall-Ms": str(made.wall_ns // 1_000_000),
+        }
+        return Response(made.data, media_type=MEDIA_TYPE, headers=headers)
+
+    return router

@@ -1,0 +1,220 @@
+"""How things stand now: flow, totals, cameras, alarms."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends
+from pydantic import Field
+
+from beltscape.core.belt_record import Standing, Totals
+from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
+from beltscape.service.access import User, needs
+from beltscape.service.api.common import Behind, Number, Out, refusals
+from beltscape.service.hub import Now
+from beltscape.service.settings import Language
+from beltscape.service.shown.flow import Trend
+
+
+class FlowOut(Out):
+    """Flow over the last seconds of belt travel; null: not known."""
+
+    volume_m3_h: Number
+    sigma_m3_h: Annotated[Number, Field(description="One standard deviation")]
+    mass_t_h: Annotated[Number, Field(description="null where the bulk density is not known")]
+    mass_sigma_t_h: Number
+    area_m2: Annotated[Number, Field(description="Mean cross-section of the load")]
+    coverage: Annotated[Number, Field(description="Share of the belt that was measured, 0..1")]
+    trend: Annotated[Trend, Field(description="Against the minute before")]
+    change: Annotated[Number, Field(description="Relative change against the minute before")]
+    standing: Annotated[Standing, Field(description="The worst standing in it")]
+
+
+class FramesOut(Out):
+    """How frame sets go through."""
+
+    done: int
+    dropped: int
+    waiting: int
+    seconds: Annotated[Number, Field(description="How long the last one took")]
+    coverage: Annotated[Number, Field(description="Share of the last one that was measured, 0..1")]
+    speed_m_s: Annotated[Number, Field(description="Of the belt")]
+    age_s: Annotated[Number, Field(description="Since the last one; null: there was none yet")]
+
+
+class TotalsOut(Out):
+    """What the ledger adds up to."""
+
+    records: int
+    volume_m3: float
+    sigma_m3: float
+    mass_t: Number
+    valid_m: float
+    degraded_m: float
+    missing_m: float
+    since_ms: Annotated[int | None, Field(description="System clock at the first record")]
+
+    @classmethod
+    def of(cls, totals: Totals) -> TotalsOut:
+        """In the units people use."""
+        return cls(
+            records=totals.records,
+            volume_m3=totals.volume_mm3 * 1e-9,
+            sigma_m3=totals.sigma_mm3 * 1e-9,
+            mass_t=totals.mass_kg * 1e-3,
+            valid_m=totals.valid_mm * 1e-3,
+            degraded_m=totals.degraded_mm * 1e-3,
+            missing_m=totals.missing_mm * 1e-3,
+            since_ms=None if totals.since_ns is None else totals.since_ns // 1_000_000,
+        )
+
+
+class CameraOut(Out):
+    """How one camera does."""
+
+    name: str
+    state: CameraState
+    frames: int
+    missed: int
+    rate_hz: Number
+    skew_ms: Number
+    message: str
+    picture: Annotated[str | None, Field(description="Frame of its newest picture; null: there is none")]
+
+    @classmethod
+    def of(cls, camera: CameraHealth, picture: str | None) -> CameraOut:
+        """As the source tells it."""
+        return cls(
+            name=camera.name,
+            state=camera.state,
+            frames=camera.frames,
+            missed=camera.missed,
+            rate_hz=camera.rate_hz,
+            skew_ms=camera.skew_ms,
+            message=camera.message,
+            picture=picture,
+        )
+
+
+class AlarmOut(Out):
+    """One alarm as it stands."""
+
+    name: str
+    severity: Severity
+    state: AlarmState
+    value: Number
+    limit: Number
+    unit: str
+    since_ms: Annotated[int | None, Field(description="System clock when it was raised")]
+    detail: str
+    by: Annotated[str, Field(description="Who acknowledged it")]
+
+    @classmethod
+    def of(cls, alarm: Alarm) -> AlarmOut:
+        """As the board tells it."""
+        return cls(
+            name=alarm.name,
+            severity=alarm.severity,
+            state=alarm.state,
+            value=alarm.value,
+            limit=alarm.limit,
+            unit=alarm.unit,
+            since_ms=None if alarm.since_ns is None else alarm.since_ns // 1_000_000,
+            detail=alarm.detail,
+            by=alarm.by,
+        )
+
+
+class NoteOut(Out):
+    """A remark of the running system."""
+
+    wall_ms: int
+    text: str
+
+
+class StateOut(Out):
+    """Everything but pictures."""
+
+    wall_ms: Annotated[int, Field(description="System clock of the machine that measures")]
+    frames: FramesOut
+    flow: FlowOut
+    totals: TotalsOut
+    cameras: tuple[CameraOut, ...]
+    alarms: Annotated[tuple[AlarmOut, ...], Field(description="All that are not clear")]
+    notes: tuple[NoteOut, ...]
+    record: Annotated[int | None, Field(description="Number of the newest record")]
+    health_age_s: Annotated[Number, Field(description="Since the cameras' health was told")]
+
+    @classmethod
+    def of(cls, now: Now) -> StateOut:
+        """In the units people use."""
+        frames, flow = now.frames, now.flow
+        return cls(
+            wall_ms=now.wall_ns // 1_000_000,
+            frames=FramesOut(
+                done=frames.done,
+                dropped=frames.dropped,
+                waiting=frames.waiting,
+                seconds=frames.seconds,
+                coverage=frames.coverage,
+                speed_m_s=frames.speed_mm_s * 1e-3,
+                age_s=now.frame_age_s,
+            ),
+            flow=FlowOut(
+                volume_m3_h=flow.volume_m3_h,
+                sigma_m3_h=flow.sigma_m3_h,
+                mass_t_h=flow.mass_t_h,
+                mass_sigma_t_h=flow.mass_sigma_t_h,
+                area_m2=flow.area_mm2 * 1e-6,
+                coverage=flow.coverage,
+                trend=flow.trend,
+                change=flow.change,
+                standing=flow.standing,
+            ),
+            totals=TotalsOut.of(now.totals),
+            cameras=tuple(CameraOut.of(one, now.picture_frames.get(one.name)) for one in now.cameras),
+            alarms=tuple(AlarmOut.of(alarm) for alarm in now.alarms if alarm.state != "clear"),
+            notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in now.notes),
+            record=now.record,
+            health_age_s=now.health_age_s,
+        )
+
+
+class PageOut(Out):
+    """What the page needs to know before it shows anything."""
+
+    plant: str
+    language: Language
+    full_m3_h: float | None
+    stale_s: float
+    version: str
+    user: str
+    role: str
+
+
+def routes(behind: Behind) -> APIRouter:
+    """GET /api/state and /api/page."""
+    router = APIRouter(prefix="/api", tags=["now"])
+
+    @router.get("/state", responses=refusals())
+    def state(_: Annotated[User, Depends(needs("viewer"))]) -> StateOut:
+        """Flow, totals, cameras and alarms as they are now."""
+        return StateOut.of(behind.hub.now())
+
+    @router.get("/page", responses=refusals())
+    def page(user: Annotated[User, Depends(needs("viewer"))]) -> PageOut:
+        """Who is signed in, and how the page is set."""
+        from beltscape import __version__
+
+        settings = behind.settings
+        return PageOut(
+            plant=settings.plant,
+            language=settings.language,
+            full_m3_h=settings.full_m3_h,
+            stale_s=settings.stale_s,
+            version=__version__,
+            user=user.name,
+            role=user.role,
+        )
+
+    return router

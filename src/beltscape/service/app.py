@@ -1,0 +1,46 @@
+"""The operator's page and the programming interface behind it, as one application."""
+
+from __future__ import annotations
+
+from fastapi import FastAPI
+from fastapi.responses import FileResponse
+
+from beltscape import __version__
+from beltscape.core.live import Controls
+from beltscape.service import live, metrics
+from beltscape.service.access import Access, install
+from beltscape.service.api import controls as controls_api
+from beltscape.service.api import export, pictures, state
+from beltscape.service.api import history as history_api
+from beltscape.service.api.common import Behind
+from beltscape.service.hub import Hub
+from beltscape.service.settings import WebSettings
+from beltscape.service.static import FOLDER, files
+from beltscape.sinks.historian import Historian
+
+
+def create_app(
+    hub: Hub, history: Historian, access: Access, controls: Controls, settings: WebSettings
+) -> FastAPI:
+    """All of it: page, API with its OpenAPI description at /api/openapi.json, WebSocket, metrics, access."""
+    app = FastAPI(
+        title="Beltscape",
+        version=__version__,
+        summary="Bulk material on a conveyor belt: flow, totals, surface, alarms, history.",
+        openapi_url="/api/openapi.json",
+        docs_url=None,  # its page would load scripts from elsewhere
+        redoc_url=None,
+    )
+    behind = Behind(hub, history, controls, settings)
+    for room in (state, pictures, controls_api, history_api, export, metrics):
+        app.include_router(room.routes(behind))
+    live.install(app, behind)
+    app.mount("/page", files(), name="page")
+
+    @app.get("/", include_in_schema=False)
+    def index() -> FileResponse:
+        """The operator's page."""
+        return FileResponse(FOLDER / "index.html")
+
+    install(app, access, public=("/metrics",) if settings.metrics_open else ())
+    return app

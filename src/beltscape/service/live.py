@@ -1,0 +1,201 @@
+"""What open pages are sent, as it happens, over a WebSocket.
+
+Text messages are JSON objects with a ``kind``:
+
+state    as GET /api/state answers
+flow     points for the chart: {"kind", "first", "wall_ms": [...], "m3_h": [...], "sigma": [...], "t_h": [...]}
+records  the newest entries of the ledger: {"kind", "records": [{number, from_m, to_m, standing, reason}, ...]}
+
+Binary messages begin with the length of a JSON header (uint32, little endian), the header, blanks up to a multiple
+of 4 bytes, then uint16 heights, little endian, as ``shown.belt.encode`` gives them:
+
+belt     rows of the belt's surface: {"kind", "epoch", "first", "rows", "columns", "cell_mm", "x_mm": [first, last],
+         "step_mm", "offset_mm"}
+section  the newest cross-section: {"kind", "number", "belt_m": [from, to], "x_mm": [...], "step_mm", "offset_mm"}
+
+Nothing is queued: a page that reads slowly gets what is newest when it can take more. At least once a second
+there is a state, so a page that hears nothing for some seconds knows that the connection is lost.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from numpy.typing import NDArray
+
+from beltscape.core.belt_record import BeltRecord
+from beltscape.service.access import socket_user
+from beltscape.service.api.common import Behind
+from beltscape.service.api.state import StateOut
+from beltscape.service.hub import Hub, Point
+from beltscape.service.shown.belt import OFFSET_MM, STEP_MM, BeltRows, encode
+
+PATH = "/api/live"
+_SEND_S = 20.0
+_ROWS_A_MESSAGE = 512
+
+
+@dataclass(slots=True)
+class Told:
+    """What one page knows already."""
+
+    points: int = 0
+    record: int = -1
+    belt: tuple[int, int] | None = None
+    state: str = ""
+    quiet: int = 0
+
+
+def news(hub: Hub, told: Told, quiet_at_most: int) -> list[str | bytes]:
+    """Messages that bring a page up to date; ``told`` then knows them.
+
+    The same state is not told twice, unless nothing was told for ``quiet_at_most`` calls.
+    """
+    messages: list[str | bytes] = []
+    state = StateOut.of(hub.now()).model_dump_json()
+    told.quiet += 1
+    if _without_clock(state) != told.state or told.quiet >= quiet_at_most:
+        told.state, told.quiet = _without_clock(state), 0
+        messages.append(f'{{"kind":"state",{state[1:]}')
+    count, points = hub.points(told.points)
+    if points:
+        messages.append(_flow_message(count - len(points), points))
+        told.points = count
+    records = hub.records(told.record)
+    if records:
+        messages.append(_records_message(records))
+        told.record = records[-1].number
+        messages.extend(_section_message(records))
+    mark, rows = hub.belt(told.belt)
+    if rows is not None:
+        messages.extend(_belt_messages(rows))
+    told.belt = mark
+    return messages
+
+
+def _without_clock(state: str) -> str:
+    """The state without what grows by itself."""
+    parts = json.loads(state)
+    parts["wall_ms"] = parts["health_age_s"] = parts["frames"]["age_s"] = 0
+    return json.dumps(parts)
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return round(value, digits) if isfinite(value) else None
+
+
+def _flow_message(first: int, points: list[Point]) -> str:
+    message = {
+        "kind": "flow",
+        "first": first,
+        "wall_ms": [point.wall_ms for point in points],
+        "m3_h": [_rounded(point.flow.volume_m3_h, 3) for point in points],
+        "sigma": [_rounded(point.flow.sigma_m3_h, 3) for point in points],
+        "t_h": [_rounded(point.flow.mass_t_h, 3) for point in points],
+    }
+    return json.dumps(message, separators=(",", ":"))
+
+
+def _records_message(records: list[BeltRecord]) -> str:
+    entries = [
+        {
+            "number": record.number,
+            "from_m": round(record.belt_mm[0] * 1e-3, 3),
+            "to_m": round(record.belt_mm[1] * 1e-3, 3),
+            "standing": record.standing,
+            "reason": record.reason,
+        }
+        for record in records
+    ]
+    return json.dumps({"kind": "records", "records": entries}, separators=(",", ":"))
+
+
+def _section_message(records: list[BeltRecord]) -> list[bytes]:
+    """The newest section that there is, if any."""
+    newest = next((record for record in reversed(records) if record.section is not None), None)
+    if newest is None or newest.section is None:
+        return []
+    section = newest.section
+    header = {
+        "kind": "section",
+        "number": newest.number,
+        "belt_m": [round(mm * 1e-3, 3) for mm in newest.belt_mm],
+        "x_mm": [round(float(x), 2) for x in section.x_mm],
+        "step_mm": STEP_MM,
+        "offset_mm": OFFSET_MM,
+    }
+    return [binary(header, encode(section.height_mm, np.isfinite(section.height_mm)))]
+
+
+def _belt_messages(rows: BeltRows) -> list[bytes]:
+    """Rows in pieces that are no burden to a slow line."""
+    messages: list[bytes] = []
+    for start in range(0, rows.counts.shape[0], _ROWS_A_MESSAGE):
+        counts = rows.counts[start : start + _ROWS_A_MESSAGE]
+        header = {
+            "kind": "belt",
+            "epoch": rows.epoch,
+            "first": rows.first + start,
+            "rows": counts.shape[0],
+            "columns": counts.shape[1],
+            "cell_mm": rows.cell_mm,
+            "x_mm": [float(rows.x_mm[0]), float(rows.x_mm[-1])],
+            "step_mm": STEP_MM,
+            "offset_mm": OFFSET_MM,
+        }
+        messages.append(binary(header, counts))
+    return messages
+
+
+def binary(header: dict[str, object], counts: NDArray[np.uint16]) -> bytes:
+    """One binary message."""
+    head = json.dumps(header, separators=(",", ":")).encode()
+    head += b" " * (-len(head) % 4)
+    return len(head).to_bytes(4, "little") + head + counts.astype("<u2").tobytes()
+
+
+def install(app: FastAPI, behind: Behind) -> None:
+    """Add the WebSocket to the app."""
+
+    @app.websocket(PATH)
+    async def live(socket: WebSocket) -> None:
+        user = socket_user(socket)
+        if user is None or not user.may("viewer"):
+            await socket.close(1008)
+            return
+        await socket.accept()
+        tasks = {asyncio.create_task(_tell(socket, behind)), asyncio.create_task(_until_gone(socket))}
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            for ended in await asyncio.gather(*tasks, return_exceptions=True):
+                if isinstance(ended, Exception) and not isinstance(ended, _GONE):
+                    raise ended
+
+
+_GONE = (WebSocketDisconnect, TimeoutError, RuntimeError)
+"""What sending to a page that has left, or takes nothing, may raise."""
+
+
+async def _tell(socket: WebSocket, behind: Behind) -> None:
+    """Tell one page what is new, for ever."""
+    rate_hz = behind.settings.page_rate_hz
+    told = Told()
+    while True:
+        for message in await asyncio.to_thread(news, behind.hub, told, max(round(rate_hz), 1)):
+            sending = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
+            await asyncio.wait_for(sending, _SEND_S)
+        await asyncio.sleep(1 / rate_hz)
+
+
+async def _until_gone(socket: WebSocket) -> None:
+    """Return when the page has left; what it says before is not listened to."""
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass

@@ -1,0 +1,220 @@
+"""What Prometheus scrapes: the same figures as on the page, in its text format 0.0.4."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from math import inf, isnan
+from typing import Annotated, Literal, get_args
+
+from fastapi import APIRouter, Depends, Request, Response
+
+from beltscape import __version__
+from beltscape.core.live import CameraState
+from beltscape.service.access import User, needs
+from beltscape.service.api.common import Behind, refusals
+from beltscape.service.hub import Hub, Now
+from beltscape.service.shown.durations import BOUNDS_S
+
+MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+Sample = tuple[str, Mapping[str, str], float]
+"""Suffix of the name, labels, value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """One metric."""
+
+    name: str
+    kind: Literal["gauge", "counter", "histogram"]
+    help: str
+    samples: tuple[Sample, ...]
+
+    def text(self) -> str:
+        """As the format wants it; samples that are not known (NaN) are left out."""
+        lines = [f"# HELP {self.name} {_escaped(self.help)}", f"# TYPE {self.name} {self.kind}"]
+        for suffix, labels, value in self.samples:
+            if isnan(value):
+                continue
+            inner = ",".join(f'{key}="{_quoted(text)}"' for key, text in labels.items())
+            lines.append(
+                f"{self.name}{suffix}{{{inner}}} {_number(value)}"
+                if inner
+                else _plain(self.name, suffix, value)
+            )
+        return "\n".join(lines) + "\n"
+
+
+def _plain(name: str, suffix: str, value: float) -> str:
+    return f"{name}{suffix} {_number(value)}"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", r"\\").replace("\n", r"\n")
+
+
+def _quoted(text: str) -> str:
+    return _escaped(text).replace('"', r"\"")
+
+
+def _number(value: float) -> str:
+    if value in (inf, -inf):
+        return "+Inf" if value > 0 else "-Inf"
+    return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
+
+
+def _gauge(name: str, said: str, *values: float) -> Family:
+    return Family(f"beltscape_{name}", "gauge", said, tuple(("", {}, value) for value in values))
+
+
+def _counter(name: str, said: str, value: float) -> Family:
+    return Family(f"beltscape_{name}", "counter", said, (("", {}, value),))
+
+
+def _by(
+    name: str,
+    kind: Literal["gauge", "counter"],
+    said: str,
+    samples: Iterable[tuple[Mapping[str, str], float]],
+) -> Family:
+    return Family(f"beltscape_{name}", kind, said, tuple(("", labels, value) for labels, value in samples))
+
+
+def exposition(hub: Hub, now: Now) -> str:
+    """The whole text."""
+    families = [*_flow(now), *_totals(now), *_frames(hub, now), *_cameras(now), *_alarms(now)]
+    return "".join(family.text() for family in families)
+
+
+def _flow(now: Now) -> list[Family]:
+    flow = now.flow
+    return [
+        _by("info", "gauge", "Version of the running program.", [({"version": __version__}, 1)]),
+        _gauge(
+            "flow_cubic_metres_per_hour",
+            "Volume flow over the last seconds of belt travel.",
+            flow.volume_m3_h,
+        ),
+        _gauge(
+            "flow_sigma_cubic_metres_per_hour", "One standard deviation of the volume flow.", flow.sigma_m3_h
+        ),
+        _gauge("flow_tonnes_per_hour", "Mass flow; absent where no bulk density is known.", flow.mass_t_h),
+        _gauge("load_area_square_metres", "Mean cross-section of the load.", flow.area_mm2 * 1e-6),
+        _gauge("belt_speed_metres_per_second", "Speed of the belt.", now.frames.speed_mm_s * 1e-3),
+        _gauge("strip_coverage_ratio", "Share of the belt that was measured, 0..1.", flow.coverage),
+    ]
+
+
+def _totals(now: Now) -> list[Family]:
+    totals = now.totals
+    standings = (("valid", totals.valid_mm), ("degraded", totals.degraded_mm), ("missing", totals.missing_mm))
+    belt = [({"standing": name}, length_mm * 1e-3) for name, length_mm in standings]
+    return [
+        _counter("volume_cubic_metres_total", "Volume that passed.", totals.volume_mm3 * 1e-9),
+        _gauge(
+            "volume_sigma_cubic_metres",
+            "One standard deviation of the volume that passed.",
+            totals.sigma_mm3 * 1e-9,
+        ),
+        _counter(
+            "mass_tonnes_total",
+            "Mass that passed; absent where a bulk density was not known.",
+            totals.mass_kg * 1e-3,
+        ),
+        _by("belt_metres_total", "counter", "Belt that passed, by how it is counted.", belt),
+        _counter("records_total", "Entries of the ledger.", totals.records),
+    ]
+
+
+def _frames(hub: Hub, now: Now) -> list[Family]:
+    frames = now.frames
+    counts, seconds = hub.durations.cumulative()
+    buckets = [
+        ("_bucket", {"le": _number(bound)}, float(n))
+        for bound, n in zip((*BOUNDS_S, inf), counts, strict=True)
+    ]
+    took = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
+    help_took = "From the last image's arrival to its measurement."
+    return [
+        _counter("frame_sets_total", "Frame sets measured since the start.", frames.done),
+        _counter(
+            "frame_sets_dropped_total",
+            "Frame sets left out since the start, newer ones being there.",
+            frames.dropped,
+        ),
+        _gauge("frame_sets_waiting", "Frame sets in the queue.", frames.waiting),
+        _gauge("frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage),
+        _gauge("frame_age_seconds", "Since the last frame set; +Inf before the first.", now.frame_age_s),
+        Family("beltscape_processing_seconds", "histogram", help_took, took),
+    ]
+
+
+def _cameras(now: Now) -> list[Family]:
+    cameras = now.cameras
+    states = [
+        ({"camera": one.name, "state": state}, float(one.state == state))
+        for one in cameras
+        for state in get_args(CameraState)
+    ]
+    each = [({"camera": one.name}, one) for one in cameras]
+    return [
+        _by("camera_state", "gauge", "1 at the state the camera is in.", states),
+        _by(
+            "camera_images_total",
+            "counter",
+            "Images taken since the start.",
+            [(at, one.frames) for at, one in each],
+        ),
+        _by(
+            "camera_missed_total",
+            "counter",
+            "Trigger instants without an image.",
+            [(at, one.missed) for at, one in each],
+        ),
+        _by("camera_rate_hertz", "gauge", "Images per second.", [(at, one.rate_hz) for at, one in each]),
+        _by(
+            "camera_skew_seconds",
+            "gauge",
+            "Last image against the core's.",
+            [(at, one.skew_ms * 1e-3) for at, one in each],
+        ),
+    ]
+
+
+def _alarms(now: Now) -> list[Family]:
+    on = [
+        ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "acknowledged")))
+        for one in now.alarms
+    ]
+    new = [
+        ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "gone")))
+        for one in now.alarms
+    ]
+    disk = any(one.name == "disk_full" and one.state in ("raised", "acknowledged") for one in now.alarms)
+    return [
+        _by("alarm_active", "gauge", "1 while the alarm's condition holds.", on),
+        _by("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),
+        _gauge("disk_trouble", "1 while the history cannot be written.", float(disk)),
+    ]
+
+
+def routes(behind: Behind) -> APIRouter:
+    """GET /metrics."""
+    router = APIRouter(tags=["metrics"])
+    viewer = needs("viewer")
+
+    def reader(request: Request) -> User | None:
+        """Whoever may look; with ``metrics_open`` also programs on this machine."""
+        here = request.client is not None and request.client.host in ("127.0.0.1", "::1")
+        return None if behind.settings.metrics_open and here else viewer(request)
+
+    @router.get(
+        "/metrics",
+        response_class=Response,
+        responses=refusals() | {200: {"content": {MEDIA_TYPE: {}}, "description": "Prometheus text format"}},
+    )
+    def metrics(_: Annotated[User | None, Depends(reader)]) -> Response:
+        """Figures for Prometheus."""
+        return Response(exposition(behind.hub, behind.hub.now()), media_type=MEDIA_TYPE)
+
+    return router

@@ -1,0 +1,137 @@
+"""The flow as it is now: a mean over the last seconds of belt travel, and where it is going."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, isnan, nan
+from typing import Literal
+
+from beltscape.core.belt_record import BeltRecord, Standing
+
+Trend = Literal["rising", "falling", "steady", "unknown"]
+_TREND_S = 60.0
+_TREND_SHARE = 0.04
+_STOPPED_MM_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class FlowNow:
+    """Flow over the last seconds of belt travel; NaN: not known."""
+
+    volume_m3_h: float = nan
+    """Volume flow."""
+    sigma_m3_h: float = nan
+    """One standard deviation; strips' errors are taken to go fully together, so it is not too small."""
+    mass_t_h: float = nan
+    """Mass flow; NaN without a density."""
+    mass_sigma_t_h: float = nan
+    """One standard deviation of it, of the volume alone."""
+    area_mm2: float = nan
+    """Mean cross-section of the load."""
+    coverage: float = nan
+    """Share of the strips that was measured, 0..1."""
+    trend: Trend = "unknown"
+    """Against the minute before; a change smaller than 2 σ or 4 % is steady."""
+    change: float = nan
+    """Relative change against the minute before."""
+    standing: Standing = "missing"
+    """The worst of the strips in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Strip:
+    seconds: float
+    volume_mm3: float
+    sigma_mm3: float
+    mass_kg: float
+    length_mm: float
+    coverage: float
+    standing: Standing
+
+
+class FlowMean:
+    """Keeps the strips of the last minute of belt travel. Not thread-safe."""
+
+    def __init__(self, window_s: float) -> None:
+        self._window_s = window_s
+        self._strips: deque[_Strip] = deque(maxlen=20_000)
+        self._speed_mm_s = nan
+
+    def add(self, records: Sequence[BeltRecord]) -> None:
+        """Take finished records, in order."""
+        for record in records:
+            strip = record.strip
+            if strip is not None and isfinite(strip.speed_mm_s):
+                self._speed_mm_s = strip.speed_mm_s
+            if not self._speed_mm_s > _STOPPED_MM_S or record.length_mm <= 0:
+                continue
+            coverage = 0.0 if strip is None else strip.coverage
+            self._strips.append(
+                _Strip(
+                    record.length_mm / self._speed_mm_s,
+                    record.volume_mm3,
+                    record.sigma_mm3,
+                    record.mass_kg,
+                    record.length_mm,
+                    coverage,
+                    record.standing,
+                )
+            )
+        kept = sum(strip.seconds for strip in self._strips)
+        while self._strips and kept - self._strips[0].seconds > _TREND_S + self._window_s:
+            kept -= self._strips.popleft().seconds
+
+    def now(self, speed_mm_s: float) -> FlowNow:
+        """The flow, given how fast the belt runs at this moment (NaN: not known)."""
+        if speed_mm_s <= _STOPPED_MM_S:
+            return FlowNow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, "valid")
+        last, before = self._parted()
+        if not last:
+            return FlowNow()
+        standings = {strip.standing for strip in last}
+        worst: Standing = next(name for name in ("missing", "degraded", "valid") if name in standings)
+        counted = [strip for strip in last if strip.standing != "missing"]
+        seconds, length_mm = (
+            sum(strip.seconds for strip in counted),
+            sum(strip.length_mm for strip in counted),
+        )
+        if not seconds:
+            return FlowNow()
+        volume = sum(strip.volume_mm3 for strip in counted) / seconds * 3600e-9
+        sigma = sum(strip.sigma_mm3 for strip in counted) / seconds * 3600e-9
+        mass = sum(strip.mass_kg for strip in counted) / seconds * 3.6
+        trend, change = _trend(volume, sigma, before)
+        return FlowNow(
+            volume,
+            sigma,
+            mass,
+            mass * sigma / volume if volume > 0 else nan,
+            sum(strip.volume_mm3 for strip in counted) / length_mm,
+            sum(strip.coverage * strip.length_mm for strip in counted) / length_mm,
+            trend,
+            change,
+            worst,
+        )
+
+    def _parted(self) -> tuple[list[_Strip], list[_Strip]]:
+        """Strips of the window, and those of the minute before it."""
+        last: list[_Strip] = []
+        seconds = 0.0
+        strips = list(self._strips)
+        while strips and (not last or seconds < self._window_s):
+            last.append(strips.pop())
+            seconds += last[-1].seconds
+        return last, [strip for strip in strips if strip.standing != "missing"]
+
+
+def _trend(volume: float, sigma: float, before: list[_Strip]) -> tuple[Trend, float]:
+    seconds = sum(strip.seconds for strip in before)
+    if seconds < 5:
+        return "unknown", nan
+    old = sum(strip.volume_mm3 for strip in before) / seconds * 3600e-9
+    change = (volume - old) / old if old > 0 else nan
+    if isnan(change) or abs(volume - old) < max(2 * sigma, _TREND_SHARE * max(old, volume)):
+        return "steady", change
+    return ("rising" if volume > old else "falling"), change

@@ -16,7 +16,7 @@ from uvicorn import Config, Server
 from beltscape.core.errors import OutputError, SettingsError
 from beltscape.service.access.connections import protocols
 from beltscape.service.access.settings import LimitSettings
-from beltscape.service.access.tls import tls_context
+from beltscape.service.access.tls import certificate_note, tls_context
 
 STOP_S = 2.0
 """How long stopping may take."""
@@ -48,6 +48,11 @@ class Listening(Protocol):
         """PEM file with its key."""
         ...
 
+    @property
+    def limits(self) -> LimitSettings:
+        """What is put up with."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Running:
@@ -74,13 +79,14 @@ class Running:
             self._thread.join(STOP_S * 0.25)
 
 
-def serve(app: ASGIApp, settings: Listening, limits: LimitSettings | None = None) -> Running:
+def serve(app: ASGIApp, settings: Listening) -> Running:
     """Serve ``app`` from now on. InputError, SettingsError or OutputError in one line where that cannot be."""
-    limits = limits or LimitSettings()
-    tls = None
+    limits, tls = settings.limits, None
+    warnings = _judged(settings.host, limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         tls = tls_context(settings.tls_certificate, settings.tls_key)
-    warnings = _judged(settings.host, limits, encrypted=tls is not None)
+        ending = certificate_note(settings.tls_certificate, settings.tls_key)
+        warnings += (ending,) if ending else ()
     listener = _listener(settings.host, settings.port)
     http, websocket = protocols(limits, tls)
     config = Config(
@@ -96,9 +102,11 @@ def serve(app: ASGIApp, settings: Listening, limits: LimitSettings | None = None
     thread.start()
     while not server.started and thread.is_alive():
         time.sleep(0.005)
-    host, port = listener.getsockname()[:2] if thread.is_alive() else ("", 0)
     if not thread.is_alive():
         raise OutputError(f"web server on {settings.host}: did not start; its log says why")
+    host, port = listener.getsockname()[:2]
+    if ip_address(host).is_unspecified:
+        host = socket.gethostname()
     named = f"[{host}]" if ":" in host else host
     return Running(f"{'https' if tls else 'http'}://{named}:{port}", warnings, server, thread)
 

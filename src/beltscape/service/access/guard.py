@@ -24,6 +24,7 @@ from beltscape.service.access.checks import (
     same_origin,
 )
 from beltscape.service.access.cookie import TOKEN_HEADER, session_of
+from beltscape.service.access.deeds import noting_deeds
 from beltscape.service.access.depends import USER, address_of
 from beltscape.service.access.headers import adding_headers
 from beltscape.service.access.sessions import page_token
@@ -39,10 +40,16 @@ class Refused(Exception):  # noqa: N818
 
 
 class Guard:
-    """ASGI middleware. ``public``: paths, or with a slash at the end folders, that decide for themselves."""
+    """ASGI middleware. ``public``: paths, or with a slash at the end folders, that decide for themselves.
 
-    def __init__(self, app: ASGIApp, access: Access, public: tuple[str, ...], policy: str) -> None:
-        self._app, self._access, self._public, self._policy = app, access, public, policy
+    ``policy``: the content security policy. ``audited``: paths that are written down though they only read.
+    """
+
+    def __init__(
+        self, app: ASGIApp, access: Access, public: tuple[str, ...], policy: str, audited: tuple[str, ...]
+    ) -> None:
+        self._app, self._access, self._public = app, access, public
+        self._policy, self._audited = policy, audited
         self._names = own_names(access.settings.allowed_hosts)
         self._sockets = Sockets(access)
 
@@ -64,7 +71,7 @@ class Guard:
         if scope["type"] == "websocket":
             await self._sockets.run(self._app, scope, receive, send)
         else:
-            await self._app(scope, receive, send)
+            await self._app(scope, receive, noting_deeds(scope, send, self._access.audit, self._audited))
 
     def _judge(self, scope: Scope) -> None:
         """Refuse what is wrong in itself."""

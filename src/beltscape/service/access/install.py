@@ -16,8 +16,13 @@ from beltscape.service.access.headers import policy
 from beltscape.service.access.session_routes import SessionRoutes
 from beltscape.service.access.user_routes import UserRoutes
 
-PUBLIC = ("/login", "/setup", "/access/", "/api/access/state", "/api/access/login", "/api/access/setup")
-"""What everybody may call."""
+PUBLIC = (
+    "/login", "/setup", "/page/", "/access/", "/favicon.ico",
+    "/api/access/state", "/api/access/login", "/api/access/setup",
+)  # fmt: skip
+"""What everybody may call: the files that pages are made of, and the way in."""
+AUDITED_READS = ("/api/export",)
+"""Reads that go into the audit log, as every change does."""
 
 
 def install(
@@ -34,7 +39,13 @@ def install(
     app.include_router(routes)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(OutputError, _unwritable)
-    app.add_middleware(Guard, access=access, public=(*PUBLIC, *public), policy=policy(script_hashes))
+    app.add_middleware(
+        Guard,
+        access=access,
+        public=(*PUBLIC, *public),
+        policy=policy(script_hashes),
+        audited=AUDITED_READS,
+    )
     if access.invitation:
         logging.getLogger("beltscape.access").warning(access.invitation)
 

@@ -34,7 +34,7 @@ def parse(line: str) -> Reading | None:
     ValueError
         When it is none of these.
     """
-    cells = tuple(cell.strip() for cell in line.split(","))
+    cells = [cell.strip() for cell in line.split(",")]
     if not any(cells) or cells[0].lower() in (HEADER[0], HEADER[1], HEADER[2], "position"):
         return None
     if len(line) > LONGEST or len(cells) > 3:

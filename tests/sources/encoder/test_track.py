@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import math
+from threading import Thread, Timer
+from time import monotonic_ns
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.sources.encoder.device_clock import DeviceClock
+from beltscape.sources.encoder.track import Track
+from strategies import floats
+
+MS = 1_000_000
+GAPS = st.lists(st.integers(1, 90), min_size=1, max_size=40)
+
+
+def track(readings, silent_ms=100):
+    out = Track(silent_ms * MS)
+    for time_ms, position in readings:
+        out.add(round(time_ms * MS), position)
+    return out
+
+
+@given(GAPS, floats(-10, 10), floats(-1e6, 1e6), floats(0, 1))
+def test_a_steady_belt_is_found_anywhere(gaps, speed, start, place):
+    times = [sum(gaps[:k]) for k in range(len(gaps) + 1)]
+    found = track([(t, start + speed * t) for t in times])
+    time_ns = round(place * times[-1] * MS)
+    assert found.at(time_ns) == pytest.approx(start + speed * time_ns / MS, abs=1e-6)
+
+
+@given(GAPS, st.data())
+def test_it_lies_between_its_neighbours(gaps, data):
+    times = [sum(gaps[:k]) for k in range(len(gaps) + 1)]
+    steps = data.draw(st.lists(floats(0, 50), min_size=len(times), max_size=len(times)))
+    places = [sum(steps[: k + 1]) for k in range(len(times))]
+    found = track(zip(times, places, strict=True))
+    asked = sorted(data.draw(st.lists(floats(0, times[-1]), min_size=1, max_size=20)))
+    positions = [found.at(round(t * MS)) for t in asked]
+    assert positions == sorted(positions)
+    assert places[0] <= positions[0] <= positions[-1] <= places[-1]
+
+
+def test_before_the_first_reading_and_without_any_nothing_is_told():
+    assert Track(MS).at(5) is None
+    assert track([(10, 1.0), (20, 2.0)]).at(10 * MS - 1) is None
+    assert track([(10, 1.0)]).at(10 * MS) == 1.0
+    assert track([(10, 1.0)]).at(11 * MS) is None
+
+
+def test_within_a_silence_nothing_is_told():
+    found = track([(0, 0.0), (10, 1.0), (200, 2.0), (210, 3.0)])
+    assert [found.at(t * MS) for t in (10, 11, 199, 200, 205)] == [1.0, None, None, 2.0, 2.5]
+
+
+def test_it_goes_on_for_twice_its_last_interval():
+    found = track([(0, 0.0), (10, 1.0)])
+    assert found.at(30 * MS) == pytest.approx(3.0)
+    assert found.at(30 * MS + 1) is None
+    slow = track([(0, 0.0), (90, 9.0)])
+    assert slow.at(190 * MS) == pytest.approx(19.0)
+    assert slow.at(190 * MS + 1) is None
+
+
+def test_a_reading_that_is_no_later_replaces_the_last():
+    found = track([(0, 0.0), (10, 1.0), (10, 2.0), (9, 3.0)])
+    assert found.at(10 * MS) == 3.0
+    assert found.at(5 * MS) == 1.5
+
+
+def test_memory_is_bounded_and_the_newest_are_kept():
+    found = track((k, float(k)) for k in range(100_000))
+    assert found.at(99_999 * MS) == 99_999.0
+    assert found.at(81_000 * MS) == 81_000.0
+    assert found.at(50_000 * MS) is None
+
+
+def test_a_frame_waits_for_the_reading_after_it():
+    now = monotonic_ns()
+    found = Track(1_000 * MS)
+    found.add(now - 20 * MS, 0.0)
+    found.add(now - 10 * MS, 1.0)
+    later = Timer(0.02, found.add, (now + 10 * MS, 2.0))
+    later.start()
+    assert found.at(now, wait_ns=5_000 * MS) == pytest.approx(1.5)
+    later.join()
+
+
+def test_nobody_waits_for_one_that_is_silent_or_closed():
+    silent = track([(0, 0.0), (10, 1.0)])
+    begun = monotonic_ns()
+    assert silent.at(monotonic_ns(), wait_ns=5_000 * MS) is None
+    speaking = Track(10_000 * MS)
+    speaking.add(begun, 0.0)
+    waiting = Thread(target=speaking.at, args=(begun + 1, 60_000 * MS))
+    waiting.start()
+    speaking.close()
+    waiting.join(2)
+    assert not waiting.is_alive()
+    assert monotonic_ns() - begun < 2_000 * MS
+
+
+@given(st.lists(st.integers(0, 50), min_size=2, max_size=60), st.integers(-(10**12), 10**12))
+def test_a_device_clock_is_laid_by_its_quickest_message(delays, apart_ms):
+    clock = DeviceClock()
+    for k, delay in enumerate(delays):
+        true_ns = (1_000_000 + 10 * k) * MS
+        found = clock.steady_ns(true_ns + apart_ms * MS, true_ns + delay * MS)
+        assert found is not None
+        assert found <= true_ns + delay * MS
+        assert found - true_ns == min(delays[: k + 1]) * MS
+
+
+def test_a_drifting_device_clock_is_followed():
+    clock = DeviceClock()
+    for k in range(200_000):
+        true_ns = k * 10 * MS
+        found = clock.steady_ns(round(true_ns * (1 + 1e-4)) + 10**15, true_ns)
+    assert abs(found - true_ns) < 2.1 * MS
+
+
+def test_messages_out_of_order_are_left_out_and_a_clock_that_was_set_back_is_laid_anew():
+    clock = DeviceClock()
+    assert clock.steady_ns(5_000 * MS, 100 * MS) == 100 * MS
+    assert clock.steady_ns(4_990 * MS, 101 * MS) is None
+    assert clock.steady_ns(1_000 * MS, 110 * MS) == 110 * MS
+    assert clock.steady_ns(1_010 * MS, 125 * MS) == 120 * MS
+    assert not math.isnan(clock.steady_ns(9_000_000 * MS, 130 * MS))
+
+
+def test_a_clock_that_was_set_forward_is_laid_anew():
+    clock = DeviceClock()
+    clock.steady_ns(5_000 * MS, 100 * MS)
+    assert clock.steady_ns(90_000 * MS, 110 * MS) == 110 * MS

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
 
 
-def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:  # noqa: ARG001
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Do it."""
     from beltscape.service.access import Access
 

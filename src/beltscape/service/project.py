@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from beltscape.pipeline.live.project import Project, RunSettings, read_project
+from beltscape.core.errors import InputError
+from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings, read_project
 from beltscape.service.settings import WebSettings
+from beltscape.sources.encoder.settings import EncoderSettings
 
 
 class ProjectSettings(RunSettings):
@@ -18,3 +20,26 @@ class ProjectSettings(RunSettings):
 def open_project(path: Path) -> Project[ProjectSettings]:
     """Read and check project.toml; InputError with one line that names the key, its value and the mend."""
     return read_project(path, ProjectSettings)
+
+
+def replaying(project: Project[ProjectSettings], capture: Path | None) -> Project[ProjectSettings]:
+    """The project with a recorded capture in place of its cameras, its own or the one given, once through.
+
+    Positions come from the capture's encoder.csv, where the project has an encoder and the capture the table.
+
+    Raises
+    ------
+    InputError
+        When neither names a capture.
+    """
+    settings = project.settings
+    own = settings.capture
+    if capture is None and own is None:
+        raise InputError(f"{project.path}: has no [capture]; name one with --capture")
+    folder = project.place(own.folder) if capture is None and own is not None else capture
+    rate = None if own is None else own.frames_per_s
+    chosen = CaptureSettings(folder=(folder or Path()).resolve(), frames_per_s=rate, loop=False)
+    update: dict[str, object] = {"cameras": None, "capture": chosen}
+    if settings.encoder.kind in ("file", "udp", "camera") and (chosen.folder / "encoder.csv").is_file():
+        update["encoder"] = EncoderSettings(kind="capture")
+    return Project(project.path, settings.model_copy(update=update))

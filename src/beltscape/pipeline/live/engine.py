@@ -36,6 +36,11 @@ class Encoder(Protocol):
         ...
 
     @property
+    def silent_s(self) -> float:
+        """Seconds since the last reading; NaN for one that cannot be silent."""
+        ...
+
+    @property
     def trouble(self) -> str:
         """What is wrong with what it says, and the mend; empty: nothing."""
         ...
@@ -157,16 +162,10 @@ class Engine:
         parts.queue.close()
 
     def _located(self, frames: FrameSet) -> FrameSet:
-        gauges, encoder = self._parts.gauges, self._parts.encoder
-        position = frames.position_mm
-        if position is None and encoder is not None:
-            position = encoder.at(frames.time_ns, frames.frame)
-            gauges.encoder_trouble = encoder.trouble
-            if gauges.encoder_heard_s is None:
-                gauges.encoder_heard_s = monotonic()
-        if position is not None:
-            gauges.encoder_heard_s = monotonic()
-        return frames if position == frames.position_mm else replace(frames, position_mm=position)
+        encoder = self._parts.encoder
+        if encoder is None or frames.position_mm is not None:
+            return frames
+        return replace(frames, position_mm=encoder.at(frames.time_ns, frames.frame))
 
     def _work(self) -> None:
         """Frame sets from the queue into the ledger."""
@@ -248,12 +247,14 @@ class Engine:
         parts.looker.look(parts.gauges)
         troubles = [writer.trouble for writer in parts.writers] + [parts.historian.trouble]
         recording = "" if parts.recorder is None else parts.recorder.trouble
+        encoder = parts.encoder
         readings = parts.gauges.readings(
-            cameras,
-            parts.queue.dropped,
-            next((text for text in troubles if text), ""),
-            recording,
-            parts.certificate_days(),
+            cameras=cameras,
+            dropped=parts.queue.dropped,
+            history_trouble=next((text for text in troubles if text), ""),
+            recording_trouble=recording,
+            encoder=None if encoder is None else (encoder.silent_s, encoder.trouble),
+            certificate_days=parts.certificate_days(),
         )
         wall = time_ns()
         changed = parts.board.update(readings, wall, monotonic_ns())

@@ -34,9 +34,6 @@ class Gauges:
     offset_mm: tuple[float, float] = (_NAN, _NAN)
     """How far the belt runs off and its σ."""
     encoder_ratio: tuple[float, float] = (_NAN, _NAN)
-    encoder_heard_s: float | None = None
-    """Monotonic clock at the encoder's last reading; None: there is none to be heard."""
-    encoder_trouble: str | None = None
     dropped: deque[tuple[float, int]] = field(default_factory=deque)
     """(monotonic clock, frame sets dropped so far)."""
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -58,19 +55,23 @@ class Gauges:
 
     def readings(
         self,
+        *,
         cameras: Mapping[str, CameraHealth],
         dropped: int,
         history_trouble: str,
         recording_trouble: str,
+        encoder: tuple[float, str] | None,
         certificate_days: float,
     ) -> Readings:
-        """As things stand; what is measured now and then is told once."""
+        """As things stand; what is measured now and then is told once.
+
+        ``encoder``: seconds since its last reading, and what is wrong with it; None where there is none.
+        """
         with self.lock:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
             offset, self.offset_mm = self.offset_mm, (_NAN, _NAN)
         area, area_sigma, density = self._load()
         per_hour = self.speed_mm_s * 3600e-9
-        silent = _NAN if self.encoder_heard_s is None else monotonic() - self.encoder_heard_s
         return Readings(
             area_mm2=area,
             area_sigma_mm2=area_sigma,
@@ -90,8 +91,8 @@ class Gauges:
             dropped_per_minute=self.drops(dropped),
             history_trouble=history_trouble,
             recording_trouble=recording_trouble,
-            encoder_silent_s=silent,
-            encoder_trouble=self.encoder_trouble,
+            encoder_silent_s=_NAN if encoder is None else encoder[0],
+            encoder_trouble=None if encoder is None else encoder[1],
             encoder_ratio=self.encoder_ratio[0],
             encoder_ratio_sigma=self.encoder_ratio[1],
             certificate_days=certificate_days,

@@ -1,0 +1,54 @@
+"""``beltscape replay project.toml --out DIR``: a recorded capture through the running system."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("project", type=Path, help="project.toml of the plant")
+    parser.add_argument(
+        "--capture", type=Path, help="recorded capture (default: the project's [capture] folder)"
+    )
+    parser.add_argument(
+        "--speed",
+        choices=("full", "real"),
+        default="full",
+        help="as fast as it can be measured, or as it was taken",
+    )
+    parser.add_argument("--page", action="store_true", help="serve the operator's page meanwhile")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder for its history; the plant's stays as it is"
+    )
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Replay it, and write what was counted."""
+    from beltscape.pipeline.live.assembly import Assembled, Ways
+    from beltscape.service.plant import run_plant
+    from beltscape.service.project import open_project, replaying
+    from beltscape.service.until import announce, log_to_stderr, stop_signal
+
+    project = replaying(open_project(arguments.project), arguments.capture)
+    log_to_stderr()
+    stop = stop_signal()
+
+    def wait(assembled: Assembled) -> None:
+        while not stop.wait(0.05) and not assembled.engine.wait(0):
+            pass
+
+    ways = Ways(data=arguments.out, paced=arguments.speed == "real", record=False)
+    return run_plant(project, ways, wait, announce, page=arguments.page)
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    from beltscape.service.until import counted
+
+    return counted(result)

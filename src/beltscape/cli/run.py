@@ -1,0 +1,58 @@
+"""``beltscape run project.toml``: live, until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("project", type=Path, help="project.toml: cameras, rig, belt, alarms, page")
+    parser.add_argument("--no-page", action="store_true", help="measure and record only")
+    parser.add_argument(
+        "--check", action="store_true", help="read the settings, say what they amount to, and stop"
+    )
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Run until SIGINT or SIGTERM, or the end of a capture."""
+    from beltscape.pipeline.live.assembly import Assembled, Ways
+    from beltscape.service.plant import days_left, run_plant
+    from beltscape.service.project import open_project
+    from beltscape.service.until import announce, log_to_stderr, stop_signal, system_time_s, watchdog
+
+    project = open_project(arguments.project)
+    if arguments.check:
+        return {
+            "project": project.path,
+            "settings": project.settings.model_dump(mode="json"),
+            "checked": True,
+        }
+    log_to_stderr()
+    stop = stop_signal()
+
+    def wait(assembled: Assembled) -> None:
+        while not stop.wait(0.2) and not assembled.engine.wait(0):
+            pass
+
+    web = project.settings.web
+    ways = Ways(
+        data=project.place(project.settings.data),
+        certificate_days=days_left(web.tls_certificate, web.tls_key, system_time_s),
+        alive=watchdog(),
+    )
+    return run_plant(project, ways, wait, announce, page=not arguments.no_page)
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """The result in a few lines."""
+    if result.get("checked"):
+        return f"{result['project']}: the settings fit"
+    from beltscape.service.until import counted
+
+    return counted(result)

@@ -1,0 +1,156 @@
+"""project.toml → an engine, ready to start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import time_ns
+
+import numpy as np
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.core.errors import InputError
+from beltscape.core.live import LiveSource, Observer
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.core.scaling import scaled_rig
+from beltscape.files.rig_json import read_rig
+from beltscape.measure.capacity import full_area_mm2
+from beltscape.pipeline.flow import Instant, fitted, instants_of
+from beltscape.pipeline.flow_chain import depths_over, ground_under
+from beltscape.pipeline.live.engine import Encoder, Engine, Parts, told
+from beltscape.pipeline.live.frame_queue import FrameQueue
+from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.ledger import Books
+from beltscape.pipeline.live.look import Looker
+from beltscape.pipeline.live.measuring import Bench, Measuring
+from beltscape.pipeline.live.noting import Noting
+from beltscape.pipeline.live.project import Project, RunSettings, density_of
+from beltscape.pipeline.live.writer import Writer
+from beltscape.pipeline.reconstruction import open_capture
+from beltscape.sinks.csv_sink import CsvSink
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.recorder import Recorder
+from beltscape.sources.encoder.opening import open_encoder
+from beltscape.sources.genicam.source import open_cameras
+from beltscape.sources.replay import Cue, ReplaySource
+from beltscape.stereo.multiview import MultiviewReconstructor
+
+SURCHARGE_RAD = float(np.deg2rad(15.0))
+"""Angle at which a full load rises to its ridge (DIN 22101)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ways:
+    """How a run is to go, beside its settings."""
+
+    data: Path
+    """Folder for history, recordings and tables."""
+    paced: bool = True
+    """A capture at the pace of its times; else as fast as it can be measured, without dropping a frame."""
+    record: bool = True
+    """Whether raw frame sets are recorded as the settings say."""
+    certificate_days: Callable[[], float] = field(default=lambda: float("nan"))
+    alive: Callable[[], None] = field(default=lambda: None)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembled:
+    """An engine, and what others may look into while it runs."""
+
+    engine: Engine
+    historian: Historian
+    board: AlarmBoard
+
+
+def assemble(
+    project: Project[RunSettings], ways: Ways, observers: Callable[[Historian], Observer]
+) -> Assembled:
+    """Open all that a run needs; nothing has begun yet. ``observers`` are made once there is a history to look at.
+
+    Raises
+    ------
+    InputError, SettingsError, MeasureError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    settings = project.settings
+    historian = Historian(ways.data, settings.history)
+    observer = observers(historian)
+    reporter = Noting(observer)
+    rig = read_rig(project.place(settings.rig))
+    if settings.capture is not None:
+        rig = fitted(rig, project.place(settings.capture.folder), reporter)
+    bench = bench_of(project, rig, reporter)
+    encoder = _encoder(project, ways, historian.resume.end_mm)
+    source = _source(project, rig, reporter, paced=ways.paced)
+    resume = historian.resume
+    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm)
+    writers = [Writer("historian", historian, told(observer, historian))]
+    if settings.csv.enabled:
+        writers.append(Writer("csv", CsvSink(ways.data / "csv", settings.csv)))
+    recording = ways.record and settings.recording.mode != "off"
+    board = AlarmBoard(settings.alarms)
+    watch = settings.watch
+    belt, camera = bench.ground.belt, bench.rig.core_camera
+    parts = Parts(
+        source=source,
+        encoder=encoder,
+        queue=FrameQueue(settings.queue.frames, patient=not ways.paced),
+        measuring=Measuring(bench, books, source.cameras, time_ns, reporter),
+        historian=historian,
+        writers=writers,
+        recorder=Recorder(ways.data / "recordings", settings.recording) if recording else None,
+        board=board,
+        looker=Looker(belt, camera, watch.lumps_every_s, watch.edges_every_s),
+        gauges=Gauges(full_area_mm2(belt, SURCHARGE_RAD)),
+        observer=observer,
+        ticks=settings.cameras is not None,
+        certificate_days=ways.certificate_days,
+        alive=ways.alive,
+    )
+    return Assembled(Engine(parts), historian, board)
+
+
+def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Bench:
+    """What is measured with; images are matched at the width that the settings ask for."""
+    settings, matching = project.settings, project.settings.matching
+    width = rig.core_camera.size_px[0]
+    if matching.width_px is not None and matching.width_px < width:
+        rig = scaled_rig(rig, matching.width_px / width)
+    ground = ground_under(project.place(settings.empty), rig, settings.flow.cell_mm, reporter)
+    matcher = MultiviewReconstructor(rig, depths_over(ground, matching.load_mm), matching.multiview())
+    return Bench(rig, ground, matcher, settings.flow, density_of(project))
+
+
+def _encoder(project: Project[RunSettings], ways: Ways, end_mm: float | None) -> Encoder | None:
+    """A replay's own table comes with its frames."""
+    settings = project.settings
+    if settings.encoder.kind == "capture" and settings.capture is not None and not settings.encoder.path:
+        return None
+    capture = None if settings.capture is None else project.place(settings.capture.folder)
+    return open_encoder(
+        settings.encoder, project.path.parent, capture=capture, data=ways.data, resume_mm=end_mm
+    )
+
+
+def _source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, paced: bool) -> LiveSource:
+    settings = project.settings
+    if settings.cameras is not None:
+        return open_cameras(
+            settings.cameras, rig.core, {name: camera.size_px for name, camera in rig.cameras.items()}
+        )
+    assert settings.capture is not None  # read_project saw to it
+    folder = open_capture(project.place(settings.capture.folder), rig, reporter)
+    table = folder.folder / "encoder.csv" if settings.encoder.kind == "capture" else None
+    instants = instants_of(folder, table, settings.capture.frames_per_s, reporter)
+    cues = [_cue(project, instant) for instant in instants]
+    return ReplaySource(folder, cues, paced=paced, loop=settings.capture.loop)
+
+
+def _cue(project: Project[RunSettings], instant: Instant) -> Cue:
+    if instant.time_ns is None:
+        raise InputError(
+            f"{project.path}: [capture] has no encoder.csv that tells its times; give frames_per_s = …"
+        )
+    return Cue(instant.frame, instant.time_ns, instant.position_mm)

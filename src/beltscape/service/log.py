@@ -1,0 +1,72 @@
+"""What happens, as lines of a log: for a terminal or systemd's journal."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from time import monotonic
+
+from beltscape.core.belt_record import BeltRecord, Totals
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, Sight
+
+_LOG = logging.getLogger("beltscape")
+_EVERY_S = 60.0
+_LEVEL = {"info": logging.INFO, "warning": logging.WARNING, "critical": logging.ERROR}
+
+
+class Log:
+    """An ``Observer``: notes, changes of cameras and alarms at once, the totals once a minute."""
+
+    def __init__(self) -> None:
+        self._states: dict[str, str] = {}
+        self._alarms: dict[str, str] = {}
+        self._said = monotonic()
+
+    def saw(self, sight: Sight) -> None:
+        """Too often for a log."""
+
+    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:  # noqa: ARG002
+        """The totals, once a minute."""
+        if monotonic() - self._said < _EVERY_S:
+            return
+        self._said = monotonic()
+        _LOG.info(
+            "%.3f m³ (σ %.3f) on %.1f m of belt: %.1f m valid, %.1f m degraded, %.1f m missing",
+            totals.volume_mm3 * 1e-9,
+            totals.sigma_mm3 * 1e-9,
+            totals.length_mm * 1e-3,
+            totals.valid_mm * 1e-3,
+            totals.degraded_mm * 1e-3,
+            totals.missing_mm * 1e-3,
+        )
+
+    def surfaced(self, stretch: BeltStretch) -> None:
+        """Nothing to read."""
+
+    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
+        """A camera whose state has changed."""
+        for name, camera in cameras.items():
+            if self._states.get(name) != camera.state:
+                level = logging.INFO if camera.state in ("ok", "waiting") else logging.WARNING
+                _LOG.log(
+                    level, "%s: %s%s", name, camera.state, f", {camera.message}" if camera.message else ""
+                )
+            self._states[name] = camera.state
+
+    def alarmed(self, alarms: Sequence[Alarm]) -> None:
+        """An alarm whose state has changed."""
+        for alarm in alarms:
+            if self._alarms.get(alarm.name, "clear") != alarm.state:
+                level = _LEVEL[alarm.severity] if alarm.state == "raised" else logging.INFO
+                _LOG.log(
+                    level,
+                    "alarm %s %s%s",
+                    alarm.name,
+                    alarm.state,
+                    f": {alarm.detail}" if alarm.detail else "",
+                )
+            self._alarms[alarm.name] = alarm.state
+
+    def noted(self, message: str) -> None:
+        """As it is."""
+        _LOG.warning("%s", message)

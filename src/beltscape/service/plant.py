@@ -1,0 +1,120 @@
+"""A running plant: engine, history, page and access of one project.toml."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.belt_record import Totals
+from beltscape.core.errors import InputError
+from beltscape.core.live import Observers
+from beltscape.files.atomic import output_folder
+from beltscape.files.systemd import notify
+from beltscape.pipeline.live.assembly import Assembled, Ways, assemble
+from beltscape.pipeline.live.project import Project
+from beltscape.service.access import Access
+from beltscape.service.access.tls import certificate_ends
+from beltscape.service.app import create_app
+from beltscape.service.hub import Hub
+from beltscape.service.log import Log
+from beltscape.service.project import ProjectSettings
+from beltscape.service.server import Running, serve
+from beltscape.sinks.historian import Historian
+
+_DAY_S = 86_400.0
+
+
+def run_plant(
+    project: Project[ProjectSettings],
+    ways: Ways,
+    wait: Callable[[Assembled], None],
+    started: Callable[[str | None, tuple[str, ...]], None],
+    *,
+    page: bool,
+) -> dict[str, Any]:
+    """Measure until ``wait`` returns, then stop in good order; what was counted.
+
+    ``started`` is told the page's address, or None without a ``page``, and what somebody should know.
+
+    Raises
+    ------
+    InputError, SettingsError, MeasureError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    output_folder(ways.data)
+    hub = Hub(project.settings.web)
+    with only_one(ways.data):
+        assembled = assemble(project, ways, lambda _: Observers([hub, Log()]))
+        before = assembled.historian.totals
+        with _page(project, ways.data, hub, assembled) if page else nullcontext() as running:
+            assembled.engine.start()
+            notify("READY=1")
+            address, warnings = (None, ()) if running is None else (running.address, running.warnings)
+            started(address, warnings)
+            try:
+                wait(assembled)
+            finally:
+                notify("STOPPING=1")
+                left = assembled.engine.stop()
+        return _answer(project, ways.data, before, assembled.historian, left)
+
+
+@contextmanager
+def _page(project: Project[ProjectSettings], data: Path, hub: Hub, assembled: Assembled) -> Iterator[Running]:
+    web = project.settings.web
+    access = Access(data, web.access)
+    running = serve(create_app(hub, assembled.historian, access, assembled.engine, web), web)
+    try:
+        yield running
+    finally:
+        running.close()
+
+
+@contextmanager
+def only_one(data: Path) -> Iterator[None]:
+    """Hold a data folder: two programs that count into the same ledger would count twice.
+
+    Raises
+    ------
+    InputError
+        When another program holds it.
+    """
+    with (data / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise InputError(
+                f"{data}: another beltscape is running on this folder; stop it, or give another data = …"
+            ) from error
+        yield
+
+
+def days_left(certificate: Path | None, key: Path | None, now_s: Callable[[], float]) -> Callable[[], float]:
+    """How many days the certificate is still good for; NaN without one."""
+    if certificate is None or key is None:
+        return lambda: float("nan")
+    ends = certificate_ends(certificate, key)
+    return lambda: (ends - now_s()) / _DAY_S
+
+
+def _answer(
+    project: Project[ProjectSettings], data: Path, before: Totals, historian: Historian, left: int
+) -> dict[str, Any]:
+    """What was counted in this run, and in all; closes the history."""
+    after = historian.totals
+    historian.close()
+    return {
+        "project": project.path,
+        "data": data,
+        "records": after.records - before.records,
+        "volume_mm3": after.volume_mm3 - before.volume_mm3,
+        "mass_kg": after.mass_kg - before.mass_kg,
+        "valid_mm": after.valid_mm - before.valid_mm,
+        "degraded_mm": after.degraded_mm - before.degraded_mm,
+        "missing_mm": after.missing_mm - before.missing_mm,
+        "unwritten_records": left,
+        "totals": after,
+    }

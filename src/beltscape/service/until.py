@@ -1,0 +1,74 @@
+"""Around a run in a terminal or under systemd: log, signals, watchdog, words at the end."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from time import monotonic, time
+from typing import Any
+
+from beltscape.files.systemd import notify, watchdog_s
+
+system_time_s = time
+"""The system's clock, seconds since 1970."""
+
+
+def log_to_stderr() -> None:
+    """Lines of the log on standard error; systemd stamps them itself."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    log = logging.getLogger("beltscape")
+    log.handlers[:] = [handler]
+    log.setLevel(logging.INFO)
+    log.propagate = False
+
+
+def stop_signal() -> threading.Event:
+    """Set by SIGINT and SIGTERM."""
+    event = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: event.set())
+    return event
+
+
+def announce(address: str | None, warnings: tuple[str, ...]) -> None:
+    """Where the page is."""
+    log = logging.getLogger("beltscape")
+    for warning in warnings:
+        log.warning("%s", warning)
+    log.info("measuring%s", "" if address is None else f"; the page is at {address}")
+
+
+def watchdog() -> Callable[[], None]:
+    """Tells systemd that all goes on, twice as often as it asks."""
+    every = watchdog_s()
+    if every is None:
+        return lambda: None
+    told = [float("-inf")]
+
+    def alive() -> None:
+        if monotonic() - told[0] > every / 3:
+            told[0] = monotonic()
+            notify("WATCHDOG=1")
+
+    return alive
+
+
+def counted(result: Mapping[str, Any]) -> str:
+    """What a run counted, in a few lines."""
+    valid, degraded, missing = (result[f"{name}_mm"] * 1e-3 for name in ("valid", "degraded", "missing"))
+    lines = [
+        f"volume {result['volume_mm3'] * 1e-6:.3f} l on {valid + degraded + missing:.3f} m of belt in "
+        f"{result['records']} records",
+        f"belt   {valid:.3f} m valid, {degraded:.3f} m degraded, {missing:.3f} m missing",
+    ]
+    if result["mass_kg"] == result["mass_kg"]:
+        lines.append(f"mass   {result['mass_kg']:.2f} kg")
+    if result["unwritten_records"]:
+        lines.append(
+            f"{result['unwritten_records']} records could not be written: the disk would not take them"
+        )
+    return "\n".join([*lines, f"history in {result['data']}"])

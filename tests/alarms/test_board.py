@@ -166,6 +166,32 @@ def test_what_was_never_measured_is_not_missed():
     assert plant.run(blind, 600) == []
 
 
+@pytest.mark.parametrize(("field", "bad", "missed"), [
+    ("largest_lump_mm", 230.0, "no_measurement:lump"), ("belt_offset_mm", 90.0, "no_measurement:offset"),
+])  # fmt: skip
+def test_what_is_measured_every_ten_seconds_is_raised_clears_and_is_missed(field, bad, missed):
+    plant = Plant()
+
+    def now_and_then(value, times):
+        return [
+            (alarm.name, alarm.state)
+            for _ in range(times)
+            for readings, seconds in (
+                (replace(GOOD, **{field: value}), 1),
+                (replace(GOOD, **{field: NAN}), 9),
+            )
+            for alarm in plant.run(readings, seconds)
+        ]
+
+    name = {"largest_lump_mm": "oversize_lump", "belt_offset_mm": "misaligned_belt"}[field]
+    good = getattr(GOOD, field)
+    assert now_and_then(good, 5) == []
+    assert now_and_then(bad, 5) == [(name, "raised")]
+    assert now_and_then(good, 5) == [(name, "gone")]
+    assert now_and_then(NAN, 20) == [(missed, "raised")]
+    assert now_and_then(good, 3) == [(missed, "gone")]
+
+
 def test_a_camera_that_was_never_heard_of_is_lost_later():
     plant = Plant()
     waiting = replace(GOOD, cameras={"cam2": camera(state="waiting")})
@@ -187,6 +213,14 @@ def test_an_alarm_tells_its_numbers():
     (alarm,) = plant.run(replace(GOOD, **BAD["overload"]), 3)
     assert (alarm.value, alarm.limit, alarm.unit) == (120.0, 100.0, "%")
     assert alarm.detail == "120 %, limit 100 %: slow the feed"
+
+
+def test_an_alarm_that_stands_shows_what_it_was_last_judged_by():
+    plant = Plant()
+    plant.run(replace(GOOD, **BAD["oversize_lump"]), 1)
+    plant.run(replace(GOOD, largest_lump_mm=NAN), 5)
+    lump = {alarm.name: alarm for alarm in plant.board.alarms}["oversize_lump"]
+    assert (lump.state, lump.value, lump.limit) == ("raised", 230, 200)
 
 
 def test_sides_are_told():

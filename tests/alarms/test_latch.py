@@ -98,7 +98,7 @@ def test_it_is_raised_when_the_delay_is_over_and_not_before(wait):
     assert states.index("raised") == wait  # the first look only starts the delay
 
 
-def test_a_break_starts_the_delay_anew_but_not_knowing_only_pauses_it():
+def test_a_break_starts_the_delay_anew_but_not_knowing_does_not():
     for between, state in (("off", "clear"), ("between", "clear"), ("unknown", "raised")):
         latch = Latch()
         for condition in ("on", "on", between, "on", "on"):
@@ -106,13 +106,19 @@ def test_a_break_starts_the_delay_anew_but_not_knowing_only_pauses_it():
         assert latch.state == state
 
 
-def test_time_in_which_nobody_knew_does_not_count():
+def test_between_two_looks_that_say_the_same_it_was_so():
+    """A value that is measured every ten seconds, looked at every second."""
     latch = Latch()
-    for condition, seconds in (("on", 0), ("unknown", 100), ("on", 100), ("on", 1)):
-        look(latch, condition, seconds, (2, 0))
-    assert latch.state == "clear"
-    look(latch, "on", 1, (2, 0))
+    for condition in ("on", *["unknown"] * 9, "between", *["unknown"] * 9, "on", *["unknown"] * 9):
+        look(latch, condition, 1, (5, 5))
+        assert latch.state == "clear"
+    look(latch, "on", 1, (5, 5))
     assert latch.state == "raised"
+    for condition in ("off", *["unknown"] * 9):
+        look(latch, condition, 1, (5, 5))
+        assert latch.state == "raised"
+    look(latch, "off", 1, (5, 5))
+    assert latch.state == "gone"
 
 
 def test_millimetres_and_seconds_must_both_have_passed():

@@ -37,7 +37,8 @@ class _Entry:
 
     def look(self, finding: Finding, step: Step, wall_ns: int) -> bool:
         """Take in a finding; whether the alarm's state changed."""
-        self.finding = finding
+        if finding.condition != "unknown" or self.latch.state == "clear":
+            self.finding = finding  # an alarm that stands shows what it was last judged by
         self.known = self.known or finding.condition == "off"
         if finding.condition == "on":
             said = detail(self.kind, self.subject, finding.value, finding.limit, finding.unit)
@@ -49,8 +50,9 @@ class _Entry:
     def _delays(self, finding: Finding) -> tuple[Delay, Delay]:
         watch = self.watch
         after_s = watch.after_s if finding.after_s is None else finding.after_s
+        clear_after_s = watch.clear_after_s if finding.clear_after_s is None else finding.clear_after_s
         along = (watch.after_mm, watch.clear_after_mm) if isinstance(watch, WatchAlong) else (0.0, 0.0)
-        return Delay(_ns(after_s), along[0]), Delay(_ns(watch.clear_after_s), along[1])
+        return Delay(_ns(after_s), along[0]), Delay(_ns(clear_after_s), along[1])
 
     def alarm(self) -> Alarm:
         """As it stands."""

@@ -25,7 +25,9 @@ class Finding:
     said: str = ""
     """What somebody else says of it, in one line; it stands in for the alarm's own text."""
     after_s: float | None = None
-    """A delay of its own, in place of the setting's."""
+    """A delay of its own until it is raised, in place of the setting's."""
+    clear_after_s: float | None = None
+    """The same until it is over."""
 
 
 def above(value: float, sigma: float, limit: float, hysteresis: float, sigmas: float = 0.0) -> Condition:

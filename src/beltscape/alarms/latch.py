@@ -26,22 +26,27 @@ class Step:
 
 @dataclass(slots=True)
 class _Hold:
-    """How long a condition has lasted; what passed while nobody knew counts neither for nor against it."""
+    """How long a condition has lasted.
+
+    Between two looks that say the same it was so, also where nobody knew in between: some values are measured now
+    and then. A look that does not know says nothing by itself.
+    """
 
     wanted: Condition
-    _before: Condition = "unknown"
+    _there: bool = False
     _time_ns: int = 0
     _belt_mm: float = 0.0
 
     def lasted(self, condition: Condition, step: Step, delay: Delay) -> bool:
-        """Take in one look; whether the condition is there and has lasted."""
-        if condition == self.wanted and self._before == self.wanted:
-            self._time_ns += step.time_ns
-            self._belt_mm += step.belt_mm
-        elif condition not in (self.wanted, "unknown"):
+        """Take in one look; whether the condition is known to be there and has lasted."""
+        self._time_ns += step.time_ns
+        self._belt_mm += step.belt_mm
+        if condition == "unknown":
+            return False
+        if condition != self.wanted or not self._there:
             self._time_ns, self._belt_mm = 0, 0.0
-        self._before = condition
-        return condition == self.wanted and self._time_ns >= delay.time_ns and self._belt_mm >= delay.belt_mm
+        self._there = condition == self.wanted
+        return self._there and self._time_ns >= delay.time_ns and self._belt_mm >= delay.belt_mm
 
 
 @dataclass(slots=True)

@@ -118,13 +118,13 @@ def _no_measurement(now: Readings, settings: AlarmSettings) -> Findings:
     load = any(map(math.isfinite, (now.area_mm2, now.volume_flow_m3_h, now.mass_flow_t_h)))
     seldom = settings.no_measurement.seldom_after_s
     others = {
-        "speed": (now.speed_mm_s, None),
-        "lump": (now.largest_lump_mm if settings.oversize_lump.enabled else _NAN, seldom),
-        "offset": (now.belt_offset_mm if settings.misaligned_belt.enabled else _NAN, seldom),
+        "speed": (now.speed_mm_s, None, None),
+        "lump": (now.largest_lump_mm, seldom, 0.0),
+        "offset": (now.belt_offset_mm, seldom, 0.0),
     }
     found = {"load": Finding("off" if load else "on")}
-    for name, (value, delay) in others.items():
-        known = Finding("off" if math.isfinite(value) else "on", after_s=delay)
+    for name, (value, after_s, clear_after_s) in others.items():
+        known = Finding("off" if math.isfinite(value) else "on", after_s=after_s, clear_after_s=clear_after_s)
         found[name] = known if load else Finding("unknown")
     return found
 

@@ -192,7 +192,7 @@ class NoMeasurement(Watch):
     after_s: Seconds = 10.0
     clear_after_s: Seconds = 2.0
     seldom_after_s: Seconds = 120.0
-    """In place of ``after_s`` for lumps and the belt's place, which are measured now and then."""
+    """The same for lumps and the belt's offset, which are measured now and then; these are back at once."""
 
 
 class CertificateExpiring(Watch):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
@@ -98,17 +99,24 @@ def serve(app: ASGIApp, settings: Listening) -> Running:
         timeout_graceful_shutdown=1,
     )  # fmt: skip
     server = Server(config)
-    thread = threading.Thread(target=server.run, args=([listener],), name="beltscape-web", daemon=True)
+    thread = threading.Thread(target=_run, args=(server, listener), name="beltscape-web", daemon=True)
     thread.start()
     while not server.started and thread.is_alive():
         time.sleep(0.005)
     if not thread.is_alive():
+        listener.close()
         raise OutputError(f"web server on {settings.host}: did not start; its log says why")
     host, port = listener.getsockname()[:2]
     if ip_address(host).is_unspecified:
         host = socket.gethostname()
     named = f"[{host}]" if ":" in host else host
     return Running(f"{'https' if tls else 'http'}://{named}:{port}", warnings, server, thread)
+
+
+def _run(server: Server, listener: socket.socket) -> None:
+    # uvicorn leaves the program where the application does not start; here that ends the thread, and is seen
+    with suppress(SystemExit):
+        server.run([listener])
 
 
 def _listener(host: str, port: int) -> socket.socket:

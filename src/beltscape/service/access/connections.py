@@ -58,6 +58,7 @@ class Door(H11Protocol):
     _deadline: asyncio.TimerHandle | None = None
     _stuck: asyncio.TimerHandle | None = None
     _handshake: asyncio.Task[None] | None = None
+    _early = b""  # what came between the handshake and its being noticed
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Let it in, or cut it off."""
@@ -87,6 +88,9 @@ class Door(H11Protocol):
     def _ready(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
         self._expect_headers()
+        if self._early:
+            early, self._early = self._early, b""
+            self.data_received(early)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget it."""
@@ -99,6 +103,9 @@ class Door(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Take it; whoever has begun a request must finish its headers in time."""
+        if self.transport is None:
+            self._early += data
+            return
         super().data_received(data)
         idle = self.timeout_keep_alive_task is not None
         if self.conn.their_state is h11.IDLE and not idle and not self.transport.is_closing():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from contextlib import suppress
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
@@ -36,7 +37,8 @@ class Sockets:
             return
         self._open[address] += 1
         try:
-            await app(scope, receive, self._watched(scope, send))
+            with suppress(WebSocketDisconnect):  # the page has gone while it was sent something
+                await app(scope, receive, self._watched(scope, send))
         finally:
             self._open[address] -= 1
             if not self._open[address]:

@@ -1,0 +1,305 @@
+"""The server: where it listens, how it stops, what it refuses, over real sockets."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from beltscape.core.errors import OutputError, SettingsError
+from beltscape.service.access import Access, AccessSettings, LimitSettings
+from beltscape.service.server import serve
+from service.access.certificates import certificate
+from service.access.door import CHEAP, PASSWORD, application
+
+
+@dataclass(frozen=True)
+class Web:
+    """As WebSettings."""
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+    limits: LimitSettings = field(default_factory=LimitSettings)
+
+
+@pytest.fixture
+def start(tmp_path):
+    """A function that serves the small application; all is stopped at the end."""
+    opened = []
+
+    def started(web: Web | None = None, **access: object):
+        door = Access(tmp_path, AccessSettings(**access), CHEAP)
+        opened.append(door)
+        if door.accounts.setup_open:
+            door.accounts.add("anna", "operator", PASSWORD)
+        running = serve(application(door), web or Web())
+        opened.append(running)
+        return running
+
+    yield started
+    for one in reversed(opened):
+        one.close()
+
+
+def place(running) -> tuple[str, int]:
+    host, port = running.address.rpartition("//")[2].rsplit(":", 1)
+    return host, int(port)
+
+
+def raw(running, request: bytes, timeout_s: float = 5) -> bytes:
+    """What comes back for bytes."""
+    with closing(socket.create_connection(place(running), timeout=timeout_s)) as connection:
+        connection.sendall(request)
+        received = b""
+        try:
+            while part := connection.recv(65_536):
+                received += part
+        except ConnectionResetError:
+            pass
+        return received
+
+
+@contextmanager
+def logged_in(running, **more: object) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=running.address, **more) as client:
+        reply = client.post("/api/access/login", json={"name": "anna", "password": PASSWORD})
+        assert reply.status_code == 200
+        client.headers["x-beltscape-token"] = reply.json()["token"]
+        yield client
+
+
+def cookie(client: httpx.Client) -> dict[str, str]:
+    return {"Cookie": "; ".join(f"{name}={value}" for name, value in client.cookies.items())}
+
+
+def test_it_answers_and_stops_in_time(start):
+    running = start()
+    with logged_in(running) as client:
+        assert client.get("/look").json()["name"] == "anna"
+        assert "server" not in client.get("/look").headers
+        before = time.monotonic()
+        running.close()
+        assert time.monotonic() - before < 2
+        assert not running.alive
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(place(running), timeout=1)
+
+
+def test_it_stops_in_time_with_pages_open_and_a_slow_reader(start):
+    running = start()
+    with logged_in(running) as client, ExitStack() as pages:
+        live = running.address.replace("http", "ws") + "/live"
+        opened = [pages.enter_context(connect(live, additional_headers=cookie(client))) for _ in range(3)]
+        assert opened[0].recv() == "anna"
+        slow = pages.enter_context(socket.create_connection(place(running)))
+        slow.sendall(b"POST /api/access/login HTTP/1.1\r\nhost: localhost\r\ncontent-length: 50\r\n\r\n{")
+        before = time.monotonic()
+        running.close()
+        assert time.monotonic() - before < 2
+        assert not running.alive
+        for one in opened:
+            with pytest.raises(ConnectionClosed):
+                while True:
+                    one.recv(timeout=2)
+
+
+def test_sessions_survive_a_restart(start):
+    running = start()
+    with logged_in(running) as client:
+        running.close()
+        again = start()
+        client.base_url = again.address
+        assert client.get("/look").json()["name"] == "anna"
+
+
+def test_a_port_in_use_is_one_line(start):
+    host, port = place(start())
+    with pytest.raises(SettingsError) as raised:
+        serve(FastAPI(), Web(host, port))
+    assert str(raised.value) == (
+        f"host = '127.0.0.1', port = {port}: cannot listen (Address already in use): another program listens there; "
+        "stop it, or choose another port (0: any free one)"
+    )
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "192.0.2.1", "x" * 300])
+def test_an_address_that_is_not_ours(host):
+    with pytest.raises(SettingsError, match="host = "):
+        serve(FastAPI(), Web(host, limits=LimitSettings(allow_plain_http=True)))
+
+
+def test_beyond_this_machine_only_with_tls_or_when_told(start):
+    with pytest.raises(
+        SettingsError, match="without TLS passwords can be read on the way; give tls_certificate"
+    ):
+        start(Web("0.0.0.0"))
+    running = start(Web("0.0.0.0", limits=LimitSettings(allow_plain_http=True)))
+    assert running.warnings == (
+        "host = '0.0.0.0': served without TLS, passwords and figures can be read on the way",
+    )
+    assert socket.gethostname() in running.address
+
+
+def test_an_application_that_does_not_start():
+    async def app(scope, receive, send):
+        await receive()
+        await send({"type": "lifespan.startup.failed", "message": "no"})
+
+    with pytest.raises(OutputError, match="did not start"):
+        serve(app, Web())
+
+
+def test_tls(start, tmp_path):
+    cert, key = certificate(tmp_path, days=10)
+    running = start(Web(tls_certificate=cert, tls_key=key, limits=LimitSettings(header_timeout_s=0.5)))
+    assert running.address.startswith("https://127.0.0.1:")
+    assert "ends in 10 days" in running.warnings[0]
+    trusting = ssl.create_default_context(cafile=str(cert))
+    with logged_in(running, verify=trusting) as client:
+        reply = client.get("/look")
+        assert reply.json()["name"] == "anna"
+        assert reply.headers["strict-transport-security"]
+        assert list(client.cookies) == ["__Host-beltscape"]
+        with connect(
+            running.address.replace("https", "wss") + "/live", ssl=trusting,
+            additional_headers={**cookie(client), "Origin": running.address},
+        ) as page:  # fmt: skip
+            assert page.recv() == "anna"
+    old = ssl.create_default_context(cafile=str(cert))
+    with pytest.warns(DeprecationWarning):
+        old.minimum_version = ssl.TLSVersion.TLSv1
+        old.maximum_version = ssl.TLSVersion.TLSv1_1
+    with (
+        pytest.raises((ssl.SSLError, ConnectionResetError)),
+        socket.create_connection(place(running)) as plain,
+    ):
+        old.wrap_socket(plain, server_hostname="localhost")
+    assert raw(running, b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n") == b"", "no plain HTTP there"
+    with closing(socket.create_connection(place(running), timeout=5)) as silent:
+        before = time.monotonic()
+        assert silent.recv(10) == b"", "who does not shake hands is cut off"
+        assert time.monotonic() - before < 2
+
+
+def test_slow_headers_are_cut_off(start):
+    running = start(Web(limits=LimitSettings(header_timeout_s=0.4)))
+    for beginning in (b"", b"GET", b"GET /look HTTP/1.1\r\nhost: localhost\r\nx"):
+        with closing(socket.create_connection(place(running), timeout=5)) as slow:
+            before = time.monotonic()
+            slow.sendall(beginning)
+            with pytest.raises((ConnectionError, EOFError)):
+                for _ in range(100):  # a byte now and then does not help
+                    time.sleep(0.05)
+                    slow.sendall(b"a")
+                    if beginning == b"" and time.monotonic() - before > 2:
+                        raise EOFError
+            assert time.monotonic() - before < 3
+
+
+def test_an_idle_connection_is_closed_and_a_busy_one_kept(start):
+    running = start(Web(limits=LimitSettings(keep_alive_s=1, header_timeout_s=0.5)))
+    with closing(socket.create_connection(place(running), timeout=5)) as connection:
+        for _ in range(3):
+            connection.sendall(b"GET /page/x HTTP/1.1\r\nhost: localhost\r\n\r\n")
+            reply = b""
+            while not reply.endswith(b'"Not Found"}'):
+                reply += connection.recv(65_536)
+            assert reply.startswith(b"HTTP/1.1 404")
+            time.sleep(0.6)
+        before = time.monotonic()
+        assert connection.recv(10) == b""
+        assert time.monotonic() - before < 2
+
+
+def test_who_does_not_read_is_cut_off(tmp_path):
+    """A reader who takes nothing must not hold memory or a connection for ever."""
+
+    async def endless(scope, receive, send):
+        if scope["type"] != "http":
+            return
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+        for _ in range(2000):
+            await send({"type": "http.response.body", "body": b"x" * 65_536, "more_body": True})
+
+    running = serve(endless, Web(limits=LimitSettings(write_timeout_s=0.5)))
+    with closing(socket.create_connection(place(running))) as reader:
+        reader.sendall(b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n")
+        time.sleep(1.5)
+        received = 0
+        while part := reader.recv(65_536):
+            received += len(part)
+        assert received < 30_000_000, "of 131 MB, what the system's buffers held"
+    running.close()
+
+
+def test_connections_are_counted(start):
+    running = start(Web(limits=LimitSettings(connections_per_address=8, connections_max=8)))
+    held = [socket.create_connection(place(running), timeout=5) for _ in range(8)]
+    time.sleep(0.2)
+    assert raw(running, b"GET /look HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n") == b""
+    for one in held:
+        one.close()
+    time.sleep(0.2)
+    assert raw(running, b"GET /look HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").startswith(
+        b"HTTP/1.1 401"
+    )
+
+
+def test_pages_are_counted(start):
+    running = start(sockets_per_address=2)
+    live = running.address.replace("http", "ws") + "/live"
+    with logged_in(running) as client:
+        with (
+            connect(live, additional_headers=cookie(client)) as one,
+            connect(live, additional_headers=cookie(client)),
+        ):
+            assert one.recv() == "anna"
+            with pytest.raises(InvalidStatus, match="403"):
+                connect(live, additional_headers=cookie(client))
+        time.sleep(0.2)
+        with connect(live, additional_headers=cookie(client)) as one:
+            assert one.recv() == "anna"
+
+
+@pytest.mark.parametrize("headers", [{}, {"Cookie": "beltscape=nonsense"}])
+def test_a_stranger_opens_no_socket(start, headers):
+    with pytest.raises(InvalidStatus, match="403"):
+        connect(start().address.replace("http", "ws") + "/live", additional_headers=headers)
+
+
+def test_another_site_opens_no_socket_and_the_own_page_does(start):
+    running = start()
+    live = running.address.replace("http", "ws") + "/live"
+    with logged_in(running) as client:
+        for origin in ("http://evil.example", "null", running.address + ".evil.example"):
+            with pytest.raises(InvalidStatus, match="403"):
+                connect(live, additional_headers={**cookie(client), "Origin": origin})
+        with connect(live, additional_headers={**cookie(client), "Origin": running.address}) as page:
+            assert page.recv() == "anna"
+
+
+def test_logging_out_closes_the_pages(start):
+    running = start()
+    with logged_in(running) as client:
+        with connect(
+            running.address.replace("http", "ws") + "/live", additional_headers=cookie(client)
+        ) as page:
+            assert page.recv() == "anna"
+            assert client.post("/api/access/logout").status_code == 200
+            with pytest.raises(ConnectionClosed) as closed:
+                while True:
+                    page.recv(timeout=3)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 4401

@@ -13,7 +13,7 @@ from pathlib import Path
 from beltscape.core.belt_record import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files import flow_csv
-from beltscape.sinks.days import day_name, day_number, day_of
+from beltscape.sinks.days import day_name, day_of, shift_ns_of
 from beltscape.sinks.settings import CsvSettings
 
 HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,cameras,wall_time_s"
@@ -37,9 +37,11 @@ class CsvSink:
             When the folder cannot be written.
         """
         self._folder, self._settings = path, settings
+        self._shift_ns = shift_ns_of(settings.day_begins_utc_h)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            self._last = max((_mend(file) for file in path.glob("????-??-??.csv")), default=0)
+            self._files = {file: _mend(file) for file in path.glob("????-??-??.csv")}
+            self._last = max(self._files.values(), default=0)
         except OSError as error:
             raise _unwritable(path, error) from error
 
@@ -57,27 +59,25 @@ class CsvSink:
             When it cannot be written; the file is as it was then.
         """
         new = [record for record in records if record.number > self._last]
-        for day, group in groupby(
-            new, lambda record: day_of(record.wall_ns, self._settings.day_begins_utc_h)
-        ):
+        for day, group in groupby(new, lambda record: day_of(record.wall_ns, self._shift_ns)):
             its = list(group)
             path = self._folder / f"{day_name(day)}.csv"
             try:
-                if not path.exists():
-                    self._forget(day)
                 _append(path, "".join(f"{csv_line(record)}\n" for record in its).encode())
             except OSError as error:
                 raise _unwritable(path, error) from error
-            self._last = its[-1].number
+            self._files[path] = self._last = its[-1].number
+            self._forget()
 
     def close(self) -> None:
         """Nothing is open between calls."""
 
-    def _forget(self, today: int) -> None:
-        """Remove files that are too old."""
-        for file in self._folder.glob("????-??-??.csv"):
-            if _day(file) < today - self._settings.days:
-                file.unlink(missing_ok=True)
+    def _forget(self) -> None:
+        """Remove the oldest files by what is in them: the clock may be wrong."""
+        while len(self._files) > self._settings.days:
+            oldest = min(self._files, key=lambda path: self._files[path])
+            oldest.unlink(missing_ok=True)
+            del self._files[oldest]
 
 
 def csv_line(record: BeltRecord) -> str:
@@ -140,14 +140,6 @@ def _mend(path: Path) -> int:
     if values and not (len(values) == HEADER.count(",") + 1 and values[_NUMBER].isdecimal()):
         raise InputError(f"{path}: its last row {rows[-1][:200]!r} is no record; move the file away")
     return int(values[_NUMBER]) if values else 0
-
-
-def _day(path: Path) -> int:
-    """Of a file's name; far in the future where it is no day's."""
-    try:
-        return day_number(path.stem)
-    except ValueError:
-        return 10**9
 
 
 def _unwritable(path: Path, error: OSError) -> OutputError:

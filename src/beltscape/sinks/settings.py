@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Days = Annotated[float, Field(gt=0, le=36500, allow_inf_nan=False)]
+DayCount = Annotated[int, Field(ge=1, le=36500)]
 Gib = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 
 
@@ -17,20 +17,20 @@ class HistorySettings(BaseModel):
 
     keep_sections: bool = True
     """Whether the cross-section behind every record is kept."""
-    database_days: Days = 7.0
-    """Records older than that lie in the day files only."""
+    database_days: DayCount = 7
+    """Days in the database, counting those on which something passed; older records lie in day files only."""
     database_gib: Gib = 8.0
     """What the records in the database may take; above it the oldest go to the day files earlier."""
-    file_days: Days = 3650.0
-    """Day files, and sums by the minute, older than that are removed; sums by the hour stay."""
+    file_days: DayCount = 3650
+    """Days in day files, counted the same way; older ones and their sums by the minute go, sums by the hour stay."""
     file_gib: Gib = 200.0
     """What all day files may take; above it the oldest are removed."""
-    event_days: Days = 3650.0
-    """Alarms and notes older than that are removed."""
+    events: Annotated[int, Field(ge=100, le=100_000_000)] = 1_000_000
+    """Alarms and notes that are kept; above it the oldest are removed."""
     reserve_mib: Annotated[int, Field(ge=1, le=4096)] = 64
     """Space held back for the day the disk is full: records and totals go on in it, without sections."""
     day_begins_utc_h: Annotated[float, Field(ge=-14, le=14, allow_inf_nan=False)] = 0.0
-    """Hour of UTC at which a day begins: 5.0 for a shift that begins at 06:00 in UTC+1."""
+    """Hour of UTC at which a day begins: 5.0 for a shift that begins at 06:00 in UTC+1. Never to be changed."""
 
 
 class RecordingSettings(BaseModel):
@@ -61,7 +61,7 @@ class CsvSettings(BaseModel):
 
     enabled: bool = False
     """Whether it is written."""
-    days: Days = 365.0
-    """Files older than that are removed."""
+    days: DayCount = 365
+    """Files that are kept, one for each day on which something passed; above it the oldest are removed."""
     day_begins_utc_h: Annotated[float, Field(ge=-14, le=14, allow_inf_nan=False)] = 0.0
     """Hour of UTC at which a day begins."""

@@ -2,6 +2,7 @@
 
 from beltscape.sinks.historian.events import Event
 from beltscape.sinks.historian.historian import Historian, Resume
+from beltscape.sinks.historian.past import DaySum
 from beltscape.sinks.historian.series import Series
 
-__all__ = ["Event", "Historian", "Resume", "Series"]
+__all__ = ["DaySum", "Event", "Historian", "Resume", "Series"]

@@ -9,10 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from beltscape.core.errors import InputError
+from beltscape.sinks.historian.failures import is_damage
 from beltscape.sinks.historian.schema import open_reader
 
 _IDLE = 8
 """Connections that are kept open for the next reader."""
+
+
+def suspect(path: Path) -> Path:
+    """The file that asks the next start to look at all of the database."""
+    return path.with_name(f"{path.stem}.suspect")
 
 
 class Readers:
@@ -45,6 +51,8 @@ class Readers:
             yield connection
             connection.execute("COMMIT")
         except sqlite3.Error as error:
+            if is_damage(error):
+                suspect(self._path).touch()
             raise InputError(f"{self._path}: cannot be read ({error})") from error
         finally:
             self._take_back(connection, age)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,10 @@ from beltscape.sinks.historian.sections import unpacked
 
 _WITH_SECTIONS = SELECT.replace(" FROM records", ", grids.x, sections.height FROM records") + (
     " LEFT JOIN sections ON sections.number = records.number LEFT JOIN grids ON grids.grid = sections.grid"
+)
+_WHERE = (
+    " WHERE records.number BETWEEN ? AND ? AND records.wall_ns >= ? AND records.wall_ns < ?"
+    " ORDER BY records.number LIMIT ?"
 )
 
 
@@ -26,13 +31,21 @@ def database_records(
 ) -> Iterator[BeltRecord]:
     """Records with such numbers (both ends in) and times (end out), in order of their numbers."""
     rows = connection.execute(
-        f"{_WITH_SECTIONS if sections else SELECT} WHERE records.number BETWEEN ? AND ? "
-        "AND records.wall_ns >= ? AND records.wall_ns < ? ORDER BY records.number LIMIT ?",
+        f"{_WITH_SECTIONS if sections else SELECT}{_WHERE}",
         (*numbers, *times_ns, limit),
     )
     width = len(COLUMNS)
     for row in rows:
         yield from_row(row[:width], section_of(row[width:]) if sections else None)
+
+
+def database_rows(
+    connection: sqlite3.Connection, numbers: tuple[int, int], times_ns: tuple[int, int], limit: int
+) -> tuple[list[Sequence[Any]], list[CrossSection | None]]:
+    """As ``database_records``, as rows in the order of the columns, and their sections."""
+    rows = connection.execute(f"{_WITH_SECTIONS}{_WHERE}", (*numbers, *times_ns, limit)).fetchall()
+    width = len(COLUMNS)
+    return [row[:width] for row in rows], [section_of(row[width:]) for row in rows]
 
 
 def database_section(connection: sqlite3.Connection, number: int) -> CrossSection | None:

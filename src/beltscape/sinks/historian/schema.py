@@ -43,9 +43,10 @@ CREATE TABLE ledger (
     number      INTEGER NOT NULL,
     run         INTEGER NOT NULL,
     end_mm      REAL,
+    shift_ns    INTEGER,                   -- from UTC's midnight to where days begin
     state       TEXT NOT NULL
 );
-INSERT INTO ledger VALUES (1, 0, 0, NULL, '');
+INSERT INTO ledger VALUES (1, 0, 0, NULL, NULL, '');
 CREATE TABLE records (
     number      INTEGER PRIMARY KEY,
     run         INTEGER NOT NULL,
@@ -110,7 +111,8 @@ CREATE TABLE files (
     records     INTEGER NOT NULL,
     bytes       INTEGER NOT NULL,
     sha256      TEXT NOT NULL,
-    pruned      INTEGER NOT NULL DEFAULT 0 -- its records are, or are being, taken out of the table above
+    summed      INTEGER NOT NULL,          -- up to which number its records are in the sums above
+    pruned      INTEGER NOT NULL           -- some of its records are no longer in the table above
 );
 CREATE INDEX files_day ON files (day);
 """
@@ -129,7 +131,6 @@ def open_writer(path: Path) -> sqlite3.Connection:
     """
     connection = sqlite3.connect(path, check_same_thread=False, isolation_level=None, timeout=10)
     try:
-        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA temp_store = MEMORY")

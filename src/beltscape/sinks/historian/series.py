@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltscape.sinks.days import HOUR_NS
 from beltscape.sinks.historian.buckets import ADDED, WIDTH_NS, merged
 
-_RAW_NS = HOUR_NS
+_RAW_NS = HOUR_NS // 2
 """A shorter stretch is drawn from the records themselves."""
 Curve = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def read_series(
 ) -> Series:
     """From ``since_ns`` to before ``until_ns`` in at most ``points`` intervals.
 
-    Stretches longer than an hour come from the sums by the minute or the hour: their intervals begin and end there.
+    Stretches longer than half an hour come from the sums by the minute or the hour, and their intervals with them.
     """
     span = max(1, until_ns - since_ns)
     if span <= _RAW_NS and _has_records(connection, since_ns, until_ns, shift_ns):

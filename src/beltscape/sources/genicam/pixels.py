@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def image_from(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
     need = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _bytes_of(format_, count)
     if len(data) < need:
         raise InputError(f"image of {width}×{height} {format_.name} has {len(data)} bytes instead of {need}")
-    values = scaled(unpacked(np.frombuffer(data, np.uint8, need), format_, count), format_.bits)
+    values: Any = scaled(unpacked(np.frombuffer(data, np.uint8, need), format_, count), format_.bits)
     if format_.channels == 3:
         colours = values.reshape(height, width, 3)
         return np.ascontiguousarray(colours[..., ::-1]) if format_.name.startswith("BGR") else colours
@@ -90,7 +90,7 @@ def unpacked(raw: NDArray[np.uint8], format_: Format, count: int) -> NDArray[np.
         return _two_in_three(raw, format_.bits)[:count]
     if format_.packing == "lsb":
         return _bit_stream(raw, format_.bits, count)
-    return raw if format_.bits <= 8 else raw.view("<u2")
+    return raw if format_.bits <= 8 else raw.view(np.dtype("<u2"))
 
 
 def _two_in_three(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
@@ -98,7 +98,8 @@ def _two_in_three(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
     low = bits - 8
     first, both, second = raw.reshape(-1, 3).astype(np.uint16).T
     mask = (1 << low) - 1
-    return np.stack([(first << low) | (both & mask), (second << low) | (both >> 4 & mask)], axis=-1).ravel()
+    pair = [(first << low) | (both & mask), (second << low) | (both >> 4 & mask)]
+    return np.stack(pair, axis=-1, dtype=np.uint16).ravel()
 
 
 def _bit_stream(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:
@@ -118,11 +119,11 @@ def _bit_stream(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uin
 def scaled(
     values: NDArray[np.uint8] | NDArray[np.uint16], bits: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """8 bits as they are; more on 16, where the top value becomes 65535 and 0 stays 0 (the high bits repeat below)."""
+    """8 bits as they are; more on 16, the top value at 65535 and 0 at 0 (the high bits repeat below)."""
     if bits <= 8 or bits == 16:
         return values
     wide = values.astype(np.uint16)
-    return (wide << (16 - bits)) | (wide >> (2 * bits - 16))
+    return ((wide << (16 - bits)) | (wide >> (2 * bits - 16))).astype(np.uint16, copy=False)
 
 
 def demosaiced(plane: NDArray[np.uint8] | NDArray[np.uint16], pattern: str) -> Image:

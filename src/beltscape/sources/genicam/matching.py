@@ -1,0 +1,261 @@
+"""Images of several cameras → those of one instant, never mixed."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Generic, Literal, TypeVar
+
+import numpy as np
+
+from beltscape.sources.genicam.clock import CameraClock
+
+Payload = TypeVar("Payload")
+KEPT_IDS = 64
+"""Images of a camera that are remembered to know one that comes twice."""
+BIAS_OF = 51
+"""Instants from which the constant part of a clock's error is told."""
+BIAS_FROM = 5
+"""Instants known until it is used."""
+UNSYNCHRONISED_NS = 50_000_000
+"""Shared clocks that are farther apart are not shared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shot(Generic[Payload]):
+    """One camera's image, as it came."""
+
+    camera: str
+    frame_id: int
+    """The camera's count: 1 to 65535 and again from 1, or 64 bits; begins anew when the camera is opened."""
+    camera_ns: int
+    """The camera's own clock when it was taken."""
+    arrival_ns: int
+    """Host's monotonic clock when its first packet came."""
+    payload: Payload
+
+
+@dataclass(frozen=True, slots=True)
+class Matched(Generic[Payload]):
+    """The images of one instant."""
+
+    time_ns: int
+    """Host's monotonic clock at the instant; grows from one to the next."""
+    shots: dict[str, Shot[Payload]]
+    """By camera; those without an image are absent."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """How images are matched."""
+
+    window_ns: int
+    """Images this near to the first of an instant may be of it; less than half the time between instants."""
+    skew_ns: int
+    """Images farther from the middle one are left out."""
+    timeout_ns: int
+    """An instant waits this long for its last image."""
+    clocks: Literal["own", "ptp"] = "own"
+    """ptp: the cameras share one clock."""
+    common_pulse: bool = False
+    """One pulse on a wire triggers all: what stays between two clocks is their error, not skew."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """What was seen of one camera."""
+
+    taken: int = 0
+    """Images that came whole, duplicates not counted."""
+    missed: int = 0
+    """Instants that were given out without it."""
+    late: int = 0
+    """Images that came after their instant was given out."""
+    twice: int = 0
+    """Images that came again."""
+    skipped: int = 0
+    """Images that its count says were lost on the way."""
+    skewed: int = 0
+    """Images left out because they were too far from the others."""
+    skew_ns: int | None = None
+    """How far its last image was from the core's; before the core's: negative."""
+    out_of_skew: bool = False
+    """Whether its last image was left out for that."""
+    unsynchronised: bool = False
+    """Whether its clock is not the one the others share."""
+    silent: bool = False
+    """Whether an instant waited for it in vain and nothing has come since."""
+    heard: bool = False
+    """Whether its clock is known since it was opened."""
+
+
+@dataclass(slots=True)
+class _Camera:
+    clock: CameraClock
+    tally: Tally = field(default_factory=Tally)
+    ids: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=KEPT_IDS))
+    newest_ns: int | None = None
+    """Host time of its newest image."""
+    apart: deque[int] = field(default_factory=lambda: deque(maxlen=BIAS_OF))
+    """How far its last images were from the core's, by the clocks as learned."""
+
+    @property
+    def bias_ns(self) -> int:
+        return round(float(np.median(self.apart))) if len(self.apart) >= BIAS_FROM else 0
+
+
+@dataclass(slots=True)
+class _Instant(Generic[Payload]):
+    at_ns: int
+    opened_ns: int
+    shots: dict[str, tuple[int, Shot[Payload]]]
+    """Host time of the image, the image."""
+
+
+class Matcher(Generic[Payload]):
+    """Gathers images into instants; an instant is given out when it is complete or has waited long enough.
+
+    All images are placed on the host's clock by their cameras' clocks; whatever comes late on the network keeps
+    its place. Instants are at least twice ``window_ns`` apart, so as long as clocks err by less than half of it,
+    no image comes to a wrong instant.
+    """
+
+    def __init__(self, cameras: Sequence[str], core: str, rules: Rules) -> None:
+        self._rules = rules
+        self._core = core
+        self._cameras = {name: _Camera(self._new_clock()) for name in cameras}
+        self._open: list[_Instant[Payload]] = []
+        self._given_at_ns: int | None = None
+        self._given_time_ns: int | None = None
+
+    def _new_clock(self) -> CameraClock:
+        # one clock for all: what it is off is the same for each
+        return CameraClock(self._rules.window_ns // 4, *([0.0] if self._rules.clocks == "ptp" else []))
+
+    def tally(self, camera: str) -> Tally:
+        """What was seen of a camera."""
+        return self._cameras[camera].tally
+
+    def clock(self, camera: str) -> CameraClock:
+        """A camera's clock as learned."""
+        return self._cameras[camera].clock
+
+    def reopened(self, camera: str) -> None:
+        """The camera was opened (again): its count and its clock may begin anew."""
+        one = self._cameras[camera]
+        one.clock = self._new_clock()
+        one.ids.clear()
+        one.apart.clear()
+        one.tally.heard = False
+
+    def add(self, shot: Shot[Payload], now_ns: int) -> None:
+        """An image came."""
+        one = self._cameras[shot.camera]
+        if (shot.frame_id, shot.camera_ns) in one.ids:
+            one.tally.twice += 1
+            return
+        if one.ids:
+            one.tally.skipped += lost_between(one.ids[-1][0], shot.frame_id)
+        one.ids.append((shot.frame_id, shot.camera_ns))
+        one.tally.taken += 1
+        trusted = one.clock.add(shot.camera_ns, shot.arrival_ns)
+        one.tally.heard = one.clock.settled
+        if not one.clock.settled:
+            one.apart.clear()
+        host_ns = self._host_ns(one, shot.camera_ns) if trusted else None
+        if host_ns is None:
+            return
+        one.tally.silent = False
+        one.newest_ns = host_ns if one.newest_ns is None else max(one.newest_ns, host_ns)
+        self._place(shot, host_ns, now_ns)
+
+    def _host_ns(self, one: _Camera, camera_ns: int) -> int | None:
+        """Host time of an image; None where the clock is to be the common one and is not."""
+        own = one.clock.host_ns(camera_ns)
+        if self._rules.clocks == "own":
+            return own - one.bias_ns
+        settled = [self._cameras[self._core], *self._cameras.values()]
+        common = next(c.clock for c in settled if c.clock.settled).host_ns(camera_ns)
+        one.tally.unsynchronised = abs(common - own) > UNSYNCHRONISED_NS
+        return None if one.tally.unsynchronised else common
+
+    def _place(self, shot: Shot[Payload], host_ns: int, now_ns: int) -> None:
+        window = self._rules.window_ns
+        if self._given_at_ns is not None and host_ns < self._given_at_ns + window:
+            self._cameras[shot.camera].tally.late += 1
+            return
+        near = [instant for instant in self._open if abs(instant.at_ns - host_ns) < window]
+        nearest = min(near, key=lambda instant: abs(instant.at_ns - host_ns), default=None)
+        if nearest is None or shot.camera in nearest.shots:
+            nearest = _Instant(host_ns, now_ns, {})
+            self._open.append(nearest)
+            self._open.sort(key=lambda instant: instant.at_ns)
+        nearest.shots[shot.camera] = host_ns, shot
+
+    def due(self, now_ns: int) -> list[Matched[Payload]]:
+        """The instants that can be given out now, in order."""
+        out = []
+        while self._open and self._is_due(self._open[0], now_ns):
+            out.append(self._give(self._open.pop(0)))
+        return out
+
+    def deadline_ns(self) -> int | None:
+        """When to ask ``due`` again if no image comes; None: nothing waits."""
+        return self._open[0].opened_ns + self._rules.timeout_ns if self._open else None
+
+    def _is_due(self, instant: _Instant[Payload], now_ns: int) -> bool:
+        awaited = [
+            one
+            for name, one in self._cameras.items()
+            if name not in instant.shots and self._awaits(one, instant)
+        ]
+        if awaited and now_ns < instant.opened_ns + self._rules.timeout_ns:
+            return False
+        for one in awaited:
+            one.tally.silent = True
+        return True
+
+    def _awaits(self, one: _Camera, instant: _Instant[Payload]) -> bool:
+        if not one.tally.heard or one.tally.silent:
+            return False
+        # images of one camera come in order: what is newer says that this one is lost
+        return one.newest_ns is None or one.newest_ns < instant.at_ns + self._rules.window_ns
+
+    def _give(self, instant: _Instant[Payload]) -> Matched[Payload]:
+        self._given_at_ns = instant.at_ns
+        for name, one in self._cameras.items():
+            one.tally.missed += name not in instant.shots
+        kept = self._together(instant)
+        times = sorted(time for name, (time, _) in instant.shots.items() if name in kept)
+        time_ns = instant.shots[self._core][0] if self._core in kept else times[(len(times) - 1) // 2]
+        if self._given_time_ns is not None:
+            time_ns = max(time_ns, self._given_time_ns + 1)
+        self._given_time_ns = time_ns
+        return Matched(time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in kept})
+
+    def _together(self, instant: _Instant[Payload]) -> set[str]:
+        """The cameras whose images are near enough to the middle one; between two, the core's counts."""
+        times = {name: time for name, (time, _) in instant.shots.items()}
+        ordered = sorted(times.values())
+        middle = ordered[(len(ordered) - 1) // 2]
+        if len(ordered) == 2 and self._core in times:
+            middle = times[self._core]
+        kept = {name for name, time in times.items() if abs(time - middle) <= self._rules.skew_ns}
+        core_ns = times.get(self._core)
+        for name, time in times.items():
+            one = self._cameras[name]
+            one.tally.out_of_skew = name not in kept
+            one.tally.skewed += name not in kept
+            one.tally.skew_ns = None if core_ns is None else time - core_ns
+            if core_ns is not None and self._rules.common_pulse and self._rules.clocks == "own":
+                one.apart.append(time - core_ns + one.bias_ns)
+        return kept
+
+
+def lost_between(before: int, after: int) -> int:
+    """Images missing between two of a camera's counts; 0 where the count began anew."""
+    step = after - before
+    if step < 0 and before <= 65535:  # 16 bits go from 65535 on to 1
+        step += 65535
+    return step - 1 if 1 <= step <= 1000 else 0

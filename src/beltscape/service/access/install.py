@@ -13,6 +13,7 @@ from beltscape.core.errors import OutputError
 from beltscape.service.access.access import Access
 from beltscape.service.access.guard import Guard
 from beltscape.service.access.headers import policy
+from beltscape.service.access.pages import add_pages
 from beltscape.service.access.session_routes import SessionRoutes
 from beltscape.service.access.user_routes import UserRoutes
 
@@ -37,6 +38,7 @@ def install(
     SessionRoutes(access).add_to(routes)
     UserRoutes(access).add_to(routes)
     app.include_router(routes)
+    add_pages(app)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(OutputError, _unwritable)
     app.add_middleware(

@@ -10,6 +10,7 @@ from beltscape.core.errors import InputError
 
 SOON_DAYS = 30
 """A certificate that ends within this time is worth a note."""
+_NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL
 
 
 def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
@@ -31,11 +32,13 @@ def certificate_ends(certificate: Path, key: Path) -> float:
     """When the certificate ends, seconds since 1970.
 
     The standard library decodes no leaf certificate from a file, so a server that has it and a client that trusts
-    nothing else shake hands in memory. InputError where they do not: what no browser would take either.
+    nothing else shake hands in memory. InputError where they do not: what no browser would take either. One that has
+    ended, or does not hold yet, is no error.
     """
     client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     client.check_hostname = False
-    client.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
+    # one that has ended is read as well: the service must start with it after a power failure, and say so
+    client.verify_flags |= ssl.VerifyFlags(ssl.VERIFY_X509_PARTIAL_CHAIN | _NO_CHECK_TIME)
     client.load_verify_locations(certificate)
     to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
     server_end = tls_context(certificate, key).wrap_bio(to_server, to_client, server_side=True)

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import configparser
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from beltscape.cli.main import main
+
+DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
+UNITS = sorted([*DEPLOY.glob("*.service"), *DEPLOY.glob("*.timer")])
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
+def test_systemd_understands_it(unit, tmp_path):
+    program = shutil.which("systemd-analyze")
+    if program is None:
+        pytest.skip("systemd-analyze is not there")
+    for one in UNITS:  # the programs themselves need not be installed here
+        text = re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", one.read_text(), flags=re.MULTILINE)
+        (tmp_path / one.name).write_text(text)
+    done = subprocess.run(
+        [program, "verify", str(tmp_path / unit.name)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    ours = [line for line in done.stderr.splitlines() if "beltscape" in line]
+    assert (done.returncode, ours) == (0, [])
+
+
+def test_the_command_it_starts_is_one_of_ours(capsys):
+    parser = configparser.RawConfigParser(strict=False)
+    parser.optionxform = str
+    parser.read(DEPLOY / "beltscape.service")
+    program, *arguments = parser["Service"]["ExecStart"].split()
+    assert Path(program).name == "beltscape"
+    with pytest.raises(SystemExit) as stopped:
+        main([arguments[0], "--help"])
+    assert stopped.value.code == 0
+    assert "project.toml" in capsys.readouterr().out
+    assert parser["Service"]["Type"] == "notify"
+
+
+def test_the_backup_it_starts_is_there():
+    text = (DEPLOY / "beltscape-backup.service").read_text()
+    assert re.search(r"^ExecStart=\S+python \S+/deploy/backup\.py ", text, re.MULTILINE)
+    assert (DEPLOY / "backup.py").is_file()

@@ -83,9 +83,9 @@ def test_after_a_restart_of_the_program_positions_are_the_same(before, after):
     assert restarted.jumps == 0
 
 
-@given(floats(0, 1e7), floats(0, 6000), st.sampled_from([16, 32]))
+@given(floats(3e3, 1e7), floats(-2990, 3540), st.sampled_from([16, 32]))
 def test_a_wrapping_counter_finds_the_ledgers_end_again(end_mm, away_mm, bits):
-    """Less than one turn (6553.6 mm of 16 bit) passed while the program was away."""
+    """Less than half a turn (6553.6 mm of 16 bit) passed while the program was away; the ledger was ahead."""
     raw = round((end_mm + away_mm) / 0.1) % 2**bits
     found = Count(settings(mm_per_count=0.1, counter_bits=bits), resume_mm=end_mm).position_mm(raw, 0)
     assert found == pytest.approx(end_mm + away_mm, abs=0.06)
@@ -96,6 +96,12 @@ def test_a_device_that_was_reset_while_nobody_listened_goes_on_at_the_ledgers_en
     assert told(count, [20.0, 30.0]) == [80_000.0, 80_010.0]
     assert count.jumps == 1
     assert count.offset_mm == 79_980.0
+
+
+def test_a_ledger_that_is_ahead_by_what_is_in_view_is_no_reset():
+    count = Count(settings(), resume_mm=80_000.0)
+    assert count.position_mm(78_000.0, 0) == 78_000.0
+    assert count.jumps == 0
 
 
 def test_a_belt_that_passed_while_nobody_listened_is_told():

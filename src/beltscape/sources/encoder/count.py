@@ -10,6 +10,8 @@ _SLACK_MM = 100.0
 """More than the fastest belt, for readings that are stamped unevenly."""
 _BACK_MM = 500.0
 """A loaded belt that stops may roll back; what runs back further is wired or set the wrong way round."""
+_AHEAD_MM = 3000.0
+"""By so much the ledger may be ahead of the belt: it counts what is in view upstream, and the belt rolls back."""
 
 
 @dataclass(slots=True)
@@ -25,7 +27,7 @@ class Count:
     offset_mm: float = 0.0
     """Position = counted mm + offset, of a counter that wraps up to whole wraps."""
     resume_mm: float | None = None
-    """Where the ledger of the belt ended: the first position is not before it."""
+    """Where the ledger of the belt ended: the first position is not much before it."""
     jumps: int = 0
     """How often the count jumped."""
     jump_mm: float = 0.0
@@ -62,9 +64,9 @@ class Count:
         position = raw_mm + self.offset_mm
         span, end = self._span_mm, self.resume_mm
         if span is not None:
-            least = 0.0 if end is None else end - _BACK_MM
+            least = 0.0 if end is None else end - _AHEAD_MM
             position += span * -((position - least) // span)
-        elif end is not None and position < end - _BACK_MM:  # reset while nobody listened
+        elif end is not None and position < end - _AHEAD_MM:  # reset while nobody listened
             self._jumped(position - end)
             position = end
         return position

@@ -1,10 +1,11 @@
 // One's own password; for engineers the users and the audit log.
 import { $, make } from "/page/script/dom.js";
-import { day_and_time, t } from "/page/script/texts.js";
-import { ask, form, furnish, weak } from "/access/door.js";
+import { day_and_time, has, t } from "/page/script/texts.js";
+import { ask, form, furnish, hush, weak } from "/access/door.js";
 
 const ROLES = ["viewer", "operator", "engineer"];
 let me = null;
+let asked = null;  // whom the dialog is about
 
 function roles(select, chosen) {
   select.replaceChildren(...ROLES.map((role) => make("option", { value: role, selected: role === chosen }, t(`role.${role}`))));
@@ -47,14 +48,14 @@ function log_row(entry) {
   return make("tr", {},
     make("td", { class: "when" }, day_and_time(Date.parse(at), true)),
     make("td", { class: "who" }, who),
-    make("td", { class: what.endsWith("failed") ? "failed" : null }, what),
+    make("td", { class: what.endsWith("failed") ? "failed" : null }, has(`access.log.${what}`) ? t(`access.log.${what}`) : what),
     make("td", {}, from),
     make("td", { class: "detail" }, detail));
 }
 
 async function attempt(work) {
   const problem = $("users-problem");
-  problem.hidden = true;
+  hush();
   try {
     await work();
   } catch (error) {
@@ -78,8 +79,6 @@ function question(title, yes, user, password) {
   asked = { user, password };
   dialog.showModal();
 }
-
-let asked = null;
 
 await furnish(show);
 await show();

@@ -11,12 +11,17 @@ export async function furnish(changed = () => {}) {
   const menu = $("language");
   menu.append(...languages().map((name) => make("option", { value: name }, t(`language.${name}`))));
   menu.value = chosen();
-  menu.addEventListener("change", () => { choose(menu.value); changed(); });
+  menu.addEventListener("change", () => { choose(menu.value); hush(); changed(); });
   const button = $("theme");
   const show = () => button.replaceChildren(sign(theme.wish));
   button.addEventListener("click", () => { theme.next(); show(); });
   show();
   apply(document);
+}
+
+/** Hide what was said in another language, or before. */
+export function hush() {
+  for (const line of document.querySelectorAll(".problem, .done")) line.hidden = true;
 }
 
 /** Ask the server: its answer, or an error with a line in the reader's language. */
@@ -35,6 +40,7 @@ export async function ask(method, path, body) {
   }
   const found = await answer.json().catch(() => ({}));
   if (answer.ok) return found;
+  if (answer.status === 401 && !/\/(login|password)$/.test(path)) location.replace(`/login?next=${location.pathname}`);
   const error = new Error(words(answer, found.detail));
   error.status = answer.status;
   throw error;
@@ -61,7 +67,7 @@ export function form(element, send) {
   element.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = event.submitter ?? element.querySelector("button:not([type])");
-    for (const line of [problem, done]) if (line) line.hidden = true;
+    hush();
     const empty = [...element.elements].filter((field) => field.required && !field.value);
     for (const field of element.elements) field.removeAttribute("aria-invalid");
     if (empty.length) {

@@ -26,10 +26,10 @@ _ROWS = 10_000
 _ALL = 1 << 62
 _FILE = ", ".join(field.name for field in fields(DayFile))
 _UNFILED = """
-    SELECT day FROM (SELECT bucket / 24 AS day, max(last) AS last FROM hours GROUP BY bucket / 24)
-    WHERE last > (SELECT coalesce(max(last), 0) FROM files WHERE files.day = day)
-        AND last >= (SELECT min(number) FROM records)
-    ORDER BY last"""
+    SELECT passed.day FROM (SELECT bucket / 24 AS day, max(last) AS last FROM hours GROUP BY bucket / 24) AS passed
+    WHERE passed.last > (SELECT coalesce(max(files.last), 0) FROM files WHERE files.day = passed.day)
+        AND passed.last >= (SELECT min(number) FROM records)
+    ORDER BY passed.last"""
 
 
 class Archive:

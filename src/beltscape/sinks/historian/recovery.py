@@ -1,11 +1,12 @@
 """A damaged database is moved aside, never emptied; the totals go on from the newest that can be read.
 
-They are looked for in the damaged file itself (its end of the ledger is checksummed), in the snapshot ``totals.json``
-beside it, and in what the running program remembers.
+They are looked for in the bytes of the damaged file (the end of the ledger is kept as text with a checksum), in the
+snapshot ``totals.json`` beside it, and in what the running program remembers.
 """
 
 from __future__ import annotations
 
+import mmap
 import sqlite3
 import time
 from dataclasses import dataclass
@@ -16,13 +17,15 @@ from beltscape.sinks.durable import write_durably
 from beltscape.sinks.historian.failures import is_damage
 from beltscape.sinks.historian.ledger import transaction
 from beltscape.sinks.historian.readers import suspect
-from beltscape.sinks.historian.schema import open_reader, open_writer
-from beltscape.sinks.historian.sums import Sums, read_sums
+from beltscape.sinks.historian.schema import open_writer
+from beltscape.sinks.historian.sums import SUMS_BEGIN, Sums, read_sums, sums_at
 
 DATABASE = "history.db"
 SNAPSHOT = "totals.json"
 _QUICK_BYTES = 256 << 20
 """A database up to this size is checked page by page at every start; a larger one where it is read."""
+_TEXT_BYTES = 4096
+"""The text of the sums is shorter than a page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,14 +154,15 @@ def _moved_aside(path: Path) -> Path:
 
 
 def _salvaged(path: Path) -> Sums | None:
-    """The end of the ledger that a damaged database still tells; None where it does not."""
-    try:
-        connection = open_reader(path)
-    except sqlite3.Error:
-        return None
-    try:
-        return read_sums(connection.execute("SELECT state FROM ledger").fetchone()[0])
-    except (sqlite3.Error, TypeError):
-        return None
-    finally:
-        connection.close()
+    """The newest end of the ledger whose checksum holds, anywhere in the bytes of a database or its log."""
+    found: list[Sums] = []
+    for file in (path, path.with_name(f"{path.name}-wal")):
+        try:
+            with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                texts = (
+                    data[place.start() : place.start() + _TEXT_BYTES] for place in SUMS_BEGIN.finditer(data)
+                )
+                found.extend(sums for sums in map(sums_at, texts) if sums is not None)
+        except (OSError, ValueError):
+            continue  # not there, or empty
+    return max(found, key=lambda sums: sums.number, default=None)

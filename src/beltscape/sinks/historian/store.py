@@ -7,6 +7,7 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, TypeVar
 
@@ -22,6 +23,8 @@ from beltscape.sinks.settings import HistorySettings
 
 Result = TypeVar("Result")
 _MIB = 1 << 20
+_PAGES, _PAGES_SHORT = 1000, 40
+"""Length of SQLite's log, pages, as it is by default and where the disk is full."""
 _SNAPSHOT_S = 10.0
 """How often the totals are also written beside the database."""
 
@@ -86,6 +89,7 @@ class Store:
         with self._lock:
             if self._short and self._reserve.make():
                 self._short = ""
+                self._checkpoint_every(_PAGES)
             try:
                 return work(self.connection)
             except sqlite3.Error as error:
@@ -160,8 +164,15 @@ class Store:
         elif is_full(error):
             self._short = "the disk is full" if "full" in str(error) else f"the disk fails ({error})"
             self._reserve.release()
+            # the log goes into the database early and begins anew: it must not take what the records need
+            self._checkpoint_every(_PAGES_SHORT)
+            with suppress(sqlite3.Error):
+                self.connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchall()
         else:
             raise self._unwritable(error) from error
+
+    def _checkpoint_every(self, pages: int) -> None:
+        self.connection.execute(f"PRAGMA wal_autocheckpoint = {pages}").fetchall()
 
     def _unwritable(self, error: sqlite3.Error) -> OutputError:
         return OutputError(f"{self.path}: cannot be written ({error}); free some space or mend its rights")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass, replace
 from zlib import crc32
 
 from beltscape.core.belt_record import BeltRecord, Totals
 
+SUMS_BEGIN = re.compile(rb'\{"crc32": \d+, "sums": \{')
+"""How the text of sums begins."""
 Pair = tuple[float, float]
 """A sum and what rounding took from it."""
 
@@ -96,6 +99,15 @@ def read_sums(text: str) -> Sums | None:
             return None
         return Sums(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
     except (ValueError, TypeError, KeyError):
+        return None
+
+
+def sums_at(data: bytes) -> Sums | None:
+    """The sums whose text ``data`` begins with, whatever follows; None where it is none or damaged."""
+    try:
+        text = data.decode("latin-1")
+        return read_sums(text[: json.JSONDecoder().raw_decode(text)[1]])
+    except ValueError:
         return None
 
 

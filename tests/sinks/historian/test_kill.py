@@ -1,0 +1,35 @@
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
+    script = Path(__file__).with_name("killed_writer.py")
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path), "50"],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["acknowledged"] > 50
+    # what was written but not yet acknowledged may be there: one batch at most
+    assert 0 <= found["records"] - found["acknowledged"] <= 4
+    assert found["runs"] > 20
+    assert found["numbers"] and found["contiguous"] and found["same"]
+    assert found["resume"] == [found["records"], found["end_mm"]]
+    total, *volumes = found["volumes_mm3"]
+    assert total == math.fsum(volumes)
+    length, *lengths = found["lengths_mm"]
+    assert length == pytest.approx(math.fsum(lengths), rel=1e-14)
+    assert found["curves"] == [pytest.approx(total), found["records"]]
+    assert found["integrity"] == "ok"
+    assert found["mended"] == ""

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import sqlite3
+
+import pytest
+
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+from sinks.ledgers import ledger
+
+ALWAYS = (0, 1 << 62)
+SETTINGS = HistorySettings(reserve_mib=1)
+COUNT = 200
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A closed history of 200 records; its first tells two hours of the day before."""
+    historian = Historian(tmp_path, SETTINGS)
+    records = ledger(COUNT, every_ns=300_000_000_000)
+    historian.write(records)
+    historian.tend(records[-1].wall_ns)
+    historian.close()
+    return tmp_path
+
+
+def damaged(folder, where: str) -> None:
+    path = folder / "history.db"
+    data = bytearray(path.read_bytes())
+    if where == "cut":
+        data = data[: len(data) // 2]
+    elif where == "head":
+        data[:4096] = bytes(4096)
+    elif where == "all":
+        data = bytearray(b"\xa5" * len(data))
+    elif where == "middle":
+        data[8 * 4096 : 20 * 4096] = b"\xa5" * (12 * 4096)
+    elif where == "empty":
+        data = bytearray()
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("where", ["cut", "head", "all", "middle"])
+@pytest.mark.parametrize("snapshot", [True, False])
+def test_a_damaged_database_is_moved_aside_and_the_ledger_goes_on(folder, where, snapshot):
+    if not snapshot and where == "all":
+        pytest.skip("nothing is left to tell the totals")
+    damaged(folder, where)
+    before = (folder / "history.db").read_bytes()
+    if not snapshot:
+        (folder / "totals.json").unlink()
+    historian = Historian(folder, SETTINGS)
+    (moved,) = (folder / "damaged").glob("*/history.db")
+    assert moved.read_bytes() == before
+    assert "damaged" in historian.mended and str(moved.parent) in historian.mended
+    assert historian.events(*ALWAYS)[0].text == historian.mended
+    records = ledger(COUNT + 5)
+    assert historian.resume.number == COUNT
+    assert historian.resume.end_mm == records[COUNT - 1].belt_mm[1]
+    assert historian.totals.records == COUNT
+    assert historian.begin_run() > 1
+    historian.write(records[COUNT:])
+    # closed days are in files and can be read; what was only in the database is in the file moved aside
+    closed = [r.number for r in historian.records(*ALWAYS, limit=1000)][:-5]
+    assert closed == list(range(1, len(closed) + 1))
+    assert 100 < len(closed) < COUNT
+    historian.tend(records[-1].wall_ns)
+    series = historian.series(0, 1 << 61, 100)
+    assert series.records.sum() == len(closed) + 5
+    historian.close()
+    historian = Historian(folder, SETTINGS)
+    assert historian.mended == ""
+    assert historian.resume.number == COUNT + 5
+    historian.close()
+
+
+def test_a_database_that_is_gone_or_empty_does_not_begin_at_zero(folder):
+    for step in (lambda: damaged(folder, "empty"), (folder / "history.db").unlink):
+        step()
+        historian = Historian(folder, SETTINGS)
+        assert historian.resume.number == COUNT
+        assert "totals.json" in historian.mended
+        historian.close()
+
+
+def test_an_older_copy_goes_on_with_the_newest_totals(folder):
+    old = (folder / "history.db").read_bytes()
+    historian = Historian(folder, SETTINGS)
+    more = ledger(
+        600, COUNT + 1, every_ns=300_000_000_000, start_ns=ledger(1)[0].wall_ns + COUNT * 300_000_000_000
+    )
+    historian.write(more)
+    historian.tend(more[-1].wall_ns)
+    totals = historian.totals
+    historian.close()
+    (folder / "history.db").write_bytes(old)
+    historian = Historian(folder, SETTINGS)
+    assert historian.totals == totals
+    assert f"ends with record {COUNT}" in historian.mended
+    found = [r.number for r in historian.records(*ALWAYS, limit=10_000)]
+    # the files written since the copy are known again, and nothing is there twice
+    assert found == list(range(1, len(found) + 1))
+    assert COUNT < len(found) < 800
+    for _ in range(5):
+        historian.tend(more[-1].wall_ns)
+    assert historian.series(0, 1 << 61, 100).records.sum() == len(found)
+    assert [r.number for r in historian.records(*ALWAYS, limit=10_000)] == found
+    historian.close()
+
+
+def test_damage_while_running_is_survived(tmp_path):
+    historian = Historian(tmp_path, SETTINGS)
+    records = ledger(400)
+    historian.write(records[:300])
+    historian._store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    historian._store.connection.execute("PRAGMA cache_size = 0")
+    damaged(tmp_path, "middle")
+    with sqlite3.connect(tmp_path / "history.db") as other:  # whoever changes the file makes caches stale
+        other.execute("PRAGMA user_version = 1")
+    other.close()
+    for start in range(300, 400, 10):
+        historian.write(records[start : start + 10])
+    assert historian.resume.number == 400
+    assert historian.totals.records == 400
+    assert "damaged" in historian.mended
+    historian.close()
+    historian = Historian(tmp_path, SETTINGS)
+    assert historian.resume.number == 400
+    historian.close()
+
+
+def test_a_damaged_snapshot_is_not_believed(folder):
+    path = folder / "totals.json"
+    path.write_text(path.read_text().replace('"number": 200', '"number": 900'))
+    historian = Historian(folder, SETTINGS)
+    assert historian.resume.number == COUNT
+    historian.close()

@@ -52,7 +52,7 @@ class Sums:
 def heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
     """(rows, Nx) load on that piece of belt: a heap that swells and ebbs, with lumps; the same at every call."""
     s = start_mm + np.arange(rows) * _CELL_MM
-    level = 0.72 + 0.2 * np.sin(s / 2600) + 0.08 * np.sin(s / 700 + 1)
+    level = 0.78 + 0.09 * np.sin(s / 19_000) + 0.05 * np.sin(s / 5300 + 1) + 0.03 * np.sin(s / 700)
     half = 330 * np.sqrt(level)[:, None]
     across = np.clip(1 - (np.abs(_X_MM[None, :] + 14 * np.sin(s / 1900)[:, None]) / half) ** 2.2, 0, None)
     load = 150 * level[:, None] * across
@@ -61,12 +61,14 @@ def heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
         for _ in range(26):
             centre, x = block * 500 + rng.uniform(0, 500), rng.normal(0, 150)
             radius, tall = rng.gamma(3, 14) + 14, rng.uniform(0.35, 0.7)
-            if abs(x) > 0.85 * half.mean():
+            if radius > 80 or abs(x) > 0.85 * half.mean():
                 continue
             at = slice(*np.searchsorted(s, (centre - radius, centre + radius)))
             by = slice(*np.searchsorted(_X_MM, (x - radius, x + radius)))
             away = ((s[at, None] - centre) / radius) ** 2 + ((_X_MM[None, by] - x) / radius) ** 2
-            load[at, by] += tall * radius * np.sqrt(np.clip(1 - away, 0, None))
+            stone = tall * radius * np.sqrt(np.clip(1 - away, 0, None))
+            if stone.size:
+                load[at, by] = np.maximum(load[at, by], (stone > 0) * load[at, by].mean() + stone)
     rng = np.random.default_rng([seed, int(s[0]) + 1_000_000])
     return (load + rng.normal(0, 0.8, load.shape)).astype(np.float32)
 

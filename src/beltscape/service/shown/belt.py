@@ -126,10 +126,8 @@ class BeltWindow:
                 self._ring[missing % rows] = UNKNOWN
         self._ring[number % rows] = self._open.counts()
         self._end = number + 1
-        self._begin = (
-            number if not hasattr(self, "_begin") or self._begin_epoch != self._epoch else self._begin
-        )
-        self._begin_epoch = self._epoch
+        if self._begin is None:
+            self._begin = number
 
     @property
     def mark(self) -> tuple[int, int]:

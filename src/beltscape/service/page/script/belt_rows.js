@@ -1,0 +1,41 @@
+// The rows of the belt that the page has, in a ring: row n lies at n modulo the ring's length.
+export const UNKNOWN = 0xffff;
+export const RING = 4096;
+
+export class BeltRows {
+  constructor() {
+    this.epoch = null;
+    this.changes = 0;
+  }
+
+  clear() { this.epoch = null; this.changes++; }
+
+  /** Take a message of the live stream. */
+  take(message) {
+    if (message.epoch !== this.epoch || message.columns !== this.columns || message.cell_mm !== this.cell_mm) {
+      Object.assign(this, { epoch: message.epoch, columns: message.columns, cell_mm: message.cell_mm, x_mm: message.x_mm, step_mm: message.step_mm, offset_mm: message.offset_mm, begin: message.first });
+      this.counts = new Uint16Array(RING * message.columns).fill(UNKNOWN);
+      this.end = message.first;
+    }
+    // rows that never came are not known; the ring may hold old ones there
+    for (let row = Math.max(this.end, message.first - RING); row < message.first; row++) this.counts.fill(UNKNOWN, (row % RING) * this.columns, (row % RING + 1) * this.columns);
+    for (let i = 0; i < message.rows; i++) this.counts.set(message.counts.subarray(i * this.columns, (i + 1) * this.columns), ((message.first + i) % RING) * this.columns);
+    this.end = message.first + message.rows;
+    this.begin = Math.max(this.begin, this.end - RING);
+    this.changes++;
+  }
+
+  get there() { return this.epoch !== null && this.end > this.begin; }
+
+  /** Height that few cells of the last ``rows`` rows exceed, mm. */
+  high_mm(rows) {
+    const found = [];
+    for (let row = Math.max(this.begin, this.end - rows); row < this.end; row += 3)
+      for (let column = 0; column < this.columns; column += 3) {
+        const count = this.counts[(row % RING) * this.columns + column];
+        if (count !== UNKNOWN) found.push(count & 0x7fff);
+      }
+    found.sort((a, b) => a - b);
+    return found.length ? found[Math.floor((found.length - 1) * 0.998)] * this.step_mm + this.offset_mm : 0;
+  }
+}

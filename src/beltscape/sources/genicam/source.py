@@ -2,18 +2,199 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
-from beltscape.core.live import LiveSource
-from beltscape.sources.genicam.settings import CamerasSettings
+from beltscape.core.errors import InputError, SettingsError
+from beltscape.core.frames import FrameSet, Image
+from beltscape.core.live import CameraHealth
+from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, Opened, Pace
+from beltscape.sources.genicam.device import Raw
+from beltscape.sources.genicam.health import Watch, health_of, silence_limit_s
+from beltscape.sources.genicam.matching import Matched, Matcher, Rules, Shot
+from beltscape.sources.genicam.pixels import image_from
+from beltscape.sources.genicam.position import BeltCounter
+from beltscape.sources.genicam.settings import WINDOW, CamerasSettings
+
+READY = 16
+"""Frame sets that wait to be fetched; beyond, the oldest are dropped."""
+CLOSE_S = 3.0
+"""Closing waits this long for the cameras."""
+
+Opener = Callable[[str], Opened]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Taken:
+    """An image with the encoder's count."""
+
+    image: Image
+    count: int | None
+
+
+class GenicamSource:
+    """Frame sets of cameras that are triggered, matched, watched and opened again by themselves."""
+
+    def __init__(
+        self,
+        settings: CamerasSettings,
+        core: str,
+        sizes_px: Mapping[str, tuple[int, int]] | None,
+        opener: Opener,
+    ) -> None:
+        """``opener``: camera → it opened, or InputError where it cannot be."""
+        self._settings = settings
+        self._core = core
+        self._sizes_px = sizes_px or {}
+        self._lock = threading.Condition()
+        self._matcher: Matcher[Taken] = Matcher(self.cameras, core, _rules(settings))
+        self._counter = None if settings.encoder is None else BeltCounter(settings.encoder)
+        self._ready: deque[FrameSet] = deque()
+        self._watches = {name: Watch() for name in self.cameras}
+        self._number = 0
+        self._closed = False
+        self.overrun = 0
+        """Frame sets dropped since the start because nobody fetched them."""
+        pace = Pace(time.monotonic(), 1 / settings.frames_per_s) if settings.trigger == "software" else None
+        self._threads = {
+            name: CameraThreads(name, lambda n=name: opener(n), self._opened, self._took, self._due, pace)
+            for name in self.cameras
+        }
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras it should have."""
+        return tuple(self._settings.devices)
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        """Frame sets as they come, until it is closed; what is not fetched in time is dropped, oldest first."""
+        while True:
+            with self._lock:
+                while not self._ready and not self._closed:
+                    self._lock.wait(self._wait_s())
+                    self._collect()
+                if self._closed:
+                    return
+                one = self._ready.popleft()
+            yield one
+
+    def _wait_s(self) -> float | None:
+        deadline_ns = self._matcher.deadline_ns()
+        return None if deadline_ns is None else max(0.0, (deadline_ns - time.monotonic_ns()) * 1e-9)
+
+    def _opened(self, name: str) -> None:
+        with self._lock:
+            self._matcher.reopened(name)
+            if name == self._core and self._counter is not None:
+                self._counter.reopened()
+
+    def _took(self, name: str, raw: Raw) -> None:
+        watch, now_s = self._watches[name], time.monotonic()
+        try:
+            image = self._image(name, raw)
+        except InputError as error:
+            with self._lock:
+                watch.came(now_s)
+                watch.misfit = str(error)
+            return
+        shot = Shot(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, Taken(image, raw.count))
+        watch.look(image, now_s)
+        with self._lock:
+            watch.came(now_s)
+            watch.misfit = ""
+            self._matcher.add(shot, time.monotonic_ns())
+            self._collect()
+            self._lock.notify_all()
+
+    def _image(self, name: str, raw: Raw) -> Image:
+        wanted = self._sizes_px.get(name)
+        if wanted is not None and raw.size_px != wanted:
+            raise InputError(
+                f"its images have {raw.size_px[0]}×{raw.size_px[1]} px, the rig's {wanted[0]}×{wanted[1]}: "
+                "another camera, or its region or binning was changed"
+            )
+        return image_from(raw.data, raw.code, raw.size_px)
+
+    def _collect(self) -> None:
+        for matched in self._matcher.due(time.monotonic_ns()):
+            self._ready.append(self._frame_set(matched))
+            if len(self._ready) > READY:
+                self._ready.popleft()
+                self.overrun += 1
+
+    def _frame_set(self, matched: Matched[Taken]) -> FrameSet:
+        self._number += 1
+        core = matched.shots.get(self._core)
+        position_mm = None
+        if self._counter is not None and core is not None and core.payload.count is not None:
+            position_mm = self._counter.position_mm(core.payload.count)
+        images = {name: matched.shots[name].payload.image for name in self.cameras if name in matched.shots}
+        return FrameSet(f"{self._number:08d}", images, matched.time_ns, position_mm)
+
+    def _due(self, name: str, silence_s: float) -> bool:
+        """Whether a camera without an image for that long is to be opened anew."""
+        if self._settings.trigger == "line":  # the belt may stand: only the others tell whether a pulse came
+            with self._lock:
+                return silence_s > REOPEN_AFTER_S and self._matcher.tally(name).silent
+        return silence_s > max(REOPEN_AFTER_S, 2 * silence_limit_s(self._settings))
+
+    def health(self) -> Mapping[str, CameraHealth]:
+        """How every camera does, at any time, from any thread."""
+        now_s = time.monotonic()
+        with self._lock:
+            return {name: self._health(name, now_s) for name in self.cameras}
+
+    def _health(self, name: str, now_s: float) -> CameraHealth:
+        watch, threads = self._watches[name], self._threads[name]
+        if threads.broken > watch.broken:
+            watch.broken, watch.broken_s = threads.broken, now_s
+        tally = self._matcher.tally(name)
+        return health_of(name, self._settings, watch, tally, threads.trouble, threads.is_open, now_s)
+
+    def close(self) -> None:
+        """Stop; the iteration ends. A camera that does not answer is left to end by itself."""
+        with self._lock:
+            self._closed = True
+            self._lock.notify_all()
+        for threads in self._threads.values():
+            threads.stop()
+        until = time.monotonic() + CLOSE_S
+        for threads in self._threads.values():
+            threads.join(max(0.0, until - time.monotonic()))
+
+
+def _rules(settings: CamerasSettings) -> Rules:
+    return Rules(
+        window_ns=round(WINDOW * 1e9 / settings.frames_per_s),
+        skew_ns=round(settings.allowed_skew_ms * 1e6),
+        timeout_ns=round(settings.frame_timeout_ms * 1e6),
+        clocks=settings.clocks,
+        common_pulse=settings.trigger == "line",
+    )
 
 
 def open_cameras(
     settings: CamerasSettings, core: str, sizes_px: Mapping[str, tuple[int, int]] | None = None
-) -> LiveSource:
+) -> GenicamSource:
     """Start the cameras of ``settings``; those that are not there are looked for as long as it runs.
 
     ``core`` is the rig's core camera; ``sizes_px`` the (width, height) that each camera's images must have.
-    SettingsError where Aravis is not installed or ``core`` is not among the cameras.
+    SettingsError where Aravis is not installed or a camera of ``sizes_px`` has no device.
     """
-    raise NotImplementedError  # comes with the next commits
+    from beltscape.sources.genicam.aravis import aravis
+    from beltscape.sources.genicam.device import Device
+
+    aravis()
+    for name in [core, *(sizes_px or {})]:
+        if name not in settings.devices:
+            raise SettingsError(
+                f"cameras.devices: the rig's camera {name} has no device; there are {', '.join(settings.devices)}"
+            )
+
+    def opener(name: str) -> Opened:
+        return Device(name, settings, (sizes_px or {}).get(name), counts=name == core)
+
+    return GenicamSource(settings, core, sizes_px, opener)

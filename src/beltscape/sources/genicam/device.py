@@ -1,0 +1,165 @@
+"""One opened camera: settings applied, images taken, triggered."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from beltscape.core.errors import InputError
+from beltscape.sources.genicam.aravis import aravis, failures, where
+from beltscape.sources.genicam.features import Features
+from beltscape.sources.genicam.settings import CamerasSettings
+
+EXTRA_BYTES = 4096
+"""Room for chunks in a buffer beyond the payload that the camera states."""
+
+
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """One image as it came."""
+
+    data: bytes
+    code: int
+    """Its pixel format."""
+    size_px: tuple[int, int]
+    """Width, height."""
+    frame_id: int
+    camera_ns: int
+    arrival_ns: int
+    """Host's monotonic clock at its first packet."""
+    count: int | None
+    """The belt's encoder; None where this camera does not count it."""
+
+
+class Device:
+    """A camera of its own; every call may block for seconds where the camera is gone, so each has its thread."""
+
+    def __init__(
+        self, name: str, settings: CamerasSettings, size_px: tuple[int, int] | None, counts: bool
+    ) -> None:
+        """Open it and start; ``counts``: it has the belt's encoder.
+
+        InputError where it is not there, another program has it, or a setting does not fit.
+        """
+        self._lib = aravis()
+        self._encoder = settings.encoder if counts else None
+        self._lost = self._closed = False
+        self._triggering = threading.Lock()
+        self._stepped = _Steps()
+        self.broken = 0
+        """Images that came with packets missing."""
+        place = where(settings.devices[name])
+        try:
+            self._camera = self._lib.Camera.new(place)
+            self._handler = self._camera.get_device().connect("control-lost", self._control_lost)
+            features = Features(self._lib, name, self._camera)
+            features.apply(settings, size_px)
+            self._parser = self._chunks(features)
+            self._stream = self._new_stream(settings)
+            self._camera.start_acquisition()
+        except failures() as error:
+            raise InputError(f"{name} ({settings.devices[name]}): {error.message}") from error  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _control_lost(self, _device: Any) -> None:
+        self._lost = True
+
+    def _chunks(self, features: Features) -> Any:
+        if self._encoder is None:
+            return None
+        if self._encoder.feature is not None:
+            features.need(self._encoder.feature, "encoder.feature")
+            return None
+        self._camera.set_chunks(self._encoder.chunk)
+        return self._camera.create_chunk_parser()
+
+    def _new_stream(self, settings: CamerasSettings) -> Any:
+        stream = self._camera.create_stream(None, None)
+        if settings.socket_buffer_bytes is not None and self._camera.is_gv_device():
+            stream.set_property("socket-buffer", self._lib.GvStreamSocketBuffer.FIXED)
+            stream.set_property("socket-buffer-size", settings.socket_buffer_bytes)
+        payload = self._camera.get_payload() + EXTRA_BYTES
+        for _ in range(settings.buffers):
+            stream.push_buffer(self._lib.Buffer.new_allocate(payload))
+        return stream
+
+    @property
+    def lost(self) -> bool:
+        """Whether the camera has not answered for some seconds."""
+        return self._lost
+
+    def take(self, seconds: float) -> Raw | None:
+        """The next whole image; None where none came in time."""
+        buffer = self._stream.timeout_pop_buffer(int(seconds * 1e6))
+        if buffer is None:
+            return None
+        try:
+            if buffer.get_status() != self._lib.BufferStatus.SUCCESS:
+                self.broken += 1
+                return None
+            return self._raw(buffer)
+        finally:
+            self._stream.push_buffer(buffer)
+
+    def _raw(self, buffer: Any) -> Raw:
+        arrival_ns = self._stepped.monotonic_ns(buffer.get_system_timestamp())
+        return Raw(
+            buffer.get_image_data(),
+            buffer.get_image_pixel_format() & 0xFFFFFFFF,
+            (buffer.get_image_width(), buffer.get_image_height()),
+            buffer.get_frame_id(),
+            buffer.get_timestamp(),
+            arrival_ns,
+            self._count(buffer),
+        )
+
+    def _count(self, buffer: Any) -> int | None:
+        if self._encoder is None:
+            return None
+        try:
+            if self._parser is not None:
+                return self._parser.get_integer_value(buffer, f"Chunk{self._encoder.chunk}")
+            return self._camera.get_integer(self._encoder.feature)
+        except failures():
+            return None
+
+    def trigger(self) -> bool:
+        """Have it take an image; False where it does not answer. Blocks for seconds then."""
+        with self._triggering:
+            if self._closed:
+                return False
+            try:
+                self._camera.software_trigger()
+            except failures():
+                return False
+        return True
+
+    def close(self) -> None:
+        """Give it back; blocks for seconds where it does not answer."""
+        with self._triggering:  # a trigger call under way holds the camera
+            self._closed = True
+        device = self._camera.get_device()
+        device.disconnect(self._handler)
+        if not self._lost:
+            try:
+                self._camera.stop_acquisition()
+            except failures():
+                self._lost = True
+        # Aravis lets go of a camera with the last reference to it
+        del device, self._parser, self._stream, self._camera
+
+
+class _Steps:
+    """Aravis tells arrivals by the system clock, which may be set: this tells them by the monotonic one."""
+
+    def __init__(self) -> None:
+        self._apart_ns = time.time_ns() - time.monotonic_ns()
+
+    def monotonic_ns(self, system_ns: int) -> int:
+        """Monotonic time of an arrival; now, where the system clock was set since the last one."""
+        now_ns = time.monotonic_ns()
+        apart_ns = time.time_ns() - now_ns
+        stepped = abs(apart_ns - self._apart_ns) > 1_000_000
+        self._apart_ns = apart_ns
+        return now_ns if stepped else min(system_ns - apart_ns, now_ns)

@@ -1,0 +1,82 @@
+"""``python -m beltscape.sources.genicam.fake CAPTURE [--frames-per-s 10]``: a capture's cameras, simulated."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from beltscape.core.errors import BeltscapeError
+from beltscape.core.frames import Image
+from beltscape.sources.genicam.fake.album import read_album
+from beltscape.sources.genicam.fake.bench import Bench
+from beltscape.sources.genicam.fake.camera import COUNTER, FakeCamera
+from beltscape.sources.genicam.fake.capture import pictures_of
+from beltscape.sources.genicam.fake.instants import Instants
+from beltscape.sources.genicam.fake.network import add_addresses
+
+
+def main(words: Sequence[str]) -> int:
+    """Serve until interrupted; 2 where it cannot."""
+    try:
+        return one(Path(words[1]), words[2], words[3]) if words[:1] == ["one"] else every(words)
+    except BeltscapeError as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def every(words: Sequence[str]) -> int:
+    """The cameras of a capture."""
+    parser = argparse.ArgumentParser(prog="python -m beltscape.sources.genicam.fake", description=__doc__)
+    parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png")
+    parser.add_argument(
+        "--frames-per-s", type=float, default=10.0, help="how fast they are triggered (default: 10)"
+    )
+    parser.add_argument("--mm-per-count", type=float, default=0.01, help="of the encoder (default: 0.01)")
+    arguments = parser.parse_args(words)
+    pictures, counts, per_round = pictures_of(arguments.capture, arguments.mm_per_count)
+    with tempfile.TemporaryDirectory() as folder:
+        bench = Bench(Path(folder), pictures, arguments.frames_per_s, counts, per_round)
+        add_addresses(bench.devices.values())
+        with bench:
+            print("[cameras]\nframes_per_s =", arguments.frames_per_s)
+            print(f'pixel_format = "{next(iter(bench.formats.values()))}"\n\n[cameras.devices]')
+            print("\n".join(f'{name} = "{address}"' for name, address in bench.devices.items()))
+            if counts:
+                print(f'\n[cameras.encoder]\nfeature = "{COUNTER}"\nmm_per_count = {arguments.mm_per_count}')
+            sys.stdout.flush()
+            _until_interrupted()
+    return 0
+
+
+def one(folder: Path, name: str, address: str) -> int:
+    """One camera of a bench, in this process."""
+    camera = FakeCamera(address, name, _shows(folder, name))
+    print("listening", flush=True)
+    _until_interrupted()
+    camera.close()
+    return 0
+
+
+def _shows(folder: Path, name: str) -> Callable[[int], tuple[Image, int]]:
+    told = json.loads((folder / "bench.json").read_text())
+    album, counts, per_round = read_album(folder / f"{name}.npy"), told["counts"], told["round"]
+    instants = Instants(folder / "instants", told["apart_s"])
+
+    def picture(camera_ns: int) -> tuple[Image, int]:
+        rounds, index = divmod(instants.of(camera_ns), len(album))
+        return album[index], counts[index] + rounds * per_round
+
+    return picture
+
+
+def _until_interrupted() -> None:
+    signal.sigwait([signal.SIGINT, signal.SIGTERM])
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,36 @@
+"""The pictures of one simulated camera, as a file that a new process opens at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+
+
+def write_album(path: Path, images: Sequence[Image]) -> None:
+    """Write pictures of one size and type."""
+    first = images[0]
+    album = np.lib.format.open_memmap(path, "w+", first.dtype, (len(images), *first.shape))
+    for index, image in enumerate(images):
+        if image.shape != first.shape or image.dtype != first.dtype:
+            raise InputError(
+                f"picture {index}: {image.shape} {image.dtype} among {first.shape} {first.dtype}"
+            )
+        album[index] = image
+    album.flush()
+
+
+def read_album(path: Path) -> Image:
+    """(n, H, W) or (n, H, W, 3) pictures; they are read from the disk when they are shown."""
+    return np.load(path, mmap_mode="r")
+
+
+def pixel_format(image: Image) -> str:
+    """GenICam's name of the format that shows a picture as it is."""
+    if image.ndim == 3:
+        return "RGB8"
+    return "Mono8" if image.dtype == np.uint8 else "Mono16"

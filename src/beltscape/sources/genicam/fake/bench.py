@@ -1,0 +1,92 @@
+"""Several simulated cameras, each a process that can be killed and started again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.sources.genicam.fake.album import pixel_format, write_album
+
+FIRST_ADDRESS = 11
+"""127.0.0.11, 127.0.0.12, …"""
+
+
+class Bench:
+    """Cameras that show the pictures they are given, over and over, a picture for each instant.
+
+    All show the same number at one instant, also one that was killed and comes back. The loopback interface needs
+    their addresses (``network.add_addresses``).
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        pictures: Mapping[str, Sequence[Image]],
+        frames_per_s: float,
+        counts: Sequence[int] | None = None,
+        counts_per_round: int = 0,
+    ) -> None:
+        """``folder`` holds what they need, for as long as they run; ``frames_per_s``: how fast they are triggered.
+
+        ``counts``: the belt's count at each picture; with each round through them ``counts_per_round`` is added.
+        """
+        self.devices = {name: f"127.0.0.{FIRST_ADDRESS + i}" for i, name in enumerate(pictures)}
+        """Camera → address, as [cameras] devices wants it."""
+        self.sizes_px = {name: (images[0].shape[1], images[0].shape[0]) for name, images in pictures.items()}
+        """Camera → width, height."""
+        self.formats = {name: pixel_format(images[0]) for name, images in pictures.items()}
+        """Camera → pixel format."""
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, images in pictures.items():
+            write_album(folder / f"{name}.npy", images)
+        count = len(next(iter(pictures.values())))
+        told = {
+            "apart_s": 0.4 / frames_per_s,
+            "counts": list(counts or [0] * count),
+            "round": counts_per_round,
+        }
+        (folder / "bench.json").write_text(json.dumps(told))
+
+    def start(self, *names: str) -> None:
+        """Start cameras, all without a name; they are there when it returns."""
+        new = {}
+        for name in names or self.devices:
+            self.kill(name)
+            command = [sys.executable, "-m", "beltscape.sources.genicam.fake", "one", str(self._folder), name]
+            new[name] = subprocess.Popen([*command, self.devices[name]], stdout=subprocess.PIPE)
+        self._running.update(new)
+        for name, process in new.items():
+            if process.stdout is None or not process.stdout.readline():
+                self.close()
+                raise InputError(f"{self.devices[name]}: the simulated camera {name} did not start")
+
+    def kill(self, name: str) -> None:
+        """Kill a camera at once."""
+        process = self._running.pop(name, None)
+        if process is not None:
+            process.kill()
+            process.wait()
+            if process.stdout is not None:
+                process.stdout.close()
+
+    def close(self) -> None:
+        """Kill all."""
+        for name in list(self._running):
+            self.kill(name)
+
+    def __enter__(self) -> Bench:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

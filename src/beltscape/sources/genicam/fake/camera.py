@@ -1,0 +1,78 @@
+"""One simulated camera that shows given pictures."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.sources.genicam.aravis import aravis
+
+COUNTER = "TestRegister"
+"""The feature in which a simulated camera shows the belt's count: its spare register."""
+COUNTER_ADDRESS = 0x1F0
+LIBRARY = "libaravis-0.8.so.0"
+
+_Fill = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
+)
+
+
+class FakeCamera:
+    """Listens on an address of this machine until the process ends or ``close``."""
+
+    def __init__(self, address: str, serial: str, picture: Callable[[int], tuple[Image, int]]) -> None:
+        """``picture``: camera time in ns → the image, as its pixel format has it, and the belt's count.
+
+        InputError where nothing can listen on the address.
+        """
+        aravis()  # says what to install
+        self._lib = _library()
+        self._picture = picture
+        self._fill = _Fill(self._filled)  # kept: the library calls it for as long as the camera is there
+        self._camera = self._lib.arv_gv_fake_camera_new(address.encode(), serial.encode())
+        if not self._lib.arv_gv_fake_camera_is_running(self._camera):
+            raise InputError(
+                f"{address}: no camera can listen there; give it to the loopback interface: "
+                f"ip addr add {address}/8 dev lo label lo:{address.rpartition('.')[2]}"
+            )
+        self._inner = self._lib.arv_gv_fake_camera_get_fake_camera(self._camera)
+        # PyGObject's binding of this one frees the callback at once
+        self._lib.arv_fake_camera_set_fill_pattern(self._inner, self._fill, None)
+
+    def _filled(self, buffer: int, _data: Any, _exposure_us: int, _gain: int, _code: int) -> None:
+        image, count = self._picture(self._lib.arv_buffer_get_timestamp(buffer))
+        self._lib.arv_fake_camera_write_register(self._inner, COUNTER_ADDRESS, count & 0xFFFFFFFF)
+        room = self._lib.arv_fake_camera_get_payload(self._inner)  # the buffer itself says 0
+        target = self._lib.arv_buffer_get_data(buffer, ctypes.byref(ctypes.c_size_t()))
+        if image.nbytes == room:
+            ctypes.memmove(target, np.ascontiguousarray(image).ctypes.data, room)
+        else:
+            ctypes.memset(target, 0, room)  # another size or format was set
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._lib.g_object_unref(self._camera)
+
+
+def _library() -> Any:
+    lib = ctypes.CDLL(LIBRARY)
+    pointer, size = ctypes.c_void_p, ctypes.c_size_t
+    for name, result, arguments in (
+        ("arv_gv_fake_camera_new", pointer, [ctypes.c_char_p, ctypes.c_char_p]),
+        ("arv_gv_fake_camera_is_running", ctypes.c_int, [pointer]),
+        ("arv_gv_fake_camera_get_fake_camera", pointer, [pointer]),
+        ("arv_fake_camera_set_fill_pattern", None, [pointer, _Fill, pointer]),
+        ("arv_fake_camera_write_register", ctypes.c_int, [pointer, ctypes.c_uint32, ctypes.c_uint32]),
+        ("arv_fake_camera_get_payload", size, [pointer]),
+        ("arv_buffer_get_data", pointer, [pointer, ctypes.POINTER(size)]),
+        ("arv_buffer_get_timestamp", ctypes.c_uint64, [pointer]),
+        ("g_object_unref", None, [pointer]),
+    ):
+        function = getattr(lib, name)
+        function.restype, function.argtypes = result, arguments
+    return lib

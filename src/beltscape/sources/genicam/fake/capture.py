@@ -1,0 +1,38 @@
+"""A capture's pictures and the belt's counts at them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.files.capture import read_capture
+from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.images import read_image
+
+
+def pictures_of(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image]], list[int], int]:
+    """Camera → pictures of the frames that all have; the belt's counts at them, counts of a whole round.
+
+    The counts are empty where the capture has no encoder.csv. InputError: no frame that all cameras have.
+    """
+    capture = read_capture(folder)
+    frames = [f for f in capture.frames if all(f in files for files in capture.files.values())]
+    if not frames:
+        raise InputError(f"{folder}: no frame that all cameras have")
+    pictures = {name: [read_image(files[f]) for f in frames] for name, files in capture.files.items()}
+    counts = _counts(folder / "encoder.csv", frames, mm_per_count)
+    if len(counts) < 2:
+        return pictures, [], 0
+    # from the last picture on to the first one the belt goes as far as between two others
+    return pictures, counts, counts[-1] - counts[0] + round((counts[-1] - counts[0]) / (len(counts) - 1))
+
+
+def _counts(path: Path, frames: list[str], mm_per_count: float) -> list[int]:
+    if not path.is_file():
+        return []
+    position = {one.frame: one.belt_position_mm for one in read_encoder(path)}
+    missing = [f for f in frames if f not in position]
+    if missing:
+        raise InputError(f"{path}: no row for frame {missing[0]}")
+    return [round(position[f] / mm_per_count) for f in frames]

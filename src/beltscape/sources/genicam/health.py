@@ -1,0 +1,149 @@
+"""What is known of a camera → how it does, in words that say the mend."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from beltscape.core.frames import Image, saturated_fraction
+from beltscape.core.live import CameraHealth, CameraState
+from beltscape.sources.genicam.matching import Tally
+from beltscape.sources.genicam.settings import CamerasSettings
+
+OVEREXPOSED = 0.2
+"""Share of saturated pixels from which a view is called overexposed."""
+DARK = 0.03
+"""A view whose brightest pixels reach this share of the range shows nothing."""
+RATE_OVER_S = 5.0
+"""The rate is told over so many seconds."""
+LOOK_EVERY_S = 1.0
+"""So often an image's brightness is looked at."""
+RECENT_S = 10.0
+"""What went wrong is told for so long."""
+
+
+@dataclass(slots=True)
+class Watch:
+    """One camera, as watched."""
+
+    last_s: float | None = None
+    """time.monotonic() of its last image."""
+    times_s: deque[float] = field(default_factory=lambda: deque(maxlen=8192))
+    light: str = ""
+    """What is wrong with its brightness."""
+    misfit: str = ""
+    """Why its last image could not be used at all."""
+    looked_s: float = float("-inf")
+    broken: int = 0
+    broken_s: float = float("-inf")
+    """When a broken image was last noticed."""
+
+    def came(self, now_s: float) -> None:
+        """An image came."""
+        self.last_s = now_s
+        self.times_s.append(now_s)
+
+    def look(self, image: Image, now_s: float) -> None:
+        """Judge the brightness, now and then."""
+        if now_s - self.looked_s >= LOOK_EVERY_S:
+            self.looked_s = now_s
+            self.light = light_of(image)
+
+    def rate_hz(self, now_s: float) -> float:
+        """Images per second of the last seconds."""
+        while self.times_s and self.times_s[0] < now_s - RATE_OVER_S:
+            self.times_s.popleft()
+        count = len(self.times_s)
+        return (count - 1) / (self.times_s[-1] - self.times_s[0]) if count > 1 else 0.0
+
+
+def light_of(image: Image) -> str:
+    """What is wrong with an image's brightness; empty where nothing is."""
+    some = image[::4, ::4]
+    share = saturated_fraction(some)
+    if share > OVEREXPOSED:
+        return f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
+    top = float(np.quantile(some, 0.995)) / float(np.iinfo(image.dtype).max)
+    if top < DARK:
+        return (
+            f"dark: the brightest pixels reach {top:.1%} of the range; see to light, lens cap and exposure_us"
+        )
+    return ""
+
+
+def health_of(
+    name: str,
+    settings: CamerasSettings,
+    watch: Watch,
+    tally: Tally,
+    trouble: str,
+    is_open: bool,
+    now_s: float,
+) -> CameraHealth:
+    """How a camera does at ``now_s`` (time.monotonic())."""
+    state, message = _state(name, settings, watch, tally, trouble, is_open, now_s)
+    return CameraHealth(
+        name,
+        state,
+        tally.taken,
+        tally.missed,
+        0.0 if state == "lost" else watch.rate_hz(now_s),
+        float("nan") if tally.skew_ns is None else tally.skew_ns * 1e-6,
+        message,
+    )
+
+
+def _state(
+    name: str,
+    settings: CamerasSettings,
+    watch: Watch,
+    tally: Tally,
+    trouble: str,
+    is_open: bool,
+    now_s: float,
+) -> tuple[CameraState, str]:
+    if watch.last_s is None:
+        return _unheard(name, settings, trouble, is_open)
+    silence_s = now_s - watch.last_s
+    if not is_open or tally.silent or (settings.trigger != "line" and silence_s > silence_limit_s(settings)):
+        why = f" ({trouble})" if trouble else ""
+        return (
+            "lost",
+            f"no image for {silence_s:.0f} s; it is looked for: see to its power, cable and switch{why}",
+        )
+    if watch.misfit:
+        return "unusable", watch.misfit
+    if tally.unsynchronised:
+        return (
+            "unusable",
+            "its clock is not the others' one: see whether PTP runs on the camera and the switch",
+        )
+    if tally.out_of_skew:
+        skew = "" if tally.skew_ns is None else f"{tally.skew_ns * 1e-6:+.2f} ms from the core camera's, "
+        return "unusable", (
+            f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: see to its trigger wire "
+            "and trigger delay"
+        )
+    if watch.light:
+        return "unusable", watch.light
+    if now_s - watch.broken_s < RECENT_S:
+        return "ok", (
+            f"{watch.broken} images came with packets missing: see to cable, packet_size, packet_delay_ns and the "
+            "system's socket buffers"
+        )
+    return "ok", ""
+
+
+def _unheard(name: str, settings: CamerasSettings, trouble: str, is_open: bool) -> tuple[CameraState, str]:
+    if trouble:
+        return "lost", trouble
+    if is_open and settings.trigger == "line":
+        return "waiting", f"no pulse has come on {settings.trigger_line}: it begins with the belt"
+    return "waiting", f"{settings.devices[name]} is being {'started' if is_open else 'looked for'}"
+
+
+def silence_limit_s(settings: CamerasSettings) -> float:
+    """A camera that is to send by itself or by our trigger is called lost after so many seconds without an image."""
+    return settings.frame_timeout_ms * 1e-3 + 2 / settings.frames_per_s

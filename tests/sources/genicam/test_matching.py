@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def assert_laws(given_out: list[tuple[int, Matched[int]]]) -> None:
         instants.append(seen.pop())
     assert instants == sorted(set(instants)), "order, or an instant given out twice"
     times = [one.time_ns for _, one in given_out]
-    assert all(b > a for a, b in zip(times, times[1:], strict=False))
+    assert all(b > a for a, b in pairwise(times))
 
 
 wires = st.builds(

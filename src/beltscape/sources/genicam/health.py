@@ -20,6 +20,8 @@ RATE_OVER_S = 5.0
 """The rate is told over so many seconds."""
 LOOK_EVERY_S = 1.0
 """So often an image's brightness is looked at."""
+SKEWED_FROM = 3
+"""Images in a row that must be too far from the others: one may be by chance."""
 RECENT_S = 10.0
 """What went wrong is told for so long."""
 
@@ -120,7 +122,7 @@ def _state(
             "unusable",
             "its clock is not the others' one: see whether PTP runs on the camera and the switch",
         )
-    if tally.out_of_skew:
+    if tally.out_of_skew >= SKEWED_FROM:
         skew = "" if tally.skew_ns is None else f"{tally.skew_ns * 1e-6:+.2f} ms from the core camera's, "
         return "unusable", (
             f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: see to its trigger wire "

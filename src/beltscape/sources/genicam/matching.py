@@ -80,8 +80,8 @@ class Tally:
     """Images left out because they were too far from the others."""
     skew_ns: int | None = None
     """How far its last image was from the core's; before the core's: negative."""
-    out_of_skew: bool = False
-    """Whether its last image was left out for that."""
+    out_of_skew: int = 0
+    """Images in a row that were left out for that."""
     unsynchronised: bool = False
     """Whether its clock is not the one the others share."""
     silent: bool = False
@@ -245,7 +245,7 @@ class Matcher(Generic[Payload]):
         core_ns = times.get(self._core)
         for name, time in times.items():
             one = self._cameras[name]
-            one.tally.out_of_skew = name not in kept
+            one.tally.out_of_skew = 0 if name in kept else one.tally.out_of_skew + 1
             one.tally.skewed += name not in kept
             one.tally.skew_ns = None if core_ns is None else time - core_ns
             if core_ns is not None and self._rules.common_pulse and self._rules.clocks == "own":

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -160,38 +161,39 @@ class Observer(Protocol):
         """Something worth knowing, in one line."""
 
 
-@dataclass(slots=True)
 class Observers:
-    """Several as one."""
+    """Several as one; one that fails is told of in the log, and hurts neither the others nor the measurement."""
 
-    each: list[Observer] = field(default_factory=list)
+    def __init__(self, each: Sequence[Observer]) -> None:
+        self._each = tuple(each)
 
     def saw(self, sight: Sight) -> None:
         """Pass it on."""
-        for one in self.each:
-            one.saw(sight)
+        self._tell(lambda one: one.saw(sight))
 
     def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         """Pass it on."""
-        for one in self.each:
-            one.measured(records, totals)
+        self._tell(lambda one: one.measured(records, totals))
 
     def surfaced(self, stretch: BeltStretch) -> None:
         """Pass it on."""
-        for one in self.each:
-            one.surfaced(stretch)
+        self._tell(lambda one: one.surfaced(stretch))
 
     def health(self, cameras: Mapping[str, CameraHealth]) -> None:
         """Pass it on."""
-        for one in self.each:
-            one.health(cameras)
+        self._tell(lambda one: one.health(cameras))
 
     def alarmed(self, alarms: Sequence[Alarm]) -> None:
         """Pass it on."""
-        for one in self.each:
-            one.alarmed(alarms)
+        self._tell(lambda one: one.alarmed(alarms))
 
     def noted(self, message: str) -> None:
         """Pass it on."""
-        for one in self.each:
-            one.noted(message)
+        self._tell(lambda one: one.noted(message))
+
+    def _tell(self, call: Callable[[Observer], None]) -> None:
+        for one in self._each:
+            try:
+                call(one)
+            except Exception:
+                logging.getLogger("beltscape").exception("%s failed; going on", type(one).__name__)

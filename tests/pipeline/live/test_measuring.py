@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -79,7 +80,7 @@ def test_a_graceful_stop_loses_nothing() -> None:
     # the belt stood still meanwhile
     second = measured(books, [frames(p, p) for p in places(1440, 3300)])
     check([*first, *second])
-    assert "nothing ran while it passed" not in {e.reason for e in second}
+    assert "nothing measured while it passed" not in {e.reason for e in second}
     total = sum(e.volume_mm3 for e in [*first, *second])
     assert total == pytest.approx(HEAP.volume_mm3, rel=0.01)
 
@@ -89,7 +90,7 @@ def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
     second = measured(reopened(first, 2), [frames(p, p) for p in places(2400, 3300)])
     check([*first, *second])
     gap = second[0]
-    assert (gap.standing, gap.strip, gap.reason) == ("missing", None, "nothing ran while it passed")
+    assert (gap.standing, gap.strip, gap.reason) == ("missing", None, "nothing measured while it passed")
     window = first[0].length_mm
     assert gap.length_mm == pytest.approx(2400 - 840 - window, abs=1.0)
 
@@ -124,7 +125,7 @@ def test_an_encoder_anew_after_a_stop_goes_on_in_the_ledger() -> None:
     second = measured(reopened(first, 2), [frames(p, p) for p in places(900, 1500)])
     third = measured(reopened([*first, *second], 3), [frames(p, p) for p in places(1500, 2100)])
     check([*first, *second, *third])
-    assert "nothing ran while it passed" not in {e.reason for e in [*second, *third]}
+    assert "nothing measured while it passed" not in {e.reason for e in [*second, *third]}
 
 
 def test_without_an_encoder_the_material_counts() -> None:
@@ -134,6 +135,19 @@ def test_without_an_encoder_the_material_counts() -> None:
     lengths = [sum(e.length_mm for e in part) for part in (first, second)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.02)
     assert lengths[0] == pytest.approx(840 + first[0].length_mm, rel=0.02)
+
+
+def test_what_fails_within_is_missing_and_the_rest_goes_on() -> None:
+    measuring = run(Books(1, 0, None))
+    entries = [entry for p in places(0, 1200) for entry in measuring.push(frames(p, p)).entries]
+    with pytest.raises(ValueError, match="could not convert"):
+        measuring.push(replace(frames(1200, 1200), frame="a frame that the matcher cannot read"))
+    measuring.abandon()
+    entries += [entry for p in places(1260, 3300) for entry in measuring.push(frames(p, p)).entries]
+    entries += measuring.finish().entries
+    check(entries)
+    (gap,) = (e for e in entries if e.standing == "missing")
+    assert 0 < gap.length_mm < 300
 
 
 def test_an_encoder_that_comes_later_takes_over() -> None:

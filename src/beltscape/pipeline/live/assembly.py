@@ -105,6 +105,7 @@ def assemble(
         looker=Looker(belt, camera, watch.lumps_every_s, watch.edges_every_s),
         gauges=Gauges(full_area_mm2(belt, SURCHARGE_RAD)),
         observer=observer,
+        reporter=reporter,
         ticks=settings.cameras is not None,
         certificate_days=ways.certificate_days,
         alive=ways.alive,

@@ -12,6 +12,7 @@ from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt_record import BeltRecord
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import LiveSource, Observer, Sight
+from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.look import Looker
@@ -66,6 +67,8 @@ class Parts:
     looker: Looker
     gauges: Gauges
     observer: Observer
+    reporter: Reporter
+    """For what is worth knowing."""
     ticks: bool
     """Whether the encoder is asked where no frame set comes: not for a recording."""
     certificate_days: Callable[[], float] = lambda: float("nan")
@@ -178,7 +181,12 @@ class Engine:
                 break
             elif parts.ticks and (tick := self._tick()) is not None:
                 self._measure(tick)
-        self._give(parts.measuring.finish())
+        try:
+            self._give(parts.measuring.finish())
+        except Exception as error:
+            parts.reporter.warn(
+                f"at the end: {type(error).__name__}: {error}; what was not finished is missing"
+            )
         self._ended.set()
 
     def _tick(self) -> FrameSet | None:

@@ -71,6 +71,10 @@ class Ledger:
         self._carried = encoder_mm is not None and not anew and counted - encoder_mm <= ROLL_BACK_MM
         return counted if self._carried else None
 
+    def abandon(self) -> None:
+        """The records of what was pushed will not come."""
+        self._pushed.clear()
+
     def push(self, frame: str, present: Collection[str], encoder_mm: float | None) -> None:
         """A frame goes into the meter."""
         missing = tuple(name for name in self._cameras if name not in present)
@@ -96,7 +100,7 @@ class Ledger:
             pushed = self._pushed.popleft()
             start, end = self._reach(record, pushed)
             if self.books.end_mm is not None and start > self.books.end_mm:
-                reason = "nothing ran while it passed"
+                reason = "nothing measured while it passed"
                 out.append(self._entry(start, None, reason, run_sigma_mm3, wall_ns, 0, None))
             if self.books.end_mm is None:
                 self.books.end_mm = start

@@ -109,6 +109,13 @@ class Measuring:
         stretches, self._stretches = self._stretches, []
         return Outcome(None, entries, stretches, float("nan"))
 
+    def abandon(self) -> None:
+        """Something failed within: begin anew with the next frame set; belt that was not finished is missing."""
+        if self._chain is not None:
+            self._uncertain_mm3 += self._chain.meter.totals.sigma_mm3
+        self._chain, self._last, self._stretches = None, None, []
+        self._ledger.abandon()
+
     def _begin(self, encoder_mm: float | None, *, anew: bool) -> FlowChain:
         """A meter that counts from where the ledger stands."""
         bench = self.bench

@@ -1,0 +1,168 @@
+"""Every endpoint of the whole application against its own description, as every role and as none."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import warnings
+from contextlib import closing
+from urllib.parse import unquote, urlsplit
+
+import pytest
+import requests
+from hypothesis import HealthCheck, given, settings
+from hypothesis.errors import Unsatisfiable
+
+from beltscape.core.live import CameraHealth
+from beltscape.service.access import Access, AccessSettings
+from beltscape.service.access.roles import ROLES, User
+from beltscape.service.access.sessions import page_token
+from beltscape.service.app import create_app
+from beltscape.service.hub import Hub
+from beltscape.service.settings import WebSettings
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+from service.access.door import CHEAP, PASSWORD
+from service.feeder import Plant
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    import schemathesis
+    from schemathesis import Case, GenerationMode
+
+EXAMPLES = 8
+"""Of each kind, endpoint and role; more are tried by hand."""
+
+
+class Answers:
+    """Controls that take everything."""
+
+    def acknowledge(self, alarm: str, by: str) -> bool:
+        return len(alarm) % 2 == 0
+
+    def keep_recording(self, reason: str, by: str) -> bool:
+        return len(reason) % 2 == 0
+
+
+class Caller:
+    """Calls the application as uvicorn would, each time from another address."""
+
+    def __init__(self, app, access: Access) -> None:
+        self.app, self.access = app, access
+        self.addresses = (f"10.{i >> 16 & 255}.{i >> 8 & 255}.{i & 255}" for i in itertools.count(1))
+        self.runner = asyncio.Runner()
+        self.sessions: dict[str, str] = {}
+
+    def session(self, role: str) -> str:
+        token = self.sessions.get(role, "")
+        if self.access.sessions.find(token) is None:  # the last request may have logged out
+            token = self.sessions[role] = self.access.sessions.open(User(f"the-{role}", role), "")
+        return token
+
+    def __call__(self, case: Case, role: str | None) -> tuple[int, bytes]:
+        words = case.as_transport_kwargs(base_url="http://localhost")
+        words.pop("cookies", None)
+        prepared = requests.Request(
+            **{key: words.get(key) for key in ("method", "url", "headers", "params", "data", "json", "files")}
+        ).prepare()
+        body = prepared.body or b""
+        body = body.encode() if isinstance(body, str) else body
+        headers = [(b"host", b"localhost")]
+        for name, value in prepared.headers.items():
+            if name.lower() not in ("host", "cookie", "x-beltscape-token"):
+                plain = value.encode("latin-1", "replace") if isinstance(value, str) else value
+                headers.append((name.lower().encode("latin-1", "replace"), plain))
+        if role is not None:
+            token = self.session(role)
+            headers += [
+                (b"cookie", f"beltscape={token}".encode()),
+                (b"x-beltscape-token", page_token(token).encode()),
+            ]
+        target = urlsplit(prepared.url or "")
+        raw = target.path.encode("ascii")
+        scope = {
+            "type": "http", "method": prepared.method, "scheme": "http", "path": unquote(target.path),
+            "raw_path": raw, "query_string": target.query.encode(), "root_path": "", "headers": headers,
+            "http_version": "1.1", "client": (next(self.addresses), 1), "server": ("localhost", 80),
+        }  # fmt: skip
+        return self.runner.run(self._answer(scope, body))
+
+    async def _answer(self, scope: dict, body: bytes) -> tuple[int, bytes]:
+        sent: list[dict] = []
+        ended = asyncio.Event()
+        messages = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def receive() -> dict:
+            if messages:
+                return messages.pop()
+            await ended.wait()
+            return {"type": "http.disconnect"}
+
+        async def send(message: dict) -> None:
+            sent.append(message)
+
+        await self.app(scope, receive, send)
+        ended.set()
+        return sent[0]["status"], b"".join(m.get("body", b"") for m in sent[1:])
+
+
+@pytest.fixture(scope="module")
+def caller(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz")
+    limits = AccessSettings(requests_per_s=100_000, requests_burst=1_000_000)
+    web = WebSettings(access=limits)
+    with (
+        closing(Access(folder, limits, CHEAP)) as access,
+        closing(Historian(folder, HistorySettings())) as history,
+    ):
+        for role in ROLES:
+            access.accounts.add(f"the-{role}", role, PASSWORD)
+        history.begin_run()
+        hub = Hub(web)
+        plant = Plant([hub], history)
+        for i in range(30):
+            plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
+        hub.health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
+        caller = Caller(create_app(hub, history, access, Answers(), web), access)
+        with caller.runner:
+            yield caller
+
+
+def attacked(caller: Caller, operation, mode: GenerationMode, role: str | None) -> set[int]:
+    """The statuses an endpoint answers with."""
+    statuses: set[int] = set()
+
+    @settings(max_examples=EXAMPLES, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @given(case=operation.as_strategy(generation_mode=mode))
+    def each(case: Case) -> None:
+        status, body = caller(case, role)
+        statuses.add(status)
+        assert status < 500, case.as_curl_command()
+        if status >= 400:
+            assert json.loads(body)["detail"]
+
+    try:
+        each()
+    except Unsatisfiable:
+        assert mode is GenerationMode.NEGATIVE, "an endpoint that takes nothing can be given nothing wrong"
+    return statuses
+
+
+@pytest.mark.parametrize("role", [None, *ROLES])
+@pytest.mark.parametrize("mode", list(GenerationMode))
+def test_nothing_that_is_sent_breaks_an_endpoint(caller, role, mode):
+    schema = schemathesis.openapi.from_dict(caller.app.openapi())
+    operations = [found.ok() for found in schema.get_all_operations()]
+    seen = {operation.label: attacked(caller, operation, mode, role) for operation in operations}
+    assert len(seen) >= 15
+    for label, statuses in seen.items():
+        if role is None and "/api/access/" not in label:
+            assert statuses <= {401, 404, 414}, label
+        if (
+            mode is GenerationMode.POSITIVE
+            and role == "engineer"
+            and label.startswith("GET")
+            and "{" not in label
+        ):
+            assert {200, 404, 422} & statuses, f"{label} never let anything through"

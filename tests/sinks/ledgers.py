@@ -8,7 +8,7 @@ from beltscape.core.belt_record import BeltRecord, CrossSection, standing_of
 from beltscape.core.flow import QUALITIES, FlowRecord
 
 START_NS = 1_790_000_000_000_000_000
-"""2026-09-21T13:33:20Z."""
+"""2026-09-21T14:13:20Z."""
 GRID = np.arange(-600, 601, 4, dtype=np.float32)
 
 

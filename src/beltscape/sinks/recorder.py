@@ -132,12 +132,11 @@ class Recorder:
             size = 0 if self._trouble else self._capture_for(frames, now).write(frames)
         except OSError as error:
             self._trouble = f"{self._folder}: recording pauses ({error.strerror or error}); free some space"
+        if not self._trouble and self._capture is not None:
+            self._shelf.grew(self._capture.folder, size)
         with self._wake:
-            if self._trouble or self._capture is None:
-                self._dropped += 1
-            else:
-                self._shelf.grew(self._capture.folder, size)
-                self._written += 1
+            self._written += not self._trouble
+            self._dropped += bool(self._trouble)
 
     def _capture_for(self, frames: FrameSet, now_s: float) -> CaptureWriter:
         """The capture it goes into: the one before, or a new one."""
@@ -146,15 +145,15 @@ class Recorder:
         follows = self._capture is not None and self._capture.follows(frames)
         if self._capture is None or not follows or now_s - self._begun_s >= length_min * 60:
             with self._wake:
-                self._capture = CaptureWriter(self._shelf.new(settings.mode), settings.image)
-                self._begun_s = now_s
-                if settings.mode == "ring":
-                    self._ring.add(self._capture.folder, now_s, goes_on=follows)
+                folder = self._shelf.new(settings.mode)
+            self._capture = CaptureWriter(folder, settings.image)
+            self._begun_s = now_s
+            if settings.mode == "ring":
+                self._ring.add(folder, now_s, goes_on=follows)
         return self._capture
 
     def _keep(self, target: Path) -> None:
-        with self._wake:
-            self._capture = None
+        self._capture = None
         try:
             self._ring.keep(target)
         except OSError as error:
@@ -163,6 +162,8 @@ class Recorder:
     def _make_room(self) -> str:
         """Remove the oldest that nobody asked to keep; why there is no room still, or nothing."""
         limit, least = self._settings.limit_gib * _GIB, self._settings.free_gib * _GIB
+        if self._shelf.size_bytes > limit:
+            self._shelf.refresh()
         while self._shelf.size_bytes > limit or _free(self._folder) < least:
             if not self._remove_oldest():
                 break
@@ -180,13 +181,12 @@ class Recorder:
 
     def _remove_oldest(self) -> bool:
         """One capture less; False where only kept ones and the one being written are left."""
-        with self._wake:
-            current = None if self._capture is None else self._capture.folder
-            oldest = next((path for path in self._shelf.of("all") if path != current), None)
-            if oldest is not None:
-                self._shelf.remove(oldest)
-                return True
+        current = None if self._capture is None else self._capture.folder
+        oldest = next((path for path in self._shelf.of("all") if path != current), None)
+        if oldest is None:
             return self._ring.drop_oldest()
+        self._shelf.remove(oldest)
+        return True
 
 
 def _free(folder: Path) -> int:

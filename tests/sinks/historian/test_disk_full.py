@@ -30,7 +30,7 @@ class Disk:
         def given_up() -> bool:
             there = release()
             if there:
-                self.allow(100)
+                self.allow(25)
             return there
 
         monkeypatch.setattr(self.store._reserve, "release", given_up)
@@ -108,7 +108,7 @@ def test_when_nothing_is_left_it_says_so_and_takes_the_same_records_later(histor
 
 
 def test_a_reserve_that_is_not_there_is_told_at_the_start(tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(100, 99, 1))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100, 99, 1))
     historian = Historian(tmp_path, SETTINGS)
     assert "nearly full" in historian.trouble
     monkeypatch.undo()

@@ -99,9 +99,9 @@ def test_asking_again_does_no_harm(tmp_path_factory, asked):
     historian = Historian(tmp_path_factory.mktemp("h"), SETTINGS)
     end = 0
     for start, count in asked:
-        start = min(start, end)
-        historian.write(records[start : start + count])
-        end = max(end, min(40, start + count))
+        first = min(start, end)
+        historian.write(records[first : first + count])
+        end = max(end, min(40, first + count))
     assert all_same(historian.records(*ALWAYS), records[:end])
     assert historian.totals.volume_mm3 == math.fsum(r.volume_mm3 for r in records[:end])
     historian.close()

@@ -58,10 +58,9 @@ class Store:
         """Why less is kept than should be, in one line; empty where all is well."""
         if not self._short:
             return ""
-        rest = "in the space held back for it" if self._reserve.held else "in what is left"
         return (
-            f"{self._folder}: {self._short}; records and totals go on {rest}, without cross-sections; free "
-            f"{2 * self._reserve.size_bytes // _MIB} MiB and all goes on by itself"
+            f"{self._folder}: {self._short}; records and totals go on in what was held back, without "
+            f"cross-sections; free {2 * self._reserve.size_bytes // _MIB} MiB and all goes on by itself"
         )
 
     def write(self, records: Sequence[BeltRecord]) -> None:

@@ -56,6 +56,11 @@ class Shelf:
         """That many bytes more lie in that capture."""
         self._sizes[capture] = self._sizes.get(capture, 0) + size
 
+    def refresh(self) -> None:
+        """Captures that somebody else removed take nothing any more."""
+        for capture in [path for path in self._sizes if not path.is_dir()]:
+            del self._sizes[capture]
+
     def remove(self, capture: Path) -> None:
         """Delete a capture."""
         shutil.rmtree(capture, ignore_errors=True)

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from beltscape.core.frames import FrameSet
+from beltscape.files.capture import read_capture
+from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.images import read_image
+from beltscape.sinks.recording.capture_writer import CaptureWriter, seconds_text
+
+sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))
+images = st.one_of(
+    *(
+        sizes.flatmap(lambda size, kind=kind, rgb=rgb: arrays(kind, (*size, 3) if rgb else size))
+        for kind in (np.uint8, np.uint16)
+        for rgb in (False, True)
+    )
+)
+
+
+def frames(number: int, **values) -> FrameSet:
+    image = np.full((6, 8), number, np.uint8)
+    whole = FrameSet(f"{number:06d}", {"cam0": image, "cam1": image + 1}, number * 200_000_000, number * 7.3)
+    return replace(whole, **values)
+
+
+@pytest.mark.parametrize("how", ["tiff", "png"])
+@settings(max_examples=30)
+@given(image=images)
+def test_images_read_back_exactly(tmp_path_factory, how, image):
+    folder = tmp_path_factory.mktemp("capture")
+    CaptureWriter(folder, how).write(FrameSet("7", {"cam0": image}))
+    back = read_image(folder / "cam0" / f"7.{how}")
+    assert back.dtype == image.dtype
+    assert np.array_equal(back, image)
+
+
+@given(st.integers(-(10**18), 10**18))
+def test_times_have_all_their_digits(time_ns):
+    whole, part = seconds_text(time_ns).lstrip("-").split(".")
+    assert (int(whole) * 10**9 + int(part)) * (-1 if time_ns < 0 else 1) == time_ns
+
+
+def test_a_capture_of_the_contract(tmp_path):
+    writer = CaptureWriter(tmp_path, "tiff")
+    sizes = [writer.write(frames(n)) for n in range(5)]
+    sizes.append(writer.write(frames(5, images={"cam1": np.zeros((6, 8), np.uint8)})))
+    assert sum(sizes) == sum(p.stat().st_size for p in tmp_path.rglob("*") if p.is_file())
+    capture = read_capture(tmp_path)
+    assert capture.cameras == ("cam0", "cam1")
+    assert capture.frames == tuple(f"{n:06d}" for n in range(6))
+    assert "000005" not in capture.files["cam0"]
+    readings = read_encoder(tmp_path / "encoder.csv")
+    assert [(r.frame, r.time_ns, r.belt_position_mm) for r in readings] == [
+        (f"{n:06d}", n * 200_000_000, n * 7.3) for n in range(6)
+    ]
+
+
+def test_without_an_encoder_there_is_no_table(tmp_path):
+    CaptureWriter(tmp_path, "tiff").write(frames(1, position_mm=None))
+    assert not (tmp_path / "encoder.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "next_one",
+    [frames(3), frames(4, frame="000003"), frames(4, time_ns=600_000_000), frames(4, position_mm=21.8)],
+)
+def test_what_a_reader_would_refuse_does_not_follow(tmp_path, next_one):
+    writer = CaptureWriter(tmp_path, "tiff")
+    writer.write(frames(3))
+    assert writer.follows(frames(4))
+    assert writer.follows(frames(4, time_ns=None, position_mm=None))
+    assert not writer.follows(next_one)
+
+
+def test_a_frame_set_that_does_not_fit_leaves_nothing(tmp_path, monkeypatch):
+    import pathlib
+
+    writer = CaptureWriter(tmp_path, "tiff")
+    writer.write(frames(1))
+    before = sorted(p for p in tmp_path.rglob("*"))
+    write_bytes = pathlib.Path.write_bytes
+
+    def full(path, data):
+        if "cam1" in str(path):
+            write_bytes(path, data[:20])
+            raise OSError(28, "No space left on device")
+        return write_bytes(path, data)
+
+    monkeypatch.setattr(pathlib.Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space"):
+        writer.write(frames(2))
+    assert sorted(p for p in tmp_path.rglob("*")) == before

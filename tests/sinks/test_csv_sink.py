@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import csv
+import io
+import os
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltscape.core.errors import InputError, OutputError
+from beltscape.files.flow_csv import HEADER as FLOW_HEADER
+from beltscape.files.flow_csv import flow_line
+from beltscape.sinks.csv_sink import HEADER, CsvSink
+from beltscape.sinks.settings import CsvSettings
+from sinks.ledgers import START_NS, ledger
+
+DAY_NS = 86_400_000_000_000
+SETTINGS = CsvSettings(enabled=True)
+
+
+def rows(folder) -> list[dict[str, str]]:
+    """All rows of all files, in order of the records."""
+    found = [
+        row for path in folder.glob("*.csv") for row in csv.DictReader(io.StringIO(path.read_text("utf-8")))
+    ]
+    return sorted(found, key=lambda row: int(row["number"]))
+
+
+def test_a_row_is_flow_csvs_and_the_ledgers(tmp_path):
+    record = ledger(1)[0]
+    sink = CsvSink(tmp_path, SETTINGS)
+    sink.write([record])
+    header, line = (tmp_path / "2026-09-21.csv").read_text("utf-8").splitlines()
+    assert header == HEADER and header.startswith(FLOW_HEADER)
+    assert line.startswith(flow_line(record.strip) + ",1,1,0.1000,300.1000,")
+    (row,) = rows(tmp_path)
+    assert row["wall_time_s"] == f"{START_NS // 10**9}.000000"
+    assert row["standing"] == record.standing
+
+
+def test_a_belt_that_nobody_saw_has_a_row(tmp_path):
+    records = ledger(7)
+    assert records[6].strip is None
+    CsvSink(tmp_path, SETTINGS).write(records)
+    row = rows(tmp_path)[6]
+    assert row["frame"] == row["volume_mm3"] == ""
+    assert row["quality"] == row["standing"] == "missing"
+    assert row["belt_to_mm"] == "2100.1000"
+
+
+def test_words_with_commas_and_ends_of_lines_stay_one_cell(tmp_path):
+    record = ledger(1)[0]
+    record = replace(record, reason='lost "cam2",\ncam3', strip=replace(record.strip, frame="a,b"))
+    CsvSink(tmp_path, SETTINGS).write([record])
+    (row,) = rows(tmp_path)
+    assert (row["reason"], row["frame"]) == ('lost "cam2", cam3', "a,b")
+    assert CsvSink(tmp_path, SETTINGS).last == 1
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 5000), st.integers(1, 8))
+def test_a_torn_tail_is_mended_and_nothing_is_there_twice(tmp_path_factory, cut, more):
+    folder = tmp_path_factory.mktemp("csv")
+    records = ledger(12, every_ns=DAY_NS // 5, sections=False)
+    CsvSink(folder, SETTINGS).write(records[:8])
+    newest = max(folder.glob("*.csv"))
+    data = newest.read_bytes()
+    newest.write_bytes(data[: max(0, len(data) - cut % (len(data) + 1))])
+    sink = CsvSink(folder, SETTINGS)
+    assert sink.last <= 8
+    sink.write(records[sink.last : 8])
+    sink.write(records[: 8 + more % 5])
+    sink.write(records)
+    found = rows(folder)
+    assert [int(row["number"]) for row in found] == list(range(1, 13))
+    assert all(None not in row and None not in row.values() for row in found)
+
+
+def test_a_clock_set_back_goes_to_its_own_day_and_order_stays(tmp_path):
+    shifts = [0, 0, -2 * DAY_NS, -2 * DAY_NS, 0, 3650 * DAY_NS, 0]
+    records = [replace(r, wall_ns=r.wall_ns + s) for r, s in zip(ledger(7), shifts, strict=True)]
+    sink = CsvSink(tmp_path, SETTINGS)
+    for record in records:
+        sink.write([record])
+    assert sorted(p.stem for p in tmp_path.glob("*.csv")) == ["2026-09-19", "2026-09-21", "2036-09-18"]
+    assert CsvSink(tmp_path, SETTINGS).last == 7
+    assert [int(row["number"]) for row in rows(tmp_path)] == list(range(1, 8))
+
+
+def test_the_oldest_files_go_by_what_is_in_them(tmp_path):
+    sink = CsvSink(tmp_path, CsvSettings(enabled=True, days=3))
+    records = ledger(6, every_ns=DAY_NS)
+    # the last days' clock says 1970
+    records = [*records[:4], *(replace(r, wall_ns=r.wall_ns - START_NS) for r in records[4:])]
+    for record in records:
+        sink.write([record])
+    assert [int(row["number"]) for row in rows(tmp_path)] == [4, 5, 6]
+
+
+def test_a_disk_that_takes_half_leaves_no_half_line(tmp_path, monkeypatch):
+    import pathlib
+
+    records = ledger(20)
+    sink = CsvSink(tmp_path, SETTINGS)
+    sink.write(records[:10])
+    before = (tmp_path / "2026-09-21.csv").read_bytes()
+    opened = pathlib.Path.open
+
+    class Filling:
+        """Takes 100 bytes, then the disk is full."""
+
+        def __init__(self, file) -> None:
+            self.file, self.left = file, 100
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_) -> None:
+            self.file.close()
+
+        def write(self, data: bytes) -> int:
+            if not self.left:
+                raise OSError(28, "No space left on device")
+            done, self.left = self.file.write(data[: self.left]), 0
+            return done
+
+    def open_(path, mode="r", *args, **kwargs):
+        file = opened(path, mode, *args, **kwargs)
+        return Filling(file) if mode == "ab" else file
+
+    monkeypatch.setattr(pathlib.Path, "open", open_)
+    with pytest.raises(OutputError, match="No space left"):
+        sink.write(records[10:])
+    monkeypatch.undo()
+    assert (tmp_path / "2026-09-21.csv").read_bytes() == before
+    sink.write(records[10:])
+    assert [int(row["number"]) for row in rows(tmp_path)] == list(range(1, 21))
+
+
+def test_somebody_elses_file_is_left_alone(tmp_path):
+    (tmp_path / "2026-09-21.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="header"):
+        CsvSink(tmp_path, SETTINGS)
+    (tmp_path / "2026-09-21.csv").write_text(f"{HEADER}\nnonsense\n")
+    with pytest.raises(InputError, match="no record"):
+        CsvSink(tmp_path, SETTINGS)
+    assert os.listdir(tmp_path) == ["2026-09-21.csv"]  # noqa: PTH208
+
+
+def test_days_begin_when_told(tmp_path):
+    sink = CsvSink(tmp_path, CsvSettings(enabled=True, day_begins_utc_h=-10))
+    sink.write(ledger(1))
+    assert [p.name for p in tmp_path.iterdir()] == ["2026-09-22.csv"]

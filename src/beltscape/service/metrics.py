@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf, isnan
-from typing import Annotated, Literal, get_args
+from typing import Literal, get_args
 
 from fastapi import APIRouter, Depends, Request, Response
 
@@ -208,12 +208,14 @@ def routes(behind: Behind) -> APIRouter:
         here = request.client is not None and request.client.host in ("127.0.0.1", "::1")
         return None if behind.settings.metrics_open and here else viewer(request)
 
+    allowed = Depends(reader)
+
     @router.get(
         "/metrics",
         response_class=Response,
         responses=refusals() | {200: {"content": {MEDIA_TYPE: {}}, "description": "Prometheus text format"}},
     )
-    def metrics(_: Annotated[User | None, Depends(reader)]) -> Response:
+    def metrics(_: User | None = allowed) -> Response:
         """Figures for Prometheus."""
         return Response(exposition(behind.hub, behind.hub.now()), media_type=MEDIA_TYPE)
 

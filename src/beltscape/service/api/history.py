@@ -10,9 +10,10 @@ from typing import Annotated
 import numpy as np
 from fastapi import APIRouter, Depends, HTTPException, Query
 from numpy.typing import NDArray
+from pydantic import Field
 
 from beltscape.core.belt_record import BeltRecord, Standing
-from beltscape.core.errors import OutputError
+from beltscape.core.errors import BeltscapeError
 from beltscape.service.access import User, needs
 from beltscape.service.api.common import Behind, Number, Out, WallMs, not_before, refusals
 
@@ -24,7 +25,7 @@ RecordNumber = Annotated[int, Query(ge=0, le=2**53, description="Number of an en
 class SeriesOut(Out):
     """Curves over equal intervals; null: not known."""
 
-    start_ms: Annotated[tuple[int, ...], "System clock at which each interval begins"]
+    start_ms: Annotated[tuple[int, ...], Field(description="System clock at which each interval begins")]
     width_ms: float
     flow_m3_h: tuple[Number, ...]
     low_m3_h: tuple[Number, ...]
@@ -77,6 +78,18 @@ class RecordOut(Out):
         )
 
 
+class DayOut(Out):
+    """What passed on one day."""
+
+    day: Annotated[str, Field(description="Such as 2026-11-21")]
+    records: int
+    volume_m3: Number
+    mass_t: Number
+    valid_m: float
+    degraded_m: float
+    missing_m: float
+
+
 class EventOut(Out):
     """Something that happened."""
 
@@ -101,12 +114,12 @@ def readable() -> Iterator[None]:
     """503 where the history cannot be read."""
     try:
         yield
-    except (sqlite3.Error, OSError, OutputError) as error:
+    except (sqlite3.Error, OSError, BeltscapeError) as error:
         raise HTTPException(503, "the history cannot be read at the moment; see the alarms") from error
 
 
 def routes(behind: Behind) -> APIRouter:
-    """GET /api/series, /api/records, /api/events and /api/section."""
+    """GET /api/series, /api/records, /api/events, /api/days and /api/section."""
     router = APIRouter(prefix="/api", tags=["history"])
     history = behind.history
 
@@ -164,6 +177,25 @@ def routes(behind: Behind) -> APIRouter:
                 name=one.name,
                 text=one.text,
                 by=one.by,
+            )
+            for one in found
+        ]
+
+    @router.get("/days", responses=refusals(503))
+    def days(_: Viewer, since_ms: WallMs, until_ms: WallMs) -> list[DayOut]:
+        """What passed on each of at most the last 1000 days that begin in that time, oldest first."""
+        not_before(since_ms, until_ms)
+        with readable():
+            found = history.day_totals(since_ms * MS_NS, until_ms * MS_NS)[-1000:]
+        return [
+            DayOut(
+                day=one.day,
+                records=one.records,
+                volume_m3=one.volume_mm3 * 1e-9,
+                mass_t=one.mass_kg * 1e-3,
+                valid_m=one.valid_mm * 1e-3,
+                degraded_m=one.degraded_mm * 1e-3,
+                missing_m=one.missing_mm * 1e-3,
             )
             for one in found
         ]

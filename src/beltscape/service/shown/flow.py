@@ -120,7 +120,7 @@ class FlowMean:
         last: list[_Strip] = []
         seconds = 0.0
         strips = list(self._strips)
-        while strips and (not last or seconds < self._window_s):
+        while strips and (not last or seconds < self._window_s * (1 - 1e-9)):
             last.append(strips.pop())
             seconds += last[-1].seconds
         return last, [strip for strip in strips if strip.standing != "missing"]

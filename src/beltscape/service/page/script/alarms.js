@@ -52,6 +52,7 @@ function update(item, alarm) {
   item.title = alarm.detail;
   advice.hidden = !advice.textContent;
   button.hidden = !unseen(alarm) || store.page?.role === "viewer";
+  button.disabled = store.link === "lost";
   say(button, t("alarms.acknowledge"));
   button.setAttribute("aria-label", t("alarms.acknowledge_one", { alarm: title(alarm.name) }));
 }
@@ -66,6 +67,7 @@ function show() {
   const key = known ? "alarms.none" : "alarms.unknown";
   if (none.dataset.shown !== key + chosen()) none.replaceChildren(...(known ? [sign("good")] : []), t(key));
   none.dataset.shown = key + chosen();
+  $("alarms-unsure").hidden = known || !alarms.length;
   $("alarms-count").hidden = !fresh.length;
   say($("alarms-count"), t("alarms.count", { count: number(fresh.length) }));
   const raised = fresh.filter((alarm) => alarm.state === "raised");

@@ -5,7 +5,7 @@ import { $, make, say } from "./dom.js";
 import { nothing_in, of_series, Plot } from "./plot.js";
 import { SectionPlot } from "./section.js";
 import { store } from "./store.js";
-import { apply, day_and_time, number, t, unit } from "./texts.js";
+import { apply, day, day_and_time, number, t, unit } from "./texts.js";
 
 const PRESETS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
 let plot = null, cut = null, period = null, found = null;
@@ -25,6 +25,7 @@ function build() {
     panel("curve chart", "chart.title", make("div", { class: "plot", id: "history-chart", role: "img", "data-label": "chart.label" }), make("p", { class: "nothing", id: "history-none", hidden: true })),
     panel("side section", "section.title", make("div", { class: "plot", id: "history-section" }), make("p", { class: "nothing", id: "history-section-none", "data-text": "history.section_help" })),
     panel("events", "history.events", make("div", { class: "table", tabindex: 0, "data-label": "history.events" }, make("table", { id: "history-events" }))),
+    panel("days", "history.days", make("div", { class: "table", tabindex: 0, "data-label": "history.days" }, make("table", { id: "history-days" }))),
     panel("sums", "history.sum", make("dl", { class: "facts", id: "history-sums" })));
   apply($("history-view"));
   plot = new Plot($("history-chart"), show_section);
@@ -63,9 +64,9 @@ async function ask(since_ms, until_ms) {
   for (const format of ["csv", "parquet"]) $(`export-${format}`).href = `/api/export?${new URLSearchParams({ since_ms, until_ms, format })}`;
   const wanted = period;
   try {
-    const [series, events] = await Promise.all([get("/api/series", { since_ms, until_ms, points: 800 }), get("/api/events", { since_ms, until_ms, limit: 300 })]);
+    const [series, events, days] = await Promise.all([get("/api/series", { since_ms, until_ms, points: 800 }), get("/api/events", { since_ms, until_ms, limit: 300 }), get("/api/days", { since_ms: Math.max(since_ms - 86400000, 0), until_ms })]);
     if (wanted !== period) return;
-    found = { series, events };
+    found = { series, events, days };
   } catch {
     if (wanted === period) problem("chart.failed");
     return;
@@ -75,13 +76,14 @@ async function ask(since_ms, until_ms) {
 
 function show() {
   if (!found) return;
-  const { series, events } = found;
+  const { series, events, days } = found;
   const columns = of_series(series);
   plot.show(columns, [period.since_ms / 1000, period.until_ms / 1000]);
   $("history-none").hidden = !nothing_in(columns);
   say($("history-none"), t("chart.none"));
   show_sums(series);
   show_events(events);
+  show_days(days);
 }
 
 const sum = (values) => values.reduce((total, value) => total + (value ?? 0), 0);
@@ -92,12 +94,28 @@ function show_sums(series) {
   $("history-sums").replaceChildren(...rows.map(([key, value, standing]) => make("div", {}, make("dt", standing ? { class: "standing", "data-standing": standing } : {}, t(key)), make("dd", {}, value))));
 }
 
+/** What is said of an alarm begins with its state, which has its own word in every language. */
+function worded(text) {
+  const state = /^(raised|acknowledged|gone)\b/.exec(text)?.[0];
+  return state ? t(`alarm.${state}`) + text.slice(state.length) : text;
+}
+
 function show_events(events) {
   const head = make("tr", {}, ...["history.when", "history.what", "history.who"].map((key) => make("th", { scope: "col" }, t(key))));
   const rows = events.map((event) => make("tr", {}, make("td", { class: "when" }, day_and_time(event.wall_ms, true)),
-    make("td", {}, [event.kind === "alarm" ? title(event.name) : event.name, event.text].filter(Boolean).join(" – ")), make("td", {}, event.by)));
+    make("td", {}, [event.kind === "alarm" ? title(event.name) : event.name, worded(event.text)].filter(Boolean).join(" – ")), make("td", {}, event.by)));
   if (!rows.length) rows.push(make("tr", {}, make("td", { colspan: 3, class: "when" }, t("history.no_events"))));
   $("history-events").replaceChildren(make("thead", {}, head), make("tbody", {}, ...rows));
+}
+
+function show_days(days) {
+  const names = ["history.day", "totals.volume", "totals.mass", "standing.valid", "standing.degraded", "standing.missing"];
+  const head = make("tr", {}, ...names.map((key, i) => make("th", { scope: "col", class: i ? "number" : "" }, t(key))));
+  const rows = [...days].reverse().map((one) => {
+    const cells = [[one.volume_m3, "m3"], [one.mass_t, "t"], [one.valid_m, "m"], [one.degraded_m, "m"], [one.missing_m, "m"]];
+    return make("tr", {}, make("td", { class: "when" }, day(new Date(`${one.day}T12:00`))), ...cells.map(([value, name]) => make("td", { class: "number" }, unit(number(value, 1), name))));
+  });
+  $("history-days").replaceChildren(make("thead", {}, head), make("tbody", {}, ...rows));
 }
 
 /** The cross-section of the first record from an instant on. */

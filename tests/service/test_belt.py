@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.core.live import BeltStretch
+from beltscape.service.shown.belt import FILLED, UNKNOWN, BeltWindow, decode, encode
+
+X = np.arange(-100, 101, 5).astype(np.float32)
+
+
+def stretch(start_mm: float, rows: int, height=None, *, cell_mm: float = 5.0, x=X) -> BeltStretch:
+    s = start_mm + np.arange(rows) * cell_mm
+    load = np.broadcast_to((s[:, None] % 700) / 7, (rows, x.size)) if height is None else height
+    return BeltStretch(start_mm, cell_mm, x, load.astype(np.float32), np.isfinite(load))
+
+
+@given(st.lists(st.floats(-99, 1900, width=32), min_size=1, max_size=30), st.booleans())
+def test_heights_come_back_to_half_a_step(heights, measured):
+    h = np.array(heights, np.float32)
+    back, seen = decode(encode(h, np.full(h.shape, measured)))
+    assert np.abs(back - h).max() <= 0.5 / 16 + 1e-4
+    assert (seen == measured).all()
+
+
+def test_what_cannot_be_said_is_the_nearest_that_can_or_unknown():
+    counts = encode(np.array([np.nan, -1e6, 1e6]), np.array([False, False, False]))
+    assert counts[0] == UNKNOWN
+    assert decode(counts)[0][1] == -100
+    assert counts[2] != UNKNOWN and counts[2] >= FILLED
+
+
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=12), st.integers(0, 50))
+def test_however_the_belt_is_cut_the_rows_are_the_same(lengths, start):
+    total = sum(lengths) + 4
+    whole, pieces = BeltWindow(20, 10), BeltWindow(20, 10)
+    whole.add(stretch(start * 5, total))
+    at = start
+    for length in [*lengths, 4]:
+        pieces.add(stretch(at * 5, length))
+        at += length
+    a, b = whole.after(), pieces.after()
+    assert a is not None and b is not None
+    assert (a.first, a.epoch) == (b.first, b.epoch)
+    np.testing.assert_array_equal(a.counts, b.counts)
+
+
+def test_cells_are_means_and_half_measured_is_measured():
+    height = np.tile(np.arange(6)[:, None] * 10.0, (1, X.size))
+    measured = np.zeros(height.shape, bool)
+    measured[0], measured[2], measured[3, : X.size // 2] = True, True, True
+    window = BeltWindow(20, 10)
+    window.add(BeltStretch(0, 5, X, height.astype(np.float32), measured))
+    rows = window.after()
+    assert rows is not None
+    back, seen = decode(rows.counts)
+    np.testing.assert_allclose(back, [[5] * rows.x_mm.size, [25] * rows.x_mm.size], atol=0.04)
+    assert seen.all()
+    assert rows.x_mm.size == 21 and rows.cell_mm == 10
+
+
+def test_only_the_new_rows_are_told_and_the_ring_stays_small():
+    window = BeltWindow(1, 10)
+    window.add(stretch(0, 101))
+    mark = window.mark
+    assert window.after(mark) is None
+    window.add(stretch(505, 21))
+    rows = window.after(mark)
+    assert rows is not None and rows.first == mark[1] and rows.first + len(rows.counts) == window.mark[1]
+    for k in range(50):
+        window.add(stretch(610 + k * 105, 21))
+    rows = window.after((mark[0], 0))
+    assert rows is not None and len(rows.counts) == 100
+
+
+def test_a_gap_is_unknown_and_a_step_back_is_another_belt():
+    window = BeltWindow(20, 10)
+    window.add(stretch(0, 21))
+    window.add(stretch(400, 21))
+    rows = window.after()
+    assert rows is not None
+    known = (rows.counts != UNKNOWN).any(axis=1)
+    assert known[:10].all() and not known[11:40].any() and known[40:].all()
+    epoch = window.mark[0]
+    window.add(stretch(100, 21))
+    fresh = window.after((epoch, 40))
+    assert fresh is not None and fresh.epoch == epoch + 1 and fresh.first == 10
+
+
+def test_another_grid_is_another_belt():
+    window = BeltWindow(20, 10)
+    window.add(stretch(0, 21))
+    window.add(stretch(105, 21, x=X + 1))
+    assert window.mark[0] == 2
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_too_little_says_nothing(rows):
+    window = BeltWindow(20, 10)
+    window.add(stretch(0, rows))
+    assert window.after() is None

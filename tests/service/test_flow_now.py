@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+from math import isnan, nan
+
+import pytest
+
+from beltscape.core.belt_record import BeltRecord, Standing
+from beltscape.core.flow import FlowRecord
+from beltscape.service.shown.flow import FlowMean
+
+
+def record(
+    volume_mm3: float, *, standing: Standing = "valid", length=200.0, speed=2000.0, density=1600.0
+) -> BeltRecord:
+    strip = None
+    if standing != "missing":
+        strip = FlowRecord(
+            "f", None, 0, (0, length), volume_mm3 / length, volume_mm3, volume_mm3 * 0.01, speed, density, 0.9, 0.8,
+            "measured",
+        )  # fmt: skip
+    return BeltRecord(1, 1, (0.0, length), standing, "", 0, strip, 0.0, 5, None)
+
+
+def test_the_mean_is_volume_over_time():
+    flow = FlowMean(1.0)
+    flow.add([record(1e7)] * 5 + [record(2e7)] * 10)  # each 0.1 s: the last second holds 2e7 only
+    now = flow.now(2000.0)
+    assert now.volume_m3_h == pytest.approx(2e7 / 0.1 * 3600e-9)
+    assert now.sigma_m3_h == pytest.approx(0.01 * now.volume_m3_h)
+    assert now.mass_t_h == pytest.approx(1.6 * now.volume_m3_h)
+    assert now.mass_sigma_t_h == pytest.approx(0.01 * now.mass_t_h)
+    assert now.area_mm2 == pytest.approx(2e7 / 200)
+    assert now.coverage == pytest.approx(0.9)
+    assert now.standing == "valid"
+
+
+def test_belt_that_nobody_measured_is_not_taken_for_empty():
+    flow = FlowMean(1.0)
+    flow.add([record(1e7)] * 5 + [record(0, standing="missing")] * 5)
+    now = flow.now(2000.0)
+    assert now.volume_m3_h == pytest.approx(1e7 / 0.1 * 3600e-9)
+    assert now.standing == "missing"
+    flow.add([record(0, standing="missing")] * 30)
+    assert isnan(flow.now(2000.0).volume_m3_h)
+
+
+def test_a_stopped_belt_carries_nothing_on_and_an_unknown_speed_stops_nothing():
+    flow = FlowMean(1.0)
+    assert isnan(flow.now(nan).volume_m3_h)
+    flow.add([record(1e7)] * 20)
+    assert flow.now(0.0).volume_m3_h == 0
+    assert flow.now(nan).volume_m3_h > 0
+
+
+def test_without_a_density_there_is_no_mass():
+    flow = FlowMean(1.0)
+    flow.add([record(1e7, density=nan)] * 20)
+    assert isnan(flow.now(2000.0).mass_t_h)
+    assert flow.now(2000.0).volume_m3_h > 0
+
+
+@pytest.mark.parametrize(
+    ("last", "trend"), [(1e7, "steady"), (1.02e7, "steady"), (1.3e7, "rising"), (0.7e7, "falling")]
+)
+def test_trend(last, trend):
+    flow = FlowMean(1.0)
+    flow.add([record(1e7)] * 30)
+    assert flow.now(2000.0).trend == "unknown"
+    flow.add([record(1e7)] * 300 + [record(last)] * 10)
+    assert flow.now(2000.0).trend == trend
+
+
+def test_memory_is_bounded():
+    flow = FlowMean(1.0)
+    flow.add([record(1e7)] * 5000)
+    assert len(flow._strips) <= 700

@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import threading
+from math import inf
+
+import cv2
+import numpy as np
+
+from beltscape.core.belt_record import Totals
+from beltscape.core.frames import FrameSet
+from beltscape.core.live import CameraHealth, Sight
+from beltscape.service.hub import Hub
+from beltscape.service.settings import WebSettings
+from beltscape.service.shown.picture import eight_bit, small_picture
+from service.feeder import CAMERAS, Plant, Sums
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.offset_s = 1_700_000_000.0
+
+    def steady_s(self) -> float:
+        return self.now_s
+
+    def wall_ns(self) -> int:
+        return int((self.now_s + self.offset_s) * 1e9)
+
+
+def fed(frames: int, **settings) -> tuple[Hub, Plant, Clock]:
+    clock = Clock()
+    hub = Hub(WebSettings(**settings), steady_s=clock.steady_s, wall_ns=clock.wall_ns)
+    plant = Plant([hub], Sums())
+    for _ in range(frames):
+        clock.now_s += 0.2
+        plant.step(clock.wall_ns())
+    return hub, plant, clock
+
+
+def test_before_anything_happened_nothing_is_claimed():
+    now = Hub().now()
+    assert (now.frame_age_s, now.health_age_s) == (inf, inf)
+    assert now.record is None and now.cameras == () and now.alarms == ()
+    assert np.isnan(now.flow.volume_m3_h)
+    assert Hub().picture("cam1") is None
+
+
+def test_it_tells_what_it_was_told():
+    hub, plant, clock = fed(12)
+    now = hub.now()
+    assert now.frames.done == 12
+    assert now.totals == plant.ledger.totals
+    assert [camera.name for camera in now.cameras] == list(CAMERAS)
+    assert 300 < now.flow.volume_m3_h < 900
+    assert now.record == 12
+    assert now.frame_age_s == 0
+    clock.now_s += 7
+    assert hub.now().frame_age_s == 7
+
+
+def test_a_clock_set_back_leaves_the_chart_in_order():
+    hub, plant, clock = fed(40)
+    clock.offset_s -= 5
+    for _ in range(10):
+        clock.now_s += 0.3
+        plant.step(clock.wall_ns())
+    _, points = hub.points()
+    times = [point.wall_ms for point in points]
+    assert times == sorted(set(times))
+    count, new = hub.points(hub.points()[0] - 3)
+    assert len(new) == 3 and new[-1] == points[-1] and count >= len(points)
+
+
+def test_memory_is_bounded():
+    hub, _, _ = fed(3)
+    for k in range(700):
+        hub.noted(f"{k} " + "x" * 2000)
+    assert len(hub.now().notes) == 50 and all(len(text) <= 500 for _, text in hub.now().notes)
+    hub.health({f"c{k}": CameraHealth(f"c{k}", "ok", 0, 0, 0, 0) for k in range(1000)})
+    assert len(hub.now().cameras) == 64
+    hub.measured(hub.records() * 300, Totals())
+    assert len(hub.records()) == 600
+
+
+def test_a_picture_is_made_once_and_small(monkeypatch):
+    hub, _, _ = fed(2, picture_px=100)
+    made = []
+    monkeypatch.setattr("beltscape.service.hub.small_picture", lambda *a: made.append(1) or small_picture(*a))
+    first = hub.picture("cam2")
+    assert first is hub.picture("cam2") and made == [1]
+    assert first is not None
+    image = cv2.imdecode(np.frombuffer(first.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert max(image.shape[:2]) == 100
+
+
+def test_deep_images_are_shown_by_the_bits_they_use():
+    ramp = np.linspace(0, 4095, 64).astype(np.uint16).reshape(8, 8)
+    assert eight_bit(ramp).max() == 255
+    assert eight_bit(ramp << 4).max() == 255
+    assert eight_bit((ramp >> 4).astype(np.uint8)).max() == 255
+    colour = np.dstack(
+        [np.full((40, 60), 200, np.uint8), np.zeros((40, 60), np.uint8), np.zeros((40, 60), np.uint8)]
+    )
+    back = cv2.imdecode(np.frombuffer(small_picture(colour, 480), np.uint8), cv2.IMREAD_COLOR)
+    assert back[20, 30, 2] > 150 and back[20, 30, 0] < 60  # red stays red
+
+
+def test_many_readers_disturb_nobody():
+    hub, plant, clock = fed(5)
+    wrong: list[BaseException] = []
+    stop = threading.Event()
+
+    def read() -> None:
+        try:
+            mark = None
+            while not stop.is_set():
+                now = hub.now()
+                assert now.totals.records <= plant.number
+                mark, rows = hub.belt(mark)
+                assert rows is None or rows.counts.shape[1] == rows.x_mm.size
+                hub.points(), hub.records(), hub.picture("cam1")
+        except BaseException as error:
+            wrong.append(error)
+
+    threads = [threading.Thread(target=read) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for _ in range(25):
+        clock.now_s += 0.2
+        plant.step(clock.wall_ns())
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+
+
+def test_a_camera_that_is_lost_keeps_its_last_picture():
+    hub, _, _ = fed(2)
+    image = np.full((4, 4), 7, np.uint8)
+    hub.saw(Sight(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
+    assert hub.now().picture_frames["cam1"] == "late"
+    assert hub.now().picture_frames["cam2"] == "000001"

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from math import nan
+
+import pytest
+
+from beltscape.core.live import Alarm, CameraHealth
+from beltscape.service.metrics import MEDIA_TYPE, exposition
+from service.plants import OPEN, works
+
+SAMPLE = re.compile(r"([a-z_:][a-z0-9_:]*)(?:\{(.*)\})? (\S+)")
+LABEL = re.compile(r'([a-z_]+)="((?:[^"\\]|\\.)*)"(?:,|$)')
+
+
+def parsed(text: str) -> tuple[dict[str, str], dict[str, dict[tuple, float]]]:
+    """Types and samples, by the rules of the text format: HELP, TYPE, then samples, each family once."""
+    types: dict[str, str] = {}
+    samples: dict[str, dict[tuple, float]] = {}
+    family = ""
+    assert text.endswith("\n")
+    for line in text.splitlines():
+        if line.startswith("# HELP "):
+            family = line.split()[2]
+            assert family not in types and len(line.split(maxsplit=3)[3]) > 10
+        elif line.startswith("# TYPE "):
+            assert line.split()[2] == family
+            types[family] = line.split()[3]
+        else:
+            found = SAMPLE.fullmatch(line)
+            assert found, line
+            name, labels, value = found.groups()
+            suffixes = ("_bucket", "_sum", "_count") if types[family] == "histogram" else ("",)
+            assert name in {family + suffix for suffix in suffixes}
+            pairs = LABEL.findall(labels or "")
+            assert "".join(f'{key}="{text}",' for key, text in pairs).rstrip(",") == (labels or "")
+            key = tuple(pairs)
+            assert key not in samples.setdefault(name, {})
+            samples[name][key] = float(value)
+    return types, samples
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    made = works(tmp_path_factory.mktemp("metrics"), 12, access=OPEN)
+    yield made
+    made.history.close()
+
+
+def test_figures_and_their_types(made):
+    made.plant.raise_alarm(Alarm("disk_full", "critical", "raised", nan, nan, "", 1))
+    made.plant.raise_alarm(Alarm("camera_lost:cam2", "warning", "gone", nan, nan, "", 1))
+    types, samples = parsed(made.browser()("GET", "/metrics").text)
+    now = made.hub.now()
+    assert samples["beltscape_flow_cubic_metres_per_hour"][()] == pytest.approx(now.flow.volume_m3_h)
+    assert samples["beltscape_volume_cubic_metres_total"][()] == pytest.approx(now.totals.volume_mm3 * 1e-9)
+    metres = {labels[0][1]: value for labels, value in samples["beltscape_belt_metres_total"].items()}
+    assert metres == {"valid": pytest.approx(12 * 0.48), "degraded": 0.0, "missing": 0.0}
+    assert samples["beltscape_frame_sets_total"][()] == 12
+    assert samples["beltscape_camera_state"][(("camera", "cam1"), ("state", "ok"))] == 1
+    assert samples["beltscape_camera_state"][(("camera", "cam1"), ("state", "lost"))] == 0
+    assert samples["beltscape_camera_skew_seconds"][(("camera", "cam3"),)] == pytest.approx(4e-5)
+    assert samples["beltscape_disk_trouble"][()] == 1
+    gone = (("alarm", "camera_lost:cam2"), ("severity", "warning"))
+    assert samples["beltscape_alarm_active"][gone] == 0
+    assert samples["beltscape_alarm_unacknowledged"][gone] == 1
+    for name, kind in types.items():
+        assert (kind == "counter") == name.endswith("_total"), name
+
+
+def test_the_histogram_is_one(made):
+    _, samples = parsed(exposition(made.hub, made.hub.now()))
+    buckets = list(samples["beltscape_processing_seconds_bucket"].values())
+    assert buckets == sorted(buckets)
+    assert buckets[-1] == samples["beltscape_processing_seconds_count"][()] == 12
+    assert 0.1 < samples["beltscape_processing_seconds_sum"][()] / 12 < 0.2
+
+
+def test_what_is_not_known_is_left_out_and_names_are_quoted(made):
+    now = replace(made.hub.now(), cameras=(CameraHealth('a"b\\c\n', "ok", 1, 0, nan, nan),))
+    now = replace(now, frames=replace(now.frames, speed_mm_s=nan))
+    types, samples = parsed(exposition(made.hub, now))
+    assert types["beltscape_belt_speed_metres_per_second"] == "gauge"
+    assert "beltscape_belt_speed_metres_per_second" not in samples
+    assert "beltscape_camera_skew_seconds" not in samples
+    assert (("camera", r"a\"b\\c\n"),) in samples["beltscape_camera_images_total"]
+
+
+def test_it_may_be_opened_to_this_machine_only(tmp_path):
+    made = works(tmp_path, metrics_open=True)
+    here = made.browser()
+    answer = here("GET", "/metrics")
+    assert answer.status_code == 200 and answer.headers["content-type"] == MEDIA_TYPE
+    here.address = "10.1.2.3"
+    assert here("GET", "/metrics").status_code == 401
+    here.address = "127.0.0.1"
+    assert here("GET", "/api/state").status_code == 401
+    made.history.close()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from beltscape.sources.encoder.settings import EncoderSettings
 
 _SLACK_MM = 100.0
-"""More than the fastest belt, for readings that are stamped unevenly."""
+"""A standing belt's count may be off by so much."""
+_STEADY_NS = 0.3e9
+"""The speed is a mean over so long: readings that were held up come all at once."""
 _BACK_MM = 500.0
 """A loaded belt that stops may roll back; what runs back further is wired or set the wrong way round."""
 _AHEAD_MM = 3000.0
@@ -18,9 +21,9 @@ _AHEAD_MM = 3000.0
 class Count:
     """Turns raw counts into one position over wraps, resets and restarts of the device; signed, as the belt moves.
 
-    A counter of n bits wraps: of all steps that fit, that nearest to the last speed's is taken. A step faster than
-    any belt is no travel: the device was reset (then what it counted since from 0 is travel) or told nonsense (then
-    nothing is). What such jumps took away stays in ``offset_mm``, to be kept over restarts of the program.
+    A counter of n bits wraps: of all steps that fit, that nearest to the mean speed's is taken. A step longer than
+    the fastest belt's is no travel: the device was reset (then what it counted since from 0 is travel) or told
+    nonsense (then nothing is). What such jumps took away stays in ``offset_mm``, to be kept over restarts.
     """
 
     settings: EncoderSettings
@@ -74,15 +77,24 @@ class Count:
     def _travel(self, raw_mm: float, before_mm: float, time_ns: int) -> float:
         passed_ns = max(0, time_ns - self._time_ns)
         travel = self._nearest(raw_mm - before_mm, self._speed_mm_ns * passed_ns)
-        most = self.settings.fastest_mm_s * 1e-9 * passed_ns + _SLACK_MM
+        # held up and come all at once, or out of order: a step that is allowed may take no time at all
+        allowed_s = max(1e-9 * passed_ns, self.settings.silent_s)
+        most = self.settings.fastest_mm_s * allowed_s + _SLACK_MM
         if abs(travel) <= most:
-            if passed_ns > 0:
-                self._speed_mm_ns = travel / passed_ns
+            self._follow(travel, passed_ns)
             return travel
         since = self._nearest(raw_mm, 0.0)
         kept = since if 0 <= since <= most else 0.0
         self._jumped(travel - kept)
         return kept
+
+    def _follow(self, travel_mm: float, passed_ns: int) -> None:
+        """Bring the mean speed up to date."""
+        share = passed_ns / _STEADY_NS
+        gain = 1 / _STEADY_NS if share < 1e-6 else -math.expm1(-share) / passed_ns
+        speed = self._speed_mm_ns + gain * (travel_mm - self._speed_mm_ns * passed_ns)
+        fastest = 1e-9 * self.settings.fastest_mm_s
+        self._speed_mm_ns = min(max(speed, -fastest), fastest)
 
     def _nearest(self, step_mm: float, expected_mm: float) -> float:
         """The step itself, or of a counter that wraps the nearest to what is expected."""

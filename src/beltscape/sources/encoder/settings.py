@@ -36,7 +36,7 @@ class EncoderSettings(BaseModel):
     reverse: bool = False
     """Whether its count falls as the belt travels."""
     fastest_mm_s: Annotated[float, Field(gt=0, le=50_000)] = 12_000.0
-    """What is faster is no travel but a reset or a fault."""
+    """A step that is longer than this within ``silent_s`` is no travel but a reset or a fault."""
     silent_s: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Between readings farther apart it tells nothing: it must speak so often, also while the belt stands."""
     wait_s: Annotated[float, Field(ge=0, le=1)] = 0.05

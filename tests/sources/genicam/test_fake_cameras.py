@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
+from argparse import Namespace
 from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from beltscape.cli import cameras
 from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
 from beltscape.sources.genicam.fake.bench import Bench
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import open_cameras
@@ -76,7 +80,7 @@ def settings_of(bench: Bench, **more) -> dict:
         "devices": bench.devices,
         "frames_per_s": 10,
         "exposure_us": 1000,
-        "allowed_skew_ms": 20,  # a busy machine
+        "allowed_skew_ms": 15,  # a busy machine
         "packet_size": 9000,
         "encoder": {"feature": "TestRegister", "mm_per_count": 0.5},
         **more,
@@ -163,11 +167,7 @@ def test_formats_and_sizes_as_set(fake_network, tmp_path):
 
 def test_what_does_not_fit_is_told_and_the_others_go_on(fake_network, tmp_path):
     bench = Bench(tmp_path / "bench", {name: PICTURES[name] for name in ("cam0", "cam1")}, 10)
-    devices = {
-        **bench.devices,
-        "cam2": "127.0.0.15",
-        "cam1": "cam1",
-    }  # one is not there, one by its serial number
+    devices = {"cam0": bench.devices["cam0"], "cam1": "cam1", "cam2": "GV99"}  # two by serial number
     settings = settings_of(bench, devices=devices, own={"cam0": {"gain_db": -20}}, encoder=None)
     with bench, running(settings, "cam1", {"cam1": SIZE}) as (source, collected):
         collected.wait(lambda one: set(one.images) == {"cam1"}, 10)
@@ -178,5 +178,26 @@ def test_what_does_not_fit_is_told_and_the_others_go_on(fake_network, tmp_path):
     assert health["cam0"].state == "lost"
     assert "cam0: gain_db -20 is outside the camera's" in health["cam0"].message
     assert health["cam2"].state == "lost"
-    assert "127.0.0.15" in health["cam2"].message
+    assert "no camera GV99 answers; there are: " in health["cam2"].message
+    assert "(127.0.0.12)" in health["cam2"].message
     assert health["cam1"].state == "ok"
+
+
+def test_it_finds_and_checks_simulated_cameras(tmp_path, fake_network):
+    project = tmp_path / "project.toml"
+    project.write_text(
+        '[cameras]\npixel_format = "Mono12p"\n[cameras.devices]\ncam0 = "127.0.0.11"\ncam1 = "cam1"\n'
+        '[cameras.own.cam1]\npixel_format = "Mono8"\n'
+    )
+    dark = [np.zeros((4, 4), np.uint8)]
+    with Bench(tmp_path / "bench", {"cam0": dark, "cam1": dark}, 10):
+        result = cameras.run(Namespace(check=project), Silent())
+    assert [(one["address"], one["serial"]) for one in result["cameras"]] == [
+        ("127.0.0.11", "cam0"),
+        ("127.0.0.12", "cam1"),
+    ]
+    assert "Mono8" in result["cameras"][0]["formats"]
+    assert "the camera offers no Mono12p; it has " in result["check"]["cam0"]
+    assert result["check"]["cam1"] == ""
+    json.dumps(result)
+    assert "127.0.0.12" in cameras.summary(result)

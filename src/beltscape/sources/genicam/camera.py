@@ -100,6 +100,7 @@ class CameraThreads:
                 self._serve()
             except Exception as error:  # whatever a driver does, the camera is tried again
                 self.trouble = str(error).partition("\n")[0] or type(error).__name__
+            if self.trouble:  # by now the error is gone, and with it all it held of the camera
                 self._stop.wait(AGAIN_S)
 
     def _serve(self) -> None:

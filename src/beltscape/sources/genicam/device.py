@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,25 +46,34 @@ class Device:
         """
         self._lib = aravis()
         self._encoder = settings.encoder if counts else None
-        self._lost = self._closed = False
+        self._control = _Control()
+        self._closed = False
         self._triggering = threading.Lock()
         self._stepped = _Steps()
+        self._parser: Any = None
+        self._stream: Any = None
         self.broken = 0
         """Images that came with packets missing."""
         place = where(settings.devices[name])
         try:
             self._camera = self._lib.Camera.new(place)
-            self._handler = self._camera.get_device().connect("control-lost", self._control_lost)
-            features = Features(self._lib, name, self._camera)
-            features.apply(settings, size_px)
-            self._parser = self._chunks(features)
-            self._stream = self._new_stream(settings)
-            self._camera.start_acquisition()
         except failures() as error:
-            raise InputError(f"{name} ({settings.devices[name]}): {error.message}") from error  # pyright: ignore[reportAttributeAccessIssue]
+            raise _told(name, settings, error) from error
+        self._handler = self._camera.get_device().connect("control-lost", self._control.gone)
+        try:
+            self._start(Features(self._lib, name, self._camera), settings, size_px)
+        except failures() as error:
+            self.close()
+            raise _told(name, settings, error) from error
+        except InputError:
+            self.close()
+            raise
 
-    def _control_lost(self, _device: Any) -> None:
-        self._lost = True
+    def _start(self, features: Features, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
+        features.apply(settings, size_px)
+        self._parser = self._chunks(features)
+        self._stream = self._new_stream(settings)
+        self._camera.start_acquisition()
 
     def _chunks(self, features: Features) -> Any:
         if self._encoder is None:
@@ -87,7 +97,7 @@ class Device:
     @property
     def lost(self) -> bool:
         """Whether the camera has not answered for some seconds."""
-        return self._lost
+        return self._control.lost
 
     def take(self, seconds: float) -> Raw | None:
         """The next whole image; None where none came in time."""
@@ -141,13 +151,25 @@ class Device:
             self._closed = True
         device = self._camera.get_device()
         device.disconnect(self._handler)
-        if not self._lost:
-            try:
+        if self._stream is not None and not self._control.lost:
+            with suppress(failures()):
                 self._camera.stop_acquisition()
-            except failures():
-                self._lost = True
         # Aravis lets go of a camera with the last reference to it
         del device, self._parser, self._stream, self._camera
+
+
+class _Control:
+    """Told when the camera does not answer any more; apart, so that the camera does not hold what holds it."""
+
+    def __init__(self) -> None:
+        self.lost = False
+
+    def gone(self, _device: Any) -> None:
+        self.lost = True
+
+
+def _told(name: str, settings: CamerasSettings, error: Exception) -> InputError:
+    return InputError(f"{name} ({settings.devices[name]}): {error.message}")  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class _Steps:

@@ -49,7 +49,7 @@ class Bench:
             write_album(folder / f"{name}.npy", images)
         count = len(next(iter(pictures.values())))
         told = {
-            "apart_s": 0.4 / frames_per_s,
+            "apart_s": 0.5 / frames_per_s,
             "counts": list(counts or [0] * count),
             "round": counts_per_round,
         }

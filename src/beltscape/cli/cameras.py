@@ -1,0 +1,65 @@
+"""``beltscape cameras [--check PROJECT]``: what cameras answer on the network, and whether settings fit them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "--check",
+        type=Path,
+        metavar="PROJECT",
+        help="project.toml: open its cameras once with its [cameras] settings",
+    )
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Look for cameras; with ``--check`` open those of the project."""
+    from dataclasses import asdict
+
+    from beltscape.sources.genicam.aravis import found_cameras
+    from beltscape.sources.genicam.inspection import inspect
+
+    found = [{**asdict(one), **asdict(inspect(one.device))} for one in found_cameras()]
+    for one in found:
+        if one["trouble"]:
+            reporter.warn(f"{one['device']} ({one['address']}): {one['trouble']}")
+    return {"cameras": found, "check": {} if arguments.check is None else _checked(arguments.check)}
+
+
+def _checked(project: Path) -> dict[str, str]:
+    from beltscape.core.errors import InputError
+    from beltscape.files.toml_text import read_toml, validated
+    from beltscape.sources.genicam.inspection import check
+    from beltscape.sources.genicam.settings import CamerasSettings
+
+    values = read_toml(project)
+    if "cameras" not in values:
+        raise InputError(f"{project}: it has no table [cameras]")
+    settings = validated(project, CamerasSettings, values["cameras"])
+    return {name: check(name, settings) for name in settings.devices}
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """A line or two for each camera."""
+    lines = []
+    for one in result["cameras"]:
+        width, height = one["size_px"]
+        lines.append(
+            f"{one['device']:<28} {one['address']:<15} {one['maker']} {one['model']}, serial {one['serial']}"
+        )
+        if not one["trouble"]:
+            lines.append(f"{'':<28} {width}×{height} px, {', '.join(one['formats'])}")
+    if not lines:
+        lines.append(
+            "no camera answers; see to power, cables, and that the network card has an address beside theirs"
+        )
+    lines += [f"{name:<28} {trouble or 'fits'}" for name, trouble in result["check"].items()]
+    return "\n".join(lines)

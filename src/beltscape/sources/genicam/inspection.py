@@ -1,0 +1,48 @@
+"""What a camera can do, and whether it takes the settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from beltscape.core.errors import InputError
+from beltscape.sources.genicam.aravis import aravis, failures
+from beltscape.sources.genicam.device import Device
+from beltscape.sources.genicam.settings import CamerasSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What a camera says of itself."""
+
+    size_px: tuple[int, int]
+    """Width and height of its sensor."""
+    formats: tuple[str, ...]
+    """Pixel formats it offers."""
+    triggers: tuple[str, ...]
+    """Its trigger inputs."""
+    trouble: str = ""
+    """Why it could not be asked; empty where it could."""
+
+
+def inspect(device: str) -> Inspection:
+    """Open a camera by its id and ask it; one that another program has open says so in ``trouble``."""
+    lib = aravis()
+    try:
+        camera = lib.Camera.new(device)
+        sensor = camera.get_sensor_size()
+        return Inspection(
+            (sensor.width, sensor.height),
+            tuple(sorted(camera.dup_available_pixel_formats_as_strings() or [])),
+            tuple(sorted(camera.dup_available_trigger_sources() or [])),
+        )
+    except failures() as error:
+        return Inspection((0, 0), (), (), f"{error.message}; does another program have it open?")  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def check(name: str, settings: CamerasSettings) -> str:
+    """Open a camera with its settings; what does not fit, empty where all does."""
+    try:
+        Device(name, settings, None, counts=False).close()
+    except InputError as error:
+        return str(error)
+    return ""

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import pytest
+
+from beltscape.cli import cameras
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Silent
+
+FOUND = {
+    "device": "Basler-21730563",
+    "model": "acA1920",
+    "maker": "Basler",
+    "address": "192.168.10.11",
+    "serial": "21730563",
+    "protocol": "GigEVision",
+    "size_px": (1920, 1200),
+    "formats": ("Mono12p", "Mono8"),
+    "triggers": ("Line1", "Software"),
+    "trouble": "",
+}
+
+
+def parsed(*words: str):
+    import argparse
+
+    parser = argparse.ArgumentParser()
+    cameras.add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def test_the_summary_says_what_one_must_write_into_the_settings():
+    text = cameras.summary({"cameras": [FOUND], "check": {"cam0": "", "cam1": "no camera 10.0.0.9 answers"}})
+    assert "Basler-21730563" in text
+    assert "192.168.10.11" in text
+    assert "1920×1200 px, Mono12p, Mono8" in text
+    assert "fits" in text
+    assert "no camera 10.0.0.9 answers" in text
+
+
+def test_the_summary_without_cameras_says_the_mend():
+    assert "power, cables" in cameras.summary({"cameras": [], "check": {}})
+
+
+def test_a_project_without_cameras_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("beltscape.sources.genicam.aravis.found_cameras", list)
+    (tmp_path / "project.toml").write_text("[web]\n")
+    with pytest.raises(InputError, match=r"it has no table \[cameras\]"):
+        cameras.run(parsed("--check", str(tmp_path / "project.toml")), Silent())

@@ -3,6 +3,7 @@ from __future__ import annotations
 import shutil
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from beltscape.sinks import recorder as recorder_module
 from beltscape.sinks.recorder import Recorder
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.settings import RecordingSettings
+from sinks.namespaces import seen_by
 
 CAMERAS = ("cam0", "cam1")
 
@@ -202,6 +204,17 @@ def test_an_error_while_writing_pauses_too(tmp_path, clock, monkeypatch):
     kept = recorder.keep("")
     recorder.close()
     assert kept is not None and holds(kept, (2,))
+
+
+def test_on_a_real_disk_that_is_full(tmp_path):
+    seen = seen_by(Path(__file__).parent / "recording" / "small_disk.py", tmp_path / "disk")
+    assert "No space left on device" in seen["trouble"]
+    assert 5 < seen["paused_at"] < 100
+    assert seen["goes_on_at"] < 10_000
+    assert seen["frames"] == seen["expected"]
+    assert sum(seen["counted"]) == seen["goes_on_at"]
+    assert seen["whole"]
+    assert seen["hidden"] == []
 
 
 def test_the_oldest_that_nobody_kept_go_first(tmp_path, clock):

@@ -18,26 +18,33 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from beltscape.sinks.historian import Historian
+from beltscape.sinks.historian.day_files import read_day
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import record, same
+from sinks.ledgers import START_NS, record, same
 
-SETTINGS = HistorySettings(reserve_mib=1)
+SETTINGS = HistorySettings(reserve_mib=1, database_days=2)
+HOUR_NS = 3_600_000_000_000
 
 
 def write_until_killed(folder: Path, acknowledge: int) -> None:
-    """Batches of one to four records; each batch's last number goes out when it is acknowledged."""
+    """Batches of one to four records; each batch's last number goes out when it is acknowledged.
+
+    Days fly by: between the batches files are closed and records pruned, and are killed at it.
+    """
     historian = Historian(folder, SETTINGS)
     run = historian.begin_run()
     number = historian.resume.number
     while True:
-        # a clock that is an hour off every now and then
+        # a quarter of an hour from record to record, on a clock that is two hours off every now and then
         batch = [
-            record(n, run, time.time_ns() + (n % 5 - 2) * 3_600_000_000_000)
+            record(n, run, START_NS + (n + (n % 5 - 2) * 8 * (n % 50 == 0)) * HOUR_NS // 4)
             for n in range(number + 1, number + 2 + number % 4)
         ]
         historian.write(batch)
         number = batch[-1].number
         os.write(acknowledge, number.to_bytes(8, "little"))
+        if number % 3 == 0:
+            historian.tend(batch[-1].wall_ns)
 
 
 def killed_once(folder: Path, after_s: float, *, writing_first: bool) -> int:
@@ -77,10 +84,16 @@ def main(folder: Path, kills: int) -> None:
             assert historian.resume.number >= acknowledged, (historian.resume, acknowledged)
             historian.close()
     historian = Historian(folder, SETTINGS)
+    historian.tend(START_NS)
     found = historian.records(0, 1 << 62, limit=1 << 40, sections=True)
     totals, resume = historian.totals, historian.resume
     curves = historian.series(0, 4_000_000_000_000_000_000, 10)
     historian.close()
+    filed = [
+        r.number
+        for path in (folder / "days").glob("*.parquet")
+        for r in read_day(path, (0, 1 << 62), (0, 1 << 62), 1 << 40, sections=False)
+    ]
     connection = sqlite3.connect(folder / "history.db")
     integrity = connection.execute("PRAGMA integrity_check").fetchone()[0]
     connection.close()
@@ -98,6 +111,7 @@ def main(folder: Path, kills: int) -> None:
                 "volumes_mm3": [totals.volume_mm3, *(r.volume_mm3 for r in found)],
                 "lengths_mm": [totals.length_mm, *(r.length_mm for r in found)],
                 "curves": [float(curves.volume_mm3.sum()), int(curves.records.sum())],
+                "filed": [len(filed), len(set(filed))],
                 "integrity": integrity,
                 "mended": "".join(mended),
             }

@@ -1,10 +1,7 @@
 from __future__ import annotations
 
-import json
 import shutil
 import sqlite3
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +10,7 @@ from beltscape.core.errors import OutputError
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from sinks.ledgers import ledger, same
+from sinks.namespaces import seen_by
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -131,24 +129,7 @@ def test_a_locked_database_is_no_full_disk(historian, tmp_path):
 
 
 def test_on_a_real_disk_that_is_full(tmp_path):
-    namespace = ["unshare", "--mount", "--map-root-user"]
-    if (
-        not shutil.which("unshare")
-        or subprocess.run([*namespace, "true"], check=False, capture_output=True).returncode
-    ):
-        pytest.skip("no mount namespace: unshare --mount is not allowed here")
-    script = Path(__file__).with_name("small_disk.py")
-    done = subprocess.run(
-        [*namespace, sys.executable, str(script), str(tmp_path / "disk")],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=100,
-    )
-    if "mount:" in done.stderr:
-        pytest.skip(f"no tmpfs here: {done.stderr.splitlines()[0]}")
-    assert done.returncode == 0, done.stderr
-    seen = json.loads(done.stdout)
+    seen = seen_by(Path(__file__).with_name("small_disk.py"), tmp_path / "disk")
     assert seen["well"] == ["", 200]
     trouble, full = seen["full"]
     assert "disk is full" in trouble

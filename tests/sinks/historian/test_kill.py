@@ -31,5 +31,7 @@ def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
     length, *lengths = found["lengths_mm"]
     assert length == pytest.approx(math.fsum(lengths), rel=1e-14)
     assert found["curves"] == [pytest.approx(total), found["records"]]
+    filed, once = found["filed"]
+    assert filed == once > found["records"] // 2
     assert found["integrity"] == "ok"
     assert found["mended"] == ""

@@ -21,7 +21,7 @@ from beltscape.sinks.historian.store import Store
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_ROWS = 10_000
+_ROWS = 2_000
 """Records in a row group of a day file."""
 _ALL = 1 << 62
 _FILE = ", ".join(field.name for field in fields(DayFile))
@@ -67,6 +67,8 @@ class Archive:
             return
         with self._store.readers.reading() as connection:
             known = {row[0] for row in connection.execute("SELECT name FROM files")}
+        for path in self.folder.glob(".*.part"):
+            path.unlink(missing_ok=True)  # being written when a run ended
         for path in sorted(self.folder.glob("*.parquet")):
             if path.name not in known:
                 try:

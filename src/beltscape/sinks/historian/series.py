@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.sinks.days import HOUR_NS
-from beltscape.sinks.historian.buckets import ADDED, WIDTH_NS, merged
+from beltscape.sinks.historian.buckets import ADDED, WIDTH_NS
 
 _RAW_NS = HOUR_NS // 2
 """A shorter stretch is drawn from the records themselves."""
@@ -68,16 +68,14 @@ def read_series(
     unit = WIDTH_NS[table]
     first, last = (since_ns - shift_ns) // unit, -((shift_ns - until_ns) // unit)
     times = max(1, math.ceil((last - first) / points))
-    names = ", ".join(("first", "last", *ADDED, "flow_low", "flow_high"))
+    sums = ", ".join(f"total({name})" for name in ADDED)
     rows = connection.execute(
-        f"SELECT bucket, {names} FROM {table} WHERE bucket >= ? AND bucket < ?", (first, last)
+        f"SELECT (bucket - :first) / :times AS place, {sums}, min(flow_low), max(flow_high) FROM {table} "
+        "WHERE bucket >= :first AND bucket < :last GROUP BY place",
+        {"first": first, "last": last, "times": times},
     ).fetchall()
-    return _series(
-        [((row[0] - first) // times, *row[1:]) for row in rows],
-        first * unit + shift_ns,
-        times * unit,
-        max(1, math.ceil((last - first) / times)),
-    )
+    count = max(1, math.ceil((last - first) / times))
+    return _series(rows, first * unit + shift_ns, times * unit, count)
 
 
 def number_range(
@@ -122,8 +120,8 @@ def _raw(
     if numbers is None:
         return []
     return connection.execute(
-        """SELECT (wall_ns - :since) / :width AS place, min(number), max(number), count(*),
-            total(volume), total(volume * density) * 1e-9, sum(volume <> 0 AND density IS NULL),
+        """SELECT (wall_ns - :since) / :width AS place, count(*),
+            total(volume), total(volume * density) * 1e-9, total(volume <> 0 AND density IS NULL),
             total(iif(standing = 0, to_mm - from_mm, 0)), total(iif(standing = 1, to_mm - from_mm, 0)),
             total(iif(standing = 2, to_mm - from_mm, 0)),
             total(iif(speed > 0 AND area IS NOT NULL, volume, 0)),
@@ -140,17 +138,16 @@ def _raw(
 
 
 def _series(rows: Sequence[Sequence[Any]], start_ns: int, width_ns: int, count: int) -> Series:
-    """Rows (place, first, last, ADDED …, flow_low, flow_high) laid out; those of one place are merged."""
-    places: dict[int, list[Any]] = {}
-    for place, *row in rows:
-        places[place] = row if place not in places else merged(places[place], row)
+    """Rows (place, ADDED …, flow_low, flow_high) laid out."""
     table = {name: np.zeros(count) for name in ADDED}
     low, high = np.full(count, np.nan), np.full(count, np.nan)
-    for place, row in places.items():
-        for name, value in zip(ADDED, row[2:-2], strict=True):
-            table[name][place] = value or 0
-        low[place] = np.nan if row[-2] is None else row[-2]
-        high[place] = np.nan if row[-1] is None else row[-1]
+    if rows:
+        places, *columns = zip(*rows, strict=True)
+        at = np.array(places)
+        for name, values in zip(ADDED, columns[:-2], strict=True):
+            table[name][at] = values
+        low[at] = np.array(columns[-2], float)
+        high[at] = np.array(columns[-1], float)
     weighed = table["unweighed"] == 0
     stood = (table["known"] > 0) & (table["run_s"] == 0)
     flow = np.where(stood, 0.0, _ratio(table["moved"], table["run_s"]) * 3600e-9)

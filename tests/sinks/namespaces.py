@@ -1,0 +1,29 @@
+"""Scripts that mount a disk of their own."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+_NAMESPACE = ["unshare", "--mount", "--map-root-user"]
+
+
+def seen_by(script: Path, folder: Path) -> dict[str, Any]:
+    """What a script prints that may mount at ``folder``; the test is skipped where nobody may."""
+    if not shutil.which("unshare") or _run([*_NAMESPACE, "true"]).returncode:
+        pytest.skip("no mount namespace: unshare --mount is not allowed here")
+    done = _run([*_NAMESPACE, sys.executable, str(script), str(folder)])
+    if "mount:" in done.stderr:
+        pytest.skip(f"no tmpfs here: {done.stderr.splitlines()[0]}")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=100)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import ssl
 import time
@@ -59,14 +60,18 @@ def place(running) -> tuple[str, int]:
 
 
 def raw(running, request: bytes, timeout_s: float = 5) -> bytes:
-    """What comes back for bytes."""
+    """The first answer to bytes; what came until the connection was closed where there is none."""
     with closing(socket.create_connection(place(running), timeout=timeout_s)) as connection:
-        connection.sendall(request)
         received = b""
         try:
+            connection.sendall(request)
             while part := connection.recv(65_536):
                 received += part
-        except ConnectionResetError:
+                head, _, body = received.partition(b"\r\n\r\n")
+                length = re.search(rb"content-length: (\d+)", head.lower())
+                if length and len(body) >= int(length[1]):
+                    break
+        except ConnectionError:
             pass
         return received
 

@@ -43,6 +43,11 @@ class Browser:
         return response
 
 
+async def until_it_ends(websocket: WebSocket) -> None:
+    while (await websocket.receive())["type"] != "websocket.disconnect":
+        pass
+
+
 def application(access: Access, **more: Any) -> FastAPI:
     """One route a role, one that fails, one WebSocket."""
     app = FastAPI()
@@ -64,7 +69,8 @@ def application(access: Access, **more: Any) -> FastAPI:
         user = socket_user(websocket)
         assert user is not None
         await websocket.accept()
-        while True:
+        listening = asyncio.create_task(until_it_ends(websocket))
+        while not listening.done():
             await websocket.send_text(user.name)
             await asyncio.sleep(0.02)
 

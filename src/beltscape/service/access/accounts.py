@@ -51,6 +51,11 @@ class Accounts:
         )
         return tuple(Account(*row) for row in rows)
 
+    def find(self, name: str) -> User:
+        """The user of that name, or InputError."""
+        with self._database.change() as change:
+            return _there(change, name)
+
     def check(self, name: str, password: str) -> User | None:
         """The user of that name if the password is right; unknown users take as long."""
         rows = self._database.rows("SELECT name, role, password FROM users WHERE name = ?", known_as(name))

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 
 UNSAFE = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 METHODS = UNSAFE | {"GET", "HEAD", "OPTIONS"}
+HEADERS_MAX, HEADERS_MAX_BYTES = 100, 16_384
+"""Most headers, and longest all of them; the connection's own limit holds only for what comes in pieces."""
 TARGET_MAX = 4096
 """Longest path and query together, bytes."""
 _NAME = re.compile(r"(?P<name>\[[0-9a-fA-F:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(?::\d{1,5})?")

@@ -15,7 +15,10 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from beltscape.service.access.settings import LimitSettings
-from beltscape.service.access.throttle import network
+from beltscape.service.access.throttle import Pace, network
+
+PIECE_BYTES = 4096
+"""What counts as one more read."""
 
 
 class Connections:
@@ -25,6 +28,8 @@ class Connections:
         self.limits = limits
         self._open: dict[asyncio.BaseTransport, str] = {}
         self._of: Counter[str] = Counter()
+        self._pace = Pace(limits.reads_per_s)
+        self._pace_of = Pace(limits.reads_per_s_per_address)
 
     def enter(self, transport: asyncio.BaseTransport) -> bool:
         """Count a new one; False: there are too many, and it is not counted."""
@@ -36,6 +41,11 @@ class Connections:
         self._open[transport] = address
         self._of[address] += 1
         return True
+
+    def read(self, transport: asyncio.BaseTransport, size: int) -> float:
+        """So many bytes were read; seconds until more may be."""
+        address, cost = self._open.get(transport, ""), 1 + size / PIECE_BYTES
+        return max(self._pace.spend("all", cost), self._pace_of.spend(address, cost))
 
     def change(self, old: asyncio.BaseTransport, new: asyncio.BaseTransport) -> None:
         """The same connection, by another transport from now on."""
@@ -88,6 +98,7 @@ class Door(H11Protocol):
     def _ready(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
         self._expect_headers()
+        self._rest(0)
         if self._early:
             early, self._early = self._early, b""
             self.data_received(early)
@@ -106,6 +117,7 @@ class Door(H11Protocol):
         if self.transport is None:
             self._early += data
             return
+        self._rest(len(data))
         super().data_received(data)
         idle = self.timeout_keep_alive_task is not None
         if self.conn.their_state is h11.IDLE and not idle and not self.transport.is_closing():
@@ -123,6 +135,21 @@ class Door(H11Protocol):
         self._stuck = _cancelled(self._stuck)
         super().resume_writing()
 
+    def _rest(self, size: int) -> None:
+        wait_s = self.counted.read(self.transport, size)
+        if wait_s:
+            self.transport.pause_reading()
+            self.loop.call_later(wait_s, self._go_on)
+
+    def _go_on(self) -> None:
+        # after an upgrade the socket decides
+        if (
+            self.transport.get_protocol() is self
+            and not self.flow.read_paused
+            and not self.transport.is_closing()
+        ):
+            self.transport.resume_reading()
+
     def _expect_headers(self) -> None:
         if self._deadline is None:
             limit_s = self.counted.limits.header_timeout_s
@@ -137,6 +164,18 @@ class Socket(WebSocketsSansIOProtocol):
 
     counted: ClassVar[Connections]
     _stuck: asyncio.TimerHandle | None = None
+
+    def data_received(self, data: bytes) -> None:
+        """Take it; not too often."""
+        wait_s = self.counted.read(self.transport, len(data))
+        if wait_s:
+            self.transport.pause_reading()
+            self.loop.call_later(wait_s, self._go_on)
+        super().data_received(data)
+
+    def _go_on(self) -> None:
+        if not self.read_paused and not self.transport.is_closing():
+            self.transport.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget it."""

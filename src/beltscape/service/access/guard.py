@@ -15,6 +15,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from beltscape.service.access.access import Access
 from beltscape.service.access.checks import (
+    HEADERS_MAX,
+    HEADERS_MAX_BYTES,
     METHODS,
     TARGET_MAX,
     UNSAFE,
@@ -86,6 +88,8 @@ class Guard:
             )
         if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > TARGET_MAX:
             raise Refused(414, f"address longer than {TARGET_MAX} bytes")
+        if len(headers.raw) > HEADERS_MAX or sum(len(n) + len(v) for n, v in headers.raw) > HEADERS_MAX_BYTES:
+            raise Refused(431, f"more than {HEADERS_MAX} headers, or {HEADERS_MAX_BYTES} bytes of them")
         if not path_allowed(scope["path"], scope.get("raw_path") or b""):
             raise Refused(404, "not found")
         if method not in METHODS:

@@ -49,7 +49,7 @@ class SessionRoutes:
             access.set_up(body.token, body.name, body.password, address)
             return access.log_in(body.name, body.password, address)
 
-        token = await access.passwords.run(first, "", address)
+        token = await access.passwords.guess(first, "", address)
         return self._welcome(request, token, 201)
 
     async def log_in(self, body: Credentials, request: Request) -> Response:
@@ -59,7 +59,7 @@ class SessionRoutes:
         def enter() -> str | None:
             return access.log_in(body.name, body.password, address)
 
-        token = await access.passwords.run(enter, known_as(body.name), address)
+        token = await access.passwords.guess(enter, known_as(body.name), address)
         return self._welcome(request, token, 200)
 
     def log_out(self, request: Request, user: Viewer) -> Response:
@@ -79,7 +79,7 @@ class SessionRoutes:
         def change() -> str | None:
             return access.change_password(user, body.old, body.new, address)
 
-        token = await access.passwords.run(change, user.name, address)
+        token = await access.passwords.guess(change, user.name, address)
         return self._welcome(request, token, 200)
 
     def _welcome(self, request: Request, token: str | None, status: int) -> Response:

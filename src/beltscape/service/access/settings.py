@@ -51,6 +51,10 @@ class LimitSettings(BaseModel):
     """Connections open at the same time; further ones are closed at once."""
     connections_per_address: int = Field(64, ge=1, le=65_536)
     """Of those, from one address."""
+    reads_per_s: float = Field(400, gt=0, le=1e6)
+    """Pieces of 4 KiB read from all connections; who sends more waits, so that the measuring keeps its time."""
+    reads_per_s_per_address: float = Field(150, gt=0, le=1e6)
+    """Of those, from one address."""
     header_max_bytes: int = Field(16_384, ge=4096, le=262_144)
     """Longest request line and headers together."""
     socket_max_bytes: int = Field(65_536, ge=1024, le=16 * 2**20)

@@ -14,11 +14,16 @@ from starlette.websockets import WebSocketDisconnect
 from beltscape.service.access.access import Access
 from beltscape.service.access.cookie import session_of
 from beltscape.service.access.depends import USER, address_of
+from beltscape.service.access.throttle import Buckets
 
 LOOK_S = 1.0
 """How often an open socket's session is looked at."""
 OVER = 4401
 """Code with which a socket is closed when its session has ended."""
+
+
+SAID_HZ, SAID_AT_ONCE = 5.0, 50
+"""How much a page may say; ours says nothing."""
 
 
 class Sockets:
@@ -38,7 +43,7 @@ class Sockets:
         self._open[address] += 1
         try:
             with suppress(WebSocketDisconnect):  # the page has gone while it was sent something
-                await app(scope, receive, self._watched(scope, send))
+                await app(scope, _unhurried(receive), self._watched(scope, send))
         finally:
             self._open[address] -= 1
             if not self._open[address]:
@@ -59,3 +64,16 @@ class Sockets:
             await send(message)
 
         return sending
+
+
+def _unhurried(receive: Receive) -> Receive:
+    """``receive`` that ends where a page says too much."""
+    said = Buckets(SAID_HZ, SAID_AT_ONCE)
+
+    async def receiving() -> Message:
+        message = await receive()
+        if message["type"] == "websocket.receive" and said.take(""):
+            return {"type": "websocket.disconnect", "code": 1008}
+        return message
+
+    return receiving

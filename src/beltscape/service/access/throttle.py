@@ -49,6 +49,11 @@ class Throttle:
                 waits.append(self._wait(("account", name), ACCOUNT))
             return max(waits)
 
+    def knows(self, name: str, address: str) -> bool:
+        """Whether that user logged in from there since the start."""
+        with self._lock:
+            return (name, address) in self._known
+
     def failed(self, name: str, address: str) -> None:
         """A wrong password."""
         with self._lock:
@@ -92,6 +97,26 @@ class Buckets:
             self._left[key] = (left - 1 if allowed else left, now)
             _bound(self._left)
             return 0.0 if allowed else (1 - left) / self._rate_hz
+
+
+class Pace:
+    """Work that must be done, but no faster than its rate: each piece says how long to wait after it."""
+
+    def __init__(
+        self, rate_hz: float, longest_s: float = 2.0, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._rate_hz, self._longest_s, self._clock = rate_hz, longest_s, clock
+        self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
+
+    def spend(self, key: str, cost: float = 1) -> float:
+        """Count a piece of ``key``'s work; seconds until it is its turn again. A second's work may come at once."""
+        now = self._clock()
+        left, then = self._left.pop(key, (self._rate_hz, now))
+        left = min(self._rate_hz, left + (now - then) * self._rate_hz) - cost
+        left = max(left, -self._longest_s * self._rate_hz)
+        self._left[key] = (left, now)
+        _bound(self._left)
+        return max(0.0, -left / self._rate_hz)
 
 
 def network(address: str) -> str:

@@ -35,9 +35,7 @@ class UserRoutes:
     async def add(self, body: NewUser, request: Request, user: Engineer) -> dict[str, str]:
         """Add one."""
         access, address = self._access, address_of(request)
-        new = await access.passwords.run(
-            lambda: access.accounts.add(body.name, body.role, body.password), "", address
-        )
+        new = await access.passwords.run(lambda: access.accounts.add(body.name, body.role, body.password))
         access.audit.write("user added", user.name, address, {"user": new.name, "role": new.role})
         return {"name": new.name, "role": new.role}
 
@@ -46,6 +44,7 @@ class UserRoutes:
         access, address, kept = self._access, address_of(request), known_as(name)
 
         def apply() -> None:
+            access.accounts.find(name)
             if body.role is not None:
                 access.accounts.set_role(name, body.role)
                 access.audit.write("role changed", user.name, address, {"user": kept, "role": body.role})
@@ -53,7 +52,7 @@ class UserRoutes:
                 access.accounts.set_password(name, body.password)
                 access.audit.write("password changed", user.name, address, {"user": kept})
 
-        await access.passwords.run(apply, "", address)
+        await access.passwords.run(apply)
         return {"name": kept}
 
     def remove(self, name: Name, request: Request, user: Engineer) -> dict[str, str]:

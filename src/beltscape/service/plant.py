@@ -22,7 +22,6 @@ from beltscape.service.hub import Hub
 from beltscape.service.log import Log
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import Running, serve
-from beltscape.sinks.historian import Historian
 
 _DAY_S = 86_400.0
 
@@ -59,7 +58,9 @@ def run_plant(
             finally:
                 notify("STOPPING=1")
                 left = assembled.engine.stop()
-        return _answer(project, ways.data, before, assembled.historian, left)
+        answer = _answer(project, ways.data, before, assembled.historian.totals, left)
+        assembled.close()
+        return answer
 
 
 @contextmanager
@@ -101,11 +102,9 @@ def days_left(certificate: Path | None, key: Path | None, now_s: Callable[[], fl
 
 
 def _answer(
-    project: Project[ProjectSettings], data: Path, before: Totals, historian: Historian, left: int
+    project: Project[ProjectSettings], data: Path, before: Totals, after: Totals, left: int
 ) -> dict[str, Any]:
-    """What was counted in this run, and in all; closes the history."""
-    after = historian.totals
-    historian.close()
+    """What was counted in this run, and in all."""
     return {
         "project": project.path,
         "data": data,

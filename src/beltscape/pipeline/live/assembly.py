@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import time_ns
@@ -11,7 +11,7 @@ import numpy as np
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.errors import InputError
-from beltscape.core.live import LiveSource, Observer
+from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scaled_rig
@@ -62,6 +62,13 @@ class Assembled:
     engine: Engine
     historian: Historian
     board: AlarmBoard
+    tables: Sequence[RecordSink]
+    """Sinks beside the historian."""
+
+    def close(self) -> None:
+        """Once the engine has stopped and nobody reads any more."""
+        for sink in (*self.tables, self.historian):
+            sink.close()
 
 
 def assemble(
@@ -87,8 +94,8 @@ def assemble(
     resume = historian.resume
     books = Books(historian.begin_run(), resume.number + 1, resume.end_mm)
     writers = [Writer("historian", historian, told(observer, historian))]
-    if settings.csv.enabled:
-        writers.append(Writer("csv", CsvSink(ways.data / "csv", settings.csv)))
+    tables = [CsvSink(ways.data / "csv", settings.csv)] if settings.csv.enabled else []
+    writers += [Writer("csv", table) for table in tables]
     recording = ways.record and settings.recording.mode != "off"
     board = AlarmBoard(settings.alarms)
     watch = settings.watch
@@ -110,7 +117,7 @@ def assemble(
         certificate_days=ways.certificate_days,
         alive=ways.alive,
     )
-    return Assembled(Engine(parts), historian, board)
+    return Assembled(Engine(parts), historian, board, tables)
 
 
 def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Bench:

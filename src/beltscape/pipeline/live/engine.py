@@ -143,9 +143,8 @@ class Engine:
                     work()
                     return
                 except Exception as error:
-                    self._parts.observer.noted(
-                        f"{threading.current_thread().name}: {type(error).__name__}: {error}"
-                    )
+                    name = threading.current_thread().name
+                    self._parts.reporter.warn(f"{name}: {type(error).__name__}: {error}; going on")
                     if self._stopping.wait(1.0):
                         return
 

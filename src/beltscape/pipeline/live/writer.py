@@ -46,14 +46,12 @@ class Writer:
             self._changed.notify_all()
 
     def close(self, patience_s: float = 10.0) -> int:
-        """Write what waits and close the sink; how many entries it would not take within the time."""
+        """Write what waits; how many entries the sink would not take within the time. It stays open."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         self._thread.join(patience_s)
-        left = len(self._waiting)
-        self._sink.close()
-        return left
+        return len(self._waiting)
 
     def _run(self) -> None:
         while True:

@@ -1,0 +1,239 @@
+"""The engine with its threads, a fake matcher, and a real history: nothing is lost, whatever fails."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.alarms.settings import AlarmSettings
+from beltscape.core.belt_record import BeltRecord, Totals
+from beltscape.core.errors import OutputError
+from beltscape.core.frames import FrameSet
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, Sight
+from beltscape.core.progress import Silent
+from beltscape.pipeline.live.engine import Engine, Parts, told
+from beltscape.pipeline.live.frame_queue import FrameQueue
+from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.ledger import Books
+from beltscape.pipeline.live.look import Looker
+from beltscape.pipeline.live.measuring import Measuring
+from beltscape.pipeline.live.writer import Writer
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+from synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, bench, frames
+
+STEP_MM = 60.0
+
+
+class Feed:
+    """A source that gives what it is told; ``pause_s`` between frame sets."""
+
+    cameras = CAMERAS
+
+    def __init__(self, sets: Sequence[FrameSet], pause_s: float = 0.0, fail_at: int | None = None) -> None:
+        self.sets, self.pause_s, self.fail_at = list(sets), pause_s, fail_at
+        self.closed = threading.Event()
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        while self.sets and not self.closed.is_set():
+            if self.fail_at == len(self.sets):
+                self.fail_at = None
+                raise RuntimeError("a driver fell over")
+            yield self.sets.pop(0)
+            self.closed.wait(self.pause_s)
+
+    def health(self) -> Mapping[str, CameraHealth]:
+        return {name: CameraHealth(name, "ok", 1, 0, 10.0, 0.0) for name in CAMERAS}
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+class Watcher:
+    """Keeps what it is shown."""
+
+    def __init__(self) -> None:
+        self.sights: list[Sight] = []
+        self.records: list[BeltRecord] = []
+        self.totals = Totals()
+        self.alarms: dict[str, str] = {}
+        self.stretches = 0
+
+    def saw(self, sight: Sight) -> None:
+        self.sights.append(sight)
+
+    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
+        self.records += records
+        self.totals = totals
+
+    def surfaced(self, stretch: BeltStretch) -> None:
+        self.stretches += 1
+
+    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
+        pass
+
+    def alarmed(self, alarms: Sequence[Alarm]) -> None:
+        self.alarms.update({alarm.name: alarm.state for alarm in alarms})
+
+    def noted(self, message: str) -> None:
+        raise AssertionError(message)
+
+
+def history(folder: Path) -> Historian:
+    return Historian(folder, HistorySettings(reserve_mib=1))
+
+
+def engine_of(
+    folder: Path, feed: Feed, *, patient: bool = True, matcher: FakeMatcher | None = None, sink: object = None
+) -> tuple[Engine, Watcher, Historian, Parts]:
+    historian, watcher, reporter = history(folder), Watcher(), Silent()
+    resume = historian.resume
+    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm)
+    made = bench()
+    if matcher is not None:
+        object.__setattr__(made, "matcher", matcher)
+    writers = [Writer("historian", historian, told(watcher, historian))]
+    if sink is not None:
+        writers.append(Writer("other", sink))  # type: ignore[arg-type]
+    parts = Parts(
+        source=feed,
+        encoder=None,
+        queue=FrameQueue(2, patient=patient),
+        measuring=Measuring(made, books, CAMERAS, time.time_ns, reporter),
+        historian=historian,
+        writers=writers,
+        recorder=None,
+        board=AlarmBoard(AlarmSettings()),
+        looker=Looker(made.ground.belt, CAMERA, 0.0, 0.0),
+        gauges=Gauges(1e5),
+        observer=watcher,
+        reporter=reporter,
+        ticks=False,
+    )
+    return Engine(parts), watcher, historian, parts
+
+
+def track(start: float, stop: float) -> list[FrameSet]:
+    return [frames(float(p), float(p)) for p in np.arange(start, stop, STEP_MM)]
+
+
+def check(records: Sequence[BeltRecord]) -> None:
+    for before, after in pairwise(records):
+        assert after.number == before.number + 1
+        assert after.belt_mm[0] == before.belt_mm[1]
+
+
+def everything(historian: Historian) -> tuple[BeltRecord, ...]:
+    return historian.records(0, time.time_ns() + 10**9, 10_000)
+
+
+def test_records_reach_disk_and_observer_alike(tmp_path: Path) -> None:
+    engine, watcher, historian, _ = engine_of(tmp_path, Feed(track(0, 1800)))
+    engine.start()
+    assert engine.wait(30)
+    assert engine.stop() == 0
+    kept = everything(historian)
+    check(kept)
+    assert len(kept) == 30
+    assert [r.number for r in watcher.records] == [r.number for r in kept]
+    assert watcher.totals == historian.totals
+    assert historian.totals.volume_mm3 == pytest.approx(sum(r.volume_mm3 for r in kept), rel=1e-12)
+    assert watcher.stretches > 3
+    historian.close()
+
+
+def test_a_slow_worker_leaves_frames_out_and_the_ledger_is_whole(tmp_path: Path) -> None:
+    class Slow(FakeMatcher):
+        def reconstruct(self, frame_set, reporter, *, prior=None):
+            time.sleep(0.06)
+            return super().reconstruct(frame_set, reporter)
+
+    engine, watcher, historian, parts = engine_of(
+        tmp_path, Feed(track(0, 2400), pause_s=0.02), patient=False, matcher=Slow()
+    )
+    engine.start()
+    assert engine.wait(30)
+    engine.stop()
+    kept = everything(historian)
+    check(kept)
+    assert parts.queue.dropped > 5
+    assert len(kept) + parts.queue.dropped == 40
+    assert watcher.sights[-1].dropped == parts.queue.dropped
+    assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(2340 + kept[0].length_mm, abs=1.0)
+    assert historian.totals.missing_mm == 0
+    historian.close()
+
+
+def test_a_driver_that_falls_over_is_told_and_asked_again(tmp_path: Path) -> None:
+    feed = Feed(track(0, 900), fail_at=6)
+    engine, _, historian, parts = engine_of(tmp_path, feed)
+    engine.start()
+    assert engine.wait(30)
+    engine.stop()
+    check(everything(historian))
+    assert len(everything(historian)) == 15
+    assert any("a driver fell over" in line for line in parts.reporter.warnings)  # type: ignore[attr-defined]
+    historian.close()
+
+
+def test_a_sink_that_refuses_is_asked_again_and_holds_up_nobody(tmp_path: Path) -> None:
+    class Moody:
+        def __init__(self) -> None:
+            self.refusals, self.kept = 2, list[BeltRecord]()
+
+        def write(self, records: Sequence[BeltRecord]) -> None:
+            if self.refusals:
+                self.refusals -= 1
+                raise OutputError("the share is not there; mount it")
+            self.kept += records
+
+        def close(self) -> None:
+            pass
+
+    moody = Moody()
+    engine, _, historian, parts = engine_of(tmp_path, Feed(track(0, 900)), sink=moody)
+    engine.start()
+    assert engine.wait(30)
+    deadline = time.monotonic() + 10
+    while len(parts.writers[1]) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert engine.stop() == 0
+    assert [r.number for r in moody.kept] == [r.number for r in everything(historian)]
+    historian.close()
+
+
+def test_runs_follow_one_another(tmp_path: Path) -> None:
+    for start, stop in ((0, 900), (900, 1500), (2700, 3300)):
+        engine, _, historian, _ = engine_of(tmp_path, Feed(track(start, stop)))
+        engine.start()
+        assert engine.wait(30)
+        engine.stop()
+        historian.close()
+    again = history(tmp_path)
+    kept = everything(again)
+    check(kept)
+    assert {r.run for r in kept} == {1, 2, 3}
+    gaps = [r for r in kept if r.strip is None]
+    assert len(gaps) == 1
+    assert again.totals.missing_mm == pytest.approx(gaps[0].length_mm)
+    assert again.totals.length_mm == pytest.approx(kept[-1].belt_mm[1] - kept[0].belt_mm[0])
+    again.close()
+
+
+def test_the_queue_gives_the_newest_in_order() -> None:
+    queue = FrameQueue(2)
+    for one in track(0, 300):
+        queue.put(one)
+    assert queue.dropped == 3
+    taken = [queue.get(0), queue.get(0)]
+    assert [one.frame for one in taken if one is not None] == ["180.0", "240.0"]
+    assert queue.get(0.01) is None
+    queue.close()
+    assert queue.closed

@@ -133,6 +133,9 @@ def test_what_an_ended_run_left_in_the_ring_can_be_kept(tmp_path):
     for number in range(5):
         recorder.take(frames(number))
     recorder.close()
+    (piece,) = (tmp_path / "ring").iterdir()
+    with (piece / "encoder.csv").open("a") as file:
+        file.write("000005,1.0")  # a power cut
     recorder = Recorder(tmp_path, settings(mode="ring"))
     recorder.take(frames(0))
     kept = recorder.keep("restart")

@@ -62,6 +62,14 @@ def test_a_capture_of_the_contract(tmp_path):
     ]
 
 
+def test_an_instant_without_images_still_says_where_the_belt_was(tmp_path):
+    writer = CaptureWriter(tmp_path, "tiff")
+    writer.write(frames(1, images={}))
+    writer.write(frames(2))
+    assert [r.frame for r in read_encoder(tmp_path / "encoder.csv")] == ["000001", "000002"]
+    assert read_capture(tmp_path).frames == ("000002",)
+
+
 def test_without_an_encoder_there_is_no_table(tmp_path):
     CaptureWriter(tmp_path, "tiff").write(frames(1, position_mm=None))
     assert not (tmp_path / "encoder.csv").exists()

@@ -65,9 +65,10 @@ class CaptureWriter:
         return size
 
     def _write_reading(self, frames: FrameSet) -> int:
-        """The row of encoder.csv, where time and position are known."""
-        if frames.time_ns is None or frames.position_mm is None or not frames.images:
+        """The row of encoder.csv, where time and position are known; also of an instant without an image."""
+        if frames.time_ns is None or frames.position_mm is None:
             return 0
+        self.folder.mkdir(parents=True, exist_ok=True)
         line = f"{frames.frame},{seconds_text(frames.time_ns)},{float(frames.position_mm)!r}\n"
         return append_lines(self.folder / ENCODER, line.encode())
 
@@ -86,6 +87,14 @@ def append_lines(path: Path, lines: bytes) -> int:
                 file.truncate(start)
         raise
     return len(lines)
+
+
+def mend_lines(path: Path) -> None:
+    """Take away what a power cut left of an encoder.csv's last row."""
+    data = path.read_bytes() if path.exists() else b""
+    whole = data[: data.rfind(b"\n") + 1]
+    if whole != data:
+        path.write_bytes(whole)
 
 
 def seconds_text(time_ns: int) -> str:

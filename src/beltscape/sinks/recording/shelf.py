@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from beltscape.sinks.recording.capture_writer import ENCODER, append_lines
+from beltscape.sinks.recording.capture_writer import ENCODER, append_lines, mend_lines
 
 _PART = ".part"
 
@@ -28,6 +28,8 @@ class Shelf:
                 self._sizes[capture] = _size(capture)
         for part in (folder / "kept").glob(f"*{_PART}"):
             self._sizes[_finished(part)] = _size(part.with_suffix(""))
+        for capture in [*self.of("ring"), *self.of("all")[-1:]]:
+            mend_lines(capture / ENCODER)
         self._next = 1 + max((_number(path) for path in self._sizes), default=0)
 
     @property

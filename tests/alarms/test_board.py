@@ -156,6 +156,7 @@ def test_not_knowing_neither_raises_nor_clears(name):
 
 def test_the_load_that_is_not_measured_is_missed_from_the_start_and_hides_the_rest():
     plant = Plant()
+    assert plant.run(Readings(), 60) == []
     changed = plant.run(Readings(), 600)
     assert [alarm.name for alarm in changed] == ["no_measurement:load"]
 

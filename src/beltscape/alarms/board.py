@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Lock
 
 from beltscape.alarms.finding import Finding
 from beltscape.alarms.latch import Delay, Latch, Step
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES
-from beltscape.alarms.settings import AlarmSettings, Watch, WatchAlong
+from beltscape.alarms.settings import AlarmSettings, NoMeasurement, Watch, WatchAlong
 from beltscape.alarms.texts import detail
 from beltscape.core.live import Alarm
 
@@ -140,9 +140,11 @@ class AlarmBoard:
 
 def _judged(entry: _Entry, finding: Finding) -> Finding:
     """A quantity that was never measured, such as the offset of a belt without ends, is not missed; the load is."""
-    if entry.kind == "no_measurement" and entry.subject != "load" and not entry.known:
-        return finding if finding.condition == "off" else Finding("unknown")
-    return finding
+    if not isinstance(entry.watch, NoMeasurement) or entry.known or finding.condition == "off":
+        return finding
+    if entry.subject == "load":
+        return replace(finding, after_s=entry.watch.start_after_s)
+    return Finding("unknown")
 
 
 def _ns(seconds: float) -> int:

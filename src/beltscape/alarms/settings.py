@@ -191,6 +191,8 @@ class NoMeasurement(Watch):
     severity: Severity = "critical"
     after_s: Seconds = 10.0
     clear_after_s: Seconds = 2.0
+    start_after_s: Seconds = 60.0
+    """The same for the load until it was first measured: cameras and the first strip of belt take their time."""
     seldom_after_s: Seconds = 120.0
     """The same for lumps and the belt's offset, which are measured now and then; these are back at once."""
 

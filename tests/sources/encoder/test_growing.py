@@ -108,3 +108,20 @@ def test_a_line_without_end_takes_no_memory(tmp_path):
     append(path, b"\n7\n")
     assert growing.lines()[-1] == "7"
     growing.close()
+
+
+def test_a_line_that_comes_between_the_last_look_and_the_renaming_is_read(tmp_path):
+    path, old = tmp_path / "encoder.csv", tmp_path / "encoder.csv.1"
+
+    class Raced(GrowingFile):
+        def _replaced(self):
+            path.rename(old)
+            append(old, b"2\n")
+            append(path, b"3\n")
+            return super()._replaced()
+
+    append(path, b"")
+    growing = Raced(path)
+    append(path, b"1\n")
+    assert growing.lines() == ["1", "2", "3"]
+    growing.close()

@@ -308,3 +308,15 @@ def test_logging_out_closes_the_pages(start):
                     page.recv(timeout=3)
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 4401
+
+
+def test_a_trusted_proxy_speaks_for_others_and_nobody_else_does(start):
+    told = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.9", "Host": "127.0.0.1"}
+    login = {"name": "anna", "password": PASSWORD}
+    proxied = start(Web(limits=LimitSettings(trusted_proxies=("127.0.0.1",))))
+    reply = httpx.post(proxied.address + "/api/access/login", json=login, headers=told)
+    assert "Secure" in reply.headers["set-cookie"]
+    assert reply.headers["strict-transport-security"]
+    direct = start()
+    reply = httpx.post(direct.address + "/api/access/login", json=login, headers=told)
+    assert "Secure" not in reply.headers["set-cookie"]

@@ -31,8 +31,8 @@ with warnings.catch_warnings():
     import schemathesis
     from schemathesis import Case, GenerationMode
 
-EXAMPLES = 8
-"""Of each kind, endpoint and role; more are tried by hand."""
+EXAMPLES = 6
+"""Of each kind, endpoint and role."""
 
 
 class Answers:
@@ -149,9 +149,11 @@ def attacked(caller: Caller, operation, mode: GenerationMode, role: str | None) 
     return statuses
 
 
-@pytest.mark.parametrize("role", [None, *ROLES])
-@pytest.mark.parametrize("mode", list(GenerationMode))
-def test_nothing_that_is_sent_breaks_an_endpoint(caller, role, mode):
+@pytest.mark.parametrize(
+    ("mode", "role"),
+    [*((GenerationMode.POSITIVE, role) for role in (None, *ROLES)), (GenerationMode.NEGATIVE, "engineer")],
+)
+def test_nothing_that_is_sent_breaks_an_endpoint(caller, mode, role):
     schema = schemathesis.openapi.from_dict(caller.app.openapi())
     operations = [found.ok() for found in schema.get_all_operations()]
     seen = {operation.label: attacked(caller, operation, mode, role) for operation in operations}

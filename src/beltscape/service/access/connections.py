@@ -36,7 +36,10 @@ class Connections:
         peer = transport.get_extra_info("peername")
         address = network(peer[0]) if peer else ""
         limits = self.limits
-        if len(self._open) >= limits.connections_max or self._of[address] >= limits.connections_per_address:
+        if len(self._open) >= limits.connections_max:
+            return False
+        for_many = address in limits.trusted_proxies
+        if self._of[address] >= limits.connections_per_address and not for_many:
             return False
         self._open[transport] = address
         self._of[address] += 1
@@ -45,7 +48,12 @@ class Connections:
     def read(self, transport: asyncio.BaseTransport, size: int) -> float:
         """So many bytes were read; seconds until more may be."""
         address, cost = self._open.get(transport, ""), 1 + size / PIECE_BYTES
-        return max(self._pace.spend("all", cost), self._pace_of.spend(address, cost))
+        of_all = self._pace.spend("all", cost)
+        return (
+            of_all
+            if address in self.limits.trusted_proxies
+            else max(of_all, self._pace_of.spend(address, cost))
+        )
 
     def change(self, old: asyncio.BaseTransport, new: asyncio.BaseTransport) -> None:
         """The same connection, by another transport from now on."""

@@ -41,11 +41,11 @@ class Throttle:
         self._known: OrderedDict[tuple[str, str], None] = OrderedDict()
 
     def wait_s(self, name: str, address: str) -> float:
-        """Seconds until this address may try this account again; 0: now."""
+        """Seconds until this address may try this account again; 0: now. An empty name is no account: the setup's."""
         with self._lock:
             waits = [self._wait(("address", address), ADDRESS)]
             # somebody who logged in from here before is not held up by strangers guessing elsewhere
-            if (name, address) not in self._known:
+            if name and (name, address) not in self._known:
                 waits.append(self._wait(("account", name), ACCOUNT))
             return max(waits)
 
@@ -57,7 +57,7 @@ class Throttle:
     def failed(self, name: str, address: str) -> None:
         """A wrong password."""
         with self._lock:
-            for key in (("address", address), ("account", name)):
+            for key in (("address", address), ("account", name))[: 2 if name else 1]:
                 failures, _ = self._failures.pop(key, (0, 0.0))
                 self._failures[key] = (failures + 1, self._clock())
             _bound(self._failures)

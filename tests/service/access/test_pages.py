@@ -1,0 +1,112 @@
+"""The pages of access in a real browser: first engineer, signing in, users; the browser complains of nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from fastapi import FastAPI
+
+import beltscape.service.access as access_package
+from beltscape.service.access import Access, install
+from beltscape.service.server import serve
+from beltscape.service.static import FOLDER, files
+from service.access.door import CHEAP, PASSWORD
+from service.test_server import Web
+
+CHROMIUM = shutil.which("chromium")
+
+
+@pytest.fixture
+def door(tmp_path):
+    """A service without users, and its address."""
+    app = FastAPI()
+    app.mount("/page", files())
+    app.add_api_route("/", lambda: {"the": "belt"})
+    with closing(Access(tmp_path, None, CHEAP)) as access:
+        install(app, access)
+        with closing(serve(app, Web())) as running:
+            yield access, running.address
+
+
+@pytest.fixture
+def page():
+    """A page that collects what the browser complains of."""
+    from playwright.sync_api import sync_playwright
+
+    words = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=words)
+        page = browser.new_page(locale="de-DE")
+        page.set_default_timeout(20_000)
+        complaints: list[str] = []
+        page.on("console", lambda m: complaints.append(m.text) if "status of 4" not in m.text else None)
+        page.on("pageerror", lambda e: complaints.append(str(e)))
+        yield page
+        browser.close()
+    assert [c for c in complaints if "[DOM]" not in c] == []
+
+
+def sign_in(page, name: str, password: str) -> None:
+    page.fill("[name=name]", name)
+    page.fill("[name=password]", password)
+    page.keyboard.press("Enter")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_from_the_first_start_to_a_second_user(door, page):
+    access, address = door
+    page.goto(address)
+    page.wait_for_selector("h1:has-text('Erster Start')")
+    assert page.url == f"{address}/setup"
+    page.fill("[name=token]", "0000")
+    page.fill("[name=again]", PASSWORD)
+    sign_in(page, "Anna", PASSWORD)
+    page.wait_for_selector(".problem:has-text('Einrichtungscode')")
+    page.fill("[name=token]", access.setup_token)
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"{address}/")
+
+    page.goto(f"{address}/account")
+    page.wait_for_selector("#users tr:has-text('anna')")
+    for name, value in (("name", "<b>bert</b>"), ("password", "ore on the belt")):
+        page.fill(f"#add [name={name}]", value)
+    page.click("#add .primary")
+    page.wait_for_selector("#add .problem:has-text('a name has')")
+    page.fill("#add [name=name]", "bert")
+    page.click("#add .primary")
+    page.wait_for_selector("#users tr:has-text('bert')")
+    page.wait_for_selector("#log tr:has-text('Benutzer angelegt')")
+    page.select_option("#users tr:has-text('anna') select", "viewer")
+    page.wait_for_selector("#users-problem:has-text('last engineer')")
+    page.click("#leave")
+    page.wait_for_url(f"{address}/login")
+
+    page.select_option("#language", "zh")
+    page.wait_for_selector("h1:has-text('登录')")
+    sign_in(page, "bert", "not this one")
+    page.wait_for_selector(".problem:has-text('密码错误')")
+    page.goto(f"{address}/login?next=//evil.example/")
+    sign_in(page, "bert", "ore on the belt")
+    page.wait_for_url(f"{address}/")
+    page.goto(f"{address}/account")
+    page.wait_for_selector("#you:has-text('bert')")
+    assert page.locator("#users-panel").is_hidden()
+
+
+def test_every_word_of_the_pages_is_there_in_three_languages():
+    texts = json.loads((FOLDER / "texts.json").read_text(encoding="utf-8"))
+    used = set()
+    for file in (Path(access_package.__file__).parent / "page").iterdir():
+        text = file.read_text(encoding="utf-8")
+        used |= set(re.findall(r"""data-(?:text|title|label)="([\w.]+)\"""", text)) | set(
+            re.findall(r"""\bt\("([\w.]+)\"""", text)
+        )
+    assert len(used) > 40
+    for key in used:
+        assert set(texts[key]) == {"en", "de", "zh"}, key
+        assert all(texts[key].values()), key

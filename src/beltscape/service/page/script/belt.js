@@ -67,15 +67,16 @@ export async function start() {
   });
   store.on("texts", legend);
   store.on("theme", () => scene?.dress(document.documentElement.dataset.theme === "dark"));
-  new IntersectionObserver((entries) => { seen = entries.at(-1).isIntersecting; }).observe(canvas);
+  new IntersectionObserver((entries) => { seen = entries.at(-1).isIntersecting; }).observe(canvas.parentElement);
   await open(canvas);
   requestAnimationFrame(frame);
 }
 
 async function open(canvas) {
   try {
-    const { BeltScene } = await import("./belt_scene.js");
+    // asked here, for three.js would complain aloud
     if (!canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" })) throw new Error("no WebGL 2");
+    const { BeltScene } = await import("./belt_scene.js");
     scene = new BeltScene(canvas, WINDOW_M);
     scene.dress(document.documentElement.dataset.theme === "dark");
     orbit = new Orbit(canvas, HOME, () => {});

@@ -13,7 +13,9 @@ function show() {
   if (live && flow.volume_m3_h != null) last = { value: flow.volume_m3_h, wall_ms: state.wall_ms };
   say($("flow-volume"), live ? three(flow.volume_m3_h) : "–");
   say($("flow-sigma"), live && flow.sigma_m3_h != null ? spread(flow.sigma_m3_h) : "");
-  $("flow-mass-line").hidden = live && flow.mass_t_h == null && flow.volume_m3_h != null;
+  const no_density = live && flow.mass_t_h == null && flow.volume_m3_h != null;
+  $("flow-mass-line").hidden = no_density;
+  $("flow-no-density").hidden = !no_density;
   say($("flow-mass"), live ? three(flow.mass_t_h) : "–");
   say($("flow-mass-sigma"), live && flow.mass_sigma_t_h ? spread(flow.mass_sigma_t_h) : "");
   $("flow-last").hidden = live || !last;

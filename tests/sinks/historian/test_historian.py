@@ -92,7 +92,7 @@ def test_goes_on_after_closing(tmp_path):
     historian.close()
 
 
-@settings(max_examples=15)
+@settings(max_examples=10)
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=12))
 def test_asking_again_does_no_harm(tmp_path_factory, asked):
     records = ledger(40, sections=False)

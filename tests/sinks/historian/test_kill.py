@@ -12,7 +12,7 @@ import pytest
 def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
     script = Path(__file__).with_name("killed_writer.py")
     done = subprocess.run(
-        [sys.executable, str(script), str(tmp_path), "50"],
+        [sys.executable, str(script), str(tmp_path), "36"],
         check=False,
         capture_output=True,
         text=True,
@@ -20,7 +20,7 @@ def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["acknowledged"] > 50
+    assert found["acknowledged"] > 30
     # what was written but not yet acknowledged may be there: one batch at most
     assert 0 <= found["records"] - found["acknowledged"] <= 4
     assert found["runs"] > 20

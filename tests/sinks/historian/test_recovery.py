@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 import sqlite3
 
 import pytest
@@ -134,4 +135,28 @@ def test_a_damaged_snapshot_is_not_believed(folder):
     path.write_text(path.read_text().replace('"number": 200', '"number": 900'))
     historian = Historian(folder, SETTINGS)
     assert historian.resume.number == COUNT
+    historian.close()
+
+
+def test_a_backup_taken_while_running_is_a_history(tmp_path):
+    """As the manual says: VACUUM INTO, then the day files and totals.json."""
+    running, restored = tmp_path / "data", tmp_path / "restored"
+    historian = Historian(running, SETTINGS)
+    records = ledger(COUNT, every_ns=300_000_000_000)
+    historian.write(records[:150])
+    historian.tend(records[-1].wall_ns)
+    other = sqlite3.connect(f"{(running / 'history.db').as_uri()}?mode=ro", uri=True)
+    restored.mkdir()
+    other.execute("VACUUM INTO ?", (str(restored / "history.db"),))
+    other.close()
+    historian.write(records[150:])
+    historian.close()
+    shutil.copytree(running / "days", restored / "days")
+    historian = Historian(restored, SETTINGS)
+    assert historian.mended == ""
+    assert historian.resume.number == 150
+    assert [r.number for r in historian.records(*ALWAYS, limit=1000)] == list(range(1, 151))
+    historian.write(records[150:])
+    historian.tend(records[-1].wall_ns + 86_400_000_000_000)
+    assert [r.number for r in historian.records(*ALWAYS, limit=1000)] == list(range(1, COUNT + 1))
     historian.close()

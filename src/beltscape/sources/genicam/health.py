@@ -111,10 +111,8 @@ def _state(
     silence_s = now_s - watch.last_s
     if not is_open or tally.silent or (settings.trigger != "line" and silence_s > silence_limit_s(settings)):
         why = f" ({trouble})" if trouble else ""
-        return (
-            "lost",
-            f"no image for {silence_s:.0f} s; it is looked for: see to its power, cable and switch{why}",
-        )
+        wire = "trigger wire, " if settings.trigger == "line" else ""
+        return "lost", f"no image for {silence_s:.0f} s; see to its {wire}power, cable and switch{why}"
     if watch.misfit:
         return "unusable", watch.misfit
     if tally.unsynchronised:
@@ -142,7 +140,7 @@ def _unheard(name: str, settings: CamerasSettings, trouble: str, is_open: bool) 
     if trouble:
         return "lost", trouble
     if is_open and settings.trigger == "line":
-        return "waiting", f"no pulse has come on {settings.trigger_line}: it begins with the belt"
+        return "waiting", f"no pulse has come on {settings.trigger_line} yet"
     return "waiting", f"{settings.devices[name]} is being {'started' if is_open else 'looked for'}"
 
 

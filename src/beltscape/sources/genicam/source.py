@@ -138,7 +138,8 @@ class GenicamSource:
         """Whether a camera without an image for that long is to be opened anew."""
         if self._settings.trigger == "line":  # the belt may stand: only the others tell whether a pulse came
             with self._lock:
-                return silence_s > REOPEN_AFTER_S and self._matcher.tally(name).silent
+                tally = self._matcher.tally(name)
+                return silence_s > REOPEN_AFTER_S and tally.silent and tally.heard
         return silence_s > max(REOPEN_AFTER_S, 2 * silence_limit_s(self._settings))
 
     def health(self) -> Mapping[str, CameraHealth]:

@@ -65,7 +65,7 @@ def one(folder: Path, name: str, address: str) -> int:
 def _shows(folder: Path, name: str) -> Callable[[int], tuple[Image, int]]:
     told = json.loads((folder / "bench.json").read_text())
     album, counts, per_round = read_album(folder / f"{name}.npy"), told["counts"], told["round"]
-    instants = Instants(folder / "instants", told["apart_s"])
+    instants = Instants(folder / "instants", told["period_s"])
 
     def picture(camera_ns: int) -> tuple[Image, int]:
         rounds, index = divmod(instants.of(camera_ns), len(album))

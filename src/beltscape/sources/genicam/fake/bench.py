@@ -32,7 +32,7 @@ class Bench:
         counts: Sequence[int] | None = None,
         counts_per_round: int = 0,
     ) -> None:
-        """``folder`` holds what they need, for as long as they run; ``frames_per_s``: how fast they are triggered.
+        """``folder`` holds what they need, for as long as they run; ``frames_per_s``: their triggers' exact rate.
 
         ``counts``: the belt's count at each picture; with each round through them ``counts_per_round`` is added.
         """
@@ -49,7 +49,7 @@ class Bench:
             write_album(folder / f"{name}.npy", images)
         count = len(next(iter(pictures.values())))
         told = {
-            "apart_s": 0.5 / frames_per_s,
+            "period_s": 1 / frames_per_s,
             "counts": list(counts or [0] * count),
             "round": counts_per_round,
         }

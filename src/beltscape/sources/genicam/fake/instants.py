@@ -8,30 +8,40 @@ import struct
 from pathlib import Path
 
 LAYOUT = struct.Struct("<qq")
-"""Number of the newest instant, camera time of its first image."""
+"""Number of the newest instant, the cameras' common time of it."""
+FOLLOW = 0.1
+"""Share by which the instants follow the images: triggers come a little sooner or later."""
 
 
 class Instants:
-    """Counts instants in a file that all processes share: images that are taken close together are of one."""
+    """Counts instants in a file that all processes share: they are a period apart, an image is of the nearest one."""
 
-    def __init__(self, path: Path, apart_s: float) -> None:
-        """An image at least ``apart_s`` after the first of an instant begins the next one; made where not there."""
+    def __init__(self, path: Path, period_s: float) -> None:
+        """``path`` is made where it is not there."""
         self._file = path.open("r+b" if path.exists() else "w+b")
         if path.stat().st_size < LAYOUT.size:
             self._file.write(LAYOUT.pack(-1, 0))
             self._file.flush()
         self._memory = mmap.mmap(self._file.fileno(), LAYOUT.size)
-        self._apart_ns = round(apart_s * 1e9)
+        self._period_ns = round(period_s * 1e9)
 
     def of(self, camera_ns: int) -> int:
         """The instant of an image taken at that time of the cameras' common clock; the first one is 0."""
         fcntl.flock(self._file, fcntl.LOCK_EX)
         try:
-            number, since_ns = LAYOUT.unpack(self._memory)
-            if number < 0 or camera_ns - since_ns >= self._apart_ns:
-                number, since_ns = number + 1, camera_ns
-                self._memory[:] = LAYOUT.pack(number, since_ns)
-            # this process was held up: another one is already further
-            return max(0, number - 1) if since_ns - camera_ns >= self._apart_ns else number
+            number, at_ns = LAYOUT.unpack(self._memory)
+            if number < 0:
+                number, at_ns = 0, camera_ns
+            steps = round((camera_ns - at_ns) / self._period_ns)
+            off_ns = camera_ns - (at_ns + steps * self._period_ns)
+            newest = max(0, steps)  # an image may be of an instant before
+            at_ns += newest * self._period_ns + round(FOLLOW * off_ns)
+            self._memory[:] = LAYOUT.pack(number + newest, at_ns)
+            return max(0, number + steps)
         finally:
             fcntl.flock(self._file, fcntl.LOCK_UN)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._memory.close()
+        self._file.close()

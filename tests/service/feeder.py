@@ -92,6 +92,7 @@ class Plant:
         self.number, self.belt_mm, self.done = number, belt_mm, 0
         self.speed_mm_s, self.step_mm = 2400.0, 480.0
         self.lost: set[str] = set()
+        self.kept: list[tuple[str, str]] = []
         self.degraded = self.stopped = False
         self.alarms: dict[str, Alarm] = {}
 
@@ -177,7 +178,8 @@ class Plant:
 
     def keep_recording(self, reason: str, by: str) -> bool:
         """As core.live.Controls has it."""
-        return bool(reason and by)
+        self.kept.append((reason, by))
+        return True
 
     def _tell_alarms(self) -> None:
         for one in self.observers:

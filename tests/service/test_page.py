@@ -159,6 +159,19 @@ def test_an_alarm_is_heard_of_and_acknowledged_by_keys_alone(site):
     page.context.close()
 
 
+def test_a_recording_is_kept_by_keys_with_a_reason(site):
+    page = site.page()
+    is_live(page)
+    page.keyboard.press("k")
+    page.keyboard.type("a big lump")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#keep-dialog", state="hidden")
+    assert shown(page, "#keep") == "Kept"
+    assert site.works.plant.kept == [("a big lump", "ana")]
+    assert site.wrong == []
+    page.context.close()
+
+
 def test_languages_and_themes_by_keys(site):
     page = site.page()
     is_live(page)
@@ -175,7 +188,7 @@ def test_languages_and_themes_by_keys(site):
     page.reload()
     page.wait_for_selector("html[data-theme=dark][lang=zh-Hans]")
     page.keyboard.press("?")
-    assert page.locator("#keys kbd").count() == 10
+    assert page.locator("#keys kbd").count() == 11
     assert site.wrong == []
     page.context.close()
 

@@ -67,6 +67,7 @@ function show() {
   const key = known ? "alarms.none" : "alarms.unknown";
   if (none.dataset.shown !== key + chosen()) none.replaceChildren(...(known ? [sign("good")] : []), t(key));
   none.dataset.shown = key + chosen();
+  $("alarms-role").hidden = !fresh.length || store.page?.role !== "viewer";
   $("alarms-unsure").hidden = known || !alarms.length;
   $("alarms-count").hidden = !fresh.length;
   say($("alarms-count"), t("alarms.count", { count: number(fresh.length) }));

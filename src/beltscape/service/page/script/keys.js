@@ -4,6 +4,7 @@ import * as belt from "./belt.js";
 import * as chart from "./chart.js";
 import { $, make } from "./dom.js";
 import { store } from "./store.js";
+import * as keep from "./keep.js";
 import { choose, chosen, languages, t } from "./texts.js";
 import { theme } from "./theme.js";
 
@@ -28,6 +29,7 @@ const KEYS = {
   c: ["keys.range", chart.next],
   b: ["keys.belt", () => { location.hash = "#live"; $("belt").focus(); }],
   r: ["keys.reset", belt.reset],
+  k: ["keys.keep", keep.open],
   t: ["keys.theme", () => theme.next()],
   g: ["keys.language", next_language],
   w: ["keys.wall", wall],
@@ -46,7 +48,7 @@ export function start() {
   document.addEventListener("keydown", (event) => {
     const typing = event.target.closest?.("input, select, textarea");
     const action = KEYS[event.key.toLowerCase()];
-    if (!action || typing || event.ctrlKey || event.metaKey || event.altKey || ($("keys").open && event.key !== "?")) return;
+    if (!action || typing || event.ctrlKey || event.metaKey || event.altKey || $("keep-dialog").open || ($("keys").open && event.key !== "?")) return;
     event.preventDefault();
     action[1]();
   });

@@ -8,6 +8,7 @@ import { connect, retry } from "./connection.js";
 import { $, make, say, sign } from "./dom.js";
 import * as flow from "./flow.js";
 import * as history from "./history.js";
+import * as keep from "./keep.js";
 import * as keys from "./keys.js";
 import { area_m2, of_message, SectionPlot } from "./section.js";
 import { store } from "./store.js";
@@ -42,7 +43,7 @@ function show_page() {
   say($("plant"), page.plant);
   const named = page.user && page.user !== "anonymous";
   $("who").replaceChildren(...(named
-    ? [t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) }), make("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
+    ? [make("a", { href: "/account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), make("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
     : [make("a", { href: "/login?next=/" }, t("tools.sign_in"))]));
 }
 
@@ -106,7 +107,7 @@ function to_login() {
 await ask_page();
 await load(store.page?.language);
 start_tools();
-for (const part of [flow, alarms, cameras, chart, keys]) part.start();
+for (const part of [flow, alarms, cameras, chart, keep, keys]) part.start();
 start_section();
 apply(document);
 store.on("link", show_link);

@@ -3,6 +3,8 @@ import { make } from "./dom.js";
 import { colour } from "./theme.js";
 import { day_and_time, number, short_day, t, three, time, unit } from "./texts.js";
 
+const STEPS_S = [1, 2, 5, 10, 15, 30, ...[1, 2, 5, 10, 15, 30, 60, 120, 180, 240, 360, 720].map((min) => min * 60), ...[1, 2, 5, 7, 14, 30, 60, 180].map((days) => days * 86400)];
+
 const rem = () => parseFloat(getComputedStyle(document.documentElement).fontSize);
 
 export class Plot {
@@ -28,7 +30,7 @@ export class Plot {
       legend: { show: false },
       cursor: { drag: { x: false, y: false }, points: { size: 8, fill: colour("data") }, y: false },
       scales: { x: { time: true, range: () => this.span ?? [0, 1] }, y: { range: (_, __, high) => [0, Math.max(high ?? 0, 1) * 1.08] } },
-      axes: [{ ...ink, space: size * 5.5, size: size * 1.75, values: (_, splits, __, ___, step) => splits.map((s) => label(s, step)) },
+      axes: [{ ...ink, space: size * 4.5, incrs: STEPS_S, size: size * 1.75, values: (_, splits, __, ___, step) => splits.map((s) => label(s, step)) },
         { ...ink, size: size * 3.4, space: size * 2.5, values: (_, splits) => splits.map((value) => number(value, value % 1 ? 1 : 0)) }],
       series: [{}, { stroke: colour("data"), width: 2, points: { show: false } }, { width: 0, points: { show: false } }, { width: 0, points: { show: false } }],
       bands: [{ series: [3, 2], fill: colour("data-soft") }],

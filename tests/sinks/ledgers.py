@@ -78,6 +78,7 @@ def record(
         run_sigma_mm3=1e6 * number,
         cameras=0 if absent else 5,
         section=section(number) if sections and not absent else None,
+        offset_mm=0.0 if number < 20 else 4711.25,
     )
 
 
@@ -96,6 +97,7 @@ def same(one: BeltRecord, other: BeltRecord, *, sections: bool = True) -> bool:
                 value.strip,
                 value.run_sigma_mm3,
                 value.cameras,
+                value.offset_mm,
             )
         )
 

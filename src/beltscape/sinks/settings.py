@@ -45,7 +45,7 @@ class RecordingSettings(BaseModel):
     capture_min: Annotated[float, Field(gt=0, le=1440, allow_inf_nan=False)] = 10.0
     """How much goes into one capture where everything is recorded."""
     image: Literal["tiff", "png"] = "tiff"
-    """tiff: uncompressed, next to no work; png: a third smaller, two hundred times the work."""
+    """tiff: uncompressed, next to no work; png: a third smaller, sixty times the work."""
     limit_gib: Gib = 50.0
     """What recordings may take with the ring; the oldest that nobody asked to keep are removed."""
     free_gib: Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)] = 4.0

@@ -44,7 +44,7 @@ def test_records_read_back_with_their_sections(historian):
     historian.write(records[1:])
     assert all_same(historian.records(*ALWAYS, sections=True), records)
     assert all(same_section(historian.section(r.number), r.section) for r in records)
-    assert historian.resume == Resume(60, 1, records[-1].belt_mm[1])
+    assert historian.resume == Resume(60, 1, records[-1].belt_mm[1], 4711.25)
 
 
 def test_what_is_not_known_reads_back_as_not_known(historian):

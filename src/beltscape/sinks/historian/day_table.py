@@ -37,11 +37,13 @@ NAMES = (
         "volume_mm3",
         "sigma_mm3",
     ),
-    *("speed_mm_s", "density_kg_m3", "coverage", "single_coverage", "quality"),
+    *("speed_mm_s", "density_kg_m3", "coverage", "single_coverage", "quality", "offset_mm"),
 )
 """Of the columns, in the order of the database's."""
 SECTION = ("section_x_mm", "section_height_mm")
 """The cross-section: two lists of the same length; heights that are not measured are NaN."""
+ADDED_LATER = {"offset_mm": 0.0}
+"""What files from before such a column say."""
 WORDS = {"standing": STANDINGS, "quality": QUALITIES}
 
 
@@ -79,6 +81,9 @@ def to_records(table: pa.Table) -> Iterator[BeltRecord]:
     count = table.num_rows
     columns: list[Sequence[Any]] = []
     for name in NAMES:
+        if name in ADDED_LATER and name not in table.column_names:
+            columns.append([ADDED_LATER[name]] * count)
+            continue
         column = table[name].cast(pa.int64()) if name == "wall_time" else table[name]
         words = WORDS.get(name)
         values = column.to_pylist()

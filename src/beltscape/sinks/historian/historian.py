@@ -28,6 +28,8 @@ class Resume:
     """The last record's; 0 while there is none."""
     end_mm: float | None
     """Where the belt's last stretch ends; None while there is none."""
+    offset_mm: float = 0.0
+    """What the ledger's count is ahead of the encoder's there."""
 
 
 class Historian:
@@ -70,7 +72,7 @@ class Historian:
     def resume(self) -> Resume:
         """Where the ledger ends."""
         sums = self._store.sums
-        return Resume(sums.number, sums.run, sums.end_mm)
+        return Resume(sums.number, sums.run, sums.end_mm, sums.offset_mm)
 
     @property
     def totals(self) -> Totals:

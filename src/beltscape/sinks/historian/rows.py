@@ -12,7 +12,7 @@ from beltscape.core.flow import QUALITIES, FlowRecord
 COLUMNS = (
     *("number", "run", "from_mm", "to_mm", "standing", "reason", "wall_ns", "run_sigma", "cameras"),
     *("frame", "time_ns", "position", "strip_from", "strip_to", "area", "volume", "sigma"),
-    *("speed", "density", "coverage", "single", "quality"),
+    *("speed", "density", "coverage", "single", "quality", "offset_mm"),
 )
 INSERT = f"INSERT INTO records ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
 SELECT = f"SELECT {', '.join(f'records.{name}' for name in COLUMNS)} FROM records"
@@ -26,13 +26,14 @@ def to_row(record: BeltRecord) -> tuple[Any, ...]:
     )
     strip = record.strip
     if strip is None:
-        return (*head, *[None] * 13)
+        return (*head, *[None] * 13, float(record.offset_mm))
     return (
         *(*head, strip.frame, strip.time_ns, _number(strip.belt_position_mm)),
         *(_number(strip.strip_mm[0]), _number(strip.strip_mm[1]), _number(strip.area_mm2)),
         *(_number(strip.volume_mm3), _number(strip.sigma_mm3), _number(strip.speed_mm_s)),
         *(_number(strip.density_kg_m3), _number(strip.coverage), _number(strip.single_coverage)),
         QUALITIES.index(strip.quality),
+        float(record.offset_mm),
     )
 
 
@@ -46,10 +47,11 @@ def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRec
         standing=STANDINGS[standing],
         reason=reason,
         wall_ns=wall_ns,
-        strip=None if row[9] is None else _strip(row[9:]),
+        strip=None if row[9] is None else _strip(row[9:22]),
         run_sigma_mm3=_value(run_sigma),
         cameras=cameras,
         section=section,
+        offset_mm=row[22],
     )
 
 

@@ -117,7 +117,9 @@ CREATE TABLE files (
 CREATE INDEX files_day ON files (day);
 """
 
-MIGRATIONS: tuple[str, ...] = (_FIRST,)
+_OFFSET = "ALTER TABLE records ADD COLUMN offset_mm REAL NOT NULL DEFAULT 0"
+
+MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET)
 """The script at place n leads from version n to n + 1; what is there is never changed, only added to."""
 
 

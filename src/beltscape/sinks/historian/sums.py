@@ -33,6 +33,8 @@ class Sums:
     """Of the last record; 0 while there is none."""
     run: int = 0
     end_mm: float | None = None
+    offset_mm: float = 0.0
+    """Of the last record."""
     since_ns: int | None = None
     volume_mm3: Pair = (0.0, 0.0)
     mass_kg: Pair = (0.0, 0.0)
@@ -60,6 +62,7 @@ class Sums:
             number=int(record.number),
             run=int(record.run),
             end_mm=float(record.belt_mm[1]),
+            offset_mm=float(record.offset_mm),
             since_ns=int(record.wall_ns) if self.since_ns is None else self.since_ns,
             volume_mm3=plus(self.volume_mm3, volume),
             mass_kg=self.mass_kg if math.isnan(mass) else plus(self.mass_kg, mass),

@@ -14,7 +14,7 @@ from beltscape.measure.flow.buffer import Buffer
 from beltscape.measure.flow.density import Density, unknown_density
 from beltscape.measure.flow.fusion import Scatter
 from beltscape.measure.flow.ground import Ground
-from beltscape.measure.flow.motion import Motion, Place, Sighting
+from beltscape.measure.flow.motion import AGREE, Motion, Place, Sighting
 from beltscape.measure.flow.profile import Profile
 from beltscape.measure.flow.register import Shift, register
 from beltscape.measure.flow.relief import Relief, relief
@@ -241,6 +241,10 @@ class FlowMeter:
         if self._key_relief is None or seen.relief is None:
             return None
         expected = self.motion.expected_mm(seen.clock, seen.encoder_mm)
+        low, high = self.ground.seen_mm
+        reach = (1 - self.settings.least_overlap) * (high - low)
+        if seen.encoder_mm is not None and expected is not None and (1 - AGREE) * abs(expected) > reach:
+            return None  # the views have nothing in common: what looks alike is other material
         near = None if expected is None or self._assumed else self._direction * expected
         shift = register(
             self._key_relief, seen.relief, least_overlap=self.settings.least_overlap, near_mm=near

@@ -14,7 +14,7 @@ _ENCODER_JITTER_MM = 0.2
 _SPEED_CHANGE = 0.05
 """One standard deviation of a belt's speed after a second, as a share of it, where nothing tells."""
 _SPEED_KNOWN = 0.01
-_AGREE = 0.25
+AGREE = 0.25
 """Encoder and material differ by no more than that share, or one of them tells of something else."""
 
 
@@ -100,7 +100,7 @@ class Motion:
             return None
         expected = self.expected_mm(sighting.clock, sighting.encoder_mm)
         if sighting.encoder_mm is not None and expected is not None:
-            limit = _AGREE * abs(expected) + 10 * _ENCODER_JITTER_MM + 4 * sighting.shift_sigma_mm
+            limit = AGREE * abs(expected) + 10 * _ENCODER_JITTER_MM + 4 * sighting.shift_sigma_mm
             if abs(sighting.shift_mm - expected) > limit:
                 self.conflicts += 1
         return self._placed(

@@ -212,8 +212,7 @@ class Engine:
         self._give(outcome)
         self._done += 1
         gauges, depth = parts.gauges, outcome.depth
-        gauges.speed_mm_s, gauges.depth = outcome.speed_mm_s, depth
-        gauges.coverage = 0.0 if depth is None else depth.coverage
+        gauges.saw(depth, outcome.speed_mm_s)
         gauges.encoder_ratio = parts.measuring.encoder_ratio
         parts.observer.saw(
             Sight(
@@ -222,7 +221,7 @@ class Engine:
                 parts.queue.dropped,
                 len(parts.queue),
                 monotonic() - began,
-                gauges.coverage,
+                0.0 if depth is None else depth.coverage,
                 outcome.speed_mm_s,
             )
         )

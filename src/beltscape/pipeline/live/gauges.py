@@ -15,6 +15,8 @@ from beltscape.core.live import CameraHealth
 
 _NAN = float("nan")
 _MINUTE_S = 60.0
+_STALE_S = 5.0
+"""What was measured longer ago says nothing of now."""
 
 
 @dataclass(slots=True)
@@ -27,6 +29,10 @@ class Gauges:
     belt_mm: float = _NAN
     speed_mm_s: float = _NAN
     coverage: float = _NAN
+    measured_s: float = float("-inf")
+    """Monotonic clock at the last frame that gave depth."""
+    heard_s: float = float("-inf")
+    """Monotonic clock at the last frame of any kind."""
     depth: DepthMap | None = None
     """Of the last frame; taken away once looked at."""
     lump_mm: tuple[float, float] = (_NAN, _NAN)
@@ -44,6 +50,13 @@ class Gauges:
             self.belt_mm = entry.belt_mm[1]
             if entry.strip is not None and entry.standing != "missing":
                 self.entry = entry
+
+    def saw(self, depth: DepthMap | None, speed_mm_s: float) -> None:
+        """A further frame went through."""
+        self.heard_s = monotonic()
+        self.measured_s = self.heard_s if depth is not None else self.measured_s
+        self.speed_mm_s, self.depth = speed_mm_s, depth
+        self.coverage = 0.0 if depth is None else depth.coverage
 
     def drops(self, so_far: int) -> float:
         """Frame sets dropped in the last minute."""
@@ -70,8 +83,11 @@ class Gauges:
         with self.lock:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
             offset, self.offset_mm = self.offset_mm, (_NAN, _NAN)
-        area, area_sigma, density = self._load()
-        per_hour = self.speed_mm_s * 3600e-9
+        now = monotonic()
+        area, area_sigma, density = self._load() if now - self.measured_s < _STALE_S else (_NAN, _NAN, _NAN)
+        heard = now - self.heard_s < _STALE_S
+        speed = self.speed_mm_s if heard else _NAN
+        per_hour = speed * 3600e-9
         return Readings(
             area_mm2=area,
             area_sigma_mm2=area_sigma,
@@ -81,8 +97,8 @@ class Gauges:
             mass_flow_t_h=area * per_hour * density * 1e-3,
             mass_flow_sigma_t_h=area_sigma * per_hour * density * 1e-3,
             belt_mm=self.belt_mm,
-            speed_mm_s=self.speed_mm_s,
-            coverage=self.coverage,
+            speed_mm_s=speed,
+            coverage=self.coverage if heard else _NAN,
             largest_lump_mm=lump[0],
             largest_lump_sigma_mm=lump[1],
             belt_offset_mm=offset[0],

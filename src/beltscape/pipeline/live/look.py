@@ -12,6 +12,8 @@ from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.live.gauges import Gauges
 
 _NAN = float("nan")
+_LUMPS = LumpSettings(raster_pixels=100_000)
+"""A coarser look than `measure lumps`: sizes differ by a percent or two, for a third of the work."""
 
 
 class Looker:
@@ -36,7 +38,7 @@ class Looker:
             self._last[name] = monotonic()
             try:
                 if name == "lumps":
-                    found = largest_lump(depth, self._camera, self._belt, LumpSettings())
+                    found = largest_lump(depth, self._camera, self._belt, _LUMPS)
                 else:
                     found = belt_offset(depth, self._camera, self._belt)
             except MeasureError:

@@ -144,6 +144,12 @@ def read_project(path: Path, model: type[Settings]) -> Project[Settings]:
             raise InputError(
                 f"{path}: {key} = {str(place)!r}: no such file; see beltscape calibrate, beltscape measure belt"
             )
+    told = settings.density
+    if settings.alarms.overload.mass_flow_t_h is not None and told == DensitySettings():
+        raise InputError(
+            f"{path}: [alarms.overload] mass_flow_t_h = {settings.alarms.overload.mass_flow_t_h:g} needs a bulk "
+            "density; give [density] kg_m3, table or product"
+        )
     return project
 
 

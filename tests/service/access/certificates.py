@@ -23,3 +23,11 @@ def certificate(folder: Path, name: str = "one", days: int = 90, *extra: str) ->
     ]  # fmt: skip
     subprocess.run(words, check=True, capture_output=True)
     return cert, key
+
+
+def ended(folder: Path) -> tuple[Path, Path]:
+    """One that ended yesterday."""
+    cert, key = certificate(folder, "ended")
+    words = ["openssl", "x509", "-in", cert, "-signkey", key, "-days", "-1", "-out", folder / "ended.pem"]
+    subprocess.run(words, check=True, capture_output=True)
+    return cert, key

@@ -54,7 +54,7 @@ def page():
 def sign_in(page, name: str, password: str) -> None:
     page.fill("[name=name]", name)
     page.fill("[name=password]", password)
-    page.keyboard.press("Enter")
+    page.click("button.primary")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")

@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.service.access.tls import certificate_ends, certificate_note, tls_context
-from service.access.certificates import certificate
+from service.access.certificates import certificate, ended
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +32,12 @@ def test_its_end_is_told_a_month_before(pair):
     assert "has ended" in str(certificate_note(*pair, now + 91 * 86_400))
 
 
-def test_one_that_has_ended_is_told_at_the_start(tmp_path):
-    pair = certificate(tmp_path, "old", 1)
-    assert "ends in 1 days" in str(certificate_note(*pair))
+def test_one_that_has_ended_is_told_and_still_served(tmp_path):
+    """After a power failure the service must start with what there is."""
+    pair = ended(tmp_path)
+    assert time.time() - 2 * 86_400 < certificate_ends(*pair) < time.time()
+    assert "has ended; make a new one" in str(certificate_note(*pair))
+    assert tls_context(*pair)
 
 
 def test_another_key(pair, tmp_path):

@@ -13,6 +13,7 @@ from beltscape.service.access.passwords import Cost, accepted, hashed, matches
 from beltscape.service.access.roles import ANONYMOUS, ROLES, Role, User
 
 NAME_MOST = 32
+_FIND = "SELECT name, role FROM users WHERE name = ?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +54,7 @@ class Accounts:
 
     def find(self, name: str) -> User:
         """The user of that name, or InputError."""
-        with self._database.change() as change:
-            return _there(change, name)
+        return _only(self._database.rows(_FIND, known_as(name)), name)
 
     def check(self, name: str, password: str) -> User | None:
         """The user of that name if the password is right; unknown users take as long."""
@@ -130,7 +130,10 @@ def _role(role: str) -> Role:
 
 
 def _there(change: Connection, name: str) -> User:
-    row = change.execute("SELECT name, role FROM users WHERE name = ?", (known_as(name),)).fetchone()
-    if row is None:
+    return _only(change.execute(_FIND, (known_as(name),)).fetchall(), name)
+
+
+def _only(rows: list[tuple], name: str) -> User:
+    if not rows:
         raise InputError(f"user {name[:NAME_MOST]!r}: there is none; see the list of users")
-    return User(*row)
+    return User(*rows[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -22,6 +23,12 @@ PUBLIC = (
     "/api/access/state", "/api/access/login", "/api/access/setup",
 )  # fmt: skip
 """What everybody may call: the files that pages are made of, and the way in."""
+_REFUSALS: dict[int | str, dict[str, Any]] = {
+    401: {"description": "Not logged in, or name or password is wrong"},
+    403: {"description": "The role does not allow it, or the request comes from another site"},
+    409: {"description": "What is asked for does not fit; the answer says why"},
+    429: {"description": "Too many requests or passwords; Retry-After says when to try again"},
+}
 AUDITED_READS = ("/api/export",)
 """Reads that go into the audit log, as every change does."""
 
@@ -34,7 +41,7 @@ def install(
     Without a user every path is refused but the door's own and those of ``public`` ("/metrics", or "/static/" for all
     below it), which decide for themselves. ``script_hashes``: of inline scripts that the pages may have ("sha256-…").
     """
-    routes = APIRouter(prefix="/api/access", tags=["access"])
+    routes = APIRouter(prefix="/api/access", tags=["access"], responses=_REFUSALS)
     SessionRoutes(access).add_to(routes)
     UserRoutes(access).add_to(routes)
     app.include_router(routes)

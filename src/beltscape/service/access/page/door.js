@@ -64,6 +64,8 @@ export function weak(password, again, name = "") {
 export function form(element, send) {
   const problem = element.querySelector(".problem");
   const done = element.querySelector(".done");
+  // until now the browser itself would have sent the form
+  for (const button of element.querySelectorAll("button.primary")) button.disabled = false;
   element.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = event.submitter ?? element.querySelector("button:not([type])");

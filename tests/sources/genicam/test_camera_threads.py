@@ -98,8 +98,9 @@ def test_a_dead_camera_s_trigger_call_delays_no_other():
     source.close()
 
 
-def test_it_waits_for_a_camera_that_cannot_be_opened_and_says_why():
-    trouble = [InputError("cam1 (10.0.0.7): no answer")] * 3
+def test_it_waits_for_a_camera_that_cannot_be_opened_and_says_why(monkeypatch):
+    monkeypatch.setattr("beltscape.sources.genicam.source.START_S", 0.2)
+    trouble = [InputError("cam1 (10.0.0.7): no answer")] * 5
     source = source_of(
         {"cam0": [Steered()], "cam1": [*trouble, RuntimeError("driver broke\nline two"), Steered()]}
     )

@@ -186,8 +186,8 @@ def test_what_does_not_fit_is_told_and_the_others_go_on(fake_network, tmp_path):
 def test_it_finds_and_checks_simulated_cameras(tmp_path, fake_network):
     project = tmp_path / "project.toml"
     project.write_text(
-        '[cameras]\npixel_format = "Mono12p"\n[cameras.devices]\ncam0 = "127.0.0.11"\ncam1 = "cam1"\n'
-        '[cameras.own.cam1]\npixel_format = "Mono8"\n'
+        '[cameras]\npixel_format = "Mono12p"\ntrigger = "line"\ntrigger_line = "Line0"\n'
+        '[cameras.devices]\ncam0 = "127.0.0.11"\ncam1 = "cam1"\n[cameras.own.cam1]\npixel_format = "Mono8"\n'
     )
     dark = [np.zeros((4, 4), np.uint8)]
     with Bench(tmp_path / "bench", {"cam0": dark, "cam1": dark}, 10):

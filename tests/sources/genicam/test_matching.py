@@ -140,6 +140,15 @@ def test_an_instant_waits_no_longer_than_allowed_and_only_once():
     assert tally.missed == 40
 
 
+def test_at_the_start_the_first_waits_for_the_others():
+    rules = Rules(40 * MS, 5 * MS, 300 * MS, start_ns=2000 * MS)
+    late = Wire(lost=set(range(10, 20)))
+    _, given_out = played({"cam0": Wire(), "cam1": late}, 40, rules)
+    assert set(given_out[0][1].shots) == {"cam0", "cam1"}
+    _, given_out = played({"cam0": Wire(), "cam1": Wire(lost=set(range(10, 60)))}, 60, rules)
+    assert given_out[0][1].shots["cam0"].payload == pytest.approx(10 + 5 + 20, abs=2)
+
+
 def test_it_comes_back_with_a_new_clock_and_count():
     before = Wire(10**15, first_id=900).shots("cam1", range(10, 40), 1)
     after = Wire(5 * 10**9, first_id=1).shots("cam1", range(70, 100), 2)

@@ -60,6 +60,8 @@ class Rules:
     """ptp: the cameras share one clock."""
     common_pulse: bool = False
     """One pulse on a wire triggers all: what stays between two clocks is their error, not skew."""
+    start_ns: int = 0
+    """So long the first camera waits for the others at the start."""
 
 
 @dataclass(slots=True)
@@ -126,6 +128,8 @@ class Matcher(Generic[Payload]):
         self._core = core
         self._cameras = {name: _Camera(self._new_clock()) for name in cameras}
         self._open: list[_Instant[Payload]] = []
+        self._first_ns: int | None = None
+        self._start_ns: int | None = None
         self._given_at_ns: int | None = None
         self._given_time_ns: int | None = None
 
@@ -164,11 +168,22 @@ class Matcher(Generic[Payload]):
         if not one.clock.settled:
             one.apart.clear()
         host_ns = self._host_ns(one, shot.camera_ns) if trusted else None
-        if host_ns is None:
+        if host_ns is None or not self._starts(host_ns, now_ns):
             return
         one.tally.silent = False
         one.newest_ns = host_ns if one.newest_ns is None else max(one.newest_ns, host_ns)
         self._place(shot, host_ns, now_ns)
+
+    def _starts(self, host_ns: int, now_ns: int) -> bool:
+        """Whether an image is of the time from which on all cameras are there, or have had the time to be."""
+        if self._start_ns is None:
+            self._first_ns = now_ns if self._first_ns is None else self._first_ns
+            if now_ns - self._first_ns < self._rules.start_ns and not all(
+                one.tally.heard for one in self._cameras.values()
+            ):
+                return False
+            self._start_ns = now_ns if self._rules.start_ns else host_ns - self._rules.window_ns
+        return host_ns >= self._start_ns
 
     def _host_ns(self, one: _Camera, camera_ns: int) -> int | None:
         """Host time of an image; None where the clock is to be the common one and is not."""

@@ -21,6 +21,8 @@ from beltscape.sources.genicam.settings import WINDOW, CamerasSettings
 
 READY = 16
 """Frame sets that wait to be fetched; beyond, the oldest are dropped."""
+START_S = 2.0
+"""At the start the first camera waits this long for the others."""
 CLOSE_S = 3.0
 """Closing waits this long for the cameras."""
 
@@ -174,6 +176,7 @@ def _rules(settings: CamerasSettings) -> Rules:
         timeout_ns=round(settings.frame_timeout_ms * 1e6),
         clocks=settings.clocks,
         common_pulse=settings.trigger == "line",
+        start_ns=round(START_S * 1e9),
     )
 
 

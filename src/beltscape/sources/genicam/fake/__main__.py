@@ -19,6 +19,8 @@ from beltscape.sources.genicam.fake.capture import pictures_of
 from beltscape.sources.genicam.fake.instants import Instants
 from beltscape.sources.genicam.fake.network import add_addresses
 
+STOP = (signal.SIGINT, signal.SIGTERM)
+
 
 def main(words: Sequence[str]) -> int:
     """Serve until interrupted; 2 where it cannot."""
@@ -38,26 +40,40 @@ def every(words: Sequence[str]) -> int:
     )
     parser.add_argument("--mm-per-count", type=float, default=0.01, help="of the encoder (default: 0.01)")
     arguments = parser.parse_args(words)
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP)  # they are waited for
     pictures, counts, per_round = pictures_of(arguments.capture, arguments.mm_per_count)
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), pictures, arguments.frames_per_s, counts, per_round)
         add_addresses(bench.devices.values())
         with bench:
-            print("[cameras]\nframes_per_s =", arguments.frames_per_s)
-            print(f'pixel_format = "{next(iter(bench.formats.values()))}"\n\n[cameras.devices]')
-            print("\n".join(f'{name} = "{address}"' for name, address in bench.devices.items()))
-            if counts:
-                print(f'\n[cameras.encoder]\nfeature = "{COUNTER}"\nmm_per_count = {arguments.mm_per_count}')
-            sys.stdout.flush()
-            _until_interrupted()
+            print(
+                _settings(bench, arguments.frames_per_s, arguments.mm_per_count if counts else None),
+                flush=True,
+            )
+            signal.sigwait(STOP)
     return 0
+
+
+def _settings(bench: Bench, frames_per_s: float, mm_per_count: float | None) -> str:
+    """The [cameras] table that fits: all clocks are this machine's, and its loopback interface has large packets."""
+    lines = [
+        "[cameras]",
+        f"frames_per_s = {frames_per_s}",
+        f'pixel_format = "{next(iter(bench.formats.values()))}"',
+        f"exposure_us = 1000\nallowed_skew_ms = {150 / frames_per_s:.4g}",
+        'clocks = "ptp"\npacket_size = 9000\n\n[cameras.devices]',
+        *(f'{name} = "{address}"' for name, address in bench.devices.items()),
+    ]
+    if mm_per_count is not None:
+        lines.append(f'\n[cameras.encoder]\nfeature = "{COUNTER}"\nmm_per_count = {mm_per_count}')
+    return "\n".join(lines)
 
 
 def one(folder: Path, name: str, address: str) -> int:
     """One camera of a bench, in this process."""
     camera = FakeCamera(address, name, _shows(folder, name))
     print("listening", flush=True)
-    _until_interrupted()
+    sys.stdin.buffer.read()  # ends with the program that started it, however that ends
     camera.close()
     return 0
 
@@ -72,10 +88,6 @@ def _shows(folder: Path, name: str) -> Callable[[int], tuple[Image, int]]:
         return album[index], counts[index] + rounds * per_round
 
     return picture
-
-
-def _until_interrupted() -> None:
-    signal.sigwait([signal.SIGINT, signal.SIGTERM])
 
 
 if __name__ == "__main__":

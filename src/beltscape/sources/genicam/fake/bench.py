@@ -61,7 +61,9 @@ class Bench:
         for name in names or self.devices:
             self.kill(name)
             command = [sys.executable, "-m", "beltscape.sources.genicam.fake", "one", str(self._folder), name]
-            new[name] = subprocess.Popen([*command, self.devices[name]], stdout=subprocess.PIPE)
+            new[name] = subprocess.Popen(
+                [*command, self.devices[name]], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            )
         self._running.update(new)
         for name, process in new.items():
             if process.stdout is None or not process.stdout.readline():
@@ -74,8 +76,9 @@ class Bench:
         if process is not None:
             process.kill()
             process.wait()
-            if process.stdout is not None:
-                process.stdout.close()
+            for pipe in (process.stdin, process.stdout):
+                if pipe is not None:
+                    pipe.close()
 
     def close(self) -> None:
         """Kill all."""

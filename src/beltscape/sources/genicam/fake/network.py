@@ -8,7 +8,6 @@ import shutil
 import subprocess
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 from beltscape.core.errors import OutputError
 
@@ -55,8 +54,3 @@ def own_network(addresses: Iterable[str]) -> Iterator[None]:
             libc.setns(here, CLONE_NEWNET)
     finally:
         os.close(here)
-
-
-def largest_packet() -> int:
-    """Bytes of a packet that fits the loopback interface."""
-    return min(9000, int(Path("/sys/class/net/lo/mtu").read_text()))

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.sources.genicam.matching import Matched, Matcher, Rules, Shot, lost_between
+from beltscape.sources.genicam.matching import Matcher, lost_between
+from beltscape.sources.genicam.shots import Matched, Rules, Shot
 
 MS = 1_000_000
 PERIOD = 100 * MS

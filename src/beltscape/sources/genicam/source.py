@@ -14,10 +14,11 @@ from beltscape.core.live import CameraHealth
 from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, Opened, Pace
 from beltscape.sources.genicam.device import Raw
 from beltscape.sources.genicam.health import Watch, health_of, silence_limit_s
-from beltscape.sources.genicam.matching import Matched, Matcher, Rules, Shot
+from beltscape.sources.genicam.matching import Matcher
 from beltscape.sources.genicam.pixels import image_from
 from beltscape.sources.genicam.position import BeltCounter
 from beltscape.sources.genicam.settings import WINDOW, CamerasSettings
+from beltscape.sources.genicam.shots import Matched, Rules, Shot
 
 READY = 16
 """Frame sets that wait to be fetched; beyond, the oldest are dropped."""

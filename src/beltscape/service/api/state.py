@@ -47,7 +47,7 @@ class TotalsOut(Out):
 
     records: int
     volume_m3: float
-    sigma_m3: float
+    sigma_m3: Number
     mass_t: Number
     valid_m: float
     degraded_m: float

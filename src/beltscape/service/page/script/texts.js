@@ -69,6 +69,7 @@ export function three(value) {
 
 /** An uncertainty: two digits are enough of it. */
 export function spread(value) {
+  if (value == null || !Number.isFinite(value)) return "";
   const size = Math.abs(value);
   return `±\u00a0${number(value, size >= 9.95 ? 0 : size >= 0.995 ? 1 : 2)}`;
 }

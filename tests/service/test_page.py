@@ -42,15 +42,17 @@ def browser():
 class Site:
     """A plant that runs, the server in front of it, and pages on it."""
 
-    def __init__(self, folder: Path, browser) -> None:
+    def __init__(self, folder: Path, browser, *, frames: int = 8) -> None:
         self.browser = browser
         self.works = works(folder, full_m3_h=900.0, stale_s=1.5)
         self.works.access.accounts.add("ana", "operator", PASSWORD)
         self.server = serve(self.works.app, self.works.settings)
         self.address = self.server.address
-        for _ in range(8):
+        for _ in range(frames):
             self.works.plant.step()
         self.running = Running(self.works.plant)
+        if not frames:
+            self.running.paused.set()
         self.wrong: list[str] = []
         self.elsewhere: list[str] = []
 
@@ -273,3 +275,16 @@ def test_a_screen_without_webgl_shows_the_belt_from_above(site):
     assert page.locator("#belt-flat").is_visible()
     assert site.wrong == []
     page.context.close()
+
+
+def test_before_the_first_frame_it_says_so_and_knows_its_alarms(tmp_path, browser):
+    made = Site(tmp_path, browser, frames=0)
+    made.running.close()
+    page = made.page()
+    page.wait_for_selector("body[data-link=stale]")
+    assert "not seen a frame" in shown(page, "#banner")
+    assert shown(page, "#flow-volume") == "–"
+    assert shown(page, "#alarms-none") == "No alarms"
+    assert made.wrong == []
+    page.context.close()
+    made.close()

@@ -86,11 +86,7 @@ class BeltWindow:
         if stretch.height_mm.shape[0] == 0 or stretch.x_mm.size == 0:
             return
         s = stretch.start_mm + np.arange(stretch.height_mm.shape[0]) * stretch.cell_mm
-        if (
-            self._source_x is None
-            or not np.array_equal(self._source_x, stretch.x_mm)
-            or self._is_behind(s[0])
-        ):
+        if not self._goes_on(stretch):
             self._start(stretch)
         row = np.floor(s / self._cell_mm + 1e-6).astype(np.int64)
         begins = np.flatnonzero(np.diff(row, prepend=row[0] - 1))
@@ -100,8 +96,13 @@ class BeltWindow:
         for number, total, count, good in zip(row[begins], sums, counts, seen, strict=True):
             self._take(_OpenRow(int(number), total, count, good))
 
-    def _is_behind(self, start_mm: float) -> bool:
-        return self._open.number is not None and start_mm < (self._open.number - 1) * self._cell_mm
+    def _goes_on(self, stretch: BeltStretch) -> bool:
+        """Whether it is of the same grid and does not lie before what is there."""
+        if self._source_x is None or not np.array_equal(self._source_x, stretch.x_mm):
+            return False
+        if stretch.cell_mm > self._cell_mm:
+            return False
+        return self._open.number is None or stretch.start_mm >= (self._open.number - 1) * self._cell_mm
 
     def _sums(self, values: NDArray[np.generic], begins: NDArray[np.intp]) -> NDArray[np.float64]:
         """Sums of source cells over the coarse ones, by row and column."""

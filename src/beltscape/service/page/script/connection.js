@@ -77,7 +77,7 @@ function judge() {
   const silent = !socket || socket.readyState !== WebSocket.OPEN || performance.now() - last_ms > SILENT_MS;
   const age = store.age_s;
   const stale_s = store.page?.stale_s ?? 5;
-  const link = silent ? (ever ? "lost" : "waiting") : age == null ? "waiting" : age > stale_s ? "stale" : "live";
+  const link = silent ? (ever ? "lost" : "waiting") : age == null || age > stale_s ? "stale" : "live";
   if (link !== store.link) {
     store.link = link;
     document.body.dataset.link = link;

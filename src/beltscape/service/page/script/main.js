@@ -21,15 +21,14 @@ function show_link() {
 }
 
 function show_banner() {
-  const ever = store.state !== null;
   const age = store.age_s;
   // for the first seconds a page that is just opening says nothing
-  const soon = !ever && performance.now() < 3000;
+  const soon = performance.now() < 3000;
   const text = store.link === "lost" ? t("banner.lost", { time: moment(store.state.wall_ms) })
-    : store.link === "stale" ? t("banner.stale", { age: duration(age) })
-    : store.link === "waiting" && !soon ? t(ever ? "banner.nothing" : "banner.never") : "";
+    : store.link === "stale" ? (age == null ? t("banner.nothing") : t("banner.stale", { age: duration(age) }))
+    : store.link === "waiting" && !soon ? t("banner.never") : "";
   $("banner").hidden = !text;
-  $("retry").hidden = store.link === "stale" || (store.link === "waiting" && ever);
+  $("retry").hidden = store.link === "stale";
   if (text) say($("banner-text"), text);
 }
 

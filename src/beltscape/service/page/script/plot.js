@@ -26,7 +26,7 @@ export class Plot {
     const size = rem();
     const ink = { stroke: colour("quiet"), font: `${size * 0.75}px Inter, sans-serif`, grid: { stroke: colour("line"), width: 1 }, ticks: { show: false } };
     this.chart = new window.uPlot({
-      width: Math.max(this.host.clientWidth, 60), height: Math.max(this.host.clientHeight, 60), padding: [size * 0.5, size * 0.75, 0, 0],
+      width: Math.max(this.host.clientWidth, 60), height: Math.max(this.host.clientHeight, 60), padding: [size * 0.5, size * 1.375, 0, 0],
       legend: { show: false },
       cursor: { drag: { x: false, y: false }, points: { size: 8, fill: colour("data") }, y: false },
       scales: { x: { time: true, range: () => this.span ?? [0, 1] }, y: { range: (_, __, high) => [0, Math.max(high ?? 0, 1) * 1.08] } },

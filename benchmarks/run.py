@@ -22,6 +22,7 @@ import kernels
 from beltscape.kernels.native import levels
 from calibration import calibration
 from captures import demo_scenes, full_size, rendered_scenes
+from live import live
 from real import real_pairs
 from robustness import NOTES as ROBUSTNESS_NOTES
 from robustness import SCENES, robustness
@@ -58,6 +59,7 @@ def sections(folder: Path) -> Iterator[list[str]]:
     yield _section("Whole frames", [])
     yield from frames.frames(scenes, full, found)
     yield [""]
+    yield _section("Running system", live(folder, scenes[0].rig))
     yield _section("Without speckle", frames.without_speckle(folder))
     yield _section("Spoiled frames", [ROBUSTNESS_NOTES, "", *robustness(spoiled)])
     yield _section("Real pairs", real_pairs(folder.parent / "real"))

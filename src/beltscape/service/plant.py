@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from beltscape.core.belt_record import Totals
-from beltscape.core.errors import InputError
 from beltscape.core.live import Observers
 from beltscape.files.atomic import output_folder
 from beltscape.files.systemd import notify
@@ -45,52 +43,32 @@ def run_plant(
     """
     output_folder(ways.data)
     hub = Hub(project.settings.web)
-    with only_one(ways.data):
-        assembled = assemble(project, ways, lambda _: Observers([hub, Log()]))
-        before = assembled.historian.totals
-        with _page(project, ways.data, hub, assembled) if page else nullcontext() as running:
-            assembled.engine.start()
-            notify("READY=1")
-            address, warnings = (None, ()) if running is None else (running.address, running.warnings)
-            started(address, warnings)
-            try:
-                wait(assembled)
-            finally:
-                notify("STOPPING=1")
-                left = assembled.engine.stop()
-        answer = _answer(project, ways.data, before, assembled.historian.totals, left)
-        assembled.close()
-        return answer
+    assembled = assemble(project, ways, Observers([hub, Log()]))
+    before = assembled.historian.totals
+    with _page(project, ways.data, hub, assembled) if page else nullcontext() as running:
+        assembled.engine.start()
+        notify("READY=1")
+        address, warnings = (None, ()) if running is None else (running.address, running.warnings)
+        started(address, warnings)
+        try:
+            wait(assembled)
+        finally:
+            notify("STOPPING=1")
+            left = assembled.engine.stop()
+    answer = _answer(project, ways.data, before, assembled.historian.totals, left)
+    assembled.close()
+    return answer
 
 
 @contextmanager
 def _page(project: Project[ProjectSettings], data: Path, hub: Hub, assembled: Assembled) -> Iterator[Running]:
     web = project.settings.web
-    access = Access(data, web.access)
-    running = serve(create_app(hub, assembled.historian, access, assembled.engine, web), web)
-    try:
-        yield running
-    finally:
-        running.close()
-
-
-@contextmanager
-def only_one(data: Path) -> Iterator[None]:
-    """Hold a data folder: two programs that count into the same ledger would count twice.
-
-    Raises
-    ------
-    InputError
-        When another program holds it.
-    """
-    with (data / ".lock").open("w") as lock:
+    with closing(Access(data, web.access)) as access:
+        running = serve(create_app(hub, assembled.historian, access, assembled.engine, web), web)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise InputError(
-                f"{data}: another beltscape is running on this folder; stop it, or give another data = …"
-            ) from error
-        yield
+            yield running
+        finally:
+            running.close()
 
 
 def days_left(certificate: Path | None, key: Path | None, now_s: Callable[[], float]) -> Callable[[], float]:

@@ -95,7 +95,7 @@ def engine_of(
 ) -> tuple[Engine, Watcher, Historian, Parts]:
     historian, watcher, reporter = history(folder), Watcher(), Silent()
     resume = historian.resume
-    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm)
+    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
     made = bench()
     if matcher is not None:
         object.__setattr__(made, "matcher", matcher)

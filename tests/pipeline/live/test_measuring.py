@@ -12,8 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.belt_record import BeltRecord
+from beltscape.core.progress import Silent
+from beltscape.measure.flow.meter import FlowMeter
+from beltscape.pipeline.flow_chain import FlowChain
 from beltscape.pipeline.live.ledger import Books
-from synthetic.belt_feed import CAMERAS, HEAP, frames, run
+from synthetic.belt_feed import CAMERAS, HEAP, bench, frames, run
 
 STEP_MM = 60.0
 
@@ -62,6 +65,16 @@ def test_one_run_counts_the_encoders_millimetres_and_the_heap() -> None:
     assert loaded.strip is not None
     area = np.trapezoid(loaded.section.height_mm, loaded.section.x_mm)
     assert area == pytest.approx(loaded.strip.area_mm2, rel=0.02)
+
+
+def test_a_run_measures_what_the_command_does() -> None:
+    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in places(0, 3300)]
+    made = bench()
+    chain = FlowChain(made.matcher, FlowMeter(made.ground, made.flow, density=made.density))
+    offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
+    offline += chain.finish()
+    entries = measured(Books(1, 0, None), sets)
+    assert [repr(e.strip) for e in entries] == [repr(r) for r in offline]
 
 
 def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:

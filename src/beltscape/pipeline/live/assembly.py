@@ -32,11 +32,13 @@ from beltscape.pipeline.reconstruction import open_capture
 from beltscape.sinks.csv_sink import CsvSink
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
+from beltscape.sinks.settings import CsvSettings
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.genicam.source import open_cameras
 from beltscape.sources.replay import Cue, ReplaySource
 from beltscape.stereo.multiview import MultiviewReconstructor
 
+_FOR_EVER_NS, _PAGE = 1 << 62, 5000
 SURCHARGE_RAD = float(np.deg2rad(15.0))
 """Angle at which a full load rises to its ridge (DIN 22101)."""
 
@@ -71,30 +73,29 @@ class Assembled:
             sink.close()
 
 
-def assemble(
-    project: Project[RunSettings], ways: Ways, observers: Callable[[Historian], Observer]
-) -> Assembled:
-    """Open all that a run needs; nothing has begun yet. ``observers`` are made once there is a history to look at.
+def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> Assembled:
+    """Open all that a run needs; nothing has begun yet. What does not fit is found before anything is written.
 
     Raises
     ------
     InputError, SettingsError, MeasureError, OutputError
         With one line that names what is wrong and the mend.
     """
-    settings = project.settings
-    historian = Historian(ways.data, settings.history)
-    observer = observers(historian)
-    reporter = Noting(observer)
+    settings, reporter = project.settings, Noting(observer)
     rig = read_rig(project.place(settings.rig))
     if settings.capture is not None:
         rig = fitted(rig, project.place(settings.capture.folder), reporter)
     bench = bench_of(project, rig, reporter)
-    encoder = _encoder(project, ways, historian.resume.end_mm)
     source = _source(project, rig, reporter, paced=ways.paced)
+    historian = Historian(ways.data, settings.history)
     resume = historian.resume
-    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm)
+    ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
+    encoder = _encoder(project, ways, ended)
+    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
     writers = [Writer("historian", historian, told(observer, historian))]
-    tables = [CsvSink(ways.data / "csv", settings.csv)] if settings.csv.enabled else []
+    if historian.mended:
+        reporter.warn(historian.mended)
+    tables = [_table(ways.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
     writers += [Writer("csv", table) for table in tables]
     recording = ways.record and settings.recording.mode != "off"
     board = AlarmBoard(settings.alarms)
@@ -120,6 +121,14 @@ def assemble(
     return Assembled(Engine(parts), historian, board, tables)
 
 
+def _table(folder: Path, settings: CsvSettings, historian: Historian) -> CsvSink:
+    """The table, with what the history has and it has not: a power cut may have taken its last rows."""
+    table = CsvSink(folder, settings)
+    while missing := historian.records(0, _FOR_EVER_NS, limit=_PAGE, after=table.last):
+        table.write(missing)
+    return table
+
+
 def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Bench:
     """What is measured with; images are matched at the width that the settings ask for."""
     settings, matching = project.settings, project.settings.matching
@@ -131,14 +140,14 @@ def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Ben
     return Bench(rig, ground, matcher, settings.flow, density_of(project))
 
 
-def _encoder(project: Project[RunSettings], ways: Ways, end_mm: float | None) -> Encoder | None:
-    """A replay's own table comes with its frames."""
+def _encoder(project: Project[RunSettings], ways: Ways, ended_mm: float | None) -> Encoder | None:
+    """It goes on from where the ledger ended, in its own count. A replay's own table comes with its frames."""
     settings = project.settings
     if settings.encoder.kind == "capture" and settings.capture is not None and not settings.encoder.path:
         return None
     capture = None if settings.capture is None else project.place(settings.capture.folder)
     return open_encoder(
-        settings.encoder, project.path.parent, capture=capture, data=ways.data, resume_mm=end_mm
+        settings.encoder, project.path.parent, capture=capture, data=ways.data, resume_mm=ended_mm
     )
 
 

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt_record import BeltRecord
+from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import LiveSource, Observer, Sight
 from beltscape.core.progress import Reporter
@@ -121,7 +122,7 @@ class Engine:
         board, wall = self._parts.board, time_ns()
         if not board.acknowledge(alarm, by, wall):
             return False
-        self._parts.historian.note("alarm", alarm, "acknowledged", by=by, wall_ns=wall)
+        self._note("alarm", alarm, "acknowledged", wall, by)
         self._parts.observer.alarmed(board.alarms)
         return True
 
@@ -131,8 +132,15 @@ class Engine:
         kept = None if recorder is None else recorder.keep(reason)
         if kept is None:
             return False
-        self._parts.historian.note("recording", kept.name, reason, by=by, wall_ns=time_ns())
+        self._note("recording", kept.name, reason, time_ns(), by)
         return True
+
+    def _note(self, kind: str, name: str, text: str, wall_ns: int, by: str = "") -> None:
+        """An event for the history; a disk that does not take it holds up nothing."""
+        try:
+            self._parts.historian.note(kind, name, text, by=by, wall_ns=wall_ns)
+        except BeltscapeError as error:
+            self._parts.reporter.warn(f"{kind} {name} {text}: not kept: {error}")
 
     def _guarded(self, work: Callable[[], None]) -> Callable[[], None]:
         """A thread that fails says so and goes on: a plant's metre must not stop for one bad frame."""
@@ -266,7 +274,7 @@ class Engine:
         changed = parts.board.update(readings, wall, monotonic_ns())
         for alarm in changed:
             text = f"{alarm.state}: {alarm.detail}" if alarm.detail else alarm.state
-            parts.historian.note("alarm", alarm.name, text, wall_ns=wall)
+            self._note("alarm", alarm.name, text, wall)
             if alarm.state == "raised" and alarm.severity == "critical" and parts.recorder is not None:
                 parts.recorder.keep(alarm.name)
         parts.observer.alarmed(parts.board.alarms)

@@ -1,0 +1,146 @@
+"""The running system: frame sets per second from end to end, and what each of its parts costs."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+
+from beltscape.core.rig import Rig
+from beltscape.core.scaling import scaled_rig
+from beltscape.files.capture import read_capture
+from beltscape.files.images import read_image
+from beltscape.files.rig_json import write_rig
+
+NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras: image files read, depth, flow, a
+record with its cross-section on disk (synchronous) for each frame set. Steady: without the program's start and the
+first frame set, from the difference of two runs, of one and of all rounds. Beside: the time in which four
+cv2.StereoSGBM pairs of the same size (HH, 128 disparities) are done on the same machine."""
+_PRESETS = ("fast", "standard")
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one replay."""
+
+    seconds: float
+    cpu_s: float
+    peak_gib: float
+    records: int
+
+
+def live(rendered: Path, rig: Rig) -> list[str]:
+    """A table in Markdown; the reason where the capture is not there."""
+    capture = rendered / "belt_moving"
+    if not capture.is_dir():
+        return ["Not run: the rendered moving belt is not there."]
+    lines = [
+        NOTES,
+        "",
+        "| size | preset | sets/s | CPU s a set | × 4 SGBM | peak GiB |",
+        "|---|---|---|---|---|---|",
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        plant = Path(folder)
+        for width in (612, 1224):
+            images = _scaled(capture, plant / f"capture{width}", width)
+            empty = _empty(rendered / "belt_empty", plant / f"empty{width}", width, rig)
+            pairs = _four_pairs_s(images)
+            lines += [_row(images, empty, width, preset, pairs) for preset in _PRESETS]
+    return lines
+
+
+def _row(capture: Path, empty: Path, width: int, preset: str, pairs_s: float) -> str:
+    once, often = (_replay(capture, empty, preset, rounds) for rounds in (1, _ROUNDS))
+    sets = often.records - once.records
+    seconds, cpu = (often.seconds - once.seconds) / sets, (often.cpu_s - once.cpu_s) / sets
+    return f"| {width} px | {preset} | {1 / seconds:.2f} | {cpu:.3f} | {seconds / pairs_s:.2f} | {often.peak_gib:.2f} |"
+
+
+def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
+    """One run of the program over so many rounds of the capture."""
+    plant = empty.parent
+    listed = _rounds(capture, plant / f"{capture.name}x{rounds}", rounds)
+    project = plant / f"{capture.name}-{preset}-{rounds}.toml"
+    project.write_text(
+        f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\n[capture]\nfolder = "{listed}"\n'
+        f'[encoder]\nkind = "capture"\n[matching]\npreset = "{preset}"\n[watch]\nlumps_every_s = 0\nedges_every_s = 0\n',
+        encoding="utf-8",
+    )
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    began = perf_counter()
+    out = plant / f"{project.stem}.out"
+    words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    seconds, after = perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Cost(seconds, cpu, after.ru_maxrss / 2**20, json.loads(done.stdout)["records"])
+
+
+def _rounds(capture: Path, folder: Path, rounds: int) -> Path:
+    """A capture in which another follows itself, the belt going on."""
+    frames = read_capture(capture)
+    if folder.is_dir():
+        return folder
+    rows = [line.split(",") for line in (capture / "encoder.csv").read_text().splitlines()[1:]]
+    last, steps = [float(rows[-1][k]) - float(rows[0][k]) for k in (1, 2)], len(rows) - 1
+    table = ["frame,timestamp_s,belt_position_mm"]
+    for around in range(rounds):
+        for name, time_s, position_mm in rows:
+            shift = [around * part * (steps + 1) / steps for part in last]
+            frame = f"{around}{Path(name).stem}"
+            table.append(f"{frame},{float(time_s) + shift[0]},{float(position_mm) + shift[1]}")
+            for camera, files in frames.files.items():
+                target = folder / camera / f"{frame}{files[Path(name).stem].suffix}"
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.link(files[Path(name).stem], target)
+    (folder / "encoder.csv").write_text("\n".join(table) + "\n", encoding="utf-8")
+    return folder
+
+
+def _scaled(capture: Path, folder: Path, width: int) -> Path:
+    """The capture with images of that width."""
+    for camera, files in read_capture(capture).files.items():
+        (folder / camera).mkdir(parents=True)
+        for frame, file in files.items():
+            image = read_image(file)
+            height = round(image.shape[0] * width / image.shape[1])
+            small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+            cv2.imwrite(str(folder / camera / f"{frame}.png"), small if small.ndim == 2 else small[..., ::-1])
+    for table in capture.glob("encoder.csv"):
+        shutil.copy(table, folder)
+    return folder
+
+
+def _empty(capture: Path, folder: Path, width: int, rig: Rig) -> Path:
+    """The empty belt, reconstructed at that size."""
+    images = _scaled(capture, folder / "images", width)
+    write_rig(folder / "rig.json", scaled_rig(rig, width / rig.core_camera.size_px[0]))
+    words = [sys.executable, "-m", "beltscape", "reconstruct", str(images), "--rig", str(folder / "rig.json")]
+    subprocess.run([*words, "--out", str(folder / "out"), "--json"], check=True, capture_output=True)
+    return folder / "out"
+
+
+def _four_pairs_s(capture: Path) -> float:
+    """Seconds for four pairs of OpenCV's matcher; the best of three."""
+    cameras = read_capture(capture)
+    images = [read_image(next(iter(files.values()))) for files in cameras.files.values()]
+    grey = [image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]
+    matcher = cv2.StereoSGBM.create(0, 128, 5, 8 * 25, 32 * 25, mode=cv2.StereoSGBM_MODE_HH)
+    times = []
+    for _ in range(3):
+        began = perf_counter()
+        for other in grey[1:]:
+            matcher.compute(grey[0], other)
+        times.append(perf_counter() - began)
+    return min(times)

@@ -1,34 +1,39 @@
-"""Fit what is believed of a surface to simulated captures with truth: data/belief.json, the weights of sigma.
+"""Fit what is believed of a surface, confidence and sigma, to simulated captures with truth: data/belief.json.
 
     python tools/fit_belief.py CAPTURE…
 
 Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with
-and without speckle, of several rigs, sizes and seeds. Every capture is matched with all its auxiliaries,
-with some and with one, by several presets, and as a plant might spoil it: noise, a darker camera, one out of focus.
-Judge the result on captures that are not among them.
+and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
+than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
+matched with all its auxiliaries, with some and with one, by several presets, and as a plant might spoil it: noise, a
+darker camera, one out of focus. A capture named twice counts twice: what ships had flat-faced stones and empty belts
+as often as rough stones. Confidence goes on from the weights that ship, sigma begins anew. Judge the result on
+captures that are not among them.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.linalg import block_diag
 
 import beltscape
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
+from beltscape.evaluate.depth import interior_pixels
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
+from beltscape.stereo.belief import fitted
 from beltscape.stereo.evidence import evidence
-from beltscape.stereo.judge import SIGMA_WEIGHTS
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import grid_unit
@@ -42,12 +47,26 @@ ALONG_MM = 240.0
 """The projector lights little more of the belt."""
 ON_FAILURE_MM = (560.0, 800.0)
 """Depth range of captures that show nothing, which are to be learnt from as well."""
-SAMPLES = 30_000
-UNITS, EPOCHS, BATCH, RATE, DECAY = 32, 16, 2048, 3e-3, 1e-5
+SAMPLES = 20_000
+"""Of a match's own scene; of the belt beside it a third of that."""
+UNITS, SIGMA_UNITS = 40, 32
+EPOCHS, BATCH, DECAY = 12, 4096, 1e-5
+RATE, RATE_ON = 5e-3, 8e-4
+"""Of the descent, from chance weights and from fitted ones."""
+SMALL = 0.84
+"""Actual over predicted sigma at half the images' size, over plain captures of 612 px beside those fitted to."""
+NEAR = 0.15
+"""What a pixel near a true step counts for in sigma."""
 LIMIT = 4.0
 """Evidence is clamped to so many standard deviations about its mean."""
-BELIEVED = 0.8
-"""Sigma is fitted to pixels of at least this confidence."""
+BELIEVED = 0.6
+"""Sigma is fitted to pixels of at least this confidence ..."""
+MOST_MM = 5.0
+"""... and no greater error: what is false is confidence's to tell."""
+MAD = 1.4826
+"""Sigma over the median error, of a normal distribution."""
+ROUND = 0.1
+"""About its corner the absolute error's logarithm is bent as a parabola."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +77,8 @@ class Sample:
     evidence: np.ndarray
     dz_mm: np.ndarray
     ds_px: np.ndarray
+    interior: np.ndarray
+    """Of pixels away from true steps."""
 
 
 def samples(folder: Path) -> Iterator[Sample]:
@@ -72,6 +93,7 @@ def samples(folder: Path) -> Iterator[Sample]:
         (every[1::2], "standard", same),
         (every[:1], "standard", same),
         (every, "fast", same),
+        (every, "fine", same),
         (every, "standard", noisy),
         (every, "fast", uneven),
         (every[:2], "standard", blurred),
@@ -156,37 +178,122 @@ def _sample(
     rays = rig.core_camera.rays()[inside]
     scene = label >= 10 if (label >= 10).any() else label == (2 if (label == 2).any() else 1)
     seen = seen_by(s, match.prepared.views, match.prepared.sizes, load())
-    use = scene & (np.abs(rays[..., 1] * true_mm) <= ALONG_MM) & (seen > 0) & np.isfinite(s)
+    use = (np.abs(rays[..., 1] * true_mm) <= ALONG_MM) & (seen > 0) & np.isfinite(s)
+    beside = use & ~scene & ((label == 1) | (label == 2))
     listed = list(evidence(match.chosen, match.refined, match.prepared, seen, windows(width).scale))
     unit = grid_unit(rig, names, step)
-    chosen = np.random.default_rng(0).permutation(np.flatnonzero(use))[:SAMPLES]
+    rng = np.random.default_rng(0)
+    chosen = np.concatenate([
+        rng.permutation(np.flatnonzero(where))[:most]
+        for where, most in ((use & scene, SAMPLES), (beside, SAMPLES // 3))
+    ])  # fmt: skip
     found, true = s.ravel()[chosen].astype(float), true_mm.ravel()[chosen].astype(float)
     return Sample(
         tuple(name for name, _ in listed),
         np.stack([np.asarray(value).ravel()[chosen] for _, value in listed], axis=-1).astype(np.float32),
         1 / (found * unit) - true,
         found - 1 / (true * unit),
+        interior_pixels(truth["depth_mm"].astype(float))[inside].ravel()[chosen],
     )
 
 
-def fit(x: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hidden and output layer for evidence in standard units, to the likelihood of ``right``."""
+Layers = tuple[np.ndarray, np.ndarray]
+"""Hidden and output."""
+Slope = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Answers and targets (n,) → of the loss by the answer, (n,)."""
+
+
+def of_right(answer: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Of the cross-entropy: the answer becomes the logit of what share is right."""
+    return 1 / (1 + np.exp(-answer)) - right
+
+
+def of_size(answer: np.ndarray, log_size: np.ndarray) -> np.ndarray:
+    """Of the absolute deviation: the answer becomes the median of the logarithm, whatever lies far off."""
+    return np.clip((answer - log_size) / ROUND, -1, 1)
+
+
+def limits_of(x: np.ndarray) -> np.ndarray:
+    """(2, n) beyond which evidence (N, n) is rare, and says no more."""
+    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float)
+    low, high = mean - LIMIT * spread, mean + LIMIT * spread
+    return np.stack([np.maximum(low, x.min(axis=0)), np.minimum(high, x.max(axis=0))])
+
+
+def fit(
+    x: np.ndarray,
+    limits: np.ndarray,
+    target: np.ndarray,
+    slope: Slope,
+    weight: np.ndarray,
+    start: Layers,
+    rate: float,
+) -> Layers:
+    """Layers that bring the answers to evidence within its limits to the targets."""
+    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float) + 1e-6
+    within = ((np.clip(x, *limits) - mean) / spread).astype(np.float32)
+    hidden, output = (layer.astype(float) for layer in start)
+    hidden[:, -1] += hidden[:, :-1] @ mean
+    hidden[:, :-1] *= spread
+    descend(hidden, output, within, target, slope, weight / weight.mean(), rate)
+    hidden[:, -1] -= hidden[:, :-1] @ (mean / spread)
+    hidden[:, :-1] /= spread
+    return hidden, output
+
+
+def descend(
+    hidden: np.ndarray,
+    output: np.ndarray,
+    x: np.ndarray,
+    target: np.ndarray,
+    slope: Slope,
+    weight: np.ndarray,
+    rate: float,
+) -> None:
+    """Layers for evidence in standard units, in place."""
     rng = np.random.default_rng(0)
-    n = x.shape[1]
-    hidden, output = rng.normal(0, (2 / n) ** 0.5, (UNITS, n + 1)), rng.normal(0, UNITS**-0.5, (1, UNITS + 1))
-    hidden[:, -1] = output[:, -1] = 0
     descent = Adam(hidden), Adam(output)
     batches = len(x) // BATCH
     for epoch in range(EPOCHS):
         order = rng.permutation(len(x))
         for i in range(batches):
             batch = order[i * BATCH : (i + 1) * BATCH]
-            rate = RATE * (1 - (epoch * batches + i) / (EPOCHS * batches))
-            slopes = _gradients(hidden, output, x[batch], right[batch])
-            for one, slope in zip(descent, slopes, strict=True):
-                one.step(slope, rate)
+            left = 1 - (epoch * batches + i) / (EPOCHS * batches)
+            slopes = _gradients(hidden, output, x[batch], target[batch], slope, weight[batch])
+            for one, down in zip(descent, slopes, strict=True):
+                one.step(down, rate * left)
         print(f"epoch {epoch + 1} of {EPOCHS}", file=sys.stderr)
+
+
+def anew(x: np.ndarray, target: np.ndarray, units: int) -> Layers:
+    """By chance, for evidence in its own units; the answer begins at the targets' median."""
+    rng = np.random.default_rng(0)
+    n = x.shape[1]
+    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float) + 1e-6
+    hidden = np.hstack([rng.normal(0, (2 / n) ** 0.5, (units, n)) / spread, np.zeros((units, 1))])
+    hidden[:, -1] = -hidden[:, :-1] @ mean
+    return hidden, np.append(rng.normal(0, units**-0.5, units), np.median(target))[None]
+
+
+def shipped(names: tuple[str, ...], x: np.ndarray) -> Layers:
+    """Confidence's part of the weights that ship, new units and new evidence without a say yet."""
+    belief = fitted()
+    own = np.flatnonzero(belief.output[0, :-1])[:UNITS]
+    hidden, output = anew(x, np.zeros(1), UNITS)
+    output[0, :-1], output[0, -1] = 0, belief.output[0, -1]
+    output[0, : len(own)] = belief.output[0, own]
+    hidden[: len(own)] = 0
+    hidden[: len(own), -1] = belief.hidden[own, -1]
+    for column, name in enumerate(names):
+        if name in belief.names:
+            hidden[: len(own), column] = belief.hidden[own, belief.names.index(name)]
     return hidden, output
+
+
+def answers(x: np.ndarray, limits: np.ndarray, hidden: np.ndarray, output: np.ndarray) -> np.ndarray:
+    """(n,) of a network with one."""
+    units = np.maximum(np.clip(x, *limits) @ hidden[:, :-1].T + hidden[:, -1], 0)
+    return units @ output[0, :-1] + output[0, -1]
 
 
 class Adam:
@@ -206,57 +313,56 @@ class Adam:
 
 
 def _gradients(
-    hidden: np.ndarray, output: np.ndarray, x: np.ndarray, right: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Of the mean cross-entropy."""
+    hidden: np.ndarray,
+    output: np.ndarray,
+    x: np.ndarray,
+    target: np.ndarray,
+    slope: Slope,
+    weight: np.ndarray,
+) -> Layers:
+    """Of the mean loss."""
     one = np.ones((len(x), 1))
     x = np.hstack([x, one])
     units = np.maximum(x @ hidden.T, 0)
-    pull = (1 / (1 + np.exp(-np.hstack([units, one]) @ output.T)) - right[:, None]) / len(x)
+    answer = (np.hstack([units, one]) @ output.T)[:, 0]
+    pull = (weight * slope(answer, target))[:, None] / len(x)
     back = (pull @ output[:, :-1]) * (units > 0)
     return back.T @ x, pull.T @ np.hstack([units, one])
 
 
-def sigma_weights(x: np.ndarray, size_px: np.ndarray) -> np.ndarray:
-    """Median regression of the logarithm of the error, by reweighted least squares; σ is 1.4826 medians."""
-    y = np.log(size_px + 1e-4)
-    w = np.linalg.lstsq(x, y)[0]
-    for _ in range(60):
-        weight = 1 / np.maximum(np.abs(y - x @ w), 0.02)
-        w = np.linalg.solve((x * weight[:, None]).T @ x, (x * weight[:, None]).T @ y)
-    w[-1] += np.log(1.4826)
-    return w
-
-
 def main() -> None:
-    """Match, fit, write data/belief.json, print the weights of sigma."""
+    """Match, fit both networks, write them as one."""
     found = [sample for folder in sys.argv[1:] for sample in samples(Path(folder))]
     names = found[0].names
     x = np.concatenate([sample.evidence for sample in found])
     dz, ds = (np.abs(np.concatenate([getattr(s, field) for s in found])) for field in ("dz_mm", "ds_px"))
-    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float) + 1e-6
-    low, high = (
-        np.maximum(mean - LIMIT * spread, x.min(axis=0)),
-        np.minimum(mean + LIMIT * spread, x.max(axis=0)),
-    )
-    hidden, output = fit((np.clip(x, low, high) - mean) / spread, dz <= GROSS_MM)
-    hidden[:, -1] -= hidden[:, :-1] @ (mean / spread)
-    hidden[:, :-1] /= spread
-    write(names, {"limits": np.stack([low, high]), "hidden": hidden, "output": output})
-    logit = (
-        np.maximum(np.clip(x, low, high) @ hidden[:, :-1].T + hidden[:, -1], 0) @ output[0, :-1]
-        + output[0, -1]
-    )
-    known = (logit > np.log(BELIEVED / (1 - BELIEVED))) & (dz <= GROSS_MM)
-    columns = [names.index(name) for name in SIGMA_WEIGHTS]
-    inputs = np.column_stack([x[known][:, columns], np.ones(known.sum())])
-    weights = sigma_weights(inputs, ds[known])
-    print(
-        {
-            name: round(float(w), 3)
-            for name, w in zip([*(names[i] for i in columns), "constant"], weights, strict=True)
-        }
-    )
+    x = np.delete(x, names.index("size"), axis=1)
+    names = tuple(name for name in names if name != "size")
+    limits = limits_of(x)
+    right, even = dz <= GROSS_MM, np.ones(len(x))
+    belief = fit(x, limits, right, of_right, even, shipped(names, x), RATE_ON)
+    known = (answers(x, limits, *belief) > np.log(BELIEVED / (1 - BELIEVED))) & (dz <= MOST_MM)
+    sizes = np.log(MAD * np.maximum(ds[known], 1e-6))
+    weight = np.where(np.concatenate([sample.interior for sample in found])[known], 1, NEAR)
+    start = anew(x[known], sizes, SIGMA_UNITS)
+    sigma = fit(x[known], limits, sizes, of_size, weight, start, RATE)
+    hidden, outputs = zip(belief, sigma, strict=True)
+    constants = np.concatenate([output[:, -1:] for output in outputs])
+    output = np.hstack([block_diag(*(output[:, :-1] for output in outputs)), constants])
+    write((*names, "size"), with_size({"limits": limits, "hidden": np.concatenate(hidden), "output": output}))
+
+
+def with_size(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """One more evidence and unit: smaller images' sigma is `SMALL` times as large a halving."""
+    limits, hidden, output = (parts[part] for part in ("limits", "hidden", "output"))
+    hidden = np.insert(hidden, -1, 0, axis=1)
+    unit = np.zeros(hidden.shape[1])
+    unit[-2] = -1
+    return {
+        "limits": np.hstack([limits, np.log([[0.5], [1.8]])]),
+        "hidden": np.vstack([hidden, unit]),
+        "output": np.insert(output, -1, [0, np.log2(SMALL)], axis=1),
+    }
 
 
 def write(names: tuple[str, ...], parts: dict[str, np.ndarray]) -> None:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene
+from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.evidence import evidence
-from beltscape.stereo.judge import SIGMA_WEIGHTS, Verdict, judge
+from beltscape.stereo.judge import Verdict, judge
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.propagate import propagate
 from beltscape.stereo.refine import refine
@@ -59,7 +59,6 @@ def test_every_weight_is_of_some_evidence():
     seen, scale = np.ones(made.s.shape, np.uint8), windows(made.s.shape[1]).scale
     found = dict(evidence(chosen, refined, made.prepared, seen, scale))
     assert set(fitted().names) <= found.keys()
-    assert set(SIGMA_WEIGHTS) - {"constant"} <= found.keys()
     for name, value in found.items():
         assert np.isfinite(value).all(), name
         assert value.shape == made.s.shape
@@ -72,7 +71,7 @@ def test_the_weights_that_ship_fit_each_other():
     assert (belief.limits[0] <= belief.limits[1]).all()
     assert belief.limits.shape == (2, n)
     assert belief.hidden.shape == (k, n + 1)
-    assert belief.output.shape == (1, k + 1)
+    assert belief.output.shape == (2, k + 1)
 
 
 def test_relief_and_light_are_what_their_names_say():
@@ -91,6 +90,35 @@ def test_relief_and_light_are_what_their_names_say():
         window = np.ones((side, side), np.uint8)
         span = cv2.dilate(s, window) - cv2.erode(s, window)
         np.testing.assert_allclose((nearer + farther)[span < 30], span[span < 30], atol=1e-3)
+
+
+def test_steps_and_distances_are_told_in_pixels_of_a_grid_of_scale_one():
+    made = scene(*STEP, noise=1.0)
+    chosen, refined = stages(made, made.s)
+    seen = np.ones(made.s.shape, np.uint8)
+    one, two = (dict(evidence(chosen, refined, made.prepared, seen, scale)) for scale in (1.0, 2.0))
+    for name in ("at a step", "near a step"):
+        np.testing.assert_allclose(two[name] ** 2, one[name], atol=1e-6)
+    off = one["off its neighbours"]
+    assert (off > 0).any()
+    np.testing.assert_allclose(two["off its neighbours"][off < 1], off[off < 1] / 2, atol=1e-6)
+
+
+def test_planes_turn_less_than_round_flanks_and_what_was_left_alone_has_not_moved():
+    flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
+    found = []
+    for made in (flat, round_):
+        chosen, refined = stages(made, made.s)
+        seen = np.ones(made.s.shape, np.uint8)
+        still = replace(chosen, surface=refined.surface)
+        moved, left = (dict(evidence(c, refined, made.prepared, seen, 1.0)) for c in (chosen, still))
+        assert (left["moved"] <= moved["moved"] + 1e-5).all()
+        assert np.ptp(left["moved"]) < 1e-5
+        found.append(moved)
+    height, width = flat.s.shape
+    flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
+    for name in ("turn", "wide turn"):
+        assert np.median(found[1][name][flank]) > np.median(found[0][name][flank]) + 0.5
 
 
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])
@@ -131,6 +159,14 @@ def test_confidence_and_sigma_are_what_they_say_they_are():
     assert ((judged.confidence >= 0) & (judged.confidence <= 1)).all()
     assert not judged.confidence[np.isnan(left)].any()
     assert (judged.sigma[judged.confidence > 0] > 0).all()
+
+
+def test_sigma_is_larger_on_round_flanks_than_on_a_plane():
+    flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
+    height, width = flat.s.shape
+    flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
+    on_plane, on_flank = (np.median(verdict(made, made.s)[0].sigma[flank]) for made in (flat, round_))
+    assert on_flank > 1.3 * on_plane
 
 
 def test_sigma_grows_with_the_noise():

@@ -1,4 +1,4 @@
-"""The fitted network that turns a pixel's evidence into confidence."""
+"""The fitted network that turns a pixel's evidence into confidence and sigma."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Belief:
     hidden: Array
     """(k, n + 1)."""
     output: Array
-    """(1, k + 1), to the logit of the confidence."""
+    """(2, k + 1), to the logit of the confidence and the logarithm of sigma in px of s."""
 
 
 @cache

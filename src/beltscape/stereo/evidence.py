@@ -12,7 +12,7 @@ from beltscape.stereo.levels import local_variance
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.propagate import Propagated
 from beltscape.stereo.refine import Refined
-from beltscape.stereo.surface import steps
+from beltscape.stereo.surface import Surface, steps
 
 Array = NDArray[np.floating]
 
@@ -21,15 +21,18 @@ STEP_PX = 2.5
 _WIDE_PX = 31
 """Side of the window with whose light a pixel's own is compared: several dots wide."""
 _MOST_PX = 30.0
-"""A step counts as no higher than that."""
+"""A step counts as no higher than that, ..."""
+_MOST_OFF_PX = 5.0
+"""... and a pixel as no farther off its neighbours."""
 
 
 def evidence(
     chosen: Propagated, refined: Refined, prepared: PreparedFrame, seen: NDArray[np.uint8], scale: float
 ) -> Iterator[tuple[str, Array]]:
-    """Planes (H, W) by name; windows grow with ``scale``, NaN of the surface counts as 0.
+    """Planes (H, W) by name; windows and distances grow with ``scale``, NaN of the surface counts as 0.
 
-    ``seen`` (H, W) is how many auxiliaries see the surface.
+    ``seen`` (H, W) is how many auxiliaries see the surface. A shape's steps and distances in px grow with the
+    images; they are told in px of a grid of scale 1, so that the same shape gives the same evidence at any size.
     """
     s = np.nan_to_num(refined.surface.s).astype(np.float32)
     core = np.maximum(np.nan_to_num(prepared.core), 0).astype(np.float32)  # splines undershoot
@@ -40,16 +43,20 @@ def evidence(
     yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
     yield "margin", margin
     yield "some margin", np.minimum(margin, 0.15)
-    yield "off its neighbours", np.minimum(np.abs(s - cv2.medianBlur(s, 5)), 5)
-    to_step = _to_step(s)
+    px = np.float32(1 / scale)
+    yield "off its neighbours", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFF_PX)
+    to_step = px * _to_step(s)
     yield "at a step", np.exp(-to_step)
     yield "near a step", np.exp(-to_step / 4)
     surface = refined.surface
     yield "steepness", np.nan_to_num(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
     yield from _roughness(s, scale)
+    yield from _turning(surface, scale)
+    yield "moved", _moved(chosen, s, scale)
     yield from _relief(s, scale)
     yield from _light(core, np.float32(prepared.noise.levels), scale)
     information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), _window(5, scale))
+    yield "size", np.full_like(s, np.log(scale))
     yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
 
@@ -74,12 +81,30 @@ def _roughness(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
         yield name, np.log(cv2.blur(off, side) + np.float32(least))
 
 
+def _turning(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
+    """By how much the fitted planes differ about a pixel: facets and tops are even, edges and round flanks not.
+
+    Each is the logarithm of the slopes' standard deviation in a window.
+    """
+    slopes = [np.clip(np.nan_to_num(slope), -3, 3) for slope in (surface.slope_u, surface.slope_v)]
+    for name, window_px in (("turn", 5), ("wide turn", 15)):
+        side = _window(window_px, scale)
+        yield name, 0.5 * np.log(_spread(slopes[0], side) + _spread(slopes[1], side) + np.float32(1e-8))
+
+
+def _moved(chosen: Propagated, s: Array, scale: float) -> Array:
+    """(H, W) logarithm of how far the last iterations still moved the surface, px, averaged over a window."""
+    before = np.nan_to_num(chosen.surface.s).astype(np.float32)
+    return np.log(cv2.blur(np.minimum(np.abs(s - before), 2), _window(5, scale)) + np.float32(0.002))
+
+
 def _relief(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
     """How much nearer and farther the surface comes about a pixel: what may hide it, what it may hide."""
+    px = np.float32(1 / scale)
     for window_px in (5, 11, 21):
         window = np.ones(_window(window_px, scale), np.uint8)
-        yield f"nearer within {window_px}", np.minimum(cv2.dilate(s, window) - s, _MOST_PX)
-        yield f"farther within {window_px}", np.minimum(s - cv2.erode(s, window), _MOST_PX)
+        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, window) - s), _MOST_PX)
+        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, window)), _MOST_PX)
 
 
 def _light(core: Array, noise: np.float32, scale: float) -> Iterator[tuple[str, Array]]:
@@ -108,4 +133,7 @@ def _window(window_px: int, scale: float) -> tuple[int, int]:
 def _to_step(s: Array) -> Array:
     """(H, W) distance to the nearest depth step of the surface itself, px."""
     step = steps(s, STEP_PX)
-    return np.asarray(cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5), np.float32)
+    distance = cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.minimum(
+        np.asarray(distance, np.float32), 1e4
+    )  # without any step it is a number near the largest

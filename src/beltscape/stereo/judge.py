@@ -23,16 +23,6 @@ REACH_PX = 9
 """A flat pixel may be held by texture so far away that its fit's window still touches it."""
 CONTRADICTION = 0.4
 """Mean dissimilarity from which on views that do not agree contradict the surface."""
-SIGMA_CONSTANT = 1.716
-SIGMA_WEIGHTS: dict[str, float] = {
-    "log sigma": 0.867,
-    "bend": 0.317,
-    "wide bend": 0.182,
-    "cost around": 0.766,
-    "near a step": -1.268,
-    "steepness": 1.358,
-}
-"""Of the evidence in the logarithm of sigma."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,17 +47,14 @@ def judge(
 ) -> Verdict:
     """Sigma and confidence of a refined surface, on a grid ``scale`` times finer than `windows` tells sizes for.
 
-    Confidence is a small network's answer to what `evidence` lists, sigma an exponential function of some of it;
-    both were fitted to simulated frames with known truth (docs/matching.md), sigma to the median error.
+    Both are a small network's answers to what `evidence` lists, fitted to simulated frames with known truth
+    (docs/matching.md): confidence to what is right, sigma to the median error.
     """
     seen = seen_by(refined.surface.s, prepared.views, prepared.sizes, kernels, threads)
     belief, found = fitted(), dict(evidence(chosen, refined, prepared, seen, scale))
-    (logit,) = kernels.perceptron(
+    logit, log_sigma = kernels.perceptron(
         [found[name] for name in belief.names], belief.limits, belief.hidden, belief.output, threads=threads
     )
-    log_sigma = np.full_like(logit, SIGMA_CONSTANT)
-    for name, weight in SIGMA_WEIGHTS.items():
-        log_sigma += np.float32(weight) * found[name]
     confidence = 1 / (1 + np.exp(-logit))
     trusted = np.isfinite(refined.surface.s) & (seen > 0) & _told(chosen, refined, prepared)
     return Verdict(

@@ -203,3 +203,11 @@ def test_without_signing_in_nothing_is_told(tmp_path):
         assert stranger("GET", path).status_code == 401, path
     assert stranger("GET", "/", headers={"accept": "text/html"}).status_code == 303
     made.history.close()
+
+
+def test_totals_of_before_are_there_from_the_start(tmp_path):
+    first = works(tmp_path, 4)
+    first.history.close()
+    again = works(tmp_path, access=OPEN)
+    assert again.browser()("GET", "/api/state").json()["totals"]["valid_m"] == pytest.approx(4 * 0.48)
+    again.history.close()

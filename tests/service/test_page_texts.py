@@ -61,10 +61,10 @@ def test_the_same_gaps_are_filled_in_every_language():
 
 
 def test_every_key_that_is_asked_for_is_there():
-    asked = set(re.findall(r'data-(?:text|label|title)="([^"]+)"', PAGE))
+    asked = set(re.findall(r'data-(?:text|label|title|hint)="([^"]+)"', PAGE))
     for script in SCRIPTS.values():
         asked |= set(re.findall(rf'\bt\("({KEY})"', script)) | set(
-            re.findall(rf'"data-(?:text|label|title)": "({KEY})"', script)
+            re.findall(rf'"data-(?:text|label|title|hint)": "({KEY})"', script)
         )
     assert asked - set(TEXTS) == set()
     assert len(asked) > 60

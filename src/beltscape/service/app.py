@@ -31,6 +31,7 @@ def create_app(
         docs_url=None,  # its page would load scripts from elsewhere
         redoc_url=None,
     )
+    hub.resumed(history.totals)
     behind = Behind(hub, history, controls, settings)
     for room in (state, pictures, controls_api, history_api, export, metrics):
         app.include_router(room.routes(behind))

@@ -132,6 +132,12 @@ class Hub:
                 self._seen[name] = _Seen(sight.frames.frame, wall_ns, image)
             self._point(wall_ns, now_s)
 
+    def resumed(self, totals: Totals) -> None:
+        """What the ledger added up to when the program was started."""
+        with self._lock:
+            if not self._records:
+                self._totals = totals
+
     def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         """Records were acknowledged; the totals with them."""
         with self._lock:

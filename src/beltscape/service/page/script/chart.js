@@ -61,6 +61,20 @@ async function ask() {
   show();
 }
 
+/** What was before this page, or the program behind it, was opened: from the history. */
+async function backfill() {
+  const until_ms = Math.round(Date.now() + store.clock_ms);
+  try {
+    const before = of_series(await get("/api/series", { since_ms: until_ms - RANGES.m15 * 1000, until_ms, points: 180 }));
+    const first = live[0][0] ?? until_ms / 1000;
+    const end = before[0].findIndex((s) => s >= first);
+    live = live.map((column, i) => [...(end < 0 ? before[i] : before[i].slice(0, end)), ...column]);
+    show();
+  } catch {
+    // the chart then begins now
+  }
+}
+
 export function choose(name) {
   range = name;
   older = null;
@@ -79,7 +93,13 @@ export function start() {
   for (const name of Object.keys(RANGES))
     $("chart-ranges").append(make("button", { type: "button", "data-range": name, "data-text": `chart.${name}`, on: { click: () => choose(name) } }));
   plot = new Plot($("chart"));
-  store.on("flow", (message) => { add(message); show(); });
+  let filled = false;
+  store.on("flow", (message) => {
+    add(message);
+    if (!filled) backfill();
+    filled = true;
+    show();
+  });
   for (const subject of ["theme", "texts", "layout"]) store.on(subject, () => { plot.build(); show(); });
   store.on("tick", () => { ask(); if (store.link !== "live") return; show(); });
   choose("m5");

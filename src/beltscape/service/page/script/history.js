@@ -16,8 +16,8 @@ function build() {
     ...Object.keys(PRESETS).map((name) => make("button", { type: "button", "data-preset": name, "data-text": `chart.${name}`, on: { click: () => choose(name) } })));
   const form = make("form", { novalidate: true }, presets, field("history-from", "history.from"), field("history-to", "history.to"), make("button", { class: "plain", "data-text": "history.show" }),
     make("div", { class: "exports" }, make("span", { class: "soft", "data-text": "history.export" }),
-      make("a", { class: "plain", id: "export-csv", download: true, "data-text": "history.export_csv", "data-title": "history.export_of" }),
-      make("a", { class: "plain", id: "export-parquet", download: true, "data-text": "history.export_parquet", "data-title": "history.export_of" })));
+      make("a", { class: "plain", id: "export-csv", download: true, "data-text": "history.export_csv", "data-hint": "history.export_of" }),
+      make("a", { class: "plain", id: "export-parquet", download: true, "data-text": "history.export_parquet", "data-hint": "history.export_of" })));
   form.addEventListener("submit", (event) => { event.preventDefault(); by_dates(); });
   const panel = (name, key, ...inside) => make("section", { class: `panel ${name}` }, make("header", {}, make("h2", { "data-text": key })), ...inside);
   $("history-view").append(

@@ -32,10 +32,11 @@ export function t(key, values = {}) {
 
 export const has = (key) => key in table;
 
-/** Fill in data-text, data-label and data-title below an element. */
+/** Fill in data-text, data-label, data-hint and data-title (both of them) below an element. */
 export function apply(root) {
   for (const element of root.querySelectorAll("[data-text]")) element.textContent = t(element.dataset.text);
   for (const element of root.querySelectorAll("[data-label]")) element.setAttribute("aria-label", t(element.dataset.label));
+  for (const element of root.querySelectorAll("[data-hint]")) element.title = t(element.dataset.hint);
   for (const element of root.querySelectorAll("[data-title]")) {
     element.title = t(element.dataset.title);
     element.setAttribute("aria-label", t(element.dataset.title));

@@ -7,14 +7,14 @@ import { store } from "./store.js";
 import { number, t, unit } from "./texts.js";
 import { viridis } from "./viridis.js";
 
-const WINDOW_M = 6, FRAME_MS = 33;
+const WINDOW_M = 6, FRAME_MS = 33, SOFTWARE_MS = 500;
 const HOME = { turn: 0.62, rise: 0.44, zoom: 1 };
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const rows = new BeltRows();
 let scene = null, flat = null, orbit = null;
 let at = null;       // the newest edge as shown, in rows
 let high_mm = 100;
-let drawn_ms = 0, drawn = "", seen = true;
+let drawn_ms = 0, drawn = "", aimed = "", seen = true;
 
 function nice(mm) {
   const steps = [20, 30, 40, 50, 60, 80, 100, 120, 150, 200, 250, 300, 400, 500, 600, 800, 1000, 1500, 2000];
@@ -44,7 +44,8 @@ function run(elapsed_s) {
 
 function frame(now) {
   requestAnimationFrame(frame);
-  if (now - drawn_ms < FRAME_MS || !seen || document.hidden || !rows.there || $("live-view").hidden) return;
+  const turned = orbit && [orbit.turn, orbit.rise, orbit.scale].join() !== aimed;
+  if (now - drawn_ms < (scene?.software && !turned ? SOFTWARE_MS : FRAME_MS) || !seen || document.hidden || !rows.there || $("live-view").hidden) return;
   run(Math.min((now - drawn_ms) / 1000, 0.5));
   drawn_ms = now;
   const state = [at.toFixed(2), rows.changes, high_mm, orbit?.turn, orbit?.rise, orbit?.scale, document.documentElement.dataset.theme, $("belt").clientWidth, $("belt").clientHeight].join();
@@ -53,6 +54,7 @@ function frame(now) {
   const dark = document.documentElement.dataset.theme === "dark";
   if (flat) flat.draw(rows, { window_m: WINDOW_M, high_mm, dark });
   else if (scene) scene.draw(rows, at, high_mm, orbit);
+  if (orbit) aimed = [orbit.turn, orbit.rise, orbit.scale].join();
 }
 
 export async function start() {

@@ -68,6 +68,12 @@ void main() {
   colour = linearToOutputTexel(vec4(tone, smoothstep(fade, fade + 0.6, at.x)));
 }`;
 
+/** Whether the processor draws in place of a graphics card: it may have better things to do. */
+function in_software(gl) {
+  const more = gl.getExtension("WEBGL_debug_renderer_info");
+  return /swiftshader|llvmpipe|software|basic render/i.test(String(gl.getParameter(more ? more.UNMASKED_RENDERER_WEBGL : gl.RENDERER)));
+}
+
 const rgb = (hex) => new THREE.Color(hex);
 
 export class BeltScene {
@@ -76,7 +82,8 @@ export class BeltScene {
     this.window_m = window_m;
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.software = in_software(this.renderer.getContext());
+    this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
     this.camera = new THREE.PerspectiveCamera(28, 1, 0.05, 80);
     this.scene = new THREE.Scene();
     this.map = new THREE.DataTexture(table(256), 256, 1);

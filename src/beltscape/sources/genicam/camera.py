@@ -14,6 +14,8 @@ REOPEN_AFTER_S = 1.5
 """Without an image where one was due, a camera is opened anew."""
 AGAIN_S = 0.3
 """Between two attempts; an attempt itself takes seconds where nothing answers."""
+CLOSE_S = 1.0
+"""A camera that answers is closed in this time; one that does not is opened anew meanwhile."""
 LATEST = 0.2
 """A trigger that is late by this share of the period is left out."""
 LISTEN_S = 0.1
@@ -113,7 +115,10 @@ class CameraThreads:
         finally:
             self._device = None
             self._broken_before += device.broken
-            device.close()
+            # a dead camera takes ten seconds to give up, and may be back before
+            closing = threading.Thread(target=device.close, name=f"close {self._name}", daemon=True)
+            closing.start()
+            closing.join(CLOSE_S)
 
     def _listen(self, device: Opened) -> None:
         last_s = time.monotonic()

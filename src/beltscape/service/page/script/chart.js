@@ -1,6 +1,6 @@
 // Flow over time on the live view: the last minutes as they come, longer ranges from the history.
 import { get } from "./api.js";
-import { $, make, say } from "./dom.js";
+import { $, calm, make, say } from "./dom.js";
 import { nothing_in, of_series, Plot } from "./plot.js";
 import { store } from "./store.js";
 import { t } from "./texts.js";
@@ -94,11 +94,12 @@ export function start() {
     $("chart-ranges").append(make("button", { type: "button", "data-range": name, "data-text": `chart.${name}`, on: { click: () => choose(name) } }));
   plot = new Plot($("chart"));
   let filled = false;
+  const calmly = calm(show);
   store.on("flow", (message) => {
     add(message);
     if (!filled) backfill();
     filled = true;
-    show();
+    calmly();
   });
   for (const subject of ["theme", "texts", "layout"]) store.on(subject, () => { plot.build(); show(); });
   store.on("tick", () => { ask(); if (store.link !== "live") return; show(); });

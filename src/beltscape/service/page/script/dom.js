@@ -54,6 +54,20 @@ export function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+const CALM_MS = 450; // what changes faster cannot be read
+
+/** ``draw`` that runs no more often than one can read; the last call is never lost. */
+export function calm(draw) {
+  let [timer, last_ms, values] = [0, -Infinity, []];
+  const run = () => { timer = 0; last_ms = performance.now(); draw(...values); };
+  return (...given) => {
+    values = given;
+    const wait_ms = last_ms + CALM_MS - performance.now();
+    if (wait_ms <= 0) run();
+    else if (!timer) timer = setTimeout(run, wait_ms);
+  };
+}
+
 /** Bring children into line with items: made once per key, updated every time. */
 export function keep(parent, items, key, create, update) {
   const there = new Map([...parent.children].map((child) => [child.dataset.key, child]));

@@ -1,16 +1,13 @@
 // Flow now, and the totals.
-import { $, draw, make, say, sign } from "./dom.js";
+import { $, calm, draw, make, say, sign } from "./dom.js";
 import { store } from "./store.js";
 import { day_and_time, moment, number, percent, signed_percent, spread, t, three, unit } from "./texts.js";
 
-const CALM_MS = 450; // digits that change faster cannot be read
-let shown_ms = -Infinity;
 let last = null; // the last flow that was current, and when
 
 function show() {
   const state = store.state;
   if (!state) return;
-  shown_ms = performance.now();
   const { flow, frames } = state;
   const live = store.link === "live";
   if (live && flow.volume_m3_h != null) last = { value: flow.volume_m3_h, wall_ms: state.wall_ms };
@@ -113,6 +110,6 @@ function show_ledger(box, totals, belt_m) {
 }
 
 export function start() {
-  store.on("state", () => { if (performance.now() - shown_ms >= CALM_MS) show(); });
+  store.on("state", calm(show));
   for (const subject of ["link", "texts", "page"]) store.on(subject, show);
 }

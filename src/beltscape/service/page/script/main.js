@@ -5,7 +5,7 @@ import * as belt from "./belt.js";
 import * as cameras from "./cameras.js";
 import * as chart from "./chart.js";
 import { connect, retry } from "./connection.js";
-import { $, make, say, sign } from "./dom.js";
+import { $, calm, make, say, sign } from "./dom.js";
 import * as flow from "./flow.js";
 import * as history from "./history.js";
 import * as keep from "./keep.js";
@@ -69,12 +69,12 @@ function show_view() {
 
 function start_section() {
   const plot = new SectionPlot($("section"));
-  store.on("section", (message) => {
+  store.on("section", calm((message) => {
     const section = of_message(message);
     $("section-none").hidden = true;
     say($("section-area"), unit(number(area_m2(section), 4), "m2"));
     plot.show(section);
-  });
+  }));
   for (const subject of ["theme", "texts", "layout"]) store.on(subject, () => plot.draw());
 }
 

@@ -96,7 +96,7 @@ function show_sums(series) {
 
 /** What is said of an alarm begins with its state, which has its own word in every language. */
 function worded(text) {
-  const state = /^(raised|acknowledged|gone)\b/.exec(text)?.[0];
+  const state = /^(raised|acknowledged|gone|clear)\b/.exec(text)?.[0];
   return state ? t(`alarm.${state}`) + text.slice(state.length) : text;
 }
 

@@ -64,7 +64,8 @@ def _row(capture: Path, empty: Path, width: int, preset: str, pairs_s: float) ->
     once, often = (_replay(capture, empty, preset, rounds) for rounds in (1, _ROUNDS))
     sets = often.records - once.records
     seconds, cpu = (often.seconds - once.seconds) / sets, (often.cpu_s - once.cpu_s) / sets
-    return f"| {width} px | {preset} | {1 / seconds:.2f} | {cpu:.3f} | {seconds / pairs_s:.2f} | {often.peak_gib:.2f} |"
+    figures = f"{1 / seconds:.2f} | {cpu:.3f} | {seconds / pairs_s:.2f} | {often.peak_gib:.2f}"
+    return f"| {width} px | {preset} | {figures} |"
 
 
 def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
@@ -74,7 +75,8 @@ def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
     project = plant / f"{capture.name}-{preset}-{rounds}.toml"
     project.write_text(
         f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\n[capture]\nfolder = "{listed}"\n'
-        f'[encoder]\nkind = "capture"\n[matching]\npreset = "{preset}"\n[watch]\nlumps_every_s = 0\nedges_every_s = 0\n',
+        f'[encoder]\nkind = "capture"\n[matching]\npreset = "{preset}"\n'
+        "[watch]\nlumps_every_s = 0\nedges_every_s = 0\n",
         encoding="utf-8",
     )
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -93,5 +94,5 @@ def _answer(
         "degraded_mm": after.degraded_mm - before.degraded_mm,
         "missing_mm": after.missing_mm - before.missing_mm,
         "unwritten_records": left,
-        "totals": after,
+        "totals": asdict(after),
     }

@@ -1,0 +1,266 @@
+"""A plant that is made to suffer: cameras and program are killed, the disk is filled, a page stands open.
+
+    unshare --net --mount python benchmarks/soak.py CAPTURE RIG EMPTY OUT [--minutes 30] [--frames-per-s 4]
+
+CAPTURE is a moving capture with encoder.csv, shown round and round by simulated GigE Vision cameras; RIG and EMPTY
+are as for `beltscape run`. It needs root (addresses, a small file system of its own), Aravis and Chromium. At the
+end: is every millimetre that the encoder counted in the ledger, once; does every record that a page was ever shown
+read back as it was; how memory went. Writes OUT/soak.json and OUT/page.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import random
+import signal
+import struct
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from beltscape.files.json_text import write_json
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+from beltscape.sources.genicam.fake.bench import Bench
+from beltscape.sources.genicam.fake.camera import COUNTER
+from beltscape.sources.genicam.fake.capture import pictures_of
+from beltscape.sources.genicam.fake.network import add_addresses
+
+PORT = 8470
+MM_PER_COUNT = 0.01
+DISK_MIB = 192
+SAMPLE_S = 5.0
+FAULTS = ("camera", "core", "disk", "kill")
+
+
+@dataclass
+class Seen:
+    """What the page was shown while it went on."""
+
+    records: dict[int, dict[str, Any]] = field(default_factory=dict)
+    rss_mib: list[tuple[float, int, float]] = field(default_factory=list)
+    """(seconds, process, MiB)."""
+    alarms: set[str] = field(default_factory=set)
+    faults: list[tuple[float, str]] = field(default_factory=list)
+    unanswered: int = 0
+
+
+def main() -> None:
+    """Run it and tell."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("capture", "rig", "empty", "out"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--frames-per-s", type=float, default=4.0)
+    parser.add_argument("--calm", action="store_true", help="no faults: memory and rate alone")
+    arguments = parser.parse_args()
+    out: Path = arguments.out
+    data = out / "data"
+    data.mkdir(parents=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "tmpfs", str(data)], check=True)
+    pictures, counts, around = pictures_of(arguments.capture, MM_PER_COUNT)
+    bench = Bench(out / "bench", pictures, arguments.frames_per_s, counts, around)
+    add_addresses(bench.devices.values())
+    project = out / "project.toml"
+    project.write_text(_project(arguments, bench), encoding="utf-8")
+    with bench, _page(out / "page.png"):
+        seen = suffer(project, bench, data, arguments.minutes * 60, calm=arguments.calm)
+        counted = Encoder(out / "bench", counts, around).position_mm
+    result = judged(data, seen, counted)
+    write_json(out / "soak.json", result)
+    print(json.dumps({k: v for k, v in result.items() if k not in ("faults", "memory")}, indent=1))
+
+
+def _project(arguments: argparse.Namespace, bench: Bench) -> str:
+    devices = "\n".join(f'{name} = "{address}"' for name, address in bench.devices.items())
+    rate = arguments.frames_per_s
+    return f"""name = "soak"
+rig = "{arguments.rig.resolve()}"
+empty = "{arguments.empty.resolve()}"
+data = "data"
+[cameras]
+frames_per_s = {rate}
+pixel_format = "{next(iter(bench.formats.values()))}"
+allowed_skew_ms = {150 / rate:.4g}
+clocks = "ptp"
+packet_size = 9000
+[cameras.devices]
+{devices}
+[cameras.encoder]
+feature = "{COUNTER}"
+mm_per_count = {MM_PER_COUNT}
+[encoder]
+kind = "camera"
+[history]
+reserve_mib = 8
+[recording]
+ring_min = 0.2
+limit_gib = 0.1
+free_gib = 0.02
+[alarms.camera_skew]
+skew_ms = {100 / rate:.4g}
+[web]
+port = {PORT}
+[web.access]
+anonymous_role = "viewer"
+"""
+
+
+def suffer(project: Path, bench: Bench, data: Path, seconds: float, *, calm: bool) -> Seen:
+    """Let it run, break something every now and then, mend it, and keep what the page is shown."""
+    seen, chance = Seen(), random.Random(7)
+    began = time.monotonic()
+    program = _start(project)
+    fault_at = 60.0
+    while (now := time.monotonic() - began) < seconds:
+        _look(seen, now, program.pid)
+        if not calm and now > fault_at and now < seconds - 60:
+            kind = FAULTS[len(seen.faults) % len(FAULTS)]
+            seen.faults.append((now, kind))
+            program = _fault(kind, program, project, bench, data, chance)
+            fault_at = time.monotonic() - began + chance.uniform(20, 40)
+        time.sleep(SAMPLE_S)
+    _look(seen, seconds, program.pid)
+    program.send_signal(signal.SIGINT)
+    program.wait(60)
+    return seen
+
+
+def _fault(
+    kind: str,
+    program: subprocess.Popen[bytes],
+    project: Path,
+    bench: Bench,
+    data: Path,
+    chance: random.Random,
+) -> subprocess.Popen[bytes]:
+    """Break one thing for some seconds; the program that runs afterwards."""
+    names = list(bench.devices)
+    if kind in ("camera", "core"):
+        name = names[0] if kind == "core" else chance.choice(names[1:])
+        bench.kill(name)
+        time.sleep(chance.uniform(5, 15))
+        bench.start(name)
+    elif kind == "disk":
+        filler = data / "filler"
+        with contextlib.suppress(OSError), filler.open("wb") as file:
+            while True:
+                file.write(bytes(1 << 16))
+                file.flush()
+        time.sleep(chance.uniform(8, 15))
+        filler.unlink()
+    else:
+        program.kill()
+        program.wait()
+        time.sleep(chance.uniform(1, 6))
+        return _start(project)
+    return program
+
+
+def _start(project: Path) -> subprocess.Popen[bytes]:
+    with (project.parent / "run.log").open("ab") as log:
+        words = [sys.executable, "-m", "beltscape", "run", str(project)]
+        return subprocess.Popen(words, stdout=log, stderr=log)
+
+
+def _look(seen: Seen, now: float, process: int) -> None:
+    """What a client of the page's interface sees: acknowledged records, alarms; and the process's memory."""
+    with contextlib.suppress(OSError):
+        pages = Path(f"/proc/{process}/statm").read_text().split()[1]
+        seen.rss_mib.append((now, process, int(pages) * 4096 / 2**20))
+    try:
+        after = max(seen.records, default=0)
+        now_ms = time.time_ns() // 10**6 + 60_000
+        for record in _asked(f"records?since_ms=0&until_ms={now_ms}&limit=1000&after={after}"):
+            seen.records[record["number"]] = record
+        seen.alarms |= {alarm["name"] for alarm in _asked("state")["alarms"] if alarm["state"] != "clear"}
+    except (OSError, ValueError):
+        seen.unanswered += 1
+
+
+def _asked(what: str) -> Any:
+    with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/api/{what}", timeout=5) as answer:
+        return json.load(answer)
+
+
+@dataclass
+class Encoder:
+    """What the simulated cameras' counter stands at, by their own file of instants."""
+
+    folder: Path
+    counts: list[int]
+    around: int
+
+    @property
+    def position_mm(self) -> float:
+        """Of the newest instant."""
+        (number,) = struct.unpack("<q", (self.folder / "instants").read_bytes()[:8])
+        rounds, index = divmod(number, len(self.counts))
+        return (self.counts[index] + rounds * self.around) * MM_PER_COUNT
+
+
+def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
+    """The ledger against the encoder, and against what was shown."""
+    historian = Historian(data, HistorySettings(reserve_mib=8))
+    records, after = [], 0
+    while page := historian.records(0, 1 << 62, 5000, after):
+        records += page
+        after = page[-1].number
+    totals = historian.totals
+    historian.close()
+    kept = {record.number: record for record in records}
+    first = next(r for r in records if r.strip is not None)
+    view = first.belt_mm[1] - first.strip.belt_position_mm
+    return {
+        "minutes": seen.rss_mib[-1][0] / 60,
+        "records": len(records),
+        "runs": len({record.run for record in records}),
+        "numbers_follow": all(b.number == a.number + 1 for a, b in pairwise(records)),
+        "intervals_meet": all(b.belt_mm[0] == a.belt_mm[1] for a, b in pairwise(records)),
+        "ledger_m": (records[-1].belt_mm[1] - records[0].belt_mm[0]) / 1000,
+        "valid_m": totals.valid_mm / 1000,
+        "degraded_m": totals.degraded_mm / 1000,
+        "missing_m": totals.missing_mm / 1000,
+        "ledger_end_less_encoder_mm": records[-1].belt_mm[1] - counted_mm,
+        "view_ahead_of_encoder_mm": view,
+        "volume_m3": totals.volume_mm3 * 1e-9,
+        "sum_of_records_m3": sum(r.volume_mm3 for r in records) * 1e-9,
+        "shown": len(seen.records),
+        "shown_and_lost": sorted(set(seen.records) - set(kept)),
+        "shown_and_changed": [
+            n
+            for n, shown in seen.records.items()
+            if n in kept and abs(shown["to_m"] * 1000 - kept[n].belt_mm[1]) > 1e-6
+        ],
+        "alarms": sorted(seen.alarms),
+        "faults": seen.faults,
+        "unanswered": seen.unanswered,
+        "memory": seen.rss_mib,
+    }
+
+
+@contextlib.contextmanager
+def _page(picture: Path) -> Iterator[None]:
+    """A browser that keeps the operator's page open."""
+    script = Path(__file__).with_name("open_page.py")
+    words = [sys.executable, str(script), f"http://127.0.0.1:{PORT}/", str(picture)]
+    browser = subprocess.Popen(words, stdin=subprocess.PIPE)
+    try:
+        yield
+    finally:
+        browser.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            browser.wait(10)
+        browser.kill()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev demo test sanitize check format bench docs lock clean
+.PHONY: help install dev system demo test sanitize check format bench docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 NATIVE := CMakeLists.txt pyproject.toml $(wildcard native/*)
@@ -28,6 +28,12 @@ $(VENV)/.native: $(VENV)/.run $(NATIVE)
 install: $(VENV)/.native ## .venv with the beltscape program in .venv/bin
 
 dev: $(VENV)/.dev $(VENV)/.native
+
+system: dev ## Debian packages for GenICam cameras, and for tests with a browser and simulated cameras (as root)
+	apt-get update
+	DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium gir1.2-aravis-0.8 \
+	  libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev pkg-config iproute2
+	$(BIN)/python -m pip install --quiet 'pygobject>=3.42,<3.51'
 
 demo: install ## the whole chain on a small rig; writes out/demo/report.html
 	$(BIN)/beltscape demo --out out/demo

@@ -49,13 +49,13 @@ ON_FAILURE_MM = (560.0, 800.0)
 """Depth range of captures that show nothing, which are to be learnt from as well."""
 SAMPLES = 20_000
 """Of a match's own scene; of the belt beside it a third of that."""
-UNITS, SIGMA_UNITS = 40, 32
-EPOCHS, BATCH, DECAY = 12, 4096, 1e-5
-RATE, RATE_ON = 5e-3, 8e-4
+UNITS, SIGMA_UNITS = 72, 32
+EPOCHS, BATCH, DECAY = 14, 4096, 1e-5
+RATE, RATE_ON = 5e-3, 3e-3
 """Of the descent, from chance weights and from fitted ones."""
-SMALL = 0.84
-"""Actual over predicted sigma at half the images' size, over plain captures of 612 px beside those fitted to."""
-NEAR = 0.15
+UNSEEN = 2.0
+"""What a pixel that no auxiliary sees counts for in confidence: they are few, and most false fill."""
+NEAR = 0.1
 """What a pixel near a true step counts for in sigma."""
 LIMIT = 4.0
 """Evidence is clamped to so many standard deviations about its mean."""
@@ -79,6 +79,8 @@ class Sample:
     ds_px: np.ndarray
     interior: np.ndarray
     """Of pixels away from true steps."""
+    unseen: np.ndarray
+    """Of pixels that no auxiliary truly sees."""
 
 
 def samples(folder: Path) -> Iterator[Sample]:
@@ -171,7 +173,8 @@ def _sample(
         near_far = ON_FAILURE_MM
     match = MultiviewReconstructor(rig, near_far, settings, auxiliaries=names).match(frame, names, Silent())
     step = settings.step(rig.core_camera.size_px[0])
-    s = match.refined.surface.s
+    surface = match.refined.surface
+    s = surface.s
     height, width = s.shape
     inside = slice(step // 2, height * step, step), slice(step // 2, width * step, step)
     true_mm, label = truth["depth_mm"][inside], truth["label"][inside]
@@ -187,13 +190,18 @@ def _sample(
         rng.permutation(np.flatnonzero(where))[:most]
         for where, most in ((use & scene, SAMPLES), (beside, SAMPLES // 3))
     ])  # fmt: skip
-    found, true = s.ravel()[chosen].astype(float), true_mm.ravel()[chosen].astype(float)
+    beside_px = (
+        step // 2 - (step - 1) / 2
+    ) / step  # of the pixel whose truth is taken, off its block's centre
+    at_pixel = s + beside_px * (surface.slope_u + surface.slope_v)
+    found, true = at_pixel.ravel()[chosen].astype(float), true_mm.ravel()[chosen].astype(float)
     return Sample(
         tuple(name for name, _ in listed),
         np.stack([np.asarray(value).ravel()[chosen] for _, value in listed], axis=-1).astype(np.float32),
         1 / (found * unit) - true,
         found - 1 / (true * unit),
         interior_pixels(truth["depth_mm"].astype(float))[inside].ravel()[chosen],
+        truth["views"][inside].ravel()[chosen] == 0,
     )
 
 
@@ -336,33 +344,21 @@ def main() -> None:
     names = found[0].names
     x = np.concatenate([sample.evidence for sample in found])
     dz, ds = (np.abs(np.concatenate([getattr(s, field) for s in found])) for field in ("dz_mm", "ds_px"))
-    x = np.delete(x, names.index("size"), axis=1)
-    names = tuple(name for name in names if name != "size")
     limits = limits_of(x)
-    right, even = dz <= GROSS_MM, np.ones(len(x))
-    belief = fit(x, limits, right, of_right, even, shipped(names, x), RATE_ON)
+    weight = np.where(np.concatenate([sample.unseen for sample in found]), UNSEEN, 1)
+    belief = fit(x, limits, dz <= GROSS_MM, of_right, weight, shipped(names, x), RATE_ON)
     known = (answers(x, limits, *belief) > np.log(BELIEVED / (1 - BELIEVED))) & (dz <= MOST_MM)
     sizes = np.log(MAD * np.maximum(ds[known], 1e-6))
     weight = np.where(np.concatenate([sample.interior for sample in found])[known], 1, NEAR)
-    start = anew(x[known], sizes, SIGMA_UNITS)
-    sigma = fit(x[known], limits, sizes, of_size, weight, start, RATE)
+    size = names.index("size")  # told it, sigma would learn single captures of that size
+    shape = np.delete(x[known], size, axis=1)
+    start = anew(shape, sizes, SIGMA_UNITS)
+    units, output = fit(shape, np.delete(limits, size, axis=1), sizes, of_size, weight, start, RATE)
+    sigma = np.insert(units, size, 0, axis=1), output
     hidden, outputs = zip(belief, sigma, strict=True)
     constants = np.concatenate([output[:, -1:] for output in outputs])
     output = np.hstack([block_diag(*(output[:, :-1] for output in outputs)), constants])
-    write((*names, "size"), with_size({"limits": limits, "hidden": np.concatenate(hidden), "output": output}))
-
-
-def with_size(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """One more evidence and unit: smaller images' sigma is `SMALL` times as large a halving."""
-    limits, hidden, output = (parts[part] for part in ("limits", "hidden", "output"))
-    hidden = np.insert(hidden, -1, 0, axis=1)
-    unit = np.zeros(hidden.shape[1])
-    unit[-2] = -1
-    return {
-        "limits": np.hstack([limits, np.log([[0.5], [1.8]])]),
-        "hidden": np.vstack([hidden, unit]),
-        "output": np.insert(output, -1, [0, np.log2(SMALL)], axis=1),
-    }
+    write(names, {"limits": limits, "hidden": np.concatenate(hidden), "output": output})
 
 
 def write(names: tuple[str, ...], parts: dict[str, np.ndarray]) -> None:

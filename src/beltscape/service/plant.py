@@ -10,7 +10,6 @@ from typing import Any
 
 from beltscape.core.belt_record import Totals
 from beltscape.core.live import Observers
-from beltscape.files.atomic import output_folder
 from beltscape.files.systemd import notify
 from beltscape.pipeline.live.assembly import Assembled, Ways, assemble
 from beltscape.pipeline.live.project import Project
@@ -42,7 +41,6 @@ def run_plant(
     InputError, SettingsError, MeasureError, OutputError
         With one line that names what is wrong and the mend.
     """
-    output_folder(ways.data)
     hub = Hub(project.settings.web)
     assembled = assemble(project, ways, Observers([hub, Log()]))
     before = assembled.historian.totals

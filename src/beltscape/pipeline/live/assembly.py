@@ -15,6 +15,7 @@ from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scaled_rig
+from beltscape.files.atomic import output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.capacity import full_area_mm2
 from beltscape.pipeline.flow import Instant, fitted, instants_of
@@ -87,7 +88,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
         rig = fitted(rig, project.place(settings.capture.folder), reporter)
     bench = bench_of(project, rig, reporter)
     source = _source(project, rig, reporter, paced=ways.paced)
-    historian = Historian(ways.data, settings.history)
+    historian = Historian(output_folder(ways.data), settings.history)
     resume = historian.resume
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
     encoder = _encoder(project, ways, ended)

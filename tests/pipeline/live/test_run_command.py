@@ -1,0 +1,142 @@
+"""``beltscape run`` and ``replay``: settings refused in one line, a recording through the whole system."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from synthetic.demo import DEMO, only_json
+
+PROJECT = """rig = "rig.json"
+empty = "empty"
+[capture]
+folder = "belt"
+[encoder]
+kind = "capture"
+[matching]
+load_mm = 150
+[density]
+kg_m3 = 1500
+[history]
+reserve_mib = 1
+[web]
+port = 0
+"""
+
+
+@pytest.fixture
+def plant(tmp_path: Path, small_frames: Path) -> Path:
+    """project.toml beside a capture of a belt that stands, three frames of it."""
+    shutil.copytree(small_frames / "belt_empty" / "000", tmp_path / "empty")
+    rig = next(path for path in (small_frames / "belt_empty").glob("rig.json"))
+    shutil.copy(rig, tmp_path / "rig.json")
+    shutil.copy(rig, tmp_path / "empty" / "rig.json")
+    for camera in (DEMO / "belt_loaded").iterdir():
+        if camera.is_dir():
+            (tmp_path / "belt" / camera.name).mkdir(parents=True)
+            image = next(camera.iterdir())
+            for frame in ("000", "001", "002"):
+                shutil.copy(image, tmp_path / "belt" / camera.name / f"{frame}{image.suffix}")
+    rows = "".join(f"{k:03d},{0.1 * k},{5000.0}\n" for k in range(3))
+    (tmp_path / "belt" / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\n" + rows)
+    (tmp_path / "project.toml").write_text(PROJECT)
+    return tmp_path / "project.toml"
+
+
+def test_a_replay_counts_what_the_command_does(run, plant, tmp_path):
+    code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
+    assert code == 0
+    answer = only_json(out)
+    assert answer["records"] == 3
+    assert answer["missing_mm"] == 0
+    assert answer["totals"]["volume_mm3"] == answer["volume_mm3"]
+    flow = tmp_path / "flow"
+    code, _, _ = run(
+        "measure", "flow", tmp_path / "belt", "--rig", tmp_path / "rig.json", "--empty", tmp_path / "empty",
+        "--encoder", tmp_path / "belt" / "encoder.csv", "--preset", "fast", "--load", 150, "--out", flow,
+    )  # fmt: skip
+    assert code == 0
+    rows = list(csv.DictReader((flow / "flow.csv").read_text().splitlines()))
+    assert sum(float(row["volume_mm3"]) for row in rows) == pytest.approx(answer["volume_mm3"], abs=0.01)
+    assert answer["valid_mm"] + answer["degraded_mm"] == pytest.approx(answer["totals"]["valid_mm"], abs=1e-6)
+
+
+def test_a_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, tmp_path):
+    lengths = []
+    for _ in range(2):
+        code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
+        assert code == 0
+        totals = only_json(out)["totals"]
+        lengths.append(totals["valid_mm"] + totals["degraded_mm"] + totals["missing_mm"])
+    assert lengths[1] == pytest.approx(lengths[0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('preset"', 'preset"', ""),
+        ("load_mm = 150", "lod_mm = 150", "unknown key matching.lod_mm; did you mean load_mm?"),
+        ("load_mm = 150", "load_mm = -1", "matching.load_mm = -1"),
+        ('rig = "rig.json"', 'rig = "none.json"', "none.json': no such file"),
+        ("[capture]", "[cameras]\ndevices = {cam0 = 'x'}\n[capture]", "give either [cameras] or [capture]"),
+        ("kg_m3 = 1500", 'kg_m3 = 1500\ntable = "d.csv"', "say the density in one way only"),
+        ("[web]", "[recordings]\nx = 1\n[web]", "unknown key recordings; did you mean recording?"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused_in_one_line(run, plant, old, new, says):
+    if not says:
+        assert run("run", plant, "--check")[0] == 0
+        return
+    plant.write_text(PROJECT.replace(old, new))
+    code, out, err = run("run", plant, "--no-page")
+    assert code == 2
+    assert out == ""
+    assert says in err[-1]
+    assert str(plant) in err[-1]
+    assert not (plant.parent / "data").exists()
+
+
+def test_it_runs_serves_and_stops_in_good_order(plant, tmp_path):
+    log = tmp_path / "log"
+    text = PROJECT.replace("[encoder]", "loop = true\n[encoder]")
+    plant.write_text(text)
+    with log.open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "beltscape", "run", str(plant)], stderr=file, stdout=subprocess.DEVNULL
+        )
+    try:
+        address = _address(process, log)
+        with urllib.request.urlopen(address + "/login", timeout=10) as answer:
+            assert answer.status == 200
+        second = subprocess.run(
+            [sys.executable, "-m", "beltscape", "run", str(plant)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert second.returncode == 2
+        assert "data" in second.stderr.splitlines()[-1]
+    finally:
+        process.send_signal(signal.SIGTERM)
+    assert process.wait(60) == 0
+    assert (tmp_path / "data" / "history.db").is_file()
+
+
+def _address(process: subprocess.Popen[bytes], log: Path) -> str:
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        found = [line for line in log.read_text().splitlines() if "the page is at " in line]
+        if found:
+            return found[0].rpartition(" ")[2]
+        time.sleep(0.1)
+    os.kill(process.pid, signal.SIGKILL)
+    raise AssertionError(log.read_text())

@@ -24,7 +24,7 @@ def main(address: str, picture: str) -> None:
         taken = time.monotonic()
         while not ended.is_set():
             try:
-                if page.url == "about:blank":
+                if not page.url.startswith(address):  # blank, or Chromium's own page of an error
                     page.goto(address)
                 elif time.monotonic() - taken > 60:
                     taken = time.monotonic()

@@ -20,7 +20,7 @@ from beltscape.files.rig_json import read_rig
 from beltscape.measure.capacity import full_area_mm2
 from beltscape.pipeline.flow import Instant, fitted, instants_of
 from beltscape.pipeline.flow_chain import depths_over, ground_under
-from beltscape.pipeline.live.engine import Encoder, Engine, Parts, told
+from beltscape.pipeline.live.engine import Engine, Parts, told
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.ledger import Books
@@ -35,6 +35,7 @@ from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
 from beltscape.sinks.settings import CsvSettings
 from beltscape.sources.encoder.opening import open_encoder
+from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.genicam.source import open_cameras
 from beltscape.sources.replay import Cue, ReplaySource
 from beltscape.stereo.multiview import MultiviewReconstructor

@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import monotonic, monotonic_ns, time_ns
-from typing import Protocol
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt_record import BeltRecord
@@ -21,6 +20,7 @@ from beltscape.pipeline.live.measuring import Measuring, Outcome
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
+from beltscape.sources.encoder.protocol import Encoder
 
 _WAIT_S = 0.2
 _SILENT_S = 1.0
@@ -28,28 +28,6 @@ _SILENT_S = 1.0
 _SILENT_STEP_MM = 50.0
 _WATCH_S = 0.5
 _TEND_S = 60.0
-
-
-class Encoder(Protocol):
-    """Where the belt is."""
-
-    def at(self, time_ns: int | None, frame: str) -> float | None:
-        """Position (mm) at a frame's time; None where it is silent."""
-        ...
-
-    @property
-    def silent_s(self) -> float:
-        """Seconds since the last reading; NaN for one that cannot be silent."""
-        ...
-
-    @property
-    def trouble(self) -> str:
-        """What is wrong with what it says, and the mend; empty: nothing."""
-        ...
-
-    def close(self) -> None:
-        """Stop listening."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

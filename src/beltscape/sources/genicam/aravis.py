@@ -12,7 +12,7 @@ from beltscape.core.errors import InputError, SettingsError
 def aravis() -> Any:
     """The module ``gi.repository.Aravis``, or SettingsError that says what to install."""
     try:
-        import gi
+        import gi  # pyright: ignore[reportMissingImports]
 
         gi.require_version("Aravis", "0.8")
         from gi.repository import Aravis  # pyright: ignore[reportMissingImports, reportAttributeAccessIssue]

@@ -46,7 +46,7 @@ def there_and_back(folder, rig: Rig, kind: str) -> tuple[Rig, list[str]]:
     reporter = Silent()
     files = export_rig(path, rig, kind, reporter)
     assert all(file.is_file() for file in files)
-    assert not list(folder.rglob("*.part*"))
+    assert not list(path.parent.glob(f".{path.stem}*.part*"))
     assert recognise(path) == kind
     back, found = import_rig(path, reporter)
     assert found == kind

@@ -1,7 +1,7 @@
 // One's own password; for engineers the users and the audit log.
 import { $, make } from "/page/script/dom.js";
 import { day_and_time, has, t } from "/page/script/texts.js";
-import { ask, form, furnish, hush, weak } from "/access/door.js";
+import { ask, form, furnish, hush, leave, weak } from "/access/door.js";
 
 const ROLES = ["viewer", "operator", "engineer"];
 let me = null;
@@ -113,7 +113,4 @@ form($("ask").querySelector("form"), async ({ password }) => {
 });
 
 $("ask-no").addEventListener("click", () => $("ask").close());
-$("leave").addEventListener("click", async () => {
-  await ask("POST", "/api/access/logout").catch(() => {});
-  location.replace("/login");
-});
+$("leave").addEventListener("click", () => leave("/login", () => ask("POST", "/api/access/logout")));

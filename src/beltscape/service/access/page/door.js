@@ -24,6 +24,15 @@ export function hush() {
   for (const line of document.querySelectorAll(".problem, .done")) line.hidden = true;
 }
 
+let leaving = false;
+
+/** Do something that ends the session, then go to another page: requests that are refused meanwhile say nothing. */
+export async function leave(place, act) {
+  leaving = true;
+  await act().catch(() => {});
+  location.replace(place);
+}
+
 /** Ask the server: its answer, or an error with a line in the reader's language. */
 export async function ask(method, path, body) {
   let answer;
@@ -40,7 +49,10 @@ export async function ask(method, path, body) {
   }
   const found = await answer.json().catch(() => ({}));
   if (answer.ok) return found;
-  if (answer.status === 401 && !/\/(login|password)$/.test(path)) location.replace(`/login?next=${location.pathname}`);
+  if (answer.status === 401 && !/\/(login|password)$/.test(path)) {
+    if (!leaving) location.replace(`/login?next=${location.pathname}`);
+    return new Promise(() => {}); // the page is on its way out
+  }
   const error = new Error(words(answer, found.detail));
   error.status = answer.status;
   throw error;

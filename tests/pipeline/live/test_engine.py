@@ -183,6 +183,29 @@ def test_a_driver_that_falls_over_is_told_and_asked_again(tmp_path: Path) -> Non
     historian.close()
 
 
+def test_what_fails_in_a_frame_is_missing_and_the_next_begins_anew(tmp_path: Path) -> None:
+    class Stumbling(FakeMatcher):
+        def reconstruct(self, frame_set, reporter, *, prior=None):
+            if frame_set.frame == "900.0":
+                raise RuntimeError("a bug")
+            return super().reconstruct(frame_set, reporter)
+
+    engine, _, historian, parts = engine_of(tmp_path, Feed(track(0, 1800)), matcher=Stumbling())
+    engine.start()
+    assert engine.wait(30)
+    engine.stop()
+    kept = everything(historian)
+    check(kept)
+    assert [r.strip.frame for r in kept if r.strip is not None][-14:] == [
+        f"{60.0 * k}" for k in range(16, 30)
+    ]
+    (gap,) = (r for r in kept if r.standing == "missing")
+    assert 0 < gap.length_mm < 300
+    assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(1740 + kept[0].length_mm, abs=1.0)
+    assert sum("a bug" in line for line in parts.reporter.warnings) == 1  # type: ignore[attr-defined]
+    historian.close()
+
+
 def test_a_sink_that_refuses_is_asked_again_and_holds_up_nobody(tmp_path: Path) -> None:
     class Moody:
         def __init__(self) -> None:

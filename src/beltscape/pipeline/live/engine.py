@@ -191,9 +191,10 @@ class Engine:
         try:
             outcome = parts.measuring.push(frames)
         except Exception as error:
-            parts.observer.noted(
-                f"frame {frames.frame}: {type(error).__name__}: {error}; going on without it"
+            parts.reporter.warn(
+                f"frame {frames.frame}: {type(error).__name__}: {error}; beginning anew after it"
             )
+            parts.measuring.abandon()
             return
         self._give(outcome)
         self._done += 1

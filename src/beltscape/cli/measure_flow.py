@@ -83,10 +83,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def _density(arguments: argparse.Namespace) -> Density:
     """What was told of it, in one of three ways."""
-    import numpy as np
-
-    from beltscape.files.density import DENSITY_LIMITS, product_named, read_density_table
+    from beltscape.files.density import DENSITY_LIMITS
     from beltscape.measure.flow.density import Density, unknown_density
+    from beltscape.pipeline.density import density_of_product, density_of_table
 
     told = [
         name
@@ -94,8 +93,7 @@ def _density(arguments: argparse.Namespace) -> Density:
         if getattr(arguments, name) is not None
     ]
     if sorted(told) == ["product", "products"]:
-        product = product_named(arguments.products, arguments.product)
-        return Density.constant(product.density_kg_m3, product.sigma_kg_m3, arguments.product)
+        return density_of_product(arguments.products, arguments.product)
     if len(told) > 1:
         options = " and ".join(f"--{name.replace('_', '-')}" for name in told)
         raise SettingsError(f"{options}: say the density in one way only")
@@ -109,8 +107,7 @@ def _density(arguments: argparse.Namespace) -> Density:
             )
         return Density.constant(arguments.density)
     if arguments.density_table is not None:
-        times, densities, sigmas = zip(*read_density_table(arguments.density_table), strict=True)
-        return Density(np.array(times, np.int64), np.array(densities), np.array(sigmas))
+        return density_of_table(arguments.density_table)
     return unknown_density()
 
 

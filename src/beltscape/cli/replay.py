@@ -30,21 +30,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Replay it, and write what was counted."""
-    from beltscape.pipeline.live.assembly import Assembled, Ways
+    from beltscape.pipeline.live.assembly import Ways
     from beltscape.service.plant import run_plant
     from beltscape.service.project import open_project, replaying
-    from beltscape.service.until import announce, log_to_stderr, stop_signal
+    from beltscape.service.until import log_to_stderr, stop_signal
 
     project = replaying(open_project(arguments.project), arguments.capture)
     log_to_stderr()
-    stop = stop_signal()
-
-    def wait(assembled: Assembled) -> None:
-        while not stop.wait(0.05) and not assembled.engine.wait(0):
-            pass
-
     ways = Ways(data=arguments.out, paced=arguments.speed == "real", record=False)
-    return run_plant(project, ways, wait, announce, page=arguments.page)
+    return run_plant(project, ways, stop_signal(), page=arguments.page)
 
 
 def summary(result: Mapping[str, Any]) -> str:

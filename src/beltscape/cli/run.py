@@ -21,10 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM, or the end of a capture."""
-    from beltscape.pipeline.live.assembly import Assembled, Ways
+    from beltscape.pipeline.live.assembly import Ways
     from beltscape.service.plant import days_left, run_plant
     from beltscape.service.project import open_project
-    from beltscape.service.until import announce, log_to_stderr, stop_signal, system_time_s, watchdog
+    from beltscape.service.until import log_to_stderr, stop_signal, watchdog
 
     project = open_project(arguments.project)
     if arguments.check:
@@ -34,19 +34,13 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
             "checked": True,
         }
     log_to_stderr()
-    stop = stop_signal()
-
-    def wait(assembled: Assembled) -> None:
-        while not stop.wait(0.2) and not assembled.engine.wait(0):
-            pass
-
     web = project.settings.web
     ways = Ways(
         data=project.place(project.settings.data),
-        certificate_days=days_left(web.tls_certificate, web.tls_key, system_time_s),
+        certificate_days=days_left(web.tls_certificate, web.tls_key),
         alive=watchdog(),
     )
-    return run_plant(project, ways, wait, announce, page=not arguments.no_page)
+    return run_plant(project, ways, stop_signal(), page=not arguments.no_page)
 
 
 def summary(result: Mapping[str, Any]) -> str:

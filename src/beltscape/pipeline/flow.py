@@ -185,9 +185,7 @@ def _numbers(frames: Sequence[str]) -> list[int]:
 
 def _frames(source: FolderSource, instant: Instant) -> FrameSet:
     """The images of an instant, none where there are none, with its time and the encoder's reading."""
-    found = next(source.only({instant.frame}), None)
-    images = {} if found is None else found.images
-    return FrameSet(instant.frame, images, instant.time_ns, instant.position_mm)
+    return FrameSet(instant.frame, source.images(instant.frame), instant.time_ns, instant.position_mm)
 
 
 def _warn(meter: FlowMeter, records: Sequence[FlowRecord], reporter: Reporter) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
+from threading import Event
+from time import time
 from typing import Any
 
 from beltscape.core.belt_record import Totals
@@ -20,21 +22,23 @@ from beltscape.service.hub import Hub
 from beltscape.service.log import Log
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import Running, serve
+from beltscape.service.until import announce
 
 _DAY_S = 86_400.0
+_LOOK_S = 0.1
+"""How often it is looked whether to stop."""
 
 
 def run_plant(
     project: Project[ProjectSettings],
     ways: Ways,
-    wait: Callable[[Assembled], None],
-    started: Callable[[str | None, tuple[str, ...]], None],
+    stop: Event,
     *,
     page: bool,
 ) -> dict[str, Any]:
-    """Measure until ``wait`` returns, then stop in good order; what was counted.
+    """Measure until ``stop`` is set or a recording ends, then stop in good order; what was counted.
 
-    ``started`` is told the page's address, or None without a ``page``, and what somebody should know.
+    ``page``: serve the operator's page meanwhile.
 
     Raises
     ------
@@ -47,10 +51,10 @@ def run_plant(
     with _page(project, ways.data, hub, assembled) if page else nullcontext() as running:
         assembled.engine.start()
         notify("READY=1")
-        address, warnings = (None, ()) if running is None else (running.address, running.warnings)
-        started(address, warnings)
+        announce(running)
         try:
-            wait(assembled)
+            while not stop.is_set() and not assembled.engine.wait(_LOOK_S):
+                pass
         finally:
             notify("STOPPING=1")
             left = assembled.engine.stop()
@@ -70,12 +74,12 @@ def _page(project: Project[ProjectSettings], data: Path, hub: Hub, assembled: As
             running.close()
 
 
-def days_left(certificate: Path | None, key: Path | None, now_s: Callable[[], float]) -> Callable[[], float]:
+def days_left(certificate: Path | None, key: Path | None) -> Callable[[], float]:
     """How many days the certificate is still good for; NaN without one."""
     if certificate is None or key is None:
         return lambda: float("nan")
     ends = certificate_ends(certificate, key)
-    return lambda: (ends - now_s()) / _DAY_S
+    return lambda: (ends - time()) / _DAY_S
 
 
 def _answer(

@@ -7,13 +7,11 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from time import monotonic, time
+from time import monotonic
 from typing import Any
 
 from beltscape.files.systemd import notify, watchdog_s
-
-system_time_s = time
-"""The system's clock, seconds since 1970."""
+from beltscape.service.server import Running
 
 
 def log_to_stderr() -> None:
@@ -34,16 +32,16 @@ def stop_signal() -> threading.Event:
     return event
 
 
-def announce(address: str | None, warnings: tuple[str, ...]) -> None:
-    """Where the page is."""
+def announce(page: Running | None) -> None:
+    """Where the page is, if there is one, and what somebody should know of it."""
     log = logging.getLogger("beltscape")
-    for warning in warnings:
+    for warning in () if page is None else page.warnings:
         log.warning("%s", warning)
-    log.info("measuring%s", "" if address is None else f"; the page is at {address}")
+    log.info("measuring%s", "" if page is None else f"; the page is at {page.address}")
 
 
 def watchdog() -> Callable[[], None]:
-    """Tells systemd that all goes on, twice as often as it asks."""
+    """Tells systemd that all goes on, three times as often as it asks."""
     every = watchdog_s()
     if every is None:
         return lambda: None

@@ -54,8 +54,12 @@ class FolderSource:
         """Some of the frames, in natural order."""
         for frame in self.frames:
             if frame in wanted:
-                images = {name: self._image(name, frame) for name in self.cameras}
-                yield FrameSet(frame, {name: image for name, image in images.items() if image is not None})
+                yield FrameSet(frame, self.images(frame))
+
+    def images(self, frame: str) -> dict[str, Image]:
+        """The images of one frame by camera; empty where there are none that can be used."""
+        images = {name: self._image(name, frame) for name in self.cameras}
+        return {name: image for name, image in images.items() if image is not None}
 
     def _image(self, camera: str, frame: str) -> Image | None:
         path = self._capture.files[camera].get(frame)

@@ -91,8 +91,7 @@ class ReplaySource:
         return Cue(f"{cue.frame}-{rounds}", time, position)
 
     def _frames(self, cue: Cue, shifted: Cue) -> FrameSet:
-        found = next(self._folder.only({cue.frame}), None)
-        images = {} if found is None else found.images
+        images = self._folder.images(cue.frame)
         for name in self.cameras:
             counts = self._taken if name in images else self._missed
             counts[name] += 1

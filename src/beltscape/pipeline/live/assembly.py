@@ -65,7 +65,6 @@ class Assembled:
 
     engine: Engine
     historian: Historian
-    board: AlarmBoard
     tables: Sequence[RecordSink]
     """Sinks beside the historian."""
 
@@ -100,7 +99,6 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
     tables = [_table(ways.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
     writers += [Writer("csv", table) for table in tables]
     recording = ways.record and settings.recording.mode != "off"
-    board = AlarmBoard(settings.alarms)
     watch = settings.watch
     belt, camera = bench.ground.belt, bench.rig.core_camera
     parts = Parts(
@@ -111,7 +109,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
         historian=historian,
         writers=writers,
         recorder=Recorder(ways.data / "recordings", settings.recording) if recording else None,
-        board=board,
+        board=AlarmBoard(settings.alarms),
         looker=Looker(belt, camera, watch.lumps_every_s, watch.edges_every_s),
         gauges=Gauges(full_area_mm2(belt, SURCHARGE_RAD)),
         observer=observer,
@@ -120,7 +118,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
         certificate_days=ways.certificate_days,
         alive=ways.alive,
     )
-    return Assembled(Engine(parts), historian, board, tables)
+    return Assembled(Engine(parts), historian, tables)
 
 
 def _table(folder: Path, settings: CsvSettings, historian: Historian) -> CsvSink:

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Generic, Literal, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
-from beltscape.files.density import DENSITY_LIMITS, product_named, read_density_table
+from beltscape.files.density import DENSITY_LIMITS
 from beltscape.files.toml_text import read_toml, validated
 from beltscape.measure.flow.density import Density, unknown_density
 from beltscape.measure.flow.settings import FlowSettings
+from beltscape.pipeline.density import density_of_product, density_of_table
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
@@ -123,7 +123,7 @@ class Project(Generic[Settings]):
 
     def place(self, path: Path) -> Path:
         """A path of the settings, as seen from here."""
-        return path if path.is_absolute() else self.path.parent / path
+        return self.path.parent / path
 
 
 def read_project(path: Path, model: type[Settings]) -> Project[Settings]:
@@ -162,9 +162,7 @@ def density_of(project: Project[RunSettings]) -> Density:
     if (told.product is None) != (told.products is None):
         raise InputError(f"{project.path}: [density] product goes with products: give both")
     if told.products is not None and told.product is not None:
-        product = product_named(project.place(told.products), told.product)
-        return Density.constant(product.density_kg_m3, product.sigma_kg_m3, told.product)
+        return density_of_product(project.place(told.products), told.product)
     if told.table is not None:
-        times, densities, sigmas = zip(*read_density_table(project.place(told.table)), strict=True)
-        return Density(np.array(times, np.int64), np.array(densities), np.array(sigmas))
+        return density_of_table(project.place(told.table))
     return unknown_density() if told.kg_m3 is None else Density.constant(told.kg_m3, told.sigma_kg_m3)

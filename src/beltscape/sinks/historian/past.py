@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.belt_record import BeltRecord, CrossSection
-from beltscape.sinks.days import day_name
+from beltscape.sinks.days import DAY_NS, day_name
 from beltscape.sinks.historian.day_files import read_day
 from beltscape.sinks.historian.reading import database_records, database_section
 from beltscape.sinks.historian.series import number_range
@@ -75,8 +75,7 @@ def past_days(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int
 ) -> tuple[DaySum, ...]:
     """Sums of the days that begin in that time, oldest first."""
-    day_ns = 86_400_000_000_000
-    first, last = -((shift_ns - since_ns) // day_ns), -((shift_ns - until_ns) // day_ns)
+    first, last = -((shift_ns - since_ns) // DAY_NS), -((shift_ns - until_ns) // DAY_NS)
     rows = connection.execute(
         "SELECT bucket / 24, sum(records), total(volume), iif(sum(unweighed), 'nan', total(mass)), total(valid), "
         "total(degraded), total(missing) FROM hours WHERE bucket >= ? AND bucket < ? GROUP BY bucket / 24",

@@ -4,7 +4,7 @@
 
 Each CAPTURE is what ``beltscape simulate`` wrote of a loaded or an empty belt; it is learnt from as the truth has it,
 and, where a FRAME of ``beltscape reconstruct`` is named, as it was matched. Each is shown at three widths of
-cell, so that lumps of all sizes are met. Prints the loss; judge with beltscape.evaluate.lumps on captures that are
+cell, so that lumps of all sizes are met. Judge with beltscape.evaluate.lumps on captures that are
 not among them.
 """
 
@@ -14,11 +14,11 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from adam import Layers, Schedule, fitted
 from beltscape.evaluate.lumps import true_depth, true_rocks
 from beltscape.files.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
@@ -65,46 +65,13 @@ def edges(rocks: np.ndarray) -> np.ndarray:
     return found
 
 
-def fit(x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> list[list[np.ndarray]]:
-    """Layers [weights, offsets] of least cross-entropy, by Adam (Kingma & Ba 2015, arXiv:1412.6980)."""
-    sizes = (x.shape[1], *HIDDEN, y.shape[1])
-    layers = [
-        [(rng.normal(size=(a, b)) * np.sqrt(2 / a)).astype(np.float32), np.zeros(b, np.float32)]
-        for a, b in pairwise(sizes)
-    ]
-    mean = [[np.zeros_like(part) for part in layer] for layer in layers]
-    square = [[np.zeros_like(part) for part in layer] for layer in layers]
-    batches = len(x) // BATCH
-    order, loss = rng.permutation(len(x)), 0.0
-    for step in range(EPOCHS * batches):
-        if step % batches == 0:
-            order, loss = rng.permutation(len(x)), 0.0
-        rate = RATE * 0.5 * (1 + np.cos(np.pi * step / (EPOCHS * batches))) + 1e-5
-        at = order[step % batches * BATCH :][:BATCH]
-        values = [x[at]]
-        for weights, offsets in layers:
-            values.append(
-                np.maximum(values[-1] @ weights + offsets, 0)
-                if len(values) < len(layers)
-                else 1 / (1 + np.exp(-(values[-1] @ weights + offsets)))
-            )
-        chance = np.clip(values[-1], 1e-6, 1 - 1e-6)
-        loss -= float(np.mean(y[at] * np.log(chance) + (1 - y[at]) * np.log(1 - chance))) / batches
-        back = (values[-1] - y[at]) / BATCH
-        for k in range(len(layers) - 1, -1, -1):
-            slopes = (values[k].T @ back, back.sum(axis=0))
-            back = (back @ layers[k][0].T) * (values[k] > 0)
-            for part, slope in enumerate(slopes):
-                mean[k][part] += 0.1 * (slope - mean[k][part])
-                square[k][part] += 0.01 * (slope**2 - square[k][part])
-                first, second = (
-                    mean[k][part] / (1 - 0.9 ** (step + 1)),
-                    square[k][part] / (1 - 0.99 ** (step + 1)),
-                )
-                layers[k][part] -= (rate * first / (np.sqrt(second) + 1e-8)).astype(np.float32)
-        if (step + 1) % batches == 0:
-            print(f"epoch {(step + 1) // batches}: {loss:.4f}", flush=True)
-    return layers
+def fit(x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> Layers:
+    """Layers [weights, offsets] of least cross-entropy after a logistic end."""
+
+    def slopes(put: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return (1 / (1 + np.exp(-put)) - y[at]) / BATCH
+
+    return fitted(x, y.shape[1], slopes, Schedule(HIDDEN, EPOCHS, BATCH, RATE), rng)
 
 
 def main(out: str, *captures: str) -> None:

@@ -15,6 +15,9 @@ from beltscape.measure.holes import Filled
 from beltscape.measure.surface import Grid, blocks_mean, closed, height_map, pixel_size_mm, visible_step_mm
 from beltscape.measure.trust import trusted
 
+_JUDGED = 0.999
+"""A depth map that trusts every pixel wholly does not judge them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Load:
@@ -32,6 +35,8 @@ class Load:
     """(Ny, Nx) where it was measured, the pinholes between neighbouring points included."""
     lean: NDArray[np.float64]
     """(2, Ny, Nx) tangents, in x and in y, of the angle at which the core's rays come down there, away from it."""
+    windowed: bool
+    """Whether a matcher that judges its pixels measured it: its windows reach across edges."""
 
 
 def load_over_belt(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Load:
@@ -58,6 +63,7 @@ def load_over_belt(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> 
         np.where(good, raised * top.noise_mm, np.nan),
         closed(good),
         np.stack([(grid.x_mm[None] - eye[0]) / reach, (grid.y_mm[:, None] - eye[1]) / reach]),
+        bool(loaded.measured.any() and loaded.confidence[loaded.measured].min() < _JUDGED),
     )
 
 

@@ -14,6 +14,10 @@ _WINDOW = 7
 """Cells across the window in which a surface's slope is fitted."""
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Rows, columns: along x, along y, both diagonals."""
+_TURNS_DEG = (14, 31, 59, 76, 104, 121, 149, 166)
+"""And between these, 14° to 17° apart; none of them steps on the border between two cells."""
+_LONGEST_CELLS = 96
+"""Lines along slots go so far to either side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,8 +33,13 @@ class Line:
     near_slope: NDArray[np.float64]
     """Steepness of the surface at the rim, 0 level."""
     far_slope: NDArray[np.float64]
+    near_rise: NDArray[np.float64]
+    """Rise over run of the surface at the rim towards the far side."""
+    far_rise: NDArray[np.float64]
     slant: NDArray[np.float64]
     """Tangent by which the camera's rays come down towards the far side."""
+    upright: NDArray[np.bool_]
+    """Where the rays come straight from above, and the camera's own line has no direction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +54,18 @@ class Hollows:
     def depth_mm(self, gap_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Unevenness (N,) over gaps (N,)."""
         return np.interp(gap_mm, self.apart_mm, self.rms_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lowest:
+    """The line through H hole cells whose higher rim is lowest; inf and NaN where none met rims on both sides."""
+
+    upper_mm: NDArray[np.float64]
+    lower_mm: NDArray[np.float64]
+    gap_mm: NDArray[np.float64]
+    """From rim to rim."""
+    nearer: NDArray[np.float64]
+    """Share of the gap to its nearer rim, up to a half."""
 
 
 def hollows(value_mm: NDArray[np.float64], cell_mm: float) -> Hollows:
@@ -67,8 +88,8 @@ def hollows(value_mm: NDArray[np.float64], cell_mm: float) -> Hollows:
     return Hollows(np.array(apart), np.array(rms))
 
 
-def slopes(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float64]:
-    """(Ny, Nx) steepness of the plane fitted to the measured cells about each; 0 where there are too few."""
+def gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float64]:
+    """(2, Ny, Nx) slope in x and y of the plane fitted to the cells about each; 0 where too few were measured."""
     measured = np.isfinite(value_mm).astype(np.float64)
     z = np.nan_to_num(value_mm)
     k = np.arange(_WINDOW) - _WINDOW // 2
@@ -90,14 +111,43 @@ def slopes(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float64]
     spread = xx * yy - xy * xy
     sound = (spread > 1e-3 * xx * yy) & (number >= _WINDOW) & (measured > 0)
     spread = np.where(sound, spread, 1.0)
-    steep = np.hypot(xz * yy - yz * xy, yz * xx - xz * xy) / spread / cell_mm
-    return np.where(sound, steep, 0.0)
+    slope = np.stack([xz * yy - yz * xy, yz * xx - xz * xy]) / spread / cell_mm
+    return np.where(sound, slope, 0.0)
+
+
+def lowest_through(
+    lines: list[Line], rim_mm: NDArray[np.float64], hole: NDArray[np.bool_], cell_mm: float
+) -> Lowest:
+    """Of twelve lines through the hole cells, all around, the one whose higher rim is lowest.
+
+    Along a slot between walls it runs from its one end to its other, where the floor may be seen; ``lines`` are those
+    of `lines_through`.
+    """
+    start, measured = np.nonzero(hole), ~hole
+    rims = [(line.near_mm, line.far_mm, line.near_at_mm, line.far_at_mm) for line in lines[1:]]
+    for turn_deg in _TURNS_DEG:
+        way = np.deg2rad(turn_deg)
+        down, across = np.full(len(start[0]), np.sin(way)), np.full(len(start[0]), np.cos(way))
+        ends = [_march(measured, start, (sign * down, sign * across), _LONGEST_CELLS) for sign in (-1, 1)]
+        height = [np.where(at >= 0, rim_mm.ravel()[at], np.nan) for at, _ in ends]
+        rims.append((height[0], height[1], ends[0][1] * cell_mm, ends[1][1] * cell_mm))
+    near, far, near_at, far_at = np.array(rims).transpose(1, 0, 2)
+    met = np.isfinite(near) & np.isfinite(far)
+    upper = np.where(met, np.fmax(near, far), np.inf)
+    gap = np.where(met, near_at + far_at, np.inf)
+    nearer = np.where(met, np.minimum(near_at, far_at), np.nan) / np.where(met, gap, 1.0)
+    lower = np.fmin(near, far)
+    # equal lengths are equal in any unit and however they were added up
+    cells = np.round(gap / cell_mm, 6)
+    own = np.lexsort((np.round(nearer, 9), lower, cells, upper), axis=0)[:1]
+    picked = (np.take_along_axis(part, own, axis=0)[0] for part in (upper, lower, gap, nearer))
+    return Lowest(*picked)
 
 
 def lines_through(
     rim_mm: NDArray[np.float64],
     hole: NDArray[np.bool_],
-    slope: NDArray[np.float64],
+    gradient: NDArray[np.float64],
     lean: NDArray[np.float64],
     cell_mm: float,
 ) -> list[Line]:
@@ -113,11 +163,14 @@ def lines_through(
         near: tuple[NDArray[np.intp], NDArray[np.float64]],
         far: tuple[NDArray[np.intp], NDArray[np.float64]],
         step_mm: float,
+        way: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float],
         slant: NDArray[np.float64],
     ) -> Line:
         height = [np.where(at >= 0, rim_mm.ravel()[at], np.nan) for at, _ in (near, far)]
-        steep = [np.where(at >= 0, slope.ravel()[at], 0.0) for at, _ in (near, far)]
-        return Line(height[0], height[1], near[1] * step_mm, far[1] * step_mm, steep[0], steep[1], slant)
+        x, y = ([np.where(at >= 0, part.ravel()[at], 0.0) for at, _ in (near, far)] for part in gradient)
+        steep = [np.hypot(*pair) for pair in zip(x, y, strict=True)]
+        rise = [pair[0] * way[1] + pair[1] * way[0] for pair in zip(x, y, strict=True)]
+        return Line(*height, near[1] * step_mm, far[1] * step_mm, *steep, *rise, slant, straight_down)
 
     measured = ~hole
     found = [
@@ -125,6 +178,7 @@ def lines_through(
             _march(measured, start, (-down, -across)),
             _march(measured, start, (down, across)),
             cell_mm,
+            (down, across),
             tangent,
         )
     ]
@@ -134,7 +188,8 @@ def lines_through(
         )
         length = float(np.hypot(*way))
         slant = (tan_x * way[1] + tan_y * way[0]) / length
-        found.append(line(near, far, cell_mm * length, slant))  # pyright: ignore[reportArgumentType]
+        unit_way = (way[0] / length, way[1] / length)
+        found.append(line(near, far, cell_mm * length, unit_way, slant))  # pyright: ignore[reportArgumentType]
     return found
 
 
@@ -167,6 +222,7 @@ def _march(
     measured: NDArray[np.bool_],
     start: tuple[NDArray[np.intp], NDArray[np.intp]],
     way: tuple[NDArray[np.float64], NDArray[np.float64]],
+    longest: int | None = None,
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Flat index of the first measured cell from each start along its own way, -1 for none, and the steps to it."""
     found = np.full(len(start[0]), -1)
@@ -175,7 +231,7 @@ def _march(
     rows, columns = measured.shape
     at_row, at_column = (part.astype(np.float64) for part in start)
     down, across = way
-    for step in range(1, max(measured.shape)):
+    for step in range(1, longest or max(measured.shape)):
         at_row, at_column = at_row + down, at_column + across
         row, column = np.rint(at_row).astype(np.intp), np.rint(at_column).astype(np.intp)
         inside = (row >= 0) & (column >= 0) & (row < rows) & (column < columns)

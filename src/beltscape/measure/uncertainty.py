@@ -15,12 +15,12 @@ from beltscape.measure.load import Load
 
 STEP = float(np.tan(np.deg2rad(60.0)))
 """Rise over run from which on a surface is a step."""
-_EDGE_PX = 0.3
+_EDGE_PX = 0.1
 """Steps are placed this well, in pixels, all alike: a matcher's habit at edges is the same at all of them."""
-COMMON = 0.35
-"""Share of the holes' σ that all holes have in common: one rule filled them all, and what cameras
-could not see is alike: simulated heaps of rocks of 30 and 50 mm had all their holes 0.1 to 0.8 σ too high."""
-_PATCH = 32
+_COMMON = 0.2
+"""Share of the holes' σ that all holes have in common: the same rules filled them all, and what cameras
+could not see is alike; set on captures that the networks had not seen."""
+_PATCH = 8
 """Cells across the blocks beyond which errors of one hole do not go together: holes of a heap hang together."""
 
 
@@ -93,7 +93,7 @@ def _patches(doubt_mm3: NDArray[np.float64], hole: NDArray[np.bool_]) -> float:
     ] // _PATCH
     own = np.unique(label[hole].astype(np.int64) * (block.max() + 1) + block[hole], return_inverse=True)[1]
     sums = np.bincount(own.ravel(), doubt_mm3[hole]) if hole.any() else np.zeros(1)
-    return float(np.sqrt(np.sum(sums**2) * (1 - COMMON**2) + (COMMON * sums.sum()) ** 2))
+    return float(np.sqrt(np.sum(sums**2) * (1 - _COMMON**2) + (_COMMON * sums.sum()) ** 2))
 
 
 def _step_area_mm2(

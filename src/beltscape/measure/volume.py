@@ -130,7 +130,7 @@ def measure_volume(
     load = load_over_belt(loaded, camera, belt, Grid.over(whole.across_mm, whole.along_mm, pixel_mm))
     box = chosen_box(load.measured, load.grid, across_mm, along_mm)
     narrow = load.measured & ~np.isfinite(load.height_mm)
-    filled = fill_holes(load.height_mm, load.sigma_mm, narrow, pixel_mm, load.lean)
+    filled = fill_holes(load.height_mm, load.sigma_mm, narrow, pixel_mm, load.lean, windowed=load.windowed)
     weights = box.weights_mm(load.grid)
     area = filled.value_mm @ weights.across
     total = float(weights.along @ area)

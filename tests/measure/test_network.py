@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.measure.network import Network, shipped
+
+
+def test_it_does_its_sums() -> None:
+    one = np.array([[1.0], [-2.0]], np.float32)
+    two = np.array([[3.0, 1.0]], np.float32)
+    none = np.zeros(1, np.float32)
+    found = Network(
+        np.array([1, 0], np.float32),
+        np.array([2, 1], np.float32),
+        ((one, none), (two, np.zeros(2, np.float32))),
+    )
+    mean, sigma = found(np.array([[5.0, 0.0], [1.0, 7.0]], np.float32))
+    np.testing.assert_allclose(mean, [6, 0])
+    np.testing.assert_allclose(sigma, np.exp([1.0, 0.0]))
+
+
+@pytest.mark.parametrize("name", ["holes", "brinks"])
+def test_shipped_ones_come_through_their_documents(name: str) -> None:
+    found = shipped(name)
+    document = found.document()
+    assert document["layers"][-1]["offsets"] == pytest.approx(found.layers[-1][1].tolist())
+    assert found.layers[-1][0].shape[1] == 2
+    assert found.mean.shape == found.scale.shape == (found.layers[0][0].shape[0],)
+    assert (found.scale > 0).all()

@@ -7,7 +7,7 @@ import pytest
 from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.coarse import coarse_surface
+from beltscape.stereo.coarse import cut, enlarged, shrunk, sweep
 
 PLANE_STEP_PX = 0.5
 
@@ -16,10 +16,11 @@ def found(
     made, depth_range_mm: tuple[float, float], shrink: int = 1, plane_step_px: float = PLANE_STEP_PX
 ) -> np.ndarray:
     near, far = depth_range_mm
-    return coarse_surface(
-        made.rig, made.auxiliaries, made.prepared, (1 / (far * made.unit), 1 / (near * made.unit)),
-        step=1, shrink=shrink, plane_step_px=plane_step_px, unit=made.unit, kernels=load(), threads=1,
-    )  # fmt: skip
+    small = shrunk(made.rig, made.auxiliaries, made.prepared, step=1, shrink=shrink, unit=made.unit)
+    nearness = 1 / (far * made.unit), 1 / (near * made.unit)
+    s, margin = sweep(small, nearness, plane_step_px * shrink, load(), 1)
+    assert margin.shape == s.shape == small.core.shape
+    return enlarged(s, shrink, made.s.shape)
 
 
 @pytest.mark.parametrize(
@@ -68,3 +69,15 @@ def test_planes_cover_the_range_to_its_ends(depth_mm):
 def test_a_range_of_nothing_still_has_planes_to_choose_from():
     made = scene(plane(700.0))
     assert np.median(np.abs(found(made, (699.9, 700.1)) - made.s)) < PLANE_STEP_PX
+
+
+def test_a_block_is_swept_as_in_the_whole():
+    """But near the block's edge, where paths begin."""
+    made = scene(plane(DEPTH_MM, 0.1, 0.05))
+    nearness = 1 / (880 * made.unit), 1 / (560 * made.unit)
+    block = slice(20, 80), slice(30, 100)
+    whole, _ = sweep(made.prepared, nearness, 1.0, load(), 1)
+    part, _ = sweep(cut(made.prepared, block), nearness, 1.0, load(), 1)
+    assert part.shape == (60, 70)
+    inside = inner(part.shape, 6)
+    assert (np.abs(part - whole[block])[inside] < 0.5).mean() > 0.98

@@ -14,64 +14,52 @@ from beltscape.stereo.prepared import PreparedFrame, cut_view, reduced, view_row
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 _LEAST_PLANES = 4
 
+Block = tuple[slice, slice]
+"""Rows and columns of a grid."""
 
-def coarse_surface(
-    rig: Rig,
-    auxiliaries: tuple[str, ...],
-    prepared: PreparedFrame,
-    nearness: tuple[float, float],
-    *,
-    block: tuple[slice, slice] | None = None,
-    step: int,
-    shrink: int,
-    plane_step_px: float,
-    unit: float,
-    kernels: Kernels,
-    threads: int,
-) -> NDArray[np.float32]:
-    """(h, w) nearness s of the first surface between ``nearness`` = (far, near), in a block of the prepared grid.
 
-    ``block`` is rows and columns, beginning at multiples of ``shrink``; the whole grid by default. ``step`` is
-    the grid's block size in image pixels, ``shrink`` how much smaller the sweep's images are, ``plane_step_px``
-    the planes' distance in those. The cost is kernels.coarse's: the two auxiliaries that agree best with the core
-    on windows of 3 × 3 pixels; two because opposite auxiliaries are rarely occluded together.
+def shrunk(
+    rig: Rig, auxiliaries: tuple[str, ...], prepared: PreparedFrame, *, step: int, shrink: int, unit: float
+) -> PreparedFrame:
+    """All images ``shrink`` times smaller; the splines are still those of the large ones.
+
+    ``step`` is the prepared grid's block size in image pixels; nearness s still counts that grid's pixels.
     """
-    plane = plane_step_px * shrink
-    rows, columns = block or (slice(0, prepared.core.shape[0]), slice(0, prepared.core.shape[1]))
-    core = prepared.core[rows, columns]
-    small = replace(
+    return replace(
         prepared,
-        core=reduced(core, shrink),
+        core=reduced(prepared.core, shrink),
         images=tuple(reduced(image, shrink) for image in prepared.images),
+        views=view_rows(rig, auxiliaries, unit, step * shrink),
     )
-    corner = columns.start // shrink, rows.start // shrink
-    views = np.stack([cut_view(row, *corner) for row in view_rows(rig, auxiliaries, unit, step * shrink)])
-    index, _ = sweep(small, views, nearness, plane, kernels, threads)
-    return _enlarged(nearness[0] + plane * index, shrink, core.shape)
+
+
+def cut(prepared: PreparedFrame, block: Block) -> PreparedFrame:
+    """The same with a block of the core's grid only."""
+    rows, columns = block
+    views = np.stack([cut_view(row, columns.start, rows.start) for row in prepared.views])
+    return replace(prepared, core=np.ascontiguousarray(prepared.core[block]), views=views)
 
 
 def sweep(
-    prepared: PreparedFrame,
-    views: NDArray[np.float32],
-    nearness: tuple[float, float],
-    plane: float,
-    kernels: Kernels,
-    threads: int,
+    prepared: PreparedFrame, nearness: tuple[float, float], plane: float, kernels: Kernels, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(H, W) plane and margin by which it won: kernels.coarse with the matcher's own floor and jumps.
+    """(H, W) nearness s of the first surface, and the margin by which its plane won.
 
-    Planes lie ``plane`` apart between ``nearness`` = (far, near), from the farthest on.
+    Planes lie ``plane`` apart between ``nearness`` = (far, near), from the farthest on. The cost is
+    kernels.coarse's: the two auxiliaries that agree best with the core on windows of 3 × 3 pixels; two because
+    opposite auxiliaries are rarely occluded together.
     """
     far, near = nearness
     planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
-    return kernels.coarse(
-        prepared.core, prepared.images, views, far, plane, planes, prepared.noise.floor,
+    index, margin = kernels.coarse(
+        prepared.core, prepared.images, prepared.views, far, plane, planes, prepared.noise.floor,
         _SMALL_JUMP, _LARGE_JUMP, best=2, threads=threads,
     )  # fmt: skip
+    return (far + plane * index).astype(np.float32), margin
 
 
-def _enlarged(small: NDArray[np.floating], step: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Every value over its block: steps of depth stay steps."""
-    full = np.repeat(np.repeat(small.astype(np.float32), step, axis=0), step, axis=1)
+def enlarged(small: NDArray[np.floating], shrink: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """(H, W) every value over its block: steps of depth stay steps; a rest at the far ends is the last's."""
+    full = np.repeat(np.repeat(small.astype(np.float32), shrink, axis=0), shrink, axis=1)
     missing = [(0, whole - have) for whole, have in zip(shape, full.shape, strict=True)]
     return np.ascontiguousarray(np.pad(full, missing, mode="edge"))

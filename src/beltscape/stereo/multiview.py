@@ -13,15 +13,15 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.coarse import coarse_surface
 from beltscape.stereo.discs import filled
 from beltscape.stereo.judge import Verdict, judge
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.noise import measured_noise
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
-from beltscape.stereo.prior import Prior, missing_block, moved_nearness
+from beltscape.stereo.prior import Prior, moved_nearness
 from beltscape.stereo.propagate import Propagated, propagate
 from beltscape.stereo.refine import Refined, refine
+from beltscape.stereo.start import Sweeps, first_surface
 from beltscape.stereo.surface import Surface, with_slopes
 from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
 from beltscape.stereo.windows import Radii, windows
@@ -133,19 +133,15 @@ class MultiviewReconstructor:
     ) -> NDArray[np.float32]:
         """(H, W) nearness from the frame before where that fits, from a sweep elsewhere."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        shrink = settings.shrink(self.rig.core_camera.size_px[0])
         near, far = self.depth_range_mm
-        s = np.full(prepared.core.shape, np.nan, np.float32)
+        moved = None
         if prior is not None:
-            s = moved_nearness(prior, self.rig, prepared, unit, self._step, kernels, threads)
-        block = missing_block(s, shrink)
-        swept = coarse_surface(
-            self.rig, names, prepared, (1 / (far * unit), 1 / (near * unit)), block=block,
-            step=self._step, shrink=shrink, plane_step_px=settings.plane_step_px, unit=unit,
-            kernels=kernels, threads=threads,
+            moved = moved_nearness(prior, self.rig, prepared, unit, self._step, kernels, threads)
+        sweeps = Sweeps(
+            self.rig, names, self._step, settings.shrink(self.rig.core_camera.size_px[0]),
+            settings.plane_step_px, unit,
         )  # fmt: skip
-        s[block] = np.where(np.isfinite(s[block]), s[block], swept)
-        return s
+        return first_surface(moved, prepared, (1 / (far * unit), 1 / (near * unit)), sweeps, kernels, threads)
 
 
 class _Steps:

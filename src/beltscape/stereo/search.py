@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.kernels import Kernels, load
-from beltscape.stereo.coarse import sweep
-from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
+from beltscape.kernels import load
+from beltscape.stereo.look import clear_surface, span_of
+from beltscape.stereo.prepared import grid_unit, prepare
 from beltscape.stereo.views import usable_auxiliaries
 
 PLANE_STEP_PX = 0.5
@@ -28,18 +26,6 @@ _AROUND_CONVERGENCE = (0.45, 2.2)
 """Where a surface may lie, in units of the depth at which the axes meet."""
 _BASELINES = (1.2, 40.0)
 """Where a surface may lie, in baselines, when the axes are parallel."""
-_CLEAR = 0.1
-"""Margin of the aggregated dissimilarity by which a plane must win to count."""
-_WINDOW_PX = 3
-_MISFIT_VARIANCE = 0.2
-"""Of normalised levels: a surface between two planes agrees as well as that."""
-_PATCH_PX, _PATCH_STEP = 60, 3
-"""Smaller patches are chance; a patch ends where the plane steps by more."""
-_ENDS = (0.0005, 0.9995)
-"""Share of the found surface that may lie farther, and nearer: stray matches."""
-_MARGIN = (0.06, 0.03)
-"""Kept free before and behind what the coarse look saw, as a share of the depth: small tall things it missed."""
-_ENOUGH_PX = 200
 
 
 def find_depth_range(
@@ -61,51 +47,16 @@ def find_depth_range(
     step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
     prepared = prepare(rig, frame_set, names, step, kernels, threads)
     unit = grid_unit(rig, names, step)
-    first = 1 / (far * unit)
-    span = first, 1 / (near * unit)
-    index, margin = sweep(prepared, prepared.views, span, PLANE_STEP_PX, kernels, threads)
+    span = 1 / (far * unit), 1 / (near * unit)
+    surface = clear_surface(prepared, span, PLANE_STEP_PX, kernels, threads)
     reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
-    agreed = (margin >= _CLEAR) & _agreed(first + PLANE_STEP_PX * index, prepared, kernels, threads)
-    if agreed.any():
-        middle = first + PLANE_STEP_PX * float(np.median(index[agreed]))
-        agreed &= _common(middle, prepared, kernels, threads)
-    surface = _patches(np.where(agreed, index, np.nan))
-    if len(surface) < _ENOUGH_PX:
+    found = span_of(surface)
+    if found is None:
         raise ReconstructionError(
             f"frame {frame_set.frame}: no surface found between {near:.0f} and {far:.0f} mm; is the "
             "speckle projector on? Or give the depth range"
         )
-    seen_far, seen_near = 1 / ((first + PLANE_STEP_PX * np.quantile(surface, _ENDS)) * unit)
-    return max(near, float(seen_near) * (1 - _MARGIN[0])), float(seen_far) * (1 + _MARGIN[1])
-
-
-def _agreed(
-    s: NDArray[np.floating], prepared: PreparedFrame, kernels: Kernels, threads: int
-) -> NDArray[np.bool_]:
-    """Where an auxiliary sees what the core sees."""
-    found = kernels.normal_equations(
-        s.astype(np.float32), prepared.core, prepared.coefficients, prepared.views, window=_WINDOW_PX,
-        floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_MISFIT_VARIANCE,
-        threads=threads,
-    )  # fmt: skip
-    return found.used > 0
-
-
-def _common(s: float, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.bool_]:
-    """Where an auxiliary looks at nearness s: elsewhere a plane wins because the right one is out of its image."""
-    plane = np.full(prepared.core.shape, s, np.float32)
-    inside = [
-        kernels.visible(plane, view, np.zeros_like(image), 0.0, threads=threads)
-        for view, image in zip(prepared.views, prepared.images, strict=True)
-    ]
-    return np.any(inside, axis=0)
-
-
-def _patches(index: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Planes of the pixels that lie on a coherent patch of surface; lone ones are chance."""
-    whole = np.where(np.isfinite(index), index, -1).round().astype(np.int16)
-    cv2.filterSpeckles(whole, -1, _PATCH_PX, _PATCH_STEP)
-    return index[whole >= 0]
+    return max(near, 1 / (found[1] * unit)), 1 / (found[0] * unit)
 
 
 def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:

@@ -6,6 +6,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+Surcharge = Annotated[float, Field(ge=0, le=45)]
+"""Angle in degrees at which the load of a full belt rises from its sides; of a moving belt, some 15° below the angle
+of repose."""
+SURCHARGE_DEG = 20.0
+
 
 class VolumeSettings(BaseModel):
     """Settings of ``measure volume``; the defaults suit any rig."""
@@ -16,6 +21,5 @@ class VolumeSettings(BaseModel):
     cell. It is rounded to whole pixels. The volume itself is summed over cells of one pixel."""
     profile_every_mm: Annotated[float, Field(gt=0, le=10_000)] = 50.0
     """Longest stretch of belt that one cross-section stands for."""
-    surcharge_deg: Annotated[float, Field(ge=0, le=45)] = 20.0
-    """Angle at which the load of a full belt rises from its sides; of a moving belt, some 15° below the angle of
-    repose."""
+    surcharge_deg: Surcharge = SURCHARGE_DEG
+    """Of a full belt, against which the fill level is measured."""

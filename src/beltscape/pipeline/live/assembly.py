@@ -41,8 +41,6 @@ from beltscape.sources.replay import Cue, ReplaySource
 from beltscape.stereo.multiview import MultiviewReconstructor
 
 _FOR_EVER_NS, _PAGE = 1 << 62, 5000
-SURCHARGE_RAD = float(np.deg2rad(15.0))
-"""Angle at which a full load rises to its ridge (DIN 22101)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +109,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
         recorder=Recorder(ways.data / "recordings", settings.recording) if recording else None,
         board=AlarmBoard(settings.alarms),
         looker=Looker(belt, camera, watch.lumps_every_s, watch.edges_every_s),
-        gauges=Gauges(full_area_mm2(belt, SURCHARGE_RAD)),
+        gauges=Gauges(full_area_mm2(belt, float(np.deg2rad(watch.surcharge_deg)))),
         observer=observer,
         reporter=reporter,
         ticks=settings.cameras is not None,

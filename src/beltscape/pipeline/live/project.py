@@ -17,6 +17,7 @@ from beltscape.files.density import DENSITY_LIMITS
 from beltscape.files.toml_text import read_toml, validated
 from beltscape.measure.flow.density import Density, unknown_density
 from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.settings import SURCHARGE_DEG, Surcharge
 from beltscape.pipeline.density import density_of_product, density_of_table
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
@@ -79,12 +80,14 @@ class QueueSettings(_Table):
 
 
 class WatchSettings(_Table):
-    """What is looked for now and then in the measured surface: the table [watch]."""
+    """What is looked for in the measured surface, and how often: the table [watch]."""
 
     lumps_every_s: Annotated[float, Field(ge=0, le=86_400)] = 10.0
     """Largest lump; 0: never."""
     edges_every_s: Annotated[float, Field(ge=0, le=86_400)] = 10.0
     """How far the belt runs off; 0: never."""
+    surcharge_deg: Surcharge = SURCHARGE_DEG
+    """Of a full belt, as of ``measure volume``: what the fill level is measured against."""
 
 
 class RunSettings(_Table):

@@ -1,11 +1,13 @@
 """A plant that is made to suffer: cameras and program are killed, the disk is filled, a page stands open.
 
-    unshare --net --mount python benchmarks/soak.py CAPTURE RIG EMPTY OUT [--minutes 30] [--frames-per-s 4]
+    unshare --net --mount python benchmarks/soak.py CAPTURE RIG EMPTY OUT [--minutes 60]
+        [--calm-minutes 30] [--frames-per-s 2]
 
 CAPTURE is a moving capture with encoder.csv, shown round and round by simulated GigE Vision cameras; RIG and EMPTY
-are as for `beltscape run`. It needs root (addresses, a small file system of its own), Aravis and Chromium. At the
-end: is every millimetre that the encoder counted in the ledger, once; does every record that a page was ever shown
-read back as it was; how memory went. Writes OUT/soak.json and OUT/page.png.
+are as for `beltscape run`. Nothing is broken in the calm minutes: they tell how memory goes. It needs root
+(addresses, a small file system of its own), Aravis and Chromium. At the end: is every millimetre that the encoder
+counted in the ledger, once; does every record that a page was ever shown read back as it was; how memory went.
+Writes OUT/soak.json and OUT/page.png.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from beltscape.files.json_text import write_json
@@ -58,9 +61,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("capture", "rig", "empty", "out"):
         parser.add_argument(name, type=Path)
-    parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--frames-per-s", type=float, default=4.0)
-    parser.add_argument("--calm", action="store_true", help="no faults: memory and rate alone")
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--calm-minutes", type=float, default=30.0, help="before the first fault")
+    parser.add_argument("--frames-per-s", type=float, default=2.0)
     arguments = parser.parse_args()
     out: Path = arguments.out
     data = out / "data"
@@ -72,7 +75,7 @@ def main() -> None:
     project = out / "project.toml"
     project.write_text(_project(arguments, bench), encoding="utf-8")
     with bench, _page(out / "page.png"):
-        seen = suffer(project, bench, data, arguments.minutes * 60, calm=arguments.calm)
+        seen = suffer(project, bench, data, arguments.minutes * 60, arguments.calm_minutes * 60)
         counted = Encoder(out / "bench", counts, around).position_mm
     result = judged(data, seen, counted)
     write_json(out / "soak.json", result)
@@ -114,15 +117,15 @@ anonymous_role = "viewer"
 """
 
 
-def suffer(project: Path, bench: Bench, data: Path, seconds: float, *, calm: bool) -> Seen:
-    """Let it run, break something every now and then, mend it, and keep what the page is shown."""
+def suffer(project: Path, bench: Bench, data: Path, seconds: float, calm_s: float) -> Seen:
+    """Let it run, then break something every now and then, mend it, and keep what the page is shown."""
     seen, chance = Seen(), random.Random(7)
     began = time.monotonic()
     program = _start(project)
-    fault_at = 60.0
+    fault_at = max(60.0, calm_s)
     while (now := time.monotonic() - began) < seconds:
         _look(seen, now, program.pid)
-        if not calm and now > fault_at and now < seconds - 60:
+        if now > fault_at and now < seconds - 60:
             kind = FAULTS[len(seen.faults) % len(FAULTS)]
             seen.faults.append((now, kind))
             program = _fault(kind, program, project, bench, data, chance)
@@ -243,8 +246,24 @@ def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
         "alarms": sorted(seen.alarms),
         "faults": seen.faults,
         "unanswered": seen.unanswered,
+        "memory_mib": _memory(seen.rss_mib),
         "memory": seen.rss_mib,
     }
+
+
+def _memory(samples: list[tuple[float, int, float]]) -> list[dict[str, float]]:
+    """Of each process that lived ten minutes, without the first two: medians of the first and last tenth, the most."""
+    told = []
+    for process in dict.fromkeys(number for _, number, _ in samples):
+        own = [(now, mib) for now, number, mib in samples if number == process]
+        settled = [mib for now, mib in own if now > own[0][0] + 120]
+        if own[-1][0] - own[0][0] < 600:
+            continue
+        tenth = max(1, len(settled) // 10)
+        first, last = median(settled[:tenth]), median(settled[-tenth:])
+        minutes = (own[-1][0] - own[0][0]) / 60
+        told.append({"minutes": minutes, "first": first, "last": last, "most": max(settled)})
+    return told
 
 
 @contextlib.contextmanager

@@ -20,6 +20,7 @@ from timing import seconds
 
 PLANES = 64
 _JUMPS = 7, 40
+_ALONE = {"aggregate", "top_view"}
 _CROP_PX = 48
 """Edge of the middle of the image that the reference does."""
 NOTES = f"""\
@@ -27,7 +28,7 @@ Cells: ms (throughput): Mpx/s of the core, of sweep, aggregate and coarse Mde/s:
 rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp); {PLANES} × 4 of
 cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many disparities, its own
 matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
-scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate has but one thread.
+scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate and top_view have but one thread.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -87,7 +88,7 @@ def _rows(scene: Scene, best: str, others: list[str]) -> list[str]:
     for name, call in calls.items():
         planes, few = ((c.planes if name in {"sweep", "aggregate", "coarse"} else 1) for c in (case, small))
         amount = case.s.size * planes
-        times = [_timed(call, load(best), 1), _timed(call, load(best), 2) if name != "aggregate" else None]
+        times = [_timed(call, load(best), 1), _timed(call, load(best), 2) if name not in _ALONE else None]
         times += [_timed(call, load(level), 1) for level in others]
         times.append(seconds(peers[name], 3) if name in peers else None)
         cells = ["" if t is None else f"{t * 1e3:.2f} ({_brief(amount / t / 1e6)})" for t in times]
@@ -133,6 +134,7 @@ def _calls(case: Case) -> dict[str, Call]:
     judged = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
     equations = native.normal_equations(s, p.core, p.coefficients, p.views, **judged)
     projections, pixels = _points(s.size)
+    depth = np.median(s) / s
     return {
         "spline_coefficients": lambda k, n: k.spline_coefficients(p.core, threads=n),
         "warp": lambda k, n: k.warp(s, p.views[0], p.coefficients[0], threads=n),
@@ -151,6 +153,9 @@ def _calls(case: Case) -> dict[str, Call]:
             equations.information, equations.pull, s, slope_u, slope_v, tolerance=0.25, threads=n
         ),
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
+        "top_view": lambda k, n: k.top_view(
+            depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
+        ),
     }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from beltscape.core.belt import HeightMap
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
-from beltscape.measure.mesh import from_above, triangles
+from beltscape.kernels import load
 
 _GRAZING = float(np.tan(np.deg2rad(10.0)))
 
@@ -75,8 +75,23 @@ def pixel_size_mm(depth: DepthMap, camera: Camera) -> float:
 
 def visible_step_mm(depth: DepthMap, camera: Camera) -> float:
     """Largest depth step between neighbouring pixels on one surface: seen under 10°, which no matcher measures."""
-    noise = float(np.median(depth.sigma_mm[depth.measured])) if depth.measured.any() else 0.0
-    return pixel_size_mm(depth, camera) / _GRAZING + 6 * noise
+    return _step_mm(depth, pixel_size_mm(depth, camera))
+
+
+def _step_mm(depth: DepthMap, pixel_mm: float) -> float:
+    measured = depth.measured
+    noise = float(np.median(depth.sigma_mm[measured])) if measured.any() else 0.0
+    return pixel_mm / _GRAZING + 6 * noise
+
+
+def _grid_from_pixel(
+    camera: Camera, belt_from_core: Pose, start_mm: NDArray[np.float64], cell_mm: float
+) -> NDArray[np.float64]:
+    """(3, 4) from pixels times their depth to columns and rows from ``start_mm`` (2,) on, and heights in mm."""
+    moved = belt_from_core.translation_mm - [*start_mm, 0.0]
+    transform = np.column_stack([belt_from_core.rotation @ np.linalg.inv(camera.matrix), moved])
+    transform[:2] /= cell_mm
+    return transform
 
 
 def height_map(
@@ -90,14 +105,14 @@ def height_map(
     looks a pixel apart, where most of them meet the surface. σ is the pixels' own: neighbours err together, so it
     does not fall with their number.
     """
-    side = max(1, round(grid.cell_mm / pixel_size_mm(depth, camera)))
+    pixel_mm = pixel_size_mm(depth, camera)
+    side = max(1, round(grid.cell_mm / pixel_mm))
     fine_mm = grid.cell_mm / side
     shape = (grid.shape[0] * side, grid.shape[1] * side)
     start = np.array(grid.origin_mm) - 0.5 * (side - 1) * fine_mm
-    points = belt_from_core.apply(depth.points_mm(camera)).reshape(-1, 3)
-    corners = triangles(depth.depth_mm, use, visible_step_mm(depth, camera))
-    values = np.column_stack([points[:, 2], depth.sigma_mm.ravel().astype(np.float64) ** 2])
-    height, variance = from_above((points[:, :2] - start) / fine_mm, values, corners, shape)
+    transform = _grid_from_pixel(camera, belt_from_core, start, fine_mm)
+    step_mm = _step_mm(depth, pixel_mm)
+    height, variance = load().top_view(depth.depth_mm, depth.sigma_mm, use, transform, step_mm, shape)
     if side > 1:
         measured = np.isfinite(height)
         share = blocks_mean(measured, side)

@@ -13,6 +13,7 @@ from beltscape.kernels.native.occlusion import Occlusion
 from beltscape.kernels.native.perceptron import Perceptron
 from beltscape.kernels.native.propagation import Propagation
 from beltscape.kernels.native.refinement import Refinement
+from beltscape.kernels.native.top_view import Survey
 from beltscape.kernels.native.triangulation import Triangulation
 from beltscape.kernels.native.warping import Warping
 
@@ -33,7 +34,7 @@ def levels() -> tuple[str, ...]:
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
 
 
-class NativeKernels(Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation, Perceptron):
+class NativeKernels(Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation, Perceptron, Survey):
     """The kernels of one instruction-set level; every family is a base class, in its own file."""
 
     def __init__(self, level: str) -> None:

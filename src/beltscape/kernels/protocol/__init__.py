@@ -10,11 +10,12 @@ from beltscape.kernels.protocol.normal_equations import Judges
 from beltscape.kernels.protocol.occlusion import Occludes
 from beltscape.kernels.protocol.perceptron import Weighs
 from beltscape.kernels.protocol.propagation import Propagates
+from beltscape.kernels.protocol.top_view import Surveys
 from beltscape.kernels.protocol.triangulation import Triangulates
 from beltscape.kernels.protocol.warping import Warps
 
 
-class Kernels(Triangulates, Warps, Occludes, Searches, Judges, Fits, Propagates, Weighs, Protocol):
+class Kernels(Triangulates, Warps, Occludes, Searches, Judges, Fits, Propagates, Weighs, Surveys, Protocol):
     """What every set of kernels offers; stages receive one as a value.
 
     Every kernel takes ``threads`` (0 takes all cores), on which its result does not depend, and raises

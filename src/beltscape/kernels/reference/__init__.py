@@ -10,6 +10,7 @@ from beltscape.kernels.reference.occlusion import nearness_buffers, visible
 from beltscape.kernels.reference.perceptron import perceptron
 from beltscape.kernels.reference.propagation import propagate
 from beltscape.kernels.reference.sweep import sweep
+from beltscape.kernels.reference.top_view import top_view
 from beltscape.kernels.reference.triangulation import triangulate
 from beltscape.kernels.reference.warping import spline_coefficients, warp
 
@@ -30,3 +31,4 @@ class ReferenceKernels:
     local_fit = staticmethod(local_fit)
     propagate = staticmethod(propagate)
     perceptron = staticmethod(perceptron)
+    top_view = staticmethod(top_view)

@@ -252,7 +252,7 @@ def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
 
 
 def _memory(samples: list[tuple[float, int, float]]) -> list[dict[str, float]]:
-    """Of each process that lived ten minutes, without the first two: medians of the first and last tenth, the most."""
+    """Of each process that lived ten minutes, less the first two: medians of first and last tenth, the most."""
     told = []
     for process in dict.fromkeys(number for _, number, _ in samples):
         own = [(now, mib) for now, number, mib in samples if number == process]

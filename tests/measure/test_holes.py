@@ -114,6 +114,17 @@ def test_beyond_the_border_the_nearest_goes_on_and_doubt_grows() -> None:
     assert found.sigma_mm[25, 89] > 5
 
 
+def test_rows_alone_are_filled_as_they_are_with_all_the_others() -> None:
+    field = rocks(4)
+    field[:, :6] = np.nan
+    nothing, rows = np.zeros(X.shape, bool), slice(30, 60)
+    part = fill_holes(field, np.where(np.isfinite(field), 0.1, np.nan), nothing, 1.0, rows=rows)
+    np.testing.assert_allclose(part.value_mm[rows], filled(field).value_mm[rows], atol=1e-6)
+    measured = np.isfinite(field)
+    np.testing.assert_array_equal(np.isfinite(part.value_mm[:30]), measured[:30])
+    np.testing.assert_array_equal(np.isfinite(part.value_mm[60:]), measured[60:])
+
+
 def test_a_field_without_anything_is_refused() -> None:
     with pytest.raises(ValueError, match="nothing to interpolate"):
         filled(np.full((9, 9), np.nan))

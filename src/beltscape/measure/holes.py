@@ -14,6 +14,7 @@ from beltscape.measure.outlook import WINDOWS, Expected, Outlook, expected, outl
 from beltscape.measure.outlook_features import around, features
 from beltscape.measure.quadrics import quadrics
 from beltscape.measure.rims import gradients, hollows, lines_through, lowest_through
+from beltscape.measure.windows import Place
 
 _RATIOS = (-5.0, 5.0)
 """Heights may be so many scales from the smooth surface."""
@@ -51,6 +52,7 @@ def fill_holes(
     lean: NDArray[np.float64] | None = None,
     *,
     windowed: bool = False,
+    rows: slice = slice(None),
     networks: tuple[Network, Network] | None = None,
 ) -> Filled:
     """Fill the NaN cells of a field (Ny, Nx) of heights over the belt.
@@ -67,7 +69,7 @@ def fill_holes(
 
     No cell is put below both its lowest rim and the belt, or above both its highest rim and the smooth surface.
     Beyond the outermost measured cells the nearest ones continue. ``pinhole`` (Ny, Nx) are gaps between points of
-    neighbouring pixels.
+    neighbouring pixels. Outside of ``rows`` holes are looked over, not filled.
 
     Raises
     ------
@@ -82,17 +84,20 @@ def fill_holes(
     inside, beside = networks or (shipped("holes"), shipped("brinks"))
     slant = np.zeros((2, *hole.shape)) if lean is None else lean
     value, sigma = value_mm.copy(), sigma_mm.copy()
-    view = hole_view(value_mm, pinhole, cell_mm, slant)
-    value[hole], spread = _told(view, inside)
-    sigma[hole] = np.hypot(spread, float(np.nanmedian(sigma_mm)))
+    asked = np.zeros_like(hole)
+    asked[rows] = hole[rows]
+    place = np.nonzero(asked)
+    view = hole_view(value_mm, pinhole, cell_mm, slant, place)
+    value[place], spread = _told(view, inside)
+    sigma[place] = np.hypot(spread, float(np.median(sigma_mm[np.isfinite(sigma_mm)])))
     if windowed:
         edge = brinks(value_mm, slant, cell_mm)
         too_high, doubt = edge.beyond(beside)
         value[edge.place] -= too_high
         sigma[edge.place] = np.hypot(sigma[edge.place], doubt)
-    lost = ~np.isfinite(value)
+    lost = asked & ~np.isfinite(value)
     if lost.any():
-        value, sigma = _continued(value, sigma, lost)
+        _continue(value, sigma, lost)
     return Filled(value, sigma, hole)
 
 
@@ -101,18 +106,20 @@ def hole_view(
     pinhole: NDArray[np.bool_],
     cell_mm: float,
     lean: NDArray[np.float64],
+    place: Place | None = None,
 ) -> HoleView:
-    """What the hole cells of a field (Ny, Nx) see."""
+    """What hole cells of a field (Ny, Nx) see: those at ``place``, or all."""
     hole = ~np.isfinite(value_mm)
-    gradient = gradients(value_mm, cell_mm)
+    rows, columns = np.nonzero(hole) if place is None else place
+    place = (rows, columns)
     calm = _calmed(value_mm, hole)
-    lines = lines_through(calm, hole, gradient, lean, cell_mm)
-    look, lowest = outlook(lines), lowest_through(lines, calm, hole, cell_mm)
-    smooth = quadrics(value_mm, np.nonzero(hole), WINDOWS)
+    lines = lines_through(calm, place, gradients(value_mm, cell_mm), lean, cell_mm)
+    look, lowest = outlook(lines), lowest_through(lines, calm, place, cell_mm)
+    smooth = quadrics(value_mm, place, WINDOWS)
     ahead = expected(look, smooth, hollows(value_mm, cell_mm), cell_mm)
-    about = around(value_mm, calm, cell_mm)
-    slant = np.hypot(lean[0], lean[1])[hole]
-    return HoleView(look, ahead, features(look, lowest, ahead, smooth, about, pinhole[hole], slant, cell_mm))
+    about = around(value_mm, calm, place, cell_mm)
+    slant = np.hypot(lean[0][place], lean[1][place])
+    return HoleView(look, ahead, features(look, lowest, ahead, smooth, about, pinhole[place], slant, cell_mm))
 
 
 def _told(view: HoleView, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -137,12 +144,11 @@ def _calmed(value: NDArray[np.float64], hole: NDArray[np.bool_]) -> NDArray[np.f
     return calm
 
 
-def _continued(
-    value: NDArray[np.float64], sigma: NDArray[np.float64], lost: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _continue(value: NDArray[np.float64], sigma: NDArray[np.float64], lost: NDArray[np.bool_]) -> None:
     """Outside, where only one rim tells anything: the nearest known cell's value, the whole field's relief as σ."""
-    nearest = ndimage.distance_transform_edt(lost, return_distances=False, return_indices=True)
+    known = np.isfinite(value)
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     assert isinstance(nearest, np.ndarray)
-    relief = float(np.std(value[~lost]))
-    near = tuple(nearest)
-    return value[near], np.where(lost, np.hypot(sigma[near], relief), sigma)
+    near = tuple(part[lost] for part in nearest)
+    sigma[lost] = np.hypot(sigma[near], float(np.std(value[known])))
+    value[lost] = value[near]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+
+from beltscape.measure.windows import Place, WindowSums, bands
 
 _TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 """Powers of x and y."""
@@ -18,7 +20,7 @@ _LEVERAGE = 30.0
 """Variance of the value, times the number of cells, of one cell's; from here on it is extrapolated too far."""
 _RIDGE = 1e-6
 """Share of the cells that keeps cells all on a line from carrying one, above what is lost by rounding."""
-_AT_ONCE = 1 << 13
+_AT_ONCE = 1 << 11
 """Places solved together: what they need stays small."""
 
 
@@ -34,46 +36,54 @@ class Quadrics:
     """(K, H) variance of the value in units of one cell's over their number: 1 for a mean, much if extrapolated."""
 
 
-def quadrics(
-    value_mm: NDArray[np.float64], place: tuple[NDArray[np.intp], NDArray[np.intp]], sides: tuple[int, ...]
-) -> Quadrics:
+def quadrics(value_mm: NDArray[np.float64], place: Place, sides: tuple[int, ...]) -> Quadrics:
     """Fit the measured cells of a field (Ny, Nx) in windows of odd ``sides`` cells about places (row, column)."""
     measured = np.isfinite(value_mm)
+    # about the field's own middle, so that squares do not drown in rounding
     middle = float(np.nanmean(value_mm))
-    mass, height = measured.astype(np.float64), np.where(measured, value_mm - middle, 0.0)
-    # about the field's own middle, so that powers do not drown in rounding
-    x, y = (np.arange(count, dtype=np.float64) - count // 2 for count in reversed(value_mm.shape))
-    at_x, at_y = x[place[1]], y[place[0]]
-    found = np.empty((3, len(sides), len(at_x)))
-    for k, side in enumerate(sides):
-
-        def summed(field: NDArray[np.float64], side: int = side) -> NDArray[np.float64]:
-            return np.asarray(ndimage.uniform_filter(field, side, mode="constant"))[place] * side**2
-
-        masses = {(i, j): summed(mass * x**i * y[:, None] ** j) for i, j in _POWERS}
-        heights = {(i, j): summed(height * x**i * y[:, None] ** j) for i, j in _TERMS}
-        square = summed(height**2)
-        for first in range(0, len(at_x), _AT_ONCE):
-            own = slice(first, first + _AT_ONCE)
-            parts = [{power: sums[own] for power, sums in group.items()} for group in (masses, heights)]
-            found[:, k, own] = _solved(parts[0], parts[1], square[own], at_x[own], at_y[own], side / 2)
+    height = np.where(measured, value_mm - middle, 0.0)
+    found = np.empty((3, len(sides), len(place[0])))
+    half = np.array(sides)[:, None] / 2
+    for own, near in bands(place, max(sides) // 2, len(value_mm)):
+        x, y = (np.arange(count) - count // 2 for count in (value_mm.shape[1], near.stop - near.start))
+        masses = WindowSums(_weighted(measured[near].astype(np.int64), x, y, _POWERS))
+        heights = WindowSums(_weighted(height[near], x, y, _TERMS))
+        squares = WindowSums(height[near][None] ** 2)
+        for first in range(0, len(own), _AT_ONCE):
+            part = own[first : first + _AT_ONCE]
+            at = (place[0][part] - near.start, place[1][part])
+            mass, right, square = (
+                np.stack([table.at(at, side) for side in sides], axis=1)
+                for table in (masses, heights, squares)
+            )
+            found[:, :, part] = _solved(mass, right, square[0], x[at[1]], y[at[0]], half)
     return Quadrics(found[0] + middle, found[1], found[2])
 
 
+def _weighted(
+    field: NDArray[Any], x: NDArray[np.int64], y: NDArray[np.int64], powers: tuple[tuple[int, int], ...]
+) -> NDArray[Any]:
+    """(len(powers), Ny, Nx) a field (Ny, Nx) times powers of x (Nx,) and y (Ny,)."""
+    along = {i: field * x**i for i in {power[0] for power in powers}}
+    return np.stack([along[i] * y[:, None] ** j if j else along[i] for i, j in powers])
+
+
 def _solved(
-    masses: dict[tuple[int, int], NDArray[np.float64]],
-    heights: dict[tuple[int, int], NDArray[np.float64]],
+    masses: NDArray[np.int64],
+    heights: NDArray[np.float64],
     square: NDArray[np.float64],
-    at_x: NDArray[np.float64],
-    at_y: NDArray[np.float64],
-    half: float,
+    at_x: NDArray[np.int64],
+    at_y: NDArray[np.int64],
+    half: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """(3, n) value, miss and leverage from the windows' sums of powers."""
+    """(3, K, n) value, miss and leverage from the windows' sums of powers (P, K, n)."""
     powers_x, powers_y = (_powers(-at) for at in (at_x, at_y))
-    mass = {power: _moved(masses, power, powers_x, powers_y, half) for power in _POWERS}
-    right = np.stack([_moved(heights, power, powers_x, powers_y, half) for power in _TERMS])
+    mass = {(i, j): _moved(masses, _POWERS, (i, j), powers_x, powers_y) / half ** (i + j) for i, j in _POWERS}
+    right = np.stack(
+        [_moved(heights, _TERMS, (i, j), powers_x, powers_y) / half ** (i + j) for i, j in _TERMS]
+    )
     number = mass[0, 0]
-    normal = np.stack([[mass[a + c, b + d] for c, d in _TERMS] for a, b in _TERMS])
+    normal = np.stack([np.stack([mass[a + c, b + d] for c, d in _TERMS]) for a, b in _TERMS])
     normal[range(len(_TERMS)), range(len(_TERMS))] += _RIDGE * np.maximum(number, 1.0)
     unit = np.zeros_like(right)
     unit[0] = 1.0
@@ -106,21 +116,23 @@ def _cholesky_solved(
     return found
 
 
-def _powers(values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    return [np.ones_like(values), values, values**2, values**3, values**4]
+def _powers(values: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return [values**power for power in range(5)]
 
 
 def _moved(
-    sums: dict[tuple[int, int], NDArray[np.float64]],
+    sums: NDArray[Any],
+    powers: tuple[tuple[int, int], ...],
     power: tuple[int, int],
-    powers_x: list[NDArray[np.float64]],
-    powers_y: list[NDArray[np.float64]],
-    half: float,
-) -> NDArray[np.float64]:
-    """A sum of powers about the place itself, in half windows, by the binomial theorem; powers of minus its place."""
+    powers_x: list[NDArray[np.int64]],
+    powers_y: list[NDArray[np.int64]],
+) -> NDArray[Any]:
+    """(K, n) sum of a power about the place itself, by the binomial theorem; powers of minus its place (n,)."""
     i, j = power
-    total = np.zeros_like(powers_x[0])
+    total = sums[powers.index(power)]
     for a in range(i + 1):
         for b in range(j + 1):
-            total += (comb(i, a) * comb(j, b)) * powers_x[i - a] * powers_y[j - b] * sums[a, b]
-    return total / half ** (i + j)
+            if (a, b) != power:
+                weight = (comb(i, a) * comb(j, b)) * powers_x[i - a] * powers_y[j - b]
+                total = total + weight * sums[powers.index((a, b))]
+    return total

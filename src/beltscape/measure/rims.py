@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.measure.windows import Place
+
 _LOADED_MM = 5.0
 """What lies no higher is bare belt."""
 _WINDOW = 7
@@ -18,6 +20,9 @@ _TURNS_DEG = (14, 31, 59, 76, 104, 121, 149, 166)
 """And between these, 14° to 17° apart; none of them steps on the border between two cells."""
 _LONGEST_CELLS = 96
 """Lines along slots go so far to either side."""
+_FIRST_STEPS = 3
+_Met = tuple[NDArray[np.intp], NDArray[np.float64]]
+"""Flat indices (H,) of the first measured cells from places, -1 for none, and the steps to them, inf for none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,23 +120,23 @@ def gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float
     return np.where(sound, slope, 0.0)
 
 
-def lowest_through(
-    lines: list[Line], rim_mm: NDArray[np.float64], hole: NDArray[np.bool_], cell_mm: float
-) -> Lowest:
-    """Of twelve lines through the hole cells, all around, the one whose higher rim is lowest.
+def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place, cell_mm: float) -> Lowest:
+    """Of twelve lines through hole cells, all around, the one whose higher rim is lowest.
 
     Along a slot between walls it runs from its one end to its other, where the floor may be seen; ``lines`` are those
     of `lines_through`.
     """
-    start, measured = np.nonzero(hole), ~hole
-    rims = [(line.near_mm, line.far_mm, line.near_at_mm, line.far_at_mm) for line in lines[1:]]
-    for turn_deg in _TURNS_DEG:
-        way = np.deg2rad(turn_deg)
-        down, across = np.full(len(start[0]), np.sin(way)), np.full(len(start[0]), np.cos(way))
-        ends = [_march(measured, start, (sign * down, sign * across), _LONGEST_CELLS) for sign in (-1, 1)]
-        height = [np.where(at >= 0, rim_mm.ravel()[at], np.nan) for at, _ in ends]
-        rims.append((height[0], height[1], ends[0][1] * cell_mm, ends[1][1] * cell_mm))
-    near, far, near_at, far_at = np.array(rims).transpose(1, 0, 2)
+    ways = np.deg2rad(np.array(_TURNS_DEG))[:, None] + np.array([np.pi, 0.0])  # both sides
+    down, across = (np.repeat(part.ravel(), len(place[0])) for part in (np.sin(ways), np.cos(ways)))
+    start = (np.tile(place[0], ways.size), np.tile(place[1], ways.size))
+    at, steps = (
+        part.reshape(*ways.shape, -1)
+        for part in _march(np.isfinite(rim_mm), start, (down, across), _LONGEST_CELLS)
+    )
+    height = np.where(at >= 0, rim_mm.ravel()[at], np.nan)
+    fixed = [np.stack([line.near_mm, line.far_mm, line.near_at_mm, line.far_at_mm]) for line in lines[1:]]
+    turned = np.concatenate([height, steps * cell_mm], axis=1)
+    near, far, near_at, far_at = np.concatenate([fixed, turned]).transpose(1, 0, 2)
     met = np.isfinite(near) & np.isfinite(far)
     upper = np.where(met, np.fmax(near, far), np.inf)
     gap = np.where(met, near_at + far_at, np.inf)
@@ -146,24 +151,26 @@ def lowest_through(
 
 def lines_through(
     rim_mm: NDArray[np.float64],
-    hole: NDArray[np.bool_],
+    place: Place,
     gradient: NDArray[np.float64],
     lean: NDArray[np.float64],
     cell_mm: float,
 ) -> list[Line]:
-    """Five lines through the hole cells: the camera's own (along ``lean`` (2, Ny, Nx)), then four fixed ones."""
-    tan_x, tan_y = lean[0][hole], lean[1][hole]
+    """Five lines through the hole cells ``place`` of a field ``rim_mm`` (Ny, Nx) with NaN in its holes.
+
+    The camera's own line comes first (along ``lean`` (2, Ny, Nx)), then four fixed ones.
+    """
+    tan_x, tan_y = lean[0][place], lean[1][place]
     tangent = np.hypot(tan_x, tan_y)
     straight_down = tangent < 1e-9
     unit = np.where(straight_down, 1.0, tangent)
     down, across = np.where(straight_down, 0.0, tan_y / unit), np.where(straight_down, 1.0, tan_x / unit)
-    start = np.nonzero(hole)
 
     def line(
-        near: tuple[NDArray[np.intp], NDArray[np.float64]],
-        far: tuple[NDArray[np.intp], NDArray[np.float64]],
+        near: _Met,
+        far: _Met,
         step_mm: float,
-        way: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float],
+        way: tuple[NDArray[np.float64] | float, ...],
         slant: NDArray[np.float64],
     ) -> Line:
         height = [np.where(at >= 0, rim_mm.ravel()[at], np.nan) for at, _ in (near, far)]
@@ -172,76 +179,63 @@ def lines_through(
         rise = [pair[0] * way[1] + pair[1] * way[0] for pair in zip(x, y, strict=True)]
         return Line(*height, near[1] * step_mm, far[1] * step_mm, *steep, *rise, slant, straight_down)
 
-    measured = ~hole
-    found = [
-        line(
-            _march(measured, start, (-down, -across)),
-            _march(measured, start, (down, across)),
-            cell_mm,
-            (down, across),
-            tangent,
-        )
-    ]
+    measured = np.isfinite(rim_mm)
+    ends = [_march(measured, place, (sign * down, sign * across)) for sign in (-1, 1)]
+    found = [line(ends[0], ends[1], cell_mm, (down, across), tangent)]
     for way in _DIRECTIONS:
-        near, far = (
-            tuple(part[hole] for part in _swept(measured, toward)) for toward in (way, (-way[0], -way[1]))
-        )
         length = float(np.hypot(*way))
         slant = (tan_x * way[1] + tan_y * way[0]) / length
-        unit_way = (way[0] / length, way[1] / length)
-        found.append(line(near, far, cell_mm * length, unit_way, slant))  # pyright: ignore[reportArgumentType]
+        ends = [_swept(measured, toward, place) for toward in (way, (-way[0], -way[1]))]
+        found.append(line(ends[0], ends[1], cell_mm * length, (way[0] / length, way[1] / length), slant))
     return found
 
 
-def _swept(measured: NDArray[np.bool_], way: tuple[int, int]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """For every cell (Ny, Nx) flat index of the first measured cell against ``way``, -1 for none, and the steps."""
-    return _swept_index(np.where(measured, np.arange(measured.size).reshape(measured.shape), -1), way)
-
-
-def _swept_index(
-    index: NDArray[np.intp], way: tuple[int, int]
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    if way[0] == 0:
-        at, steps = _swept_index(index.T, (way[1], 0))
-        return at.T, steps.T
-    if way[0] < 0:
-        at, steps = _swept_index(index[::-1, ::-1], (1, -way[1]))
-        return at[::-1, ::-1], steps[::-1, ::-1]
-    at, steps = index.copy(), np.where(index >= 0, 0.0, np.inf)
-    shift, columns = way[1], index.shape[1]
-    target = slice(max(shift, 0), columns + min(shift, 0))
-    source = slice(max(-shift, 0), columns + min(-shift, 0))
-    for row in range(1, len(index)):
-        empty = at[row, target] < 0
-        at[row, target] = np.where(empty, at[row - 1, source], at[row, target])
-        steps[row, target] = np.where(empty, steps[row - 1, source] + 1, steps[row, target])
-    return at, steps
+def _swept(measured: NDArray[np.bool_], way: tuple[int, int], place: Place) -> _Met:
+    """The first measured cell from each place against ``way``, one of `_DIRECTIONS` or against it."""
+    rows, columns = measured.shape
+    down, across = way
+    if way not in _DIRECTIONS:
+        turned = (rows - 1 - place[0], columns - 1 - place[1])
+        at, steps = _swept(measured[::-1, ::-1], (-down, -across), turned)
+        return np.where(at >= 0, measured.size - 1 - at, -1), steps
+    count = np.arange(rows)[:, None]
+    if down:
+        # each row moved on so far that the way leads straight down
+        column = np.arange(columns) + (across < 0) * count + (across > 0) * (rows - 1 - count)
+        moved = np.full((rows, columns + abs(across) * (rows - 1)), -1)
+        moved[count, column] = np.where(measured, count, -1)
+        steps = place[0] - (last := np.maximum.accumulate(moved, axis=0)[place[0], column[place]])
+    else:
+        along = np.where(measured, np.arange(columns), -1)
+        steps = place[1] - (last := np.maximum.accumulate(along, axis=1)[place])
+    at = (place[0] - down * steps) * columns + place[1] - across * steps
+    return np.where(last >= 0, at, -1), np.where(last >= 0, steps, np.inf)
 
 
 def _march(
     measured: NDArray[np.bool_],
-    start: tuple[NDArray[np.intp], NDArray[np.intp]],
+    start: Place,
     way: tuple[NDArray[np.float64], NDArray[np.float64]],
     longest: int | None = None,
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Flat index of the first measured cell from each start along its own way, -1 for none, and the steps to it."""
+) -> _Met:
+    """The first measured cell from each start along its own way."""
     found = np.full(len(start[0]), -1)
     steps = np.full(len(found), np.inf)
     going = np.arange(len(found))
     rows, columns = measured.shape
-    at_row, at_column = (part.astype(np.float64) for part in start)
-    down, across = way
-    for step in range(1, longest or max(measured.shape)):
-        at_row, at_column = at_row + down, at_column + across
-        row, column = np.rint(at_row).astype(np.intp), np.rint(at_column).astype(np.intp)
+    first, end = 1, longest or max(measured.shape)
+    while len(going) and first < end:
+        # ever more steps at once for the ever fewer lines that go on
+        ahead = np.arange(first, min(2 * first + _FIRST_STEPS, end))
+        row, column = (
+            np.rint(at[going, None] + part[going, None] * ahead).astype(np.intp)
+            for at, part in zip(start, way, strict=True)
+        )
         inside = (row >= 0) & (column >= 0) & (row < rows) & (column < columns)
         flat = np.where(inside, row * columns + column, 0)
-        met = inside & measured.ravel()[flat]
-        found[going[met]], steps[going[met]] = flat[met], step
-        on = inside & ~met
-        going, at_row, at_column, down, across = (
-            part[on] for part in (going, at_row, at_column, down, across)
-        )
-        if not len(going):
-            break
+        over = ~inside | measured.ravel()[flat]
+        pick = (np.arange(len(going)), np.argmax(over, axis=1))
+        met = over[pick] & inside[pick]
+        found[going[met]], steps[going[met]] = flat[pick][met], ahead[pick[1]][met]
+        going, first = going[~over[pick]], int(ahead[-1]) + 1
     return found, steps

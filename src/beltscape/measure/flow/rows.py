@@ -153,8 +153,9 @@ class Filler:
         measured = closed(np.isfinite(height))
         lean = np.stack([np.broadcast_to(self._ground.slant_across(), height.shape), slant])
         narrow = measured & ~np.isfinite(height)
-        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, lean)
         own = slice(self._done - behind, stop - behind)
+        asked = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
+        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, lean, rows=asked)
         rows = self._sums(filled, noise, measured, single[:, 0], own)
         if self._watch is not None:
             parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))

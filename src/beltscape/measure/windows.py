@@ -1,0 +1,57 @@
+"""Sums over square windows about places, by tables of running sums: a window costs four look-ups, whatever its size.
+
+F. C. Crow, Summed-area tables for texture mapping, SIGGRAPH 1984, doi:10.1145/800031.808600.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Place = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Rows and columns of cells."""
+_BAND_ROWS = 128
+"""Rows whose places share a table: it stays small, and so does what rounding adds up to."""
+
+
+def bands(place: Place, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
+    """Places, by number, that lie in the same band of a field's ``rows``, and the rows up to ``reach`` about them."""
+    if not len(place[0]):
+        return
+    for first in range(int(place[0].min()), int(place[0].max()) + 1, _BAND_ROWS):
+        own = np.flatnonzero((place[0] >= first) & (place[0] < first + _BAND_ROWS))
+        if len(own):
+            low, high = int(place[0][own].min()), int(place[0][own].max())
+            yield own, slice(max(low - reach, 0), min(high + reach + 1, rows))
+
+
+class WindowSums:
+    """Tables of running sums of F fields. Whole numbers may overflow: what windows sum to is exact all the same."""
+
+    def __init__(self, fields: NDArray[np.int64] | NDArray[np.float64]) -> None:
+        """``fields`` (F, Ny, Nx), int64 or float64."""
+        count, rows, columns = fields.shape
+        self._shape = (rows, columns)
+        table = np.zeros((count, rows + 1, columns + 1), fields.dtype)
+        np.cumsum(fields, axis=2, out=table[:, 1:, 1:])
+        for row in range(1, rows):
+            table[:, row + 1, 1:] += table[:, row, 1:]
+        self._table = table.reshape(count, -1)
+
+    def at(self, place: Place, side: int) -> NDArray[Any]:
+        """(F, H), of the fields' type, sums over windows of odd ``side`` cells about H places; outside of the fields lies nothing."""
+        rows, columns = self._shape
+        half = side // 2
+        top, bottom = np.maximum(place[0] - half, 0), np.minimum(place[0] + half + 1, rows)
+        left, right = np.maximum(place[1] - half, 0), np.minimum(place[1] + half + 1, columns)
+        table, stride = self._table, columns + 1
+        lower, upper = bottom * stride, top * stride
+        return (
+            table[:, lower + right]
+            - table[:, lower + left]
+            - table[:, upper + right]
+            + table[:, upper + left]
+        )

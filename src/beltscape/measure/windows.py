@@ -42,7 +42,7 @@ class WindowSums:
         self._table = table.reshape(count, -1)
 
     def at(self, place: Place, side: int) -> NDArray[Any]:
-        """(F, H), of the fields' type, sums over windows of odd ``side`` cells about H places; outside of the fields lies nothing."""
+        """(F, H) sums over windows of odd ``side`` cells about H places; outside of the fields lies nothing."""
         rows, columns = self._shape
         half = side // 2
         top, bottom = np.maximum(place[0] - half, 0), np.minimum(place[0] + half + 1, rows)

@@ -131,11 +131,19 @@ def in_image(
     belt: Belt, camera: Camera, grid: Grid, above_mm: NDArray[np.float64] | float
 ) -> NDArray[np.bool_]:
     """(Ny, Nx) whether the undistorted image shows what is so far above the empty belt."""
-    x, y = np.meshgrid(grid.x_mm, grid.y_mm)
+    x, y = grid.x_mm, grid.y_mm[:, None]
     z = belt.surface_mm(grid.x_mm, grid.y_mm) + above_mm
-    points = belt.belt_from_core.inverse().apply(np.stack([x, y, z], axis=-1))
-    pixels = points[..., :2] / points[..., 2:] * camera.focal_px + camera.center_px
-    return np.asarray(((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=-1), bool)
+    core_from_belt = belt.belt_from_core.inverse()
+    low, high = camera.center_px, np.array(camera.size_px) - 1 - camera.center_px
+    # each border of the image is a plane through the eye: what lies inside all four of them is seen
+    along, down = camera.focal_px
+    planes = np.array([[along, 0, low[0]], [0, down, low[1]], [-along, 0, high[0]], [0, -down, high[1]]])
+    shown = np.ones(z.shape, bool)
+    for normal, offset in zip(
+        planes @ core_from_belt.rotation, planes @ core_from_belt.translation_mm, strict=True
+    ):
+        shown &= normal[2] * z >= -((normal[0] * x + offset) + normal[1] * y)
+    return shown
 
 
 def _window(belt: Belt, camera: Camera, grid: Grid) -> Range:

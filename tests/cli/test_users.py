@@ -121,3 +121,17 @@ def test_a_password_typed_twice(monkeypatch, desk):
     words = ["users", "add", "kept", "anna", "--role=engineer"]
     assert program.main(words) == 2
     assert program.main(words) == 0
+
+
+def test_a_programs_key_is_shown_once(monkeypatch, capsys, desk):
+    assert users(monkeypatch, "key", "kept", "prometheus") == 0
+    key = capsys.readouterr().out.splitlines()[0]
+    access = Access(desk / "kept")
+    assert access.keys.find(key)
+    assert users(monkeypatch, "list", "kept") == 0
+    assert capsys.readouterr().out.split() == ["prometheus", "key"]
+    assert users(monkeypatch, "unkey", "kept", "prometheus") == 0
+    assert access.keys.find(key) is None
+    assert [entry["what"] for entry in access.audit.last(2)] == ["key removed", "key made"]
+    access.close()
+    assert users(monkeypatch, "unkey", "kept", "prometheus") == 2

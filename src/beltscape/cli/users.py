@@ -1,4 +1,4 @@
-"""``beltscape users list|add|remove|passwd|role PROJECT [NAME]``: works whether or not the service runs."""
+"""``beltscape users list|add|remove|passwd|role|key|unkey PROJECT [NAME]``: works whether or not the service runs."""
 
 from __future__ import annotations
 
@@ -30,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     role = _command(commands, "role", "give a user another role", named=True)
     role.add_argument("role", choices=ROLES, help="what the user may do")
+    _command(commands, "key", "a new key by which a program may read; printed this once", named=True)
+    _command(commands, "unkey", "take a program's key away", named=True)
     for command in (add, passwd):
         command.add_argument(
             "--password-stdin", action="store_true", help="read the password from standard input"
@@ -44,16 +46,20 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; it is made by the first `beltscape run`, or make it")
     with closing(Access(folder)) as access:
-        _DO[arguments.what](access, arguments)
+        made = _DO[arguments.what](access, arguments)
         users = [{"name": u.name, "role": u.role, "sessions": u.sessions} for u in access.accounts.list()]
-    return {"users": users, "data": folder}
+        keys = [key.name for key in access.keys.list()]
+    return {"users": users, "keys": keys, "data": folder} | ({"key": made} if made else {})
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """All users, as they are now."""
-    if not result["users"]:
+    """A key that was made; else all users and keys, as they are now."""
+    if "key" in result:
+        return f"{result['key']}\nsend it as `Authorization: Bearer KEY`; it is not shown again"
+    if not result["users"] and not result["keys"]:
         return f"{result['data']}: no users yet; `beltscape users add` or the page's setup creates the first engineer"
-    return "\n".join(f"{u['name']:<32} {u['role']:<9} {u['sessions']} sessions" for u in result["users"])
+    users = [f"{u['name']:<32} {u['role']:<9} {u['sessions']} sessions" for u in result["users"]]
+    return "\n".join([*users, *(f"{name:<32} key" for name in result["keys"])])
 
 
 def _command(commands: Any, name: str, text: str, *, named: bool = False) -> argparse.ArgumentParser:
@@ -96,6 +102,17 @@ def _role(access: Access, arguments: argparse.Namespace) -> None:
     _note(access, "role changed", {"user": arguments.name, "role": arguments.role})
 
 
+def _key(access: Access, arguments: argparse.Namespace) -> str:
+    key = access.keys.make(arguments.name)
+    _note(access, "key made", {"key": arguments.name})
+    return key
+
+
+def _unkey(access: Access, arguments: argparse.Namespace) -> None:
+    access.keys.remove(arguments.name)
+    _note(access, "key removed", {"key": arguments.name})
+
+
 def _note(access: Access, what: str, detail: Mapping[str, str]) -> None:
     import getpass
 
@@ -123,4 +140,6 @@ _DO = {
     "remove": _remove,
     "passwd": _passwd,
     "role": _role,
+    "key": _key,
+    "unkey": _unkey,
 }

@@ -10,6 +10,7 @@ from beltscape.core.errors import InputError, OutputError
 from beltscape.service.access.accounts import Accounts, known_as
 from beltscape.service.access.audit import Audit
 from beltscape.service.access.database import Database
+from beltscape.service.access.keys import Keys
 from beltscape.service.access.passwords import Cost
 from beltscape.service.access.queue import PasswordQueue
 from beltscape.service.access.roles import ANONYMOUS, User
@@ -30,6 +31,7 @@ class Access:
         self.sessions = Sessions(
             self._database, self.settings.session_idle_hours * 3600, self.settings.session_days * 86_400
         )
+        self.keys = Keys(self._database)
         self.audit = Audit(folder, int(self.settings.audit_file_mb * 1e6), self.settings.audit_files)
         self.throttle = Throttle()
         self.requests = Buckets(self.settings.requests_per_s, self.settings.requests_burst)

@@ -1,4 +1,4 @@
-"""users.db: users, their sessions, and whether the setup is over."""
+"""users.db: users, their sessions, programs' keys, and whether the setup is over."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ CREATE TABLE IF NOT EXISTS users(
 CREATE TABLE IF NOT EXISTS sessions(
     token TEXT PRIMARY KEY, name TEXT NOT NULL REFERENCES users(name) ON DELETE CASCADE,
     created_s INTEGER NOT NULL, seen_s INTEGER NOT NULL, address TEXT NOT NULL) STRICT;
+CREATE TABLE IF NOT EXISTS keys(
+    name TEXT PRIMARY KEY, token TEXT NOT NULL UNIQUE, created_s INTEGER NOT NULL) STRICT;
 CREATE TABLE IF NOT EXISTS facts(key TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT;
 """
 

@@ -29,6 +29,8 @@ from beltscape.service.access.cookie import TOKEN_HEADER, session_of
 from beltscape.service.access.deeds import noting_deeds
 from beltscape.service.access.depends import USER, address_of
 from beltscape.service.access.headers import adding_headers
+from beltscape.service.access.keys import key_of
+from beltscape.service.access.roles import User
 from beltscape.service.access.sessions import page_token
 from beltscape.service.access.sockets import Sockets
 
@@ -101,6 +103,10 @@ class Guard:
     async def _identify(self, scope: Scope) -> None:
         """Find out who it is; refuse strangers, strangers' pages and whoever asks too often."""
         connection = HTTPConnection(scope)
+        key = key_of(connection)
+        if key is not None:
+            scope[USER] = await self._program(scope, key)
+            return
         token = session_of(connection)
         user = scope[USER] = (
             await run_in_threadpool(self._access.who, token) if token else self._access.who(None)
@@ -118,6 +124,18 @@ class Guard:
         right = hmac.compare_digest(given.encode(), page_token(token).encode())
         if scope.get("method") in UNSAFE and not right and not public:
             raise Refused(403, f"the header {TOKEN_HEADER} is missing or old; load the page anew")
+
+    async def _program(self, scope: Scope, key: str) -> User:
+        """Whose key it is; it only reads."""
+        user = await run_in_threadpool(self._access.keys.find, key)
+        if user is None:
+            raise Refused(401, "no such key; make one by `beltscape users key`")
+        if scope["type"] != "http" or scope["method"] in UNSAFE:
+            raise Refused(403, "a key only reads; sign in to change something, and for the live channel")
+        wait_s = self._access.requests.take("by " + user.name)
+        if wait_s:
+            raise _later(wait_s)
+        return user
 
     def _strange(self, scope: Scope) -> Refused:
         wants_page = "text/html" in Headers(scope=scope).get("accept", "")

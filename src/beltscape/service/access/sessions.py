@@ -44,7 +44,7 @@ class Sessions:
                 (user.name, PER_USER - 1),
             )
             change.execute(
-                "INSERT INTO sessions VALUES (?, ?, ?, ?, ?)", (_hash(token), user.name, now, now, address)
+                "INSERT INTO sessions VALUES (?, ?, ?, ?, ?)", (kept_as(token), user.name, now, now, address)
             )
         return token
 
@@ -53,12 +53,12 @@ class Sessions:
         token = secrets.token_urlsafe(32)
         now = int(self._clock())
         alive = {k: v for k, v in self._unkept.items() if 0 <= now - v[1] < UNKEPT_S}
-        self._unkept = dict([*alive.items(), (_hash(token), (user, now))][-PER_USER:])
+        self._unkept = dict([*alive.items(), (kept_as(token), (user, now))][-PER_USER:])
         return token
 
     def find(self, token: str, *, touch: bool = True) -> User | None:
         """Whose session it is; None where it never was or has ended. ``touch``: it is used now."""
-        key, now = _hash(token), int(self._clock())
+        key, now = kept_as(token), int(self._clock())
         rows = self._database.rows(
             "SELECT u.name, role, s.created_s, seen_s FROM sessions s JOIN users u USING(name) WHERE token = ?",
             key,
@@ -77,7 +77,7 @@ class Sessions:
 
     def close(self, token: str) -> None:
         """Log out; at once even where that cannot be written."""
-        self._end(_hash(token))
+        self._end(kept_as(token))
 
     def close_all(self, name: str) -> None:
         """End all sessions of a user."""
@@ -125,5 +125,6 @@ def page_token(token: str) -> str:
     return hmac.new(token.encode(), b"beltscape page", hashlib.sha256).hexdigest()
 
 
-def _hash(token: str) -> str:
+def kept_as(token: str) -> str:
+    """What of a token is written down: a hash."""
     return hashlib.sha256(token.encode("utf-8", "replace")).hexdigest()

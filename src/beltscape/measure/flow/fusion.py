@@ -31,8 +31,8 @@ class Fused:
     """The surface; σ and noise as the frames' independent errors leave them."""
     single_share: NDArray[np.float64]
     """(n,) share of the cells that one frame measures in a row, on average over those that have it in view."""
-    support: NDArray[np.float32]
-    """(n, Nx) share of the frames with a cell in view that measured it."""
+    frames: NDArray[np.int64]
+    """(n,) frames with the row in view."""
     scatter: Scatter
     """How the frames differ."""
 
@@ -85,8 +85,7 @@ def fuse(layers: Sequence[Layer], first: int, end: int) -> Fused:
         inside[k, rows], share[k, rows], slant[k, rows] = True, part.share, part.slant
     number = np.maximum(inside.sum(axis=0), 1)
     layer, scatter = _fused(height, sigma, noise, first, slant.sum(axis=0) / number)
-    support = (np.isfinite(height).sum(axis=0) / number[:, None]).astype(np.float32)
-    return Fused(layer, share.sum(axis=0) / number, support, scatter)
+    return Fused(layer, share.sum(axis=0) / number, number, scatter)
 
 
 def _fused(

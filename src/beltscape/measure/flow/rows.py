@@ -20,12 +20,12 @@ from beltscape.measure.uncertainty import STEP
 _SEEN = 0.02
 """A row of which less was measured was not seen."""
 _EDGE_PX = 0.1
-"""Steps are placed this well, all alike; `beltscape.measure.uncertainty` allows one frame three times as much."""
-
-
-_COMMON = 0.5
-"""Share of the holes' σ that all holes have in common. What no frame saw lies deeper than what one frame does not
-see, of which the networks learned: on three simulated heaps by 0.2, 0.3 and 0.8 σ in the mean."""
+"""Steps are placed this well, all alike, as in one frame."""
+_DEEPER = 0.8
+"""What none of many frames saw lies by so many σ deeper than what one frame does not see, of which the networks
+learned: by 0.6, 0.7 and 1.1 on three simulated heaps."""
+_COMMON = 0.35
+"""Share of the holes' σ that all holes have in common: by so much materials differ in that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +80,7 @@ class Filler:
         self._block = max(1, round(settings.block_mm / ground.cell_mm))
         self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
         self._rows: list[NDArray[np.float64]] = []
-        """Stacks (5, n, Nx) of the open segment: height, σ, noise; and by row: single share, slant."""
+        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, slant."""
         self._first = 0
         self._done = 0
 
@@ -99,7 +99,10 @@ class Filler:
         layer = fused.layer
         out = self.reached(layer.first)
         columns = layer.height_mm.shape[1]
-        by_row = [np.repeat(values[:, None], columns, axis=1) for values in (fused.single_share, layer.slant)]
+        by_row = [
+            np.repeat(values[:, None], columns, axis=1)
+            for values in (fused.frames, fused.single_share, layer.slant)
+        ]
         stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, *by_row]).astype(np.float64)
         seen = layer.share >= _SEEN
         for start, stop in _runs(seen):
@@ -120,7 +123,7 @@ class Filler:
     def _blanks(self, row: int) -> None:
         """Put in rows that were not seen, up to one that was."""
         if self._rows and row > self._end:
-            shape = (5, row - self._end, self._rows[-1].shape[2])
+            shape = (6, row - self._end, self._rows[-1].shape[2])
             blank = np.full(shape, np.nan)
             blank[3:] = 0.0
             self._rows.append(blank)
@@ -149,13 +152,14 @@ class Filler:
         """Rows from where it stands up to ``stop``, looking at those up to ``ahead``."""
         whole = np.concatenate(self._rows, axis=1)
         behind = max(self._first, self._done - self._margin)
-        height, sigma, noise, single, slant = whole[:, behind - self._first : ahead - self._first]
+        height, sigma, noise, frames, single, slant = whole[:, behind - self._first : ahead - self._first]
         measured = closed(np.isfinite(height))
         lean = np.stack([np.broadcast_to(self._ground.slant_across(), height.shape), slant])
         narrow = measured & ~np.isfinite(height)
         own = slice(self._done - behind, stop - behind)
         asked = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
         filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, lean, rows=asked)
+        filled = _deeper(filled, frames)
         rows = self._sums(filled, noise, measured, single[:, 0], own)
         if self._watch is not None:
             parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
@@ -196,6 +200,13 @@ class Filler:
             edges_mm2=_EDGE_PX * cell * np.asarray(steps)[own],
             holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
         )
+
+
+def _deeper(filled: Filled, frames: NDArray[np.float64]) -> Filled:
+    """Holes lowered the more frames (Ny, Nx) had them in view in vain; not from above the belt to below."""
+    low = filled.value_mm - _DEEPER * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
+    value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
+    return Filled(value, filled.sigma_mm, filled.hole)
 
 
 def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

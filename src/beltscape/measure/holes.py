@@ -79,13 +79,13 @@ def fill_holes(
     hole = ~np.isfinite(value_mm)
     if hole.all():
         raise ValueError("nothing to interpolate from")
-    if not hole.any():
+    asked = np.zeros_like(hole)
+    asked[rows] = hole[rows]
+    if not asked.any():
         return Filled(value_mm, sigma_mm, hole)
     inside, beside = networks or (shipped("holes"), shipped("brinks"))
     slant = np.zeros((2, *hole.shape)) if lean is None else lean
     value, sigma = value_mm.copy(), sigma_mm.copy()
-    asked = np.zeros_like(hole)
-    asked[rows] = hole[rows]
     place = np.nonzero(asked)
     view = hole_view(value_mm, pinhole, cell_mm, slant, place)
     value[place], spread = _told(view, inside)

@@ -45,3 +45,28 @@ def test_what_several_frames_did_not_see_lies_deeper() -> None:
 def test_holes_are_not_lowered_below_the_belt() -> None:
     height, hole = bumps(0.0)
     assert (filled(height, 12)[hole] >= np.minimum(filled(height, 1)[hole], 0)).all()
+
+
+def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> None:
+    """Of a tall load the image's edge shows the bare sides only: no cross-section ends there."""
+    columns = ground().grid.shape[1]
+    height = np.full((120, columns), 80.0, np.float32)
+    height[:, :8] = height[:, -8:] = 0
+    bare = height.copy()
+    bare[:, 8:-8] = np.nan
+    filler, rows = Filler(ground(), FlowSettings(), None), []
+    gap = round(FlowSettings().margin_mm / ground().cell_mm) + 10
+    before = np.concatenate([height, bare[:6]])
+    after = np.concatenate([bare[:6], height])
+    for first, part in ((0, before), (len(before) + gap, after)):
+        seen = np.isfinite(part)
+        sigma = np.where(seen, np.float32(0.1), np.float32(np.nan))
+        layer = Layer(first, part, sigma, sigma, seen.mean(axis=1), np.zeros(len(part)))
+        rows += filler.add(fuse([layer], first, first + len(part)))
+    rows += filler.close()
+    full = ground().cell_mm * height[0].sum()
+    counted = np.concatenate([row.first + np.arange(len(row)) for row in rows])
+    np.testing.assert_array_equal(
+        counted, [*range(120), *range(len(before) + gap + 6, len(before) + gap + 126)]
+    )
+    np.testing.assert_allclose(np.concatenate([row.area_mm2 for row in rows]), full, rtol=1e-6)

@@ -19,6 +19,8 @@ from beltscape.measure.uncertainty import STEP
 
 _SEEN = 0.02
 """A row of which less was measured was not seen."""
+_TELLING = 0.5
+"""Beside a gap neither was one of which less than this was: there only what lies low is in view."""
 _EDGE_PX = 0.1
 """Steps are placed this well, all alike, as in one frame."""
 _DEEPER = 0.8
@@ -83,6 +85,7 @@ class Filler:
         """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, slant."""
         self._first = 0
         self._done = 0
+        self._after_gap = False
 
     @property
     def open_row(self) -> int | None:
@@ -109,16 +112,30 @@ class Filler:
             if not seen[start]:
                 out += self.reached(layer.first + stop)
                 continue
-            self._blanks(layer.first + start)
             if not self._rows:
-                self._first = self._done = layer.first + start
-            self._rows.append(stack[:, start:stop])
+                # of a start after a gap only what tells, as of the end before it
+                telling = np.flatnonzero(layer.share[start:stop] >= (_TELLING if self._after_gap else _SEEN))
+                if not len(telling):
+                    continue
+                first = start + int(telling[0])
+                self._first = self._done = layer.first + first
+            else:
+                first = start
+                self._blanks(layer.first + first)
+            self._rows.append(stack[:, first:stop])
             out += self._finished(closed=False)
         return out
 
     def reached(self, row: int) -> list[Rows]:
         """Nothing was seen up to a row: where that is too far, the segment ends."""
-        return self.close() if self._rows and row - self._end > self._margin else []
+        if not self._rows or row - self._end <= self._margin:
+            return []
+        self._after_gap = True
+        whole = np.concatenate(self._rows, axis=1)
+        telling = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _TELLING)
+        end = max(int(telling[-1]) + 1 if len(telling) else 0, self._done - self._first)
+        self._rows = [whole[:, :end]]
+        return self.close()
 
     def _blanks(self, row: int) -> None:
         """Put in rows that were not seen, up to one that was."""

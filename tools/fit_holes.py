@@ -1,4 +1,4 @@
-"""Fit the networks that fill holes and mend brinks (measure/holes.py) to simulated captures with truth.
+"""Fit the networks that fill holes and mend brinks (measure/holes) to simulated captures with truth.
 
     python tools/fit_holes.py FOLDER LIST [held-out]
 
@@ -26,8 +26,8 @@ from beltscape.core.pose import Pose
 from beltscape.files.reconstruction import read_frame
 from beltscape.measure.belt import learn_belt
 from beltscape.measure.box import Box
-from beltscape.measure.brinks import brinks
-from beltscape.measure.holes import fill_holes, hole_view
+from beltscape.measure.holes.brinks import brinks
+from beltscape.measure.holes.fill import fill_holes, hole_view
 from beltscape.measure.load import Load, load_over_belt
 from beltscape.measure.network import LOG_VARIANCE, Network
 from beltscape.measure.surface import Grid

@@ -24,6 +24,7 @@ from beltscape.files.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.lumps.features import features
 from beltscape.measure.lumps.raster import make_raster
+from beltscape.measure.network import Network
 
 CELLS = {400_000: 40_000, 1_600_000: 15_000, 180_000: 15_000}
 """Cells of the raster → how many of them to learn from."""
@@ -84,16 +85,8 @@ def main(out: str, *captures: str) -> None:
         print(capture, flush=True)
     x, y = (np.concatenate([pair[k] for pair in found]) for k in range(2))
     mean, scale = x.mean(axis=0), x.std(axis=0) + np.float32(1e-3)
-    layers = fit((x - mean) / scale, y, rng)
-
-    def plain(values: np.ndarray) -> list:
-        return np.vectorize(lambda v: float(f"{v:.5g}"))(values).tolist()
-
-    document = {
-        "mean": plain(mean),
-        "scale": plain(scale),
-        "layers": [{"weights": plain(weights), "offsets": plain(offsets)} for weights, offsets in layers],
-    }
+    layers = tuple((weights, offsets) for weights, offsets in fit((x - mean) / scale, y, rng))
+    document = Network(mean, scale, layers).document()
     Path(out).write_text(json.dumps(document, separators=(",", ":")) + "\n", encoding="utf-8")
 
 

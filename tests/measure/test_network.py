@@ -1,3 +1,5 @@
+"""Small networks: their sums, and what ships."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -15,12 +17,15 @@ def test_it_does_its_sums() -> None:
         np.array([2, 1], np.float32),
         ((one, none), (two, np.zeros(2, np.float32))),
     )
-    mean, sigma = found(np.array([[5.0, 0.0], [1.0, 7.0]], np.float32))
+    values = np.array([[5.0, 0.0], [1.0, 7.0]], np.float32)
+    np.testing.assert_allclose(found(values), [[6, 2], [0, 0]])
+    mean, sigma = found.mean_and_sigma(values)
     np.testing.assert_allclose(mean, [6, 0])
     np.testing.assert_allclose(sigma, np.exp([1.0, 0.0]))
+    np.testing.assert_allclose(found.chances(values), 1 / (1 + np.exp([[-6, -2], [0, 0]])), rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["holes", "brinks"])
+@pytest.mark.parametrize("name", ["holes", "brinks", "lumps"])
 def test_shipped_ones_come_through_their_documents(name: str) -> None:
     found = shipped(name)
     document = found.document()

@@ -11,7 +11,7 @@ from beltscape.core.belt import HeightMap
 from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.holes import Filled
+from beltscape.measure.holes.fill import Filled
 from beltscape.measure.surface import Grid, blocks_mean, closed, height_map, pixel_size_mm, visible_step_mm
 from beltscape.measure.trust import trusted
 

@@ -1,4 +1,4 @@
-"""Small networks that tell a mean and a spread, and where they are kept."""
+"""Small fitted networks: what they tell of features, and where they are kept."""
 
 from __future__ import annotations
 
@@ -25,16 +25,24 @@ class Network:
     scale: NDArray[np.float32]
     """(F,) their standard deviation."""
     layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
-    """(weights (inputs, outputs), offsets (outputs,)) of each layer; the last has two outputs."""
+    """(weights (inputs, outputs), offsets (outputs,)) of each layer."""
 
-    def __call__(self, values: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """From features (N, F): mean (N,) and standard deviation (N,)."""
+    def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(N, outputs) answers to features (N, F)."""
         values = (values - self.mean) / self.scale
         for weights, offsets in self.layers[:-1]:
             values = np.maximum(values @ weights + offsets, 0)
         weights, offsets = self.layers[-1]
-        found = (values @ weights + offsets).astype(np.float64)
+        return values @ weights + offsets
+
+    def mean_and_sigma(self, values: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(N,) each: of answers that are a mean and the logarithm of a variance."""
+        found = self(values).astype(np.float64)
         return found[:, 0], np.exp(0.5 * np.clip(found[:, 1], *LOG_VARIANCE))
+
+    def chances(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(N, outputs): of answers that are logits."""
+        return np.asarray(1 / (1 + np.exp(-np.clip(self(values), -30, 30))), np.float32)
 
     def document(self) -> dict[str, Any]:
         """What JSON can hold of it, to five digits."""

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from beltscape.core.belt_model import Belt
 from beltscape.measure.box import Weights
-from beltscape.measure.holes import Filled
+from beltscape.measure.holes.fill import Filled
 from beltscape.measure.load import Load
 
 STEP = float(np.tan(np.deg2rad(60.0)))

@@ -14,7 +14,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.measure.box import Box, Weights, chosen_box, profiles
 from beltscape.measure.capacity import belt_middle_mm, centre_mm, full_area_mm2
-from beltscape.measure.holes import Filled, fill_holes
+from beltscape.measure.holes.fill import Filled, fill_holes
 from beltscape.measure.load import Load, gathered, load_over_belt
 from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.surface import Grid, blocks_mean

@@ -12,9 +12,9 @@ from beltscape.measure.lumps.basins import basins, borders
 from beltscape.measure.lumps.distribution import distribution, passing_size
 from beltscape.measure.lumps.features import FEATURES, features
 from beltscape.measure.lumps.merging import merged
-from beltscape.measure.lumps.outlines import fitted
 from beltscape.measure.lumps.raster import fill
 from beltscape.measure.lumps.settings import LumpSettings
+from beltscape.measure.network import shipped
 
 FIELDS = arrays(np.float32, (9, 12), elements=st.floats(0, 1, width=32), unique=True)
 SIZES = st.lists(st.tuples(st.floats(5, 200), st.floats(0.1, 10)), min_size=1, max_size=30)
@@ -93,9 +93,9 @@ def test_features_do_not_see_a_height_or_a_far_off_slope():
 
 
 def test_the_network_that_ships_fits_the_features():
-    network = fitted()
+    network = shipped("lumps")
     assert network.mean.shape == network.scale.shape == (FEATURES,)
-    chances = network(np.zeros((5, FEATURES), np.float32))
+    chances = network.chances(np.zeros((5, FEATURES), np.float32))
     assert chances.shape == (5, 2)
     assert ((chances >= 0) & (chances <= 1)).all()
 

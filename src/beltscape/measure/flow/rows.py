@@ -13,7 +13,7 @@ from scipy import ndimage
 from beltscape.measure.flow.fusion import Fused
 from beltscape.measure.flow.ground import Ground
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.holes import Filled, fill_holes
+from beltscape.measure.holes.fill import Filled, fill_holes
 from beltscape.measure.surface import closed
 from beltscape.measure.uncertainty import STEP
 

@@ -11,9 +11,10 @@ from scipy import ndimage
 
 from beltscape.measure.lumps.basins import basins, borders
 from beltscape.measure.lumps.merging import merged
-from beltscape.measure.lumps.outlines import Network, outlines
+from beltscape.measure.lumps.outlines import outlines
 from beltscape.measure.lumps.raster import Raster, blur
 from beltscape.measure.lumps.rims import rims_of
+from beltscape.measure.network import Network
 
 _FLOOR = 0.03
 _RIM_CELLS = 10.0

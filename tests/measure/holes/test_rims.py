@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.measure.rims import gradients, lines_through, lowest_through
+from beltscape.measure.holes.rims import gradients, lines_through, lowest_through
 
 X, Y = np.meshgrid(np.arange(-60.0, 60.0), np.arange(-60.0, 60.0))
 LEVEL = np.zeros((2, *X.shape))

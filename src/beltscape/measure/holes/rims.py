@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.measure.windows import Place
+from beltscape.measure.holes.windows import Place
 
 _LOADED_MM = 5.0
 """What lies no higher is bare belt."""

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from beltscape.measure.holes import Filled, fill_holes
+from beltscape.measure.holes.fill import Filled, fill_holes
 
 Turn = Callable[[np.ndarray], np.ndarray]
 X, Y = np.meshgrid(np.arange(90.0), np.arange(90.0))

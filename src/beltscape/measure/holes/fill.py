@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.measure.brinks import brinks
+from beltscape.measure.holes.brinks import brinks
+from beltscape.measure.holes.features import around, features
+from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook, expected, outlook
+from beltscape.measure.holes.quadrics import quadrics
+from beltscape.measure.holes.rims import gradients, hollows, lines_through, lowest_through
+from beltscape.measure.holes.windows import Place
 from beltscape.measure.network import Network, shipped
-from beltscape.measure.outlook import WINDOWS, Expected, Outlook, expected, outlook
-from beltscape.measure.outlook_features import around, features
-from beltscape.measure.quadrics import quadrics
-from beltscape.measure.rims import gradients, hollows, lines_through, lowest_through
-from beltscape.measure.windows import Place
 
 _RATIOS = (-5.0, 5.0)
 """Heights may be so many scales from the smooth surface."""
@@ -124,7 +124,7 @@ def hole_view(
 
 def _told(view: HoleView, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean and spread (H,) of what may lie there, by the network; NaN where no line meets two rims."""
-    offset, sigma = network(view.features)
+    offset, sigma = network.mean_and_sigma(view.features)
     base, scale, floor = view.ahead.base_mm, view.ahead.scale_mm, view.look.floor_mm
     mean = base + scale * np.clip(offset, *_RATIOS)
     # nothing measured says of a hollow that it reaches below the belt

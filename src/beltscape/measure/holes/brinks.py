@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.measure.holes.rims import gradients
 from beltscape.measure.network import Network
-from beltscape.measure.rims import gradients
 
 _REACHES = (1, 2, 4, 8, 16, 32)
 """Cells within which the lowest and the highest measured cell count."""
@@ -44,7 +44,7 @@ class Brinks:
 
     def beyond(self, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(B,) millimetres by which the cells' mean heights are too high, and their standard deviation."""
-        share, sigma = network(self.features)
+        share, sigma = network.mean_and_sigma(self.features)
         return self.drop_mm * np.clip(share, *_LIMITS), self.drop_mm * np.minimum(sigma, 1.0)
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.measure.quadrics import Quadrics
-from beltscape.measure.rims import Hollows, Line
+from beltscape.measure.holes.quadrics import Quadrics
+from beltscape.measure.holes.rims import Hollows, Line
 
 WINDOWS = (9, 25, 51, 101)
 """Cells across the windows in which quadratics are fitted."""

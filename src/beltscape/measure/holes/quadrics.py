@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.measure.windows import Place, WindowSums, bands
+from beltscape.measure.holes.windows import Place, WindowSums, bands
 
 _TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 """Powers of x and y."""

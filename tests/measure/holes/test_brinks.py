@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.measure.brinks import brinks
+from beltscape.measure.holes.brinks import brinks
 from beltscape.measure.network import shipped
 
 X, Y = np.meshgrid(np.arange(80.0), np.arange(60.0))

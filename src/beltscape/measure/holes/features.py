@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.measure.outlook import WINDOWS, Expected, Outlook
-from beltscape.measure.quadrics import Quadrics
-from beltscape.measure.rims import Lowest
-from beltscape.measure.windows import Place, WindowSums, bands
+from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook
+from beltscape.measure.holes.quadrics import Quadrics
+from beltscape.measure.holes.rims import Lowest
+from beltscape.measure.holes.windows import Place, WindowSums, bands
 
 _OPEN_CELLS = (5, 11, 25, 51)
 """Cells across the windows in which the share of holes counts."""

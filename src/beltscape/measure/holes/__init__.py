@@ -1,0 +1,1 @@
+"""Places that no camera measured, told by what is measured about them."""

@@ -124,9 +124,9 @@ class Stage:
         if not self._moves:
             return 0.0
         start, far = self.scenario.motion.start_mm, self._far_mm
-        if start is None:
-            start = -far if self.scenario.motion.speed_mm_s >= 0 else far
-        return float((start + self.belt_mm(frame) + far) % (2 * far) - far)
+        way = 1 if self.scenario.motion.speed_mm_s >= 0 else -1
+        first = -far if start is None else way * start
+        return float(way * ((first + way * self.belt_mm(frame) + far) % (2 * far) - far))
 
     @cached_property
     def frame_count(self) -> int:

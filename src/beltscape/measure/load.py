@@ -12,7 +12,7 @@ from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.measure.holes.fill import Filled
-from beltscape.measure.surface import Grid, blocks_mean, closed, height_map, pixel_size_mm, visible_step_mm
+from beltscape.measure.surface import Grid, blocks_mean, closed, height_map, sampling_of
 from beltscape.measure.trust import trusted
 
 _JUDGED = 0.999
@@ -45,9 +45,9 @@ def load_over_belt(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> 
     A depth map that claims less noise than the empty belt's has there has its σ raised to that.
     """
     pose = belt.belt_from_core
-    pixel_mm, step_mm = pixel_size_mm(loaded, camera), visible_step_mm(loaded, camera)
-    use = trusted(loaded, pixel_mm, step_mm, belt.correlation_px)
-    top = height_map(loaded, camera, pose, grid, use)
+    sampling = sampling_of(loaded, camera)
+    use = trusted(loaded, sampling.pixel_mm, sampling.step_mm, belt.correlation_px)
+    top = height_map(loaded, camera, pose, grid, use, sampling)
     bottom = belt.surface_mm(grid.x_mm, grid.y_mm)
     height = top.heights.height_mm - bottom
     raised = max(1.0, belt.noise_mm / max(belt.claimed_sigma_mm, 1e-9))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.belt import HeightMap
 from beltscape.core.camera import Camera
@@ -65,23 +65,29 @@ def blocks_mean(values: NDArray[np.generic], side: int) -> NDArray[np.float64]:
 
 def closed(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(Ny, Nx) measured cells and the pinholes between neighbouring points."""
-    return np.asarray(ndimage.binary_closing(np.pad(measured, 1), np.ones((3, 3))), bool)[1:-1, 1:-1]
+    padded = np.pad(measured, 1).astype(np.uint8)
+    return cv2.morphologyEx(padded, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
 
 
-def pixel_size_mm(depth: DepthMap, camera: Camera) -> float:
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How finely a depth map samples a surface."""
+
+    pixel_mm: float
     """Edge of a pixel on a surface square to the axis at the median depth."""
-    return float(np.nanmedian(depth.depth_mm)) / float(camera.focal_px.mean())
-
-
-def visible_step_mm(depth: DepthMap, camera: Camera) -> float:
+    step_mm: float
     """Largest depth step between neighbouring pixels on one surface: seen under 10°, which no matcher measures."""
-    return _step_mm(depth, pixel_size_mm(depth, camera))
 
 
-def _step_mm(depth: DepthMap, pixel_mm: float) -> float:
+def sampling_of(depth: DepthMap, camera: Camera) -> Sampling:
+    """Of a depth map in a camera's view."""
     measured = depth.measured
-    noise = float(np.median(depth.sigma_mm[measured])) if measured.any() else 0.0
-    return pixel_mm / _GRAZING + 6 * noise
+    seen_mm, noise_mm = (
+        float(np.median(values[measured])) if measured.any() else 0.0
+        for values in (depth.depth_mm, depth.sigma_mm)
+    )
+    pixel_mm = seen_mm / float(camera.focal_px.mean())
+    return Sampling(pixel_mm, pixel_mm / _GRAZING + 6 * noise_mm)
 
 
 def _grid_from_pixel(
@@ -95,9 +101,14 @@ def _grid_from_pixel(
 
 
 def height_map(
-    depth: DepthMap, camera: Camera, belt_from_core: Pose, grid: Grid, use: NDArray[np.bool_]
+    depth: DepthMap,
+    camera: Camera,
+    belt_from_core: Pose,
+    grid: Grid,
+    use: NDArray[np.bool_],
+    sampling: Sampling,
 ) -> Surface:
-    """Height of the top surface over each cell, from the pixels ``use`` (H, W).
+    """Height of the top surface over each cell, from the pixels ``use`` (H, W) of a map so sampled.
 
     Neighbouring pixels of one surface are joined to triangles, and these are looked at from straight above: every
     cell gets the area that is its own, however dense the pixels lie on what is near, far or steep, and of several
@@ -105,14 +116,14 @@ def height_map(
     looks a pixel apart, where most of them meet the surface. σ is the pixels' own: neighbours err together, so it
     does not fall with their number.
     """
-    pixel_mm = pixel_size_mm(depth, camera)
-    side = max(1, round(grid.cell_mm / pixel_mm))
+    side = max(1, round(grid.cell_mm / sampling.pixel_mm))
     fine_mm = grid.cell_mm / side
     shape = (grid.shape[0] * side, grid.shape[1] * side)
     start = np.array(grid.origin_mm) - 0.5 * (side - 1) * fine_mm
     transform = _grid_from_pixel(camera, belt_from_core, start, fine_mm)
-    step_mm = _step_mm(depth, pixel_mm)
-    height, variance = load().top_view(depth.depth_mm, depth.sigma_mm, use, transform, step_mm, shape)
+    height, variance = load().top_view(
+        depth.depth_mm, depth.sigma_mm, use, transform, sampling.step_mm, shape
+    )
     if side > 1:
         measured = np.isfinite(height)
         share = blocks_mean(measured, side)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.evaluate.lumps import overlap, score_lumps, true_depth, true_rocks, true_sizes
+from beltscape.evaluate.lumps import overlap, score_lumps
 from beltscape.measure.lumps.distribution import distribution
 from beltscape.measure.lumps.lumps import Lumps
 from beltscape.measure.lumps.shape import Lump
@@ -110,17 +110,3 @@ def test_no_lumps_at_all():
 def test_shapes_must_agree():
     with pytest.raises(InputError, match="label picture"):
         score_lumps(lumps_of(np.zeros((5, 5)), []), squares(), SIZES, VOLUMES, pixel_mm=1.0)
-
-
-def test_truth_is_read_back(tmp_path):
-    path = tmp_path / "belt_loaded_depth.npz"
-    np.savez(path, depth_mm=np.array([[700.0, np.nan]], np.float32), rock=np.array([[3, -1]]))
-    np.savez(tmp_path / "rocks.npz", size_mm=SIZES, volume_mm3=VOLUMES, center_mm=np.zeros((4, 3)))
-    assert true_depth(path).measured.tolist() == [[True, False]]
-    assert true_rocks(path).tolist() == [[3, -1]]
-    assert true_sizes(tmp_path / "rocks.npz")[0].tolist() == SIZES.tolist()
-    np.savez(tmp_path / "bare.npz", depth_mm=np.zeros((2, 2)))
-    assert (true_rocks(tmp_path / "bare.npz") == -1).all()
-    np.savez(tmp_path / "none.npz", x=np.zeros(2))
-    with pytest.raises(InputError, match="holds no depth_mm"):
-        true_depth(tmp_path / "none.npz")

@@ -1,4 +1,4 @@
-"""``beltscape evaluate paper|depth``: each lives in the module ``evaluate_<what>``."""
+"""``beltscape evaluate paper|depth|lumps``: each lives in the module ``evaluate_<what>``."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 WHAT = {
     "paper": "the paper's experiments (Tables 2 and 3, Figs. 13-17) and other sensors, against the truth",
     "depth": "a reconstruction against the truth of its scene",
+    "lumps": "lumps of a reconstructed frame against the rocks of its simulated heap",
 }
 """What is evaluated."""
 

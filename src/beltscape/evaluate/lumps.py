@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.evaluate.depth import robust_sigma
 from beltscape.measure.lumps.distribution import passing_size
@@ -78,38 +76,6 @@ class LumpScore:
     """Of the rocks that show `LEAST_PX` pixels, by their true mass: what a perfect eye would say."""
     d50_heap_mm: float
     """Of all rocks of the heap by mass: the top layer's own bias lies between."""
-
-
-def true_depth(path: Path) -> DepthMap:
-    """``*_depth.npz`` of a simulated capture as a perfect depth map."""
-    depth = _array(path, "depth_mm").astype(np.float32)
-    known = np.isfinite(depth)
-    return DepthMap(
-        depth,
-        np.where(known, 0.01, np.nan).astype(np.float32),
-        known.astype(np.uint8),
-        known.astype(np.float32),
-    )
-
-
-def true_rocks(path: Path) -> NDArray[np.int32]:
-    """(H, W) number of the rock that each of the core's pixels shows, -1 where it shows none."""
-    return _array(path, "rock").astype(np.int32)
-
-
-def _array(path: Path, name: str) -> NDArray[np.generic]:
-    with np.load(path) as arrays:
-        if name not in arrays and name == "rock":
-            return np.full(arrays["depth_mm"].shape, -1, np.int32)
-        if name not in arrays:
-            raise InputError(f"{path}: holds no {name}; give truth/*_depth.npz of beltscape simulate")
-        return arrays[name]
-
-
-def true_sizes(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N,) size in mm and (N,) volume in mm³ of a heap's rocks, from ``*_rocks.npz``."""
-    with np.load(path) as arrays:
-        return arrays["size_mm"].astype(np.float64), arrays["volume_mm3"].astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,5 +17,6 @@ void bind_refine(nb::module_& m);
 void bind_top_view(nb::module_& m);
 void bind_triangulate(nb::module_& m);
 void bind_warp(nb::module_& m);
+void bind_windows(nb::module_& m);
 
 }  // namespace beltscape

@@ -26,4 +26,5 @@ NB_MODULE(BELTSCAPE_MODULE, m) {
     beltscape::bind_top_view(m);
     beltscape::bind_triangulate(m);
     beltscape::bind_warp(m);
+    beltscape::bind_windows(m);
 }

@@ -16,6 +16,7 @@ from beltscape.kernels.native.refinement import Refinement
 from beltscape.kernels.native.top_view import Survey
 from beltscape.kernels.native.triangulation import Triangulation
 from beltscape.kernels.native.warping import Warping
+from beltscape.kernels.native.windows import Windows
 
 _ORDER = ("base", "v2", "v3", "v4")
 
@@ -34,7 +35,9 @@ def levels() -> tuple[str, ...]:
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
 
 
-class NativeKernels(Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation, Perceptron, Survey):
+class NativeKernels(
+    Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation, Perceptron, Survey, Windows
+):
     """The kernels of one instruction-set level; every family is a base class, in its own file."""
 
     def __init__(self, level: str) -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from beltscape.kernels.reference.aggregation import aggregate
 from beltscape.kernels.reference.coarse import coarse
+from beltscape.kernels.reference.first_met import first_met
 from beltscape.kernels.reference.local_fit import local_fit
 from beltscape.kernels.reference.normal_equations import normal_equations
 from beltscape.kernels.reference.occlusion import nearness_buffers, visible
 from beltscape.kernels.reference.perceptron import perceptron
 from beltscape.kernels.reference.propagation import propagate
+from beltscape.kernels.reference.quadratics import quadratics
 from beltscape.kernels.reference.sweep import sweep
 from beltscape.kernels.reference.top_view import top_view
 from beltscape.kernels.reference.triangulation import triangulate
 from beltscape.kernels.reference.warping import spline_coefficients, warp
+from beltscape.kernels.reference.windows import plane_slopes, window_means, window_minima
 
 
 class ReferenceKernels:
@@ -32,3 +35,8 @@ class ReferenceKernels:
     propagate = staticmethod(propagate)
     perceptron = staticmethod(perceptron)
     top_view = staticmethod(top_view)
+    first_met = staticmethod(first_met)
+    quadratics = staticmethod(quadratics)
+    window_means = staticmethod(window_means)
+    window_minima = staticmethod(window_minima)
+    plane_slopes = staticmethod(plane_slopes)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.kernels import load
+from beltscape.kernels.protocol.first_met import Place
 from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook
 from beltscape.measure.holes.quadrics import Quadrics
 from beltscape.measure.holes.rims import Lowest
-from beltscape.measure.holes.windows import Place, WindowSums, bands
 
 _OPEN_CELLS = (5, 11, 25, 51)
 """Cells across the windows in which the share of holes counts."""
@@ -24,8 +25,6 @@ _BEND_CELLS = 2
 _MOST = 4.0
 """Ratios count up to here."""
 _MOST_LEVERAGE = 99.0
-_LEAST_SHARE = 1e-3
-"""A window of which less is known tells nothing."""
 _BARE_CELLS = 3.0
 """What lies lower than some of these may be the bare belt."""
 
@@ -51,56 +50,18 @@ def around(
 ) -> Around:
     """Windows about the hole cells ``place`` of a field (Ny, Nx), ``calm_mm`` the same without flying pixels."""
     hole = ~np.isfinite(value_mm)
-    known_mm = np.where(hole, np.inf, calm_mm)
     # about the field's own middle: so differences do not drown in rounding
     middle = float(np.nanmean(value_mm))
-    bend = _bends(value_mm, 2 * cell_mm)
-    found = np.empty((len(_OPEN_CELLS) + len(WINDOWS) + len(_LOW_CELLS) + len(_ROUGH_CELLS), len(place[0])))
-    for own, near in bands(place, max(WINDOWS) // 2, len(hole)):
-        at = (place[0][own] - near.start, place[1][own])
-        heights, bends = _Means(value_mm[near] - middle), _Means(bend[near])
-        found[:, own] = [
-            *(1 - heights.share(at, side) for side in _OPEN_CELLS),
-            *(middle + heights.mean(at, side) for side in WINDOWS),
-            *(_lowest(known_mm[near], at, side) for side in _LOW_CELLS),
-            *(np.nan_to_num(bends.mean(at, side)) for side in _ROUGH_CELLS),
-        ]
-    groups = np.cumsum([len(_OPEN_CELLS), len(WINDOWS), len(_LOW_CELLS)])
-    deep = np.asarray(ndimage.distance_transform_edt(hole), np.float64)[place]
-    return Around(*np.split(found, groups), deep)
-
-
-class _Means:
-    """Means of what is known of a field (Ny, Nx) in windows; its border goes on outside."""
-
-    def __init__(self, field: NDArray[np.float64]) -> None:
-        padded = np.pad(field, self._EDGE, mode="edge")
-        known = np.isfinite(padded)
-        self._counts = WindowSums(known[None].astype(np.int64))
-        self._totals = WindowSums(np.where(known, padded, 0.0)[None])
-
-    _EDGE = max(WINDOWS) // 2
-
-    def share(self, place: Place, side: int) -> NDArray[np.float64]:
-        """(H,) share of known cells."""
-        return self._counts.at(self._moved(place), side)[0] / side**2
-
-    def mean(self, place: Place, side: int) -> NDArray[np.float64]:
-        """(H,) NaN where next to nothing is known."""
-        share = self.share(place, side)
-        total = self._totals.at(self._moved(place), side)[0] / side**2
-        return np.where(share > _LEAST_SHARE, total / np.maximum(share, _LEAST_SHARE), np.nan)
-
-    def _moved(self, place: Place) -> Place:
-        return place[0] + self._EDGE, place[1] + self._EDGE
-
-
-def _lowest(known_mm: NDArray[np.float64], place: Place, side: int) -> NDArray[np.float64]:
-    """(H,) lowest cell in windows of a field (Ny, Nx) with inf in its holes; NaN where there is none."""
-    first, end = int(place[0].min()), int(place[0].max()) + 1
-    rows = ndimage.minimum_filter1d(known_mm, side, axis=0, mode="nearest")[first:end]
-    low = ndimage.minimum_filter1d(rows, side, axis=1, mode="nearest")[place[0] - first, place[1]]
-    return np.where(np.isfinite(low), low, np.nan)
+    sides = tuple(sorted({*_OPEN_CELLS, *WINDOWS}))
+    share, mean = load().window_means(value_mm - middle, place, sides)
+    rough = load().window_means(_bends(value_mm, 2 * cell_mm), place, _ROUGH_CELLS).mean
+    return Around(
+        1 - share[[sides.index(side) for side in _OPEN_CELLS]],
+        middle + mean[[sides.index(side) for side in WINDOWS]],
+        load().window_minima(calm_mm, place, _LOW_CELLS),
+        np.nan_to_num(rough),
+        np.asarray(ndimage.distance_transform_edt(hole), np.float64)[place],
+    )
 
 
 def _bends(value_mm: NDArray[np.float64], most_mm: float) -> NDArray[np.float64]:

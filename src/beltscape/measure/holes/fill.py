@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.kernels.protocol.first_met import Place
 from beltscape.measure.holes.brinks import brinks
 from beltscape.measure.holes.features import around, features
 from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook, expected, outlook
 from beltscape.measure.holes.quadrics import quadrics
 from beltscape.measure.holes.rims import gradients, hollows, lines_through, lowest_through
-from beltscape.measure.holes.windows import Place
 from beltscape.measure.network import Network, shipped
 
 _RATIOS = (-5.0, 5.0)

@@ -6,23 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from beltscape.measure.holes.windows import Place
+from beltscape.kernels import load
+from beltscape.kernels.protocol.first_met import Met, Place
 
 _LOADED_MM = 5.0
 """What lies no higher is bare belt."""
-_WINDOW = 7
-"""Cells across the window in which a surface's slope is fitted."""
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Rows, columns: along x, along y, both diagonals."""
 _TURNS_DEG = (14, 31, 59, 76, 104, 121, 149, 166)
 """And between these, 14° to 17° apart; none of them steps on the border between two cells."""
-_LONGEST_CELLS = 96
+_LONGEST_CELLS = 95
 """Lines along slots go so far to either side."""
-_FIRST_STEPS = 3
-_Met = tuple[NDArray[np.intp], NDArray[np.float64]]
-"""Flat indices (H,) of the first measured cells from places, -1 for none, and the steps to them, inf for none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,29 +90,7 @@ def hollows(value_mm: NDArray[np.float64], cell_mm: float) -> Hollows:
 
 def gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float64]:
     """(2, Ny, Nx) slope in x and y of the plane fitted to the cells about each; 0 where too few were measured."""
-    measured = np.isfinite(value_mm).astype(np.float64)
-    z = np.nan_to_num(value_mm)
-    k = np.arange(_WINDOW) - _WINDOW // 2
-    even, odd, square = np.ones(_WINDOW), k.astype(np.float64), (k * k).astype(np.float64)
-
-    def moment(
-        values: NDArray[np.float64], down: NDArray[np.float64], across: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        part = ndimage.correlate1d(values, down, axis=0, mode="constant")
-        return np.asarray(ndimage.correlate1d(part, across, axis=1, mode="constant"), np.float64)
-
-    number = np.maximum(moment(measured, even, even), 1.0)
-    x, y = moment(measured, even, odd), moment(measured, odd, even)
-    total, sum_x, sum_y = moment(z, even, even), moment(z, even, odd), moment(z, odd, even)
-    xx = moment(measured, even, square) - x * x / number
-    yy = moment(measured, square, even) - y * y / number
-    xy = moment(measured, odd, odd) - x * y / number
-    xz, yz = sum_x - x * total / number, sum_y - y * total / number
-    spread = xx * yy - xy * xy
-    sound = (spread > 1e-3 * xx * yy) & (number >= _WINDOW) & (measured > 0)
-    spread = np.where(sound, spread, 1.0)
-    slope = np.stack([xz * yy - yz * xy, yz * xx - xz * xy]) / spread / cell_mm
-    return np.where(sound, slope, 0.0)
+    return load().plane_slopes(value_mm) / cell_mm
 
 
 def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place, cell_mm: float) -> Lowest:
@@ -127,12 +100,9 @@ def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place,
     of `lines_through`.
     """
     ways = np.deg2rad(np.array(_TURNS_DEG))[:, None] + np.array([np.pi, 0.0])  # both sides
-    down, across = (np.repeat(part.ravel(), len(place[0])) for part in (np.sin(ways), np.cos(ways)))
-    start = (np.tile(place[0], ways.size), np.tile(place[1], ways.size))
-    at, steps = (
-        part.reshape(*ways.shape, -1)
-        for part in _march(np.isfinite(rim_mm), start, (down, across), _LONGEST_CELLS)
-    )
+    down, across = np.sin(ways).reshape(-1, 1), np.cos(ways).reshape(-1, 1)
+    met = load().first_met(np.isfinite(rim_mm), place, down, across, _LONGEST_CELLS)
+    at, steps = (part.reshape(*ways.shape, -1) for part in met)
     height = np.where(at >= 0, rim_mm.ravel()[at], np.nan)
     fixed = [np.stack([line.near_mm, line.far_mm, line.near_at_mm, line.far_at_mm]) for line in lines[1:]]
     turned = np.concatenate([height, steps * cell_mm], axis=1)
@@ -167,75 +137,24 @@ def lines_through(
     down, across = np.where(straight_down, 0.0, tan_y / unit), np.where(straight_down, 1.0, tan_x / unit)
 
     def line(
-        near: _Met,
-        far: _Met,
+        ends: Met,
         step_mm: float,
         way: tuple[NDArray[np.float64] | float, ...],
         slant: NDArray[np.float64],
     ) -> Line:
-        height = [np.where(at >= 0, rim_mm.ravel()[at], np.nan) for at, _ in (near, far)]
-        x, y = ([np.where(at >= 0, part.ravel()[at], 0.0) for at, _ in (near, far)] for part in gradient)
-        steep = [np.hypot(*pair) for pair in zip(x, y, strict=True)]
-        rise = [pair[0] * way[1] + pair[1] * way[0] for pair in zip(x, y, strict=True)]
-        return Line(*height, near[1] * step_mm, far[1] * step_mm, *steep, *rise, slant, straight_down)
+        met = ends.cell >= 0
+        height = np.where(met, rim_mm.ravel()[ends.cell], np.nan)
+        x, y = (np.where(met, part.ravel()[ends.cell], 0.0) for part in gradient)
+        rise = x * way[1] + y * way[0]
+        return Line(*height, *(ends.steps * step_mm), *np.hypot(x, y), *rise, slant, straight_down)
 
-    measured = np.isfinite(rim_mm)
-    ends = [_march(measured, place, (sign * down, sign * across)) for sign in (-1, 1)]
-    found = [line(ends[0], ends[1], cell_mm, (down, across), tangent)]
+    measured, both = np.isfinite(rim_mm), np.array([-1.0, 1.0])[:, None]
+    farthest = max(measured.shape) - 1
+    own = load().first_met(measured, place, both * down, both * across, farthest)
+    found = [line(own, cell_mm, (down, across), tangent)]
     for way in _DIRECTIONS:
         length = float(np.hypot(*way))
         slant = (tan_x * way[1] + tan_y * way[0]) / length
-        ends = [_swept(measured, toward, place) for toward in (way, (-way[0], -way[1]))]
-        found.append(line(ends[0], ends[1], cell_mm * length, (way[0] / length, way[1] / length), slant))
+        ends = load().first_met(measured, place, both * way[0], both * way[1], farthest)
+        found.append(line(ends, cell_mm * length, (way[0] / length, way[1] / length), slant))
     return found
-
-
-def _swept(measured: NDArray[np.bool_], way: tuple[int, int], place: Place) -> _Met:
-    """The first measured cell from each place against ``way``, one of `_DIRECTIONS` or against it."""
-    rows, columns = measured.shape
-    down, across = way
-    if way not in _DIRECTIONS:
-        turned = (rows - 1 - place[0], columns - 1 - place[1])
-        at, steps = _swept(measured[::-1, ::-1], (-down, -across), turned)
-        return np.where(at >= 0, measured.size - 1 - at, -1), steps
-    count = np.arange(rows)[:, None]
-    if down:
-        # each row moved on so far that the way leads straight down
-        column = np.arange(columns) + (across < 0) * count + (across > 0) * (rows - 1 - count)
-        moved = np.full((rows, columns + abs(across) * (rows - 1)), -1)
-        moved[count, column] = np.where(measured, count, -1)
-        steps = place[0] - (last := np.maximum.accumulate(moved, axis=0)[place[0], column[place]])
-    else:
-        along = np.where(measured, np.arange(columns), -1)
-        steps = place[1] - (last := np.maximum.accumulate(along, axis=1)[place])
-    at = (place[0] - down * steps) * columns + place[1] - across * steps
-    return np.where(last >= 0, at, -1), np.where(last >= 0, steps, np.inf)
-
-
-def _march(
-    measured: NDArray[np.bool_],
-    start: Place,
-    way: tuple[NDArray[np.float64], NDArray[np.float64]],
-    longest: int | None = None,
-) -> _Met:
-    """The first measured cell from each start along its own way."""
-    found = np.full(len(start[0]), -1)
-    steps = np.full(len(found), np.inf)
-    going = np.arange(len(found))
-    rows, columns = measured.shape
-    first, end = 1, longest or max(measured.shape)
-    while len(going) and first < end:
-        # ever more steps at once for the ever fewer lines that go on
-        ahead = np.arange(first, min(2 * first + _FIRST_STEPS, end))
-        row, column = (
-            np.rint(at[going, None] + part[going, None] * ahead).astype(np.intp)
-            for at, part in zip(start, way, strict=True)
-        )
-        inside = (row >= 0) & (column >= 0) & (row < rows) & (column < columns)
-        flat = np.where(inside, row * columns + column, 0)
-        over = ~inside | measured.ravel()[flat]
-        pick = (np.arange(len(going)), np.argmax(over, axis=1))
-        met = over[pick] & inside[pick]
-        found[going[met]], steps[going[met]] = flat[pick][met], ahead[pick[1]][met]
-        going, first = going[~over[pick]], int(ahead[-1]) + 1
-    return found, steps

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.measure.holes.windows import WindowSums, bands
+from beltscape.kernels.reference.window_sums import WindowSums, bands
 
 
 @settings(max_examples=25, deadline=None)

@@ -11,18 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Place = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Rows and columns of cells."""
-_BAND_ROWS = 128
-"""Rows whose places share a table: it stays small, and so does what rounding adds up to."""
+from beltscape.kernels.protocol.first_met import Place
+from beltscape.kernels.protocol.windows import BAND_ROWS
 
 
 def bands(place: Place, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
     """Places, by number, that lie in the same band of a field's ``rows``, and the rows up to ``reach`` about them."""
     if not len(place[0]):
         return
-    for first in range(int(place[0].min()), int(place[0].max()) + 1, _BAND_ROWS):
-        own = np.flatnonzero((place[0] >= first) & (place[0] < first + _BAND_ROWS))
+    for first in range(int(place[0].min()), int(place[0].max()) + 1, BAND_ROWS):
+        own = np.flatnonzero((place[0] >= first) & (place[0] < first + BAND_ROWS))
         if len(own):
             low, high = int(place[0][own].min()), int(place[0][own].max())
             yield own, slice(max(low - reach, 0), min(high + reach + 1, rows))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,6 +14,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_between
+from beltscape.measure.flow.foresight import Foresight
 from beltscape.measure.flow.ground import Ground, ground_of
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.belt import empty_belt
@@ -40,8 +42,23 @@ class SequenceMatcher(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Matched:
+    """A frame that is matched, and not measured yet."""
+
+    frame: str
+    time_ns: int | None
+    position_mm: float | None
+    depth: DepthMap | None
+    whole: bool
+
+
 class FlowChain:
-    """Matcher and meter as one; the matcher starts from the frame before, moved with the belt."""
+    """Matcher and meter as one: while a frame is matched, the one before it is measured.
+
+    The matcher starts from the frame before, moved with the belt. Neither which thread is faster nor `settle` changes
+    a result: how the belt should have moved is told by what was measured before the frame before.
+    """
 
     def __init__(self, matcher: SequenceMatcher, meter: FlowMeter) -> None:
         self.meter = meter
@@ -50,31 +67,51 @@ class FlowChain:
         self.failure: ReconstructionError | None = None
         """Why the last one that gave none did not."""
         self._matcher = matcher
-        self._before: DepthMap | None = None
+        self._matching = ThreadPoolExecutor(1, "matcher")
+        self._before: _Matched | None = None
+        self._waiting: _Matched | None = None
+        """The same where it is not measured yet."""
+        self._foresight: Foresight | None = None
+        """Of the meter before the frame before was measured."""
 
     def push(self, frames: FrameSet, reporter: Reporter, *, whole: bool) -> Passed:
         """The next frame set; one without usable images still tells where the belt was.
 
-        ``whole`` says whether all cameras are in it.
+        ``whole`` says whether all cameras are in it. The records are those of the frame before.
         """
-        depth = self._depth(frames, reporter) if frames.images else None
-        self._before = depth
-        records = self.meter.push(
-            depth, frames.time_ns, frames.position_mm, frame=frames.frame, whole=whole or depth is None
+        if self._waiting is not None:
+            self._foresight = self.meter.foresight
+        found = self._matching.submit(self._depth, frames, self._prior(frames), reporter)
+        try:
+            records = self.settle()
+        finally:
+            depth = found.result()
+        self._before = self._waiting = _Matched(
+            frames.frame, frames.time_ns, frames.position_mm, depth, whole or depth is None
         )
         return Passed(depth, records)
 
+    def settle(self) -> list[FlowRecord]:
+        """Measure the frame before without waiting for the next one, where there is time."""
+        one, self._waiting = self._waiting, None
+        if one is None:
+            return []
+        self._foresight = self.meter.foresight
+        return self.meter.push(one.depth, one.time_ns, one.position_mm, frame=one.frame, whole=one.whole)
+
     def finish(self) -> list[FlowRecord]:
         """No more frames come: the records that are left."""
-        return self.meter.finish()
+        return self.settle() + self.meter.finish()
 
     def restart(self, meter: FlowMeter) -> None:
-        """Measure on with another meter: the belt's count begins anew."""
-        self.meter, self._before = meter, None
+        """Measure on with another meter, after `finish`: the belt's count begins anew."""
+        self.meter, self._before, self._foresight = meter, None, None
 
-    def _depth(self, frames: FrameSet, reporter: Reporter) -> DepthMap | None:
+    def _depth(self, frames: FrameSet, prior: Prior | None, reporter: Reporter) -> DepthMap | None:
+        if not frames.images:
+            return None
         try:
-            depth = self._matcher.reconstruct(frames, reporter, prior=self._prior(frames))
+            depth = self._matcher.reconstruct(frames, reporter, prior=prior)
         except ReconstructionError as error:
             self.failure = error
             reporter.warn(f"{error}; going on without this frame")
@@ -83,10 +120,17 @@ class FlowChain:
         return depth
 
     def _prior(self, frames: FrameSet) -> Prior | None:
-        if self._before is None:
+        """The frame before, and how the belt should have moved since."""
+        before = self._before
+        if before is None or before.depth is None or self._foresight is None:
             return None
-        motion = self.meter.expected_motion_mm(frames.time_ns, frames.position_mm)
-        return None if motion is None else Prior(self._before, motion)
+        clock, step = 1.0, None
+        if frames.time_ns is not None and before.time_ns is not None:
+            clock = (frames.time_ns - before.time_ns) * 1e-9
+        if frames.position_mm is not None and before.position_mm is not None:
+            step = frames.position_mm - before.position_mm
+        motion = self._foresight.motion_mm(clock, step)
+        return None if motion is None else Prior(before.depth, motion)
 
 
 def ground_under(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> Ground:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.flow import FlowRecord
 from beltscape.measure.flow.buffer import Buffer
 from beltscape.measure.flow.density import Density, unknown_density
+from beltscape.measure.flow.foresight import Foresight
 from beltscape.measure.flow.fusion import Scatter
 from beltscape.measure.flow.ground import Ground
 from beltscape.measure.flow.motion import AGREE, Motion, Place, Sighting
@@ -115,21 +115,14 @@ class FlowMeter:
         """Encoder against material so far."""
         return self.motion.scale
 
-    def expected_motion_mm(
-        self, time_ns: int | None, position_mm: float | None
-    ) -> NDArray[np.float64] | None:
-        """(3,) how far the belt should have moved since the last frame, in the core's frame; None: not known."""
-        last, motion = self.motion.last, self.motion
-        if last is None or not self._direction or self._waiting:
+    @property
+    def foresight(self) -> Foresight | None:
+        """How the belt should move on after the last frame; None: not known."""
+        motion = self.motion
+        if motion.last is None or not self._direction or self._waiting:
             return None
-        if position_mm is not None and last.encoder_mm is not None:
-            step = (position_mm - last.encoder_mm) / motion.scale.ratio
-        elif motion.speed is not None:
-            clock = float(self._count) if time_ns is None else time_ns * 1e-9
-            step = motion.speed * (clock - last.clock)
-        else:
-            return None
-        return self.ground.belt.belt_from_core.rotation[1] * (step * self._direction)
+        along = self._direction * self.ground.belt.belt_from_core.rotation[1]
+        return Foresight(along, motion.scale.ratio, motion.speed)
 
     def push(
         self,

@@ -162,6 +162,8 @@ class Engine:
             frames = parts.queue.get(_WAIT_S)
             if frames is not None:
                 self._measure(frames)
+                if not len(parts.queue):
+                    self._settle()
             elif parts.queue.closed:
                 break
             elif parts.ticks and (tick := self._tick()) is not None:
@@ -191,10 +193,7 @@ class Engine:
         try:
             outcome = parts.measuring.push(frames)
         except Exception as error:
-            parts.reporter.warn(
-                f"frame {frames.frame}: {type(error).__name__}: {error}; beginning anew after it"
-            )
-            parts.measuring.abandon()
+            self._begin_anew(f"frame {frames.frame}", error)
             return
         self._give(outcome)
         self._done += 1
@@ -212,6 +211,17 @@ class Engine:
                 outcome.speed_mm_s,
             )
         )
+
+    def _settle(self) -> None:
+        """No frame set waits: there is time to measure the one that was only matched."""
+        try:
+            self._give(self._parts.measuring.settle())
+        except Exception as error:
+            self._begin_anew("measuring", error)
+
+    def _begin_anew(self, where: str, error: Exception) -> None:
+        self._parts.reporter.warn(f"{where}: {type(error).__name__}: {error}; beginning anew after it")
+        self._parts.measuring.abandon()
 
     def _give(self, outcome: Outcome) -> None:
         """Entries to the writers, pieces of belt to whoever looks."""

@@ -103,9 +103,16 @@ class Measuring:
         speed = self._chain.meter.motion.speed
         return Outcome(passed.depth, entries, stretches, float("nan") if speed is None else speed)
 
+    def settle(self) -> Outcome:
+        """Measure what was only matched, where there is time: the entries are the same, but earlier."""
+        return self._without_frame([] if self._chain is None else self._chain.settle())
+
     def finish(self) -> Outcome:
         """No more frames come: the entries that are left."""
-        entries = [] if self._chain is None else self._entries(self._chain.finish())
+        return self._without_frame([] if self._chain is None else self._chain.finish())
+
+    def _without_frame(self, records: Sequence[FlowRecord]) -> Outcome:
+        entries = self._entries(records)
         stretches, self._stretches = self._stretches, []
         return Outcome(None, entries, stretches, float("nan"))
 

@@ -9,7 +9,7 @@ from rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.stereo.search import find_depth_range, scaled_rig
+from beltscape.stereo.search import find_depth_range
 
 RIGS = {
     "five": {},
@@ -43,14 +43,6 @@ def test_images_without_anything_in_them_are_refused():
     blank = FrameSet("007", {name: np.full((320, 400), 90, np.uint8) for name in rig.cameras})
     with pytest.raises(ReconstructionError, match="frame 007: no surface found"):
         find_depth_range(rig, blank, Silent())
-
-
-def test_halving_keeps_the_rays():
-    rig, _ = world_rig()
-    half = scaled_rig(rig, 1).core_camera
-    ray = np.array([0.1, -0.2])
-    full_px, half_px = (c.distort(ray) * c.focal_px + c.center_px for c in (rig.core_camera, half))
-    np.testing.assert_allclose((full_px + 0.5) / 2 - 0.5, half_px)
 
 
 @needs_rendered

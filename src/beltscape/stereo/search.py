@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
@@ -67,21 +64,6 @@ def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
         return middle * _AROUND_CONVERGENCE[0], middle * _AROUND_CONVERGENCE[1]
     baseline = max(float(np.linalg.norm(rig.cam_from_core[name].center_mm)) for name in auxiliaries)
     return baseline * _BASELINES[0], baseline * _BASELINES[1]
-
-
-def scaled_rig(rig: Rig, halvings: int) -> Rig:
-    """The same rig with images averaged 2×2 ``halvings`` times."""
-    return replace(rig, cameras={name: _scaled(camera, halvings) for name, camera in rig.cameras.items()})
-
-
-def _scaled(camera: Camera, halvings: int) -> Camera:
-    factor = 2**halvings
-    return replace(
-        camera,
-        size_px=(camera.size_px[0] // factor, camera.size_px[1] // factor),
-        focal_px=camera.focal_px / factor,
-        center_px=(camera.center_px + 0.5) / factor - 0.5,
-    )
 
 
 def _convergence_mm(rig: Rig, name: str) -> float | None:

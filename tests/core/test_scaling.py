@@ -1,0 +1,50 @@
+"""The same camera with smaller or larger images: it looks the same way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.core.scaling import scale_between, scaled_camera, scaled_rig
+
+CAMERA = Camera(
+    "cam0",
+    (1224, 1024),
+    np.array([1163.0, 1162.0]),
+    np.array([618.8, 513.5]),
+    np.array([-0.07, 0.1, 4e-4, -1e-4, 0.0]),
+)
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.25, 2.0])
+def test_a_ray_meets_the_same_place_of_the_image(factor):
+    scaled = scaled_camera(CAMERA, factor)
+    ray = np.array([0.1, -0.2])
+    one, other = (c.distort(ray) * c.focal_px + c.center_px for c in (CAMERA, scaled))
+    np.testing.assert_allclose((one + 0.5) * factor - 0.5, other)
+
+
+@given(st.integers(1, 2448))
+def test_what_was_scaled_is_known_again(width):
+    factor = width / CAMERA.size_px[0]
+    scaled = scaled_camera(CAMERA, factor)
+    assert scaled.size_px[0] == width
+    if width >= 306:
+        assert scale_between(CAMERA, scaled) == pytest.approx(factor)
+
+
+def test_another_camera_is_not_taken_for_a_scaled_one():
+    other = Camera("cam0", (612, 512), CAMERA.focal_px * 0.6, CAMERA.center_px / 2, CAMERA.distortion)
+    assert scale_between(CAMERA, other) is None
+
+
+def test_a_rig_keeps_its_poses():
+    rig = Rig("cam0", {"cam0": CAMERA}, {"cam0": Pose.identity()})
+    half = scaled_rig(rig, 0.5)
+    assert half.core_camera.size_px == (612, 512)
+    assert half.cam_from_core == rig.cam_from_core

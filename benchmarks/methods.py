@@ -15,9 +15,9 @@ from beltscape.evaluate.depth import GROSS_MM, DepthScore, interior_pixels, scor
 from beltscape.evaluate.honesty import false_fill, pixel_locking, sigma_ratios
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
-from beltscape.stereo.rectify import rectify_pair
-from beltscape.stereo.settings import PairwiseSettings
+from beltscape.stereo.pairs.pairwise import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairs.rectify import rectify_pair
+from beltscape.stereo.pairs.settings import PairwiseSettings
 from captures import Scene
 from timing import Cost, cost
 

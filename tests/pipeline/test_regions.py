@@ -9,7 +9,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.files.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.regions import write_regions
-from beltscape.stereo.marker_grid import find_marker_grid
+from beltscape.stereo.markers.grid import find_marker_grid
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 
 RINGED = (80, 255, 120)

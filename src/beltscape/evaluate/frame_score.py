@@ -14,7 +14,7 @@ from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import GROSS_MM, DepthScore, interior_pixels, score_depth
 from beltscape.evaluate.honesty import false_fill, pixel_locking, sigma_ratios
 from beltscape.evaluate.truth import WITHIN_MM, Truth
-from beltscape.stereo.pairwise import horizontal_auxiliary
+from beltscape.stereo.pairs.pairwise import horizontal_auxiliary
 
 _LOCKED_LEAST = 10_000
 """Pixels from which pixel locking is more than noise."""

@@ -30,8 +30,8 @@ from beltscape.files.exchange import import_rig
 from beltscape.files.images import read_image
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.pairwise import reconstruct_pairwise
-from beltscape.stereo.settings import PairwiseSettings
+from beltscape.stereo.pairs.pairwise import reconstruct_pairwise
+from beltscape.stereo.pairs.settings import PairwiseSettings
 
 Reconstruct = Callable[[Rig, FrameSet, tuple[float, float]], DepthMap]
 """A method under test: rig, frame set and (near, far) in mm to the depth of the core's view."""

@@ -24,9 +24,9 @@ from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cloud import CloudBuilder
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
-from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairs.pairwise import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairs.settings import PairwiseSettings
 from beltscape.stereo.search import find_depth_range
-from beltscape.stereo.settings import PairwiseSettings
 
 METHODS = ("multiview", "pairwise", "binocular")
 """What `reconstruct` can do: all auxiliaries at once, or the paper's methods."""

@@ -16,8 +16,8 @@ from beltscape.files.json_text import write_json
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.rectified import RectifiedImages, rectify_images
-from beltscape.stereo.rectify import rectify_pair
+from beltscape.stereo.pairs.rectified import RectifiedImages, rectify_images
+from beltscape.stereo.pairs.rectify import rectify_pair
 from beltscape.stereo.views import usable_auxiliaries
 
 WARN_ROWS_PX = 0.5

@@ -13,7 +13,7 @@ from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.files.images import write_image
 from beltscape.report.regions import regions_picture
-from beltscape.stereo.region_prior import find_grids
+from beltscape.stereo.markers.prior import find_grids
 
 _WIDEST_PX = 1600
 """Three cameras side by side stay legible at this width."""

@@ -10,8 +10,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.report.legend import Rgb
 from beltscape.report.pictures import panel, sheet, to_rgb
-from beltscape.stereo.rectified import RectifiedImages
-from beltscape.stereo.rectify import upright_turns
+from beltscape.stereo.pairs.rectified import RectifiedImages
+from beltscape.stereo.pairs.rectify import upright_turns
 
 LINES = 9
 _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 149, 237), (238, 130, 238)]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet, Image
 from beltscape.report.legend import Rgb
 from beltscape.report.pictures import panel, sheet, to_rgb
-from beltscape.stereo.marker_grid import SIDE, MarkerGrid
-from beltscape.stereo.regions import region_outline
+from beltscape.stereo.markers.grid import SIDE, MarkerGrid
+from beltscape.stereo.markers.regions import region_outline
 
 _FOUND, _EXPECTED = (80, 255, 120), (255, 160, 60)
 _BOUNDARY = (90, 190, 255)

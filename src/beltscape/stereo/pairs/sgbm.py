@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
-from beltscape.stereo.contrast import equal_contrast
-from beltscape.stereo.rectify import RectifiedPair, rectify_pair
-from beltscape.stereo.settings import PairwiseSettings
+from beltscape.stereo.pairs.contrast import equal_contrast
+from beltscape.stereo.pairs.rectify import RectifiedPair, rectify_pair
+from beltscape.stereo.pairs.settings import PairwiseSettings
 
 _SAME_SURFACE_PX = 0.75
 """Neighbouring disparities farther apart than this lie on different surfaces and are not interpolated."""

@@ -13,9 +13,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.marker_agreement import agree, seen_in_place
-from beltscape.stereo.marker_grid import SIDE, MarkerGrid, find_marker_grid
-from beltscape.stereo.regions import region_labels
+from beltscape.stereo.markers.agreement import agree, seen_in_place
+from beltscape.stereo.markers.grid import SIDE, MarkerGrid, find_marker_grid
+from beltscape.stereo.markers.regions import region_labels
 
 RELIEF_MM = 100.0
 """How far from its marker's depth the surface of a region may lie, unless told: a lump larger than most."""

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.stereo.contrast import square_root
-from beltscape.stereo.rectify import RectifiedPair
-from beltscape.stereo.rows import RowError, row_error
+from beltscape.stereo.pairs.contrast import square_root
+from beltscape.stereo.pairs.rectify import RectifiedPair
+from beltscape.stereo.pairs.rows import RowError, row_error
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.marker_grid import SIDE, MarkerGrid
+from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 
 _FRACTION_BITS = 4
 """Polygons are filled with this many binary places of a pixel."""

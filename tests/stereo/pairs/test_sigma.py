@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.fusion import fuse
-from beltscape.stereo.sigma import depth_sigma
+from beltscape.stereo.pairs.fusion import fuse
+from beltscape.stereo.pairs.sigma import depth_sigma
 
 SCALE = 700.0**2
 """px·mm: at 700 mm one pixel of disparity is one millimetre."""

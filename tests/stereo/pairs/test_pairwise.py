@@ -11,8 +11,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import score_depth
-from beltscape.stereo.pairwise import PairwiseReconstructor, horizontal_auxiliary, reconstruct_pairwise
-from beltscape.stereo.settings import PairwiseSettings
+from beltscape.stereo.pairs.pairwise import PairwiseReconstructor, horizontal_auxiliary, reconstruct_pairwise
+from beltscape.stereo.pairs.settings import PairwiseSettings
 
 SETTINGS = PairwiseSettings()
 RANGE = (600.0, 780.0)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.stereo.sgbm import sample, unbiased
+from beltscape.stereo.pairs.sgbm import sample, unbiased
 
 
 def opencv_fixed_point(whole: int, offset: np.ndarray) -> np.ndarray:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beltscape.files.images import read_image
-from beltscape.stereo.marker_grid import find_marker_grid
-from beltscape.stereo.markers import find_markers
+from beltscape.stereo.markers.grid import find_marker_grid
+from beltscape.stereo.markers.markers import find_markers
 from stereo.projected import MARKERS, luminance, picture, seen, view
 from stereo.rendered import RENDERED, needs_rendered
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
-from beltscape.stereo.marker_evidence import Evidence, flat_evidence, red_evidence
+from beltscape.stereo.markers.evidence import Evidence, flat_evidence, red_evidence
 
 MOST = 40
 """Candidates kept: the 16 markers, each perhaps in two parts, and a few false ones."""

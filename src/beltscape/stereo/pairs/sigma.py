@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.fusion import Fused
+from beltscape.stereo.pairs.fusion import Fused
 
 _WINDOW_PX = 11
 """Edge of the window over which the spread between pairs is pooled."""

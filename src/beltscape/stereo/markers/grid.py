@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.frames import Image
-from beltscape.stereo.marker_lattice import find_lattice, placed, projective
-from beltscape.stereo.markers import Markers, find_markers
+from beltscape.stereo.markers.lattice import find_lattice, placed, projective
+from beltscape.stereo.markers.markers import Markers, find_markers
 
 SIDE = 4
 """Markers to a side: blocks of the pattern (the paper's Eq. 6)."""

@@ -13,12 +13,12 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.stereo.contrast import square_root
-from beltscape.stereo.fusion import fuse
+from beltscape.stereo.pairs.contrast import square_root
+from beltscape.stereo.pairs.fusion import fuse
+from beltscape.stereo.pairs.settings import PairwiseSettings
+from beltscape.stereo.pairs.sgbm import PairMatcher, pair_matcher
+from beltscape.stereo.pairs.sigma import depth_sigma
 from beltscape.stereo.search import find_depth_range
-from beltscape.stereo.settings import PairwiseSettings
-from beltscape.stereo.sgbm import PairMatcher, pair_matcher
-from beltscape.stereo.sigma import depth_sigma
 from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.marker_grid import SIDE, MarkerGrid
+from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.search import search_range
 
 _OFF_RADII = 0.3

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.stereo.fusion import fuse
+from beltscape.stereo.pairs.fusion import fuse
 from strategies import seeds
 
 

@@ -9,7 +9,7 @@ from raycast import camera, world_rig
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.stereo.rectify import RectifiedPair, rectify_pair, upright_turns
+from beltscape.stereo.pairs.rectify import RectifiedPair, rectify_pair, upright_turns
 from strategies import seeds
 
 SMALL = (64, 52)

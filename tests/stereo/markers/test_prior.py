@@ -12,9 +12,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from beltscape.stereo.marker_agreement import agree, seen_in_place
-from beltscape.stereo.marker_grid import MarkerGrid, find_marker_grid
-from beltscape.stereo.region_prior import depth_prior, find_grids
+from beltscape.stereo.markers.agreement import agree, seen_in_place
+from beltscape.stereo.markers.grid import MarkerGrid, find_marker_grid
+from beltscape.stereo.markers.prior import depth_prior, find_grids
 from stereo.raycast import world_rig
 from stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 

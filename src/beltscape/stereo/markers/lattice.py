@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.markers import Markers
+from beltscape.stereo.markers.markers import Markers
 
 _NEAR, _NEAR_DISC = 0.2, 0.25
 """Interval threshold: how far from its expected place a neighbour may lie, in steps along and across: the first, and

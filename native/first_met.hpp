@@ -29,25 +29,29 @@ inline std::vector<std::uint8_t> clearances(const bool* measured, int height, in
     constexpr int kFar = 255;
     const std::size_t stride = static_cast<std::size_t>(width) + 2;  // a border on which nothing is measured
     std::vector<std::uint8_t> far((static_cast<std::size_t>(height) + 2) * stride, kFar);
-    const auto at = [&](int v, int u) {
-        return static_cast<std::size_t>(v + 1) * stride + static_cast<std::size_t>(u + 1);
+    const auto columns = static_cast<std::size_t>(width);
+    // a cell is at most one farther than each of its eight neighbours
+    const auto spread = [&](std::uint8_t* row, const std::uint8_t* beside) {
+        for (std::size_t u = 0; u < columns; ++u) {
+            const std::uint8_t near = std::min(beside[u], std::min(beside[u + 1], beside[u + 2]));
+            row[u + 1] = std::min(row[u + 1], static_cast<std::uint8_t>(near < kFar ? near + 1 : kFar));
+        }
     };
-    const auto nearer = [](int own, int other) { return std::min(own, other + 1); };
-    for (int v = 0; v < height; ++v) {
-        for (int u = 0; u < width; ++u) {
-            const std::size_t i = at(v, u), up = i - stride;
-            const bool here = measured[static_cast<std::size_t>(v) * static_cast<std::size_t>(width) +
-                                       static_cast<std::size_t>(u)];
-            const int above = std::min({far[up - 1], far[up], far[up + 1]});
-            far[i] = static_cast<std::uint8_t>(here ? 0 : nearer(nearer(kFar, above), far[i - 1]));
-        }
+    const auto farther = [](int other) { return other < kFar ? other + 1 : kFar; };
+    for (std::size_t v = 0; v < static_cast<std::size_t>(height); ++v) {
+        std::uint8_t* const row = far.data() + (v + 1) * stride;
+        for (std::size_t u = 0; u < columns; ++u) row[u + 1] = measured[v * columns + u] ? 0 : kFar;
+        spread(row, row - stride);
+        int run = kFar;
+        for (std::size_t u = 1; u <= columns; ++u)
+            row[u] = static_cast<std::uint8_t>(run = std::min<int>(row[u], farther(run)));
     }
-    for (int v = height - 1; v >= 0; --v) {
-        for (int u = width - 1; u >= 0; --u) {
-            const std::size_t i = at(v, u), low = i + stride;
-            const int below = std::min({far[low - 1], far[low], far[low + 1]});
-            far[i] = static_cast<std::uint8_t>(nearer(nearer(far[i], below), far[i + 1]));
-        }
+    for (std::size_t v = static_cast<std::size_t>(height); v > 0; --v) {
+        std::uint8_t* const row = far.data() + v * stride;
+        spread(row, row + stride);
+        int run = kFar;
+        for (std::size_t u = columns; u > 0; --u)
+            row[u] = static_cast<std::uint8_t>(run = std::min<int>(row[u], farther(run)));
     }
     return far;
 }
@@ -77,15 +81,14 @@ inline std::int64_t march(const LinesInput& in, const std::uint8_t* far, std::in
 }
 
 inline void first_met(const LinesInput& in, std::int64_t* cell, double* steps, std::size_t threads) {
-    constexpr std::size_t kPerJob = 1024;
+    constexpr std::size_t kPerJob = 1 << 15;  // a millisecond: less is not worth a thread
     const std::vector<std::uint8_t> far = clearances(in.measured, in.height, in.width);
-    const std::size_t parts = (in.count + kPerJob - 1) / kPerJob;
-    for_jobs(in.ways * parts, threads, [&](std::size_t job) {
-        const std::size_t way = job / parts, first = job % parts * kPerJob;
-        for (std::size_t i = first; i < std::min(first + kPerJob, in.count); ++i) {
-            const std::size_t own = in.fixed ? way : way * in.count + i, to = way * in.count + i;
-            cell[to] =
-                march(in, far.data(), in.rows[i], in.columns[i], in.down[own], in.across[own], steps[to]);
+    const std::size_t lines = in.ways * in.count;
+    for_jobs((lines + kPerJob - 1) / kPerJob, threads, [&](std::size_t job) {
+        for (std::size_t line = job * kPerJob; line < std::min((job + 1) * kPerJob, lines); ++line) {
+            const std::size_t way = line / in.count, place = line % in.count, own = in.fixed ? way : line;
+            cell[line] = march(in, far.data(), in.rows[place], in.columns[place], in.down[own],
+                               in.across[own], steps[line]);
         }
     });
 }

@@ -10,7 +10,6 @@
 namespace beltscape {
 
 inline constexpr std::int64_t kBandRows = 128;  // protocol.windows.BAND_ROWS
-inline constexpr std::size_t kPlacesPerJob = 512;
 
 // A field (height, width), NaN: not measured; places on it and odd sides of windows about them.
 struct WindowsInput {

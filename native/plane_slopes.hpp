@@ -3,6 +3,7 @@
 // alone.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -42,7 +43,7 @@ struct Bordered {
 // slope: (2, height, width).
 inline void plane_slopes(const double* field, std::size_t height, std::size_t width, double* slope,
                          std::size_t threads) {
-    constexpr int kRowsPerJob = 16;
+    const int rows_per_job = std::max(1, (1 << 16) / static_cast<int>(width));  // about a millisecond
     Bordered measured(height, width), value(height, width);
     for (std::size_t v = 0; v < height; ++v)
         for (std::size_t u = 0; u < width; ++u) {
@@ -51,7 +52,7 @@ inline void plane_slopes(const double* field, std::size_t height, std::size_t wi
             measured.row(v)[u] = known, value.row(v)[u] = known ? z : 0.0;
         }
     const auto down = static_cast<std::ptrdiff_t>(measured.stride);
-    for_bands(0, static_cast<int>(height), kRowsPerJob, threads, [&](int first, int end) {
+    for_bands(0, static_cast<int>(height), rows_per_job, threads, [&](int first, int end) {
         Bordered sums(5, width);  // down the columns
         double *const n = sums.row(0), *const ny = sums.row(1), *const nyy = sums.row(2);
         double *const z = sums.row(3), *const zy = sums.row(4);

@@ -12,9 +12,10 @@
 
 namespace beltscape {
 
-inline constexpr double kFewest = 12, kMostLeverage = 30, kRidge = 1e-6;  // protocol.windows
-inline constexpr int kTerms = 6, kPowers = 15, kSums = 7;                 // sums: the terms, and squares
-inline constexpr int kTogether = 16;                                      // places in step
+inline constexpr double kFewest = 12, kMostLeverage = 30, kRidge = 1e-6;    // protocol.windows
+inline constexpr int kTerms = 6, kPowers = 15, kSums = 7;                   // sums: the terms, and squares
+inline constexpr std::size_t kPlacesPerJob = 2048, kCellsPerJob = 1 << 17;  // a millisecond or two
+inline constexpr int kTogether = 16;                                        // places in step
 
 struct Power {
     int x, y;
@@ -255,7 +256,8 @@ inline void quadratics(const WindowsInput& in, double* value, double* miss, doub
                        std::size_t threads) {
     for (const PlaceBand& band : bands_of(in)) {
         const QuadraticTables tables(in, band);
-        for_jobs(2, threads, [&](std::size_t job) { job ? tables.fill_heights() : tables.fill_counts(); });
+        for_jobs(2, tables.size() < kCellsPerJob ? 1 : threads,
+                 [&](std::size_t job) { job ? tables.fill_heights() : tables.fill_counts(); });
         const std::size_t end = band.own.size(), jobs = (end + kPlacesPerJob - 1) / kPlacesPerJob;
         for_jobs(jobs, threads, [&](std::size_t job) {
             const std::size_t last = std::min(end, (job + 1) * kPlacesPerJob);

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.kernels import load
 from beltscape.kernels.protocol.first_met import Place
@@ -55,12 +55,13 @@ def around(
     sides = tuple(sorted({*_OPEN_CELLS, *WINDOWS}))
     share, mean = load().window_means(value_mm - middle, place, sides)
     rough = load().window_means(_bends(value_mm, 2 * cell_mm), place, _ROUGH_CELLS).mean
+    deep = cv2.distanceTransform(hole.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return Around(
         1 - share[[sides.index(side) for side in _OPEN_CELLS]],
         middle + mean[[sides.index(side) for side in WINDOWS]],
         load().window_minima(calm_mm, place, _LOW_CELLS),
         np.nan_to_num(rough),
-        np.asarray(ndimage.distance_transform_edt(hole), np.float64)[place],
+        deep[place].astype(np.float64),
     )
 
 
@@ -190,8 +191,10 @@ def _of_depths(
 
 
 def _ratio(over: NDArray[np.float64], under: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.clip(np.nan_to_num(over / under, nan=0, posinf=0, neginf=0), -_MOST, _MOST)
+    ratio = over / under
+    return np.clip(np.where(np.isfinite(ratio), ratio, 0.0), -_MOST, _MOST)
 
 
 def _angle(rise: NDArray[np.float64], run: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    return np.arctan(np.nan_to_num(rise / run, nan=0, posinf=0, neginf=0))
+    slope = rise / run
+    return np.arctan(np.where(np.isfinite(slope), slope, 0.0))

@@ -71,19 +71,17 @@ class Lowest:
 def hollows(value_mm: NDArray[np.float64], cell_mm: float) -> Hollows:
     """Unevenness of a field (Ny, Nx) of loads, where there is load, at distances that double."""
     apart, rms = [0.0], [0.0]
+    loaded = np.where(value_mm > _LOADED_MM, value_mm, np.nan)
     half = 1
     while 2 * half < max(value_mm.shape):
         off = []
-        for field in (value_mm, value_mm.T):
-            middle = field[half:-half]
-            if not len(middle):
-                continue
-            bend = middle - 0.5 * (field[2 * half :] + field[: -2 * half])
-            off.append(bend[np.isfinite(bend) & (middle > _LOADED_MM)])
+        for field, middle in ((value_mm, loaded), (value_mm.T, loaded.T)):
+            bend = np.abs(middle[half:-half] - 0.5 * (field[2 * half :] + field[: -2 * half]))
+            off.append(bend[np.isfinite(bend)])
         if len(values := np.concatenate(off)) < 200:
             break
         apart.append(2 * half * cell_mm)
-        rms.append(max(rms[-1], 1.4826 * float(np.median(np.abs(values)))))
+        rms.append(max(rms[-1], 1.4826 * float(np.median(values, overwrite_input=True))))
         half *= 2
     return Hollows(np.array(apart), np.array(rms))
 
@@ -114,7 +112,11 @@ def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place,
     lower = np.fmin(near, far)
     # equal lengths are equal in any unit and however they were added up
     cells = np.round(gap / cell_mm, 6)
-    own = np.lexsort((np.round(nearer, 9), lower, cells, upper), axis=0)[:1]
+    first = np.ones(upper.shape, bool)
+    for key in (upper, cells, lower, np.round(nearer, 9)):
+        rest = np.where(first, key, np.inf)
+        first &= rest == np.fmin.reduce(rest)
+    own = np.argmax(first, axis=0)[None]
     picked = (np.take_along_axis(part, own, axis=0)[0] for part in (upper, lower, gap, nearer))
     return Lowest(*picked)
 
@@ -152,9 +154,11 @@ def lines_through(
     farthest = max(measured.shape) - 1
     own = load().first_met(measured, place, both * down, both * across, farthest)
     found = [line(own, cell_mm, (down, across), tangent)]
-    for way in _DIRECTIONS:
+    ways = (both[:, 0] * np.array(_DIRECTIONS)[..., None]).transpose(1, 0, 2).reshape(2, -1, 1)
+    met = load().first_met(measured, place, *ways, farthest)
+    for k, way in enumerate(_DIRECTIONS):
         length = float(np.hypot(*way))
         slant = (tan_x * way[1] + tan_y * way[0]) / length
-        ends = load().first_met(measured, place, both * way[0], both * way[1], farthest)
+        ends = Met(*(part[2 * k : 2 * k + 2] for part in met))
         found.append(line(ends, cell_mm * length, (way[0] / length, way[1] / length), slant))
     return found

@@ -20,7 +20,8 @@ from timing import seconds
 
 PLANES = 64
 _JUMPS = 7, 40
-_ALONE = {"aggregate", "top_view"}
+_ALONE = {"aggregate", "top_view", "window_minima"}
+_WINDOWS = 9, 25, 51, 101
 _CROP_PX = 48
 """Edge of the middle of the image that the reference does."""
 NOTES = f"""\
@@ -28,7 +29,8 @@ Cells: ms (throughput): Mpx/s of the core, of sweep, aggregate and coarse Mde/s:
 rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp); {PLANES} × 4 of
 cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many disparities, its own
 matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
-scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate and top_view have but one thread.
+scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, top_view and window_minima have
+but one thread. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -135,6 +137,7 @@ def _calls(case: Case) -> dict[str, Call]:
     equations = native.normal_equations(s, p.core, p.coefficients, p.views, **judged)
     projections, pixels = _points(s.size)
     depth = np.median(s) / s
+    holed, place, turn = _holed(depth)
     return {
         "spline_coefficients": lambda k, n: k.spline_coefficients(p.core, threads=n),
         "warp": lambda k, n: k.warp(s, p.views[0], p.coefficients[0], threads=n),
@@ -156,7 +159,21 @@ def _calls(case: Case) -> dict[str, Call]:
         "top_view": lambda k, n: k.top_view(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
         ),
+        "first_met": lambda k, n: k.first_met(
+            np.isfinite(holed), place, np.sin(turn), np.cos(turn), 95, threads=n
+        ),
+        "quadratics": lambda k, n: k.quadratics(holed, place, _WINDOWS, threads=n),
+        "window_means": lambda k, n: k.window_means(holed, place, _WINDOWS, threads=n),
+        "window_minima": lambda k, n: k.window_minima(holed, place, _WINDOWS, threads=n),
+        "plane_slopes": lambda k, n: k.plane_slopes(holed, threads=n),
     }  # fmt: skip
+
+
+def _holed(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
+    """Depths about 0 with holes, their places, and directions all around."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(2).normal(size=depth.shape), 3)
+    holed = np.where(noise > np.quantile(noise, 0.95), np.nan, depth - depth.mean())
+    return holed, np.nonzero(np.isnan(holed)), np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
 
 
 def _peers(case: Case) -> dict[str, Callable[[], object]]:

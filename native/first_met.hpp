@@ -24,52 +24,63 @@ struct LinesInput {
     std::int64_t most;
 };
 
-// Cells to the nearest measured one, the larger of rows and columns, up to 255.
-inline std::vector<std::uint8_t> clearances(const bool* measured, int height, int width) {
-    constexpr int kFar = 255;
-    const std::size_t stride = static_cast<std::size_t>(width) + 2;  // a border on which nothing is measured
-    std::vector<std::uint8_t> far((static_cast<std::size_t>(height) + 2) * stride, kFar);
-    const auto columns = static_cast<std::size_t>(width);
-    // a cell is at most one farther than each of its eight neighbours
-    const auto spread = [&](std::uint8_t* row, const std::uint8_t* beside) {
-        for (std::size_t u = 0; u < columns; ++u) {
-            const std::uint8_t near = std::min(beside[u], std::min(beside[u + 1], beside[u + 2]));
-            row[u + 1] = std::min(row[u + 1], static_cast<std::uint8_t>(near < kFar ? near + 1 : kFar));
+inline constexpr std::size_t kMargin = 16;             // cells about the grid, none measured
+inline constexpr std::uint8_t kFar = 2 * kMargin - 1;  // farther cells count as that far
+
+// How far the nearest measured cell is from each, the larger of rows and columns.
+struct Clearances {
+    Clearances(const bool* measured, std::size_t height, std::size_t width)
+        : columns(width),
+          stride(width + 2 * kMargin),
+          cells((height + 2) * stride, kFar),
+          spare(stride, kFar) {
+        for (std::size_t v = 0; v < height; ++v) {
+            std::uint8_t* const to = row(v);
+            for (std::size_t u = 0; u < width; ++u) to[u] = measured[v * width + u] ? 0 : kFar;
+            spread(to, to - stride);
         }
-    };
-    const auto farther = [](int other) { return other < kFar ? other + 1 : kFar; };
-    for (std::size_t v = 0; v < static_cast<std::size_t>(height); ++v) {
-        std::uint8_t* const row = far.data() + (v + 1) * stride;
-        for (std::size_t u = 0; u < columns; ++u) row[u + 1] = measured[v * columns + u] ? 0 : kFar;
-        spread(row, row - stride);
-        int run = kFar;
-        for (std::size_t u = 1; u <= columns; ++u)
-            row[u] = static_cast<std::uint8_t>(run = std::min<int>(row[u], farther(run)));
+        for (std::size_t v = height; v-- > 0;) spread(row(v), row(v) + stride);
     }
-    for (std::size_t v = static_cast<std::size_t>(height); v > 0; --v) {
-        std::uint8_t* const row = far.data() + v * stride;
-        spread(row, row + stride);
-        int run = kFar;
-        for (std::size_t u = columns; u > 0; --u)
-            row[u] = static_cast<std::uint8_t>(run = std::min<int>(row[u], farther(run)));
+
+    std::uint8_t* row(std::size_t v) { return cells.data() + (v + 1) * stride + kMargin; }
+    int at(std::int64_t v, std::int64_t u) const {
+        return cells[static_cast<std::size_t>(v + 1) * stride + kMargin + static_cast<std::size_t>(u)];
     }
-    return far;
-}
+
+private:
+    static std::uint8_t less(std::uint8_t a, std::uint8_t b) { return a < b ? a : b; }
+    static std::uint8_t plus(std::uint8_t a, std::size_t step) { return static_cast<std::uint8_t>(a + step); }
+
+    // A cell is at most one farther than those beside it in the next row, and s farther than those s columns
+    // off.
+    void spread(std::uint8_t* to, const std::uint8_t* beside) {
+        const std::size_t count = columns;  // bytes that are written may be anything's, but not a local's
+        for (std::size_t u = 0; u < count; ++u)
+            to[u] = less(to[u], plus(less(beside[u], less((beside - 1)[u], beside[u + 1])), 1));
+        std::uint8_t* const other = spare.data() + kMargin;
+        for (std::size_t step = 1; step <= kMargin; step *= 2) {
+            const std::uint8_t *const before = to - step, *const after = to + step;
+            for (std::size_t u = 0; u < count; ++u)
+                other[u] = less(to[u], plus(less(before[u], after[u]), step));
+            std::copy_n(other, count, to);
+        }
+    }
+
+    std::size_t columns, stride;
+    std::vector<std::uint8_t> cells, spare;
+};
 
 // One line; gives the cell's flat index or -1, and the steps to it.
-inline std::int64_t march(const LinesInput& in, const std::uint8_t* far, std::int64_t row,
-                          std::int64_t column, double down, double across, double& steps) {
+inline std::int64_t march(const LinesInput& in, const Clearances& far, std::int64_t row, std::int64_t column,
+                          double down, double across, double& steps) {
     const auto is_in = [](std::int64_t x, int end) { return x >= 0 && x < end; };
-    const auto clearance = [&](std::int64_t v, std::int64_t u) {
-        return far[(v + 1) * (in.width + 2) + u + 1];
-    };
-    std::int64_t k = std::max<std::int64_t>(1, clearance(row, column));
+    std::int64_t k = std::max<std::int64_t>(1, far.at(row, column));
     while (k <= in.most) {
         const double count = static_cast<double>(k);
         const std::int64_t v = row + static_cast<std::int64_t>(std::rint(count * down));
         const std::int64_t u = column + static_cast<std::int64_t>(std::rint(count * across));
         if (!is_in(v, in.height) || !is_in(u, in.width)) break;
-        const int skipped = clearance(v, u);
+        const int skipped = far.at(v, u);
         if (skipped == 0) {
             steps = count;
             return v * in.width + u;
@@ -82,13 +93,14 @@ inline std::int64_t march(const LinesInput& in, const std::uint8_t* far, std::in
 
 inline void first_met(const LinesInput& in, std::int64_t* cell, double* steps, std::size_t threads) {
     constexpr std::size_t kPerJob = 1 << 15;  // a millisecond: less is not worth a thread
-    const std::vector<std::uint8_t> far = clearances(in.measured, in.height, in.width);
+    const Clearances far(in.measured, static_cast<std::size_t>(in.height),
+                         static_cast<std::size_t>(in.width));
     const std::size_t lines = in.ways * in.count;
     for_jobs((lines + kPerJob - 1) / kPerJob, threads, [&](std::size_t job) {
         for (std::size_t line = job * kPerJob; line < std::min((job + 1) * kPerJob, lines); ++line) {
             const std::size_t way = line / in.count, place = line % in.count, own = in.fixed ? way : line;
-            cell[line] = march(in, far.data(), in.rows[place], in.columns[place], in.down[own],
-                               in.across[own], steps[line]);
+            cell[line] =
+                march(in, far, in.rows[place], in.columns[place], in.down[own], in.across[own], steps[line]);
         }
     });
 }

@@ -75,8 +75,9 @@ def hollows(value_mm: NDArray[np.float64], cell_mm: float) -> Hollows:
     half = 1
     while 2 * half < max(value_mm.shape):
         off = []
-        for field, middle in ((value_mm, loaded), (value_mm.T, loaded.T)):
-            bend = np.abs(middle[half:-half] - 0.5 * (field[2 * half :] + field[: -2 * half]))
+        down = np.s_[half:-half, 2 * half :, : -2 * half]
+        for here, after, before in (down, [(slice(None), part) for part in down]):
+            bend = np.abs(loaded[here] - 0.5 * (value_mm[after] + value_mm[before]))
             off.append(bend[np.isfinite(bend)])
         if len(values := np.concatenate(off)) < 200:
             break

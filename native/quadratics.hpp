@@ -5,8 +5,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
 
+#include "kept.hpp"
 #include "parallel.hpp"
 #include "places.hpp"
 
@@ -42,8 +42,8 @@ struct QuadraticTables {
         : in(input),
           band(rows),
           stride(static_cast<std::size_t>(in.width) + 1),
-          counts(std::make_unique_for_overwrite<Counts[]>(size())),
-          heights(std::make_unique_for_overwrite<Heights[]>(size())) {}
+          counts(size()),
+          heights(size()) {}
 
     std::size_t size() const { return static_cast<std::size_t>(band.end - band.first + 1) * stride; }
     std::int64_t x(std::int64_t column) const { return column - in.width / 2; }
@@ -93,8 +93,8 @@ struct QuadraticTables {
     const WindowsInput& in;
     const PlaceBand& band;
     std::size_t stride;
-    std::unique_ptr<Counts[]> counts;
-    std::unique_ptr<Heights[]> heights;
+    Kept<Counts> counts;
+    Kept<Heights> heights;
 };
 
 template <class T>

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import random
 import signal
 import struct
@@ -220,7 +221,7 @@ def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
     totals = historian.totals
     historian.close()
     kept = {record.number: record for record in records}
-    first = next(r for r in records if r.strip is not None)
+    first = next(r for r in records if r.strip is not None and math.isfinite(r.strip.belt_position_mm))
     view = first.belt_mm[1] - first.strip.belt_position_mm
     return {
         "minutes": seen.rss_mib[-1][0] / 60,

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 LOG_VARIANCE = (-12.0, 3.0)
 """Within these limits the logarithm of the variance counts."""
@@ -29,11 +30,13 @@ class Network:
 
     def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """(N, outputs) answers to features (N, F)."""
-        values = (values - self.mean) / self.scale
-        for weights, offsets in self.layers[:-1]:
-            values = np.maximum(values @ weights + offsets, 0)
-        weights, offsets = self.layers[-1]
-        return values @ weights + offsets
+        # parallel sums depend on the number of threads in their last digits, and small ones gain nothing by it
+        with _blas().limit(limits=1, user_api="blas"):
+            values = (values - self.mean) / self.scale
+            for weights, offsets in self.layers[:-1]:
+                values = np.maximum(values @ weights + offsets, 0)
+            weights, offsets = self.layers[-1]
+            return values @ weights + offsets
 
     def mean_and_sigma(self, values: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N,) each: of answers that are a mean and the logarithm of a variance."""
@@ -52,6 +55,12 @@ class Network:
 
         layers = [{"weights": plain(weights), "offsets": plain(offsets)} for weights, offsets in self.layers]
         return {"mean": plain(self.mean), "scale": plain(self.scale), "layers": layers}
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Finding the libraries takes a millisecond, limiting them microseconds."""
+    return ThreadpoolController()
 
 
 @cache

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -79,14 +78,18 @@ def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
         "[watch]\nlumps_every_s = 0\nedges_every_s = 0\n",
         encoding="utf-8",
     )
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began = perf_counter()
     out = plant / f"{project.stem}.out"
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
-    done = subprocess.run(words, check=True, capture_output=True, text=True)
-    seconds, after = perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Cost(seconds, cpu, after.ru_maxrss / 2**20, json.loads(done.stdout)["records"])
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
+        assert program.stdout is not None
+        said = program.stdout.read()
+        _, status, used = os.wait4(program.pid, 0)  # of this one alone
+        program.returncode = os.waitstatus_to_exitcode(status)
+    if program.returncode:
+        raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
+    cpu, peak_gib = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
+    return Cost(perf_counter() - began, cpu, peak_gib, json.loads(said)["records"])
 
 
 def _rounds(capture: Path, folder: Path, rounds: int) -> Path:

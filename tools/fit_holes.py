@@ -109,7 +109,7 @@ def lessons(load: Load, truth_mm: np.ndarray, cell_mm: float) -> dict[str, Lesso
     """What some hole cells between rims see and where they truly are, and the same of brinks."""
     rng = np.random.default_rng(1)
     hole = ~np.isfinite(load.height_mm)
-    view = hole_view(load.height_mm, load.measured & hole, cell_mm, load.lean)
+    view = hole_view(load.height_mm, load.measured & hole, cell_mm, load.lean, np.nonzero(hole))
     use = chosen(view.look.between & np.isfinite(truth_mm[hole]), "holes", rng)
     scale = view.ahead.scale_mm[use]
     inside = Lesson(view.features[use], (truth_mm[hole] - view.ahead.base_mm)[use] / scale, scale)

@@ -97,3 +97,15 @@ def test_it_may_be_opened_to_this_machine_only(tmp_path):
     here.address = "127.0.0.1"
     assert here("GET", "/api/state").status_code == 401
     made.history.close()
+
+
+def test_a_program_elsewhere_reads_them_by_its_key(tmp_path):
+    made = works(tmp_path)
+    there = made.browser()
+    there.address = "10.1.2.3"
+    assert there("GET", "/metrics").status_code == 401
+    key = made.access.keys.make("prometheus")
+    answer = there("GET", "/metrics", {"authorization": f"Bearer {key}"})
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == MEDIA_TYPE
+    made.history.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare one frame's lumps with the rocks in view."""
     from beltscape.cli.arguments import positive
-    from beltscape.evaluate.lumps_of_frame import read_heap, score_document, score_frame
+    from beltscape.evaluate.lumps_of_frame import read_heap, score_frame
     from beltscape.measure.lumps.settings import LumpSettings
 
     over = positive("--over", arguments.over) or OVER_MM
     heap = read_heap(arguments.truth)
     score = score_frame(heap, arguments.frame, LumpSettings(), over)
     reporter.step("comparing lumps", 1, 1)
-    return {"truth": arguments.truth, "frame": arguments.frame, "over_mm": over, **score_document(score)}
+    return {"truth": arguments.truth, "frame": arguments.frame, "over_mm": over, **asdict(score)}
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -100,8 +100,3 @@ def score_frame(heap: TrueHeap, frame: Path | None, settings: LumpSettings, over
         measure_lumps(depth, camera, settings), heap.rock, heap.size_mm, heap.volume_mm3,
         pixel_mm=heap.pixel_mm, over_mm=over_mm, region=region, measured=depth.measured,
     )  # fmt: skip
-
-
-def score_document(score: LumpScore) -> dict[str, float]:
-    """What JSON holds of it."""
-    return asdict(score)

@@ -51,6 +51,8 @@ class _Matched:
     position_mm: float | None
     depth: DepthMap | None
     whole: bool
+    foresight: Foresight | None
+    """How the belt should move on, by what was measured before this frame."""
 
 
 class FlowChain:
@@ -71,23 +73,24 @@ class FlowChain:
         self._before: _Matched | None = None
         self._waiting: _Matched | None = None
         """The same where it is not measured yet."""
-        self._foresight: Foresight | None = None
-        """Of the meter before the frame before was measured."""
 
     def push(self, frames: FrameSet, reporter: Reporter, *, whole: bool) -> Passed:
         """The next frame set; one without usable images still tells where the belt was.
 
         ``whole`` says whether all cameras are in it. The records are those of the frame before.
         """
-        if self._waiting is not None:
-            self._foresight = self.meter.foresight
         found = self._matching.submit(self._depth, frames, self._prior(frames), reporter)
         try:
             records = self.settle()
         finally:
             depth = found.result()
         self._before = self._waiting = _Matched(
-            frames.frame, frames.time_ns, frames.position_mm, depth, whole or depth is None
+            frames.frame,
+            frames.time_ns,
+            frames.position_mm,
+            depth,
+            whole or depth is None,
+            self.meter.foresight,
         )
         return Passed(depth, records)
 
@@ -96,7 +99,6 @@ class FlowChain:
         one, self._waiting = self._waiting, None
         if one is None:
             return []
-        self._foresight = self.meter.foresight
         return self.meter.push(one.depth, one.time_ns, one.position_mm, frame=one.frame, whole=one.whole)
 
     def finish(self) -> list[FlowRecord]:
@@ -105,7 +107,7 @@ class FlowChain:
 
     def restart(self, meter: FlowMeter) -> None:
         """Measure on with another meter, after `finish`: the belt's count begins anew."""
-        self.meter, self._before, self._foresight = meter, None, None
+        self.meter, self._before = meter, None
 
     def _depth(self, frames: FrameSet, prior: Prior | None, reporter: Reporter) -> DepthMap | None:
         if not frames.images:
@@ -122,14 +124,14 @@ class FlowChain:
     def _prior(self, frames: FrameSet) -> Prior | None:
         """The frame before, and how the belt should have moved since."""
         before = self._before
-        if before is None or before.depth is None or self._foresight is None:
+        if before is None or before.depth is None or before.foresight is None:
             return None
         clock, step = 1.0, None
         if frames.time_ns is not None and before.time_ns is not None:
             clock = (frames.time_ns - before.time_ns) * 1e-9
         if frames.position_mm is not None and before.position_mm is not None:
             step = frames.position_mm - before.position_mm
-        motion = self._foresight.motion_mm(clock, step)
+        motion = before.foresight.motion_mm(clock, step)
         return None if motion is None else Prior(before.depth, motion)
 
 

@@ -107,13 +107,10 @@ def hole_view(
     pinhole: NDArray[np.bool_],
     cell_mm: float,
     lean: NDArray[np.float64],
-    place: Place | None = None,
+    place: Place,
 ) -> HoleView:
-    """What hole cells of a field (Ny, Nx) see: those at ``place``, or all."""
-    hole = ~np.isfinite(value_mm)
-    rows, columns = np.nonzero(hole) if place is None else place
-    place = (rows, columns)
-    calm = _calmed(value_mm, hole)
+    """What the hole cells ``place`` of a field (Ny, Nx) see."""
+    calm = _calmed(value_mm, ~np.isfinite(value_mm))
     lines = lines_through(calm, place, gradients(value_mm, cell_mm), lean, cell_mm)
     look, lowest = outlook(lines), lowest_through(lines, calm, place, cell_mm)
     smooth = quadrics(value_mm, place, WINDOWS)

@@ -81,9 +81,7 @@ class Guard:
         """Refuse what is wrong in itself."""
         headers = Headers(scope=scope)
         method = scope.get("method", "GET")
-        wait_s = self._access.requests.take("from " + address_of(HTTPConnection(scope)))
-        if wait_s:
-            raise _later(wait_s)
+        self._pace("from " + address_of(HTTPConnection(scope)))
         if not host_allowed(headers.get("host", ""), self._names) or len(headers.getlist("host")) != 1:
             raise Refused(
                 400, "unknown host name; call the service by its address, or list the name in allowed_hosts"
@@ -99,6 +97,12 @@ class Guard:
         unsafe = method in UNSAFE or scope["type"] == "websocket"
         if not same_origin(headers, scope["scheme"], unsafe=unsafe):
             raise Refused(403, "this request comes from another site")
+
+    def _pace(self, who: str) -> None:
+        """Refuse whoever asks too often."""
+        wait_s = self._access.requests.take(who)
+        if wait_s:
+            raise Refused(429, "too many requests", {"retry-after": str(math.ceil(wait_s))})
 
     async def _identify(self, scope: Scope) -> None:
         """Find out who it is; refuse strangers, strangers' pages and whoever asks too often."""
@@ -117,9 +121,7 @@ class Guard:
             raise self._strange(scope)
         if user is None or token is None or self._access.anonymous(user):
             return
-        wait_s = self._access.requests.take("by " + user.name)
-        if wait_s:
-            raise _later(wait_s)
+        self._pace("by " + user.name)
         given = connection.headers.get(TOKEN_HEADER, "")
         right = hmac.compare_digest(given.encode(), page_token(token).encode())
         if scope.get("method") in UNSAFE and not right and not public:
@@ -132,9 +134,7 @@ class Guard:
             raise Refused(401, "no such key; make one by `beltscape users key`")
         if scope["type"] != "http" or scope["method"] in UNSAFE:
             raise Refused(403, "a key only reads; sign in to change something, and for the live channel")
-        wait_s = self._access.requests.take("by " + user.name)
-        if wait_s:
-            raise _later(wait_s)
+        self._pace("by " + user.name)
         return user
 
     def _strange(self, scope: Scope) -> Refused:
@@ -174,10 +174,6 @@ def _replayed(messages: list[Message], receive: Receive) -> Receive:
         return messages.pop(0) if messages else await receive()
 
     return again
-
-
-def _later(wait_s: float) -> Refused:
-    return Refused(429, "too many requests", {"retry-after": str(math.ceil(wait_s))})
 
 
 async def _answer(refused: Refused, scope: Scope, receive: Receive, send: Send) -> None:

@@ -22,6 +22,12 @@ struct Sighting {
     F nearness;
 };
 
+// The pixel nearest to a spot, or the one left of it where u is above a half.
+template <class F>
+BELTSCAPE_INLINE IntOf<F> nearest_pixel(const Spot<F>& spot, const Image& image) {
+    return spot.index + select(spot.v >= 0.5f, broadcast<IntOf<F>>(image.width), IntOf<F>{});
+}
+
 // Columns x of row y at nearness s.
 template <class F>
 BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, float y, F s) {
@@ -31,8 +37,8 @@ BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, fl
     const auto [u, v] = image_of(view, (d[0] * x + from_x + view.shift[0] * s) * inverse_depth,
                                  (d[3] * x + from_y + view.shift[1] * s) * inverse_depth);
     const Spot<F> place = spot(image, u, v, inverse_depth > 0.0f);
-    const IntOf<F> down = select(place.v >= 0.5f, broadcast<IntOf<F>>(image.width), IntOf<F>{});
-    return {place, place.index + down, select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
+    return {place, nearest_pixel(place, image),
+            select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
 }
 
 // 1 where nothing in the buffer lies more than `tolerance` before what is seen at the nearest pixel, else 0.

@@ -14,6 +14,7 @@ void bind_occlusion(nb::module_& m);
 void bind_perceptron(nb::module_& m);
 void bind_propagate(nb::module_& m);
 void bind_refine(nb::module_& m);
+void bind_rivals(nb::module_& m);
 void bind_top_view(nb::module_& m);
 void bind_triangulate(nb::module_& m);
 void bind_warp(nb::module_& m);

@@ -4,11 +4,13 @@
 #include "agreement.hpp"
 #include "candidates.hpp"
 #include "lanes.hpp"
+#include "likeness.hpp"
 #include "local_fit.hpp"
 #include "normal_equations.hpp"
 #include "occlusion.hpp"
 #include "perceptron.hpp"
 #include "prefilter.hpp"
+#include "rivals.hpp"
 #include "select.hpp"
 #include "sweep.hpp"
 #include "triangulate.hpp"
@@ -131,6 +133,14 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
 // A thread takes a pixel.
 __global__ void check_perceptron(Network net, const float* const* planes, float* const* out) {
     perceptron_row<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+}
+
+// A thread takes a pixel: all its rivals, then how like the images each is.
+__global__ void check_rivals(RivalSearch search, LikenessInput in, Planes at, Rivals rivals, float* out) {
+    const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;
+    find_rivals(search, static_cast<int>(at.u[pixel]), static_cast<int>(at.v[pixel]), rivals, pixel);
+    likeness<float>(in, {at.u + pixel, at.v + pixel, at.s + pixel, at.slope_u + pixel, at.slope_v + pixel}, 1,
+                    out + pixel, rivals.stride);
 }
 
 }  // namespace beltscape

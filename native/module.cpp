@@ -23,6 +23,7 @@ NB_MODULE(BELTSCAPE_MODULE, m) {
     beltscape::bind_perceptron(m);
     beltscape::bind_propagate(m);
     beltscape::bind_refine(m);
+    beltscape::bind_rivals(m);
     beltscape::bind_top_view(m);
     beltscape::bind_triangulate(m);
     beltscape::bind_warp(m);

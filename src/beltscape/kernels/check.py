@@ -39,6 +39,13 @@ def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]
     return array
 
 
+def flags(name: str, array: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Contiguous uint8 of a shape, from that or bool, or KernelError."""
+    if array.shape != shape or array.dtype not in (np.uint8, np.bool_):
+        raise KernelError(f"{name} must be uint8 or bool {shape}, not {array.dtype} {array.shape}")
+    return np.ascontiguousarray(array).view(np.uint8)
+
+
 def spline(coefficients: NDArray[np.floating]) -> NDArray[np.float32]:
     """Contiguous float32 coefficients (h, w) of an image of at least 4 × 4, or KernelError."""
     coefficients = float32("coefficients", coefficients, ("h", "w"))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.check import float32, sampled_images
+from beltscape.kernels.check import flags, float32, sampled_images
 
 MOST_OFFSETS = 254
 MOST_CANDIDATES = 8
@@ -80,7 +80,7 @@ def propagate_input(
         buffers=[float32(f"buffers[{i}]", b, images[i].shape) for i, b in enumerate(buffers)],
         offsets=_offsets(offsets),
         candidates=candidates,
-        active=_flags(active, s.shape),
+        active=None if active is None else flags("active", active, s.shape),
         **_numbers(**numbers),
     )
 
@@ -96,14 +96,6 @@ def _offsets(offsets: NDArray[np.integer]) -> NDArray[np.int32]:
     if offsets.size and np.abs(offsets.astype(np.int64)).max() > FARTHEST_OFFSET:
         raise KernelError(f"offsets must be at most {FARTHEST_OFFSET} px, not {np.abs(offsets).max()}")
     return np.ascontiguousarray(offsets, dtype=np.int32)
-
-
-def _flags(active: NDArray[np.uint8] | None, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
-    if active is None:
-        return None
-    if active.shape != shape or active.dtype not in (np.uint8, np.bool_):
-        raise KernelError(f"active must be uint8 or bool {shape}, not {active.dtype} {active.shape}")
-    return np.ascontiguousarray(active).view(np.uint8)
 
 
 def _numbers(

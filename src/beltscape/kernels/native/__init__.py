@@ -13,6 +13,7 @@ from beltscape.kernels.native.occlusion import Occlusion
 from beltscape.kernels.native.perceptron import Perceptron
 from beltscape.kernels.native.propagation import Propagation
 from beltscape.kernels.native.refinement import Refinement
+from beltscape.kernels.native.rivals import Contest
 from beltscape.kernels.native.top_view import Survey
 from beltscape.kernels.native.triangulation import Triangulation
 from beltscape.kernels.native.warping import Warping
@@ -36,7 +37,16 @@ def levels() -> tuple[str, ...]:
 
 
 class NativeKernels(
-    Triangulation, Warping, Occlusion, Coarse, Refinement, Propagation, Perceptron, Survey, Windows
+    Triangulation,
+    Warping,
+    Occlusion,
+    Coarse,
+    Refinement,
+    Propagation,
+    Perceptron,
+    Contest,
+    Survey,
+    Windows,
 ):
     """The kernels of one instruction-set level; every family is a base class, in its own file."""
 

@@ -11,6 +11,7 @@ from beltscape.kernels.protocol.normal_equations import Judges
 from beltscape.kernels.protocol.occlusion import Occludes
 from beltscape.kernels.protocol.perceptron import Weighs
 from beltscape.kernels.protocol.propagation import Propagates
+from beltscape.kernels.protocol.rivals import Contends
 from beltscape.kernels.protocol.top_view import Surveys
 from beltscape.kernels.protocol.triangulation import Triangulates
 from beltscape.kernels.protocol.warping import Warps
@@ -26,6 +27,7 @@ class Kernels(
     Fits,
     Propagates,
     Weighs,
+    Contends,
     Surveys,
     Marches,
     Gathers,

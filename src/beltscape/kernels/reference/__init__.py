@@ -11,6 +11,7 @@ from beltscape.kernels.reference.occlusion import nearness_buffers, visible
 from beltscape.kernels.reference.perceptron import perceptron
 from beltscape.kernels.reference.propagation import propagate
 from beltscape.kernels.reference.quadratics import quadratics
+from beltscape.kernels.reference.rivals import likenesses, rivals
 from beltscape.kernels.reference.sweep import sweep
 from beltscape.kernels.reference.top_view import top_view
 from beltscape.kernels.reference.triangulation import triangulate
@@ -34,6 +35,8 @@ class ReferenceKernels:
     local_fit = staticmethod(local_fit)
     propagate = staticmethod(propagate)
     perceptron = staticmethod(perceptron)
+    rivals = staticmethod(rivals)
+    likenesses = staticmethod(likenesses)
     top_view = staticmethod(top_view)
     first_met = staticmethod(first_met)
     quadratics = staticmethod(quadratics)

@@ -119,7 +119,7 @@ def dissimilarity(given: PropagateInput, s: Array) -> Array:
         energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.floor
         c = ((core - aux) ** 2).sum(axis=0) / energy
         each.append(np.where(np.isnan(c), 1, np.minimum(c, 1)))
-        seen.append(_clear(buffer, u, v, nearness + given.tolerance))
+        seen.append(clear(buffer, u, v, nearness + given.tolerance))
     return _agreement(np.array(each), np.array(seen), given.unseen_cost)
 
 
@@ -131,7 +131,7 @@ def _agreement(each: Array, seen: NDArray[np.bool_], unseen_cost: float) -> Arra
     return np.where(views > 0, mean, unseen_cost)
 
 
-def _clear(buffer: NDArray[np.floating], u: Array, v: Array, reach: Array) -> NDArray[np.bool_]:
+def clear(buffer: NDArray[np.floating], u: Array, v: Array, reach: Array) -> NDArray[np.bool_]:
     """(H, W): inside the image, and nothing in the buffer (h, w) before ``reach`` at the nearest pixel."""
     inside = _inside(buffer.shape, u, v)
     x, y = (np.floor(np.where(inside, a, 0) + 0.5).astype(int) for a in (u, v))

@@ -1,0 +1,82 @@
+// Binds rivals.hpp and likeness.hpp.
+#include <nanobind/stl/vector.h>
+
+#include <vector>
+
+#include "bind_grid.hpp"
+#include "likeness.hpp"
+#include "rivals.hpp"
+
+namespace beltscape {
+namespace {
+
+constexpr int kPixelsPerJob = 1024;
+
+using Flags = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Numbers = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Views = nb::ndarray<const float, nb::shape<-1, 21>, nb::c_contig, nb::device::cpu>;
+
+// surface: s, slope_u, slope_v; out: s, slope_u, slope_v, distance, support, each (9, N).
+void rivals(const std::vector<Grid>& surface, Flags trusted, Numbers u, Numbers v, int reach, float same,
+            const std::vector<GridOut>& out, std::size_t threads) {
+    const RivalSearch search{
+        {surface[0].data(), surface[1].data(), surface[2].data(), width_of(trusted), height_of(trusted)},
+        trusted.data(),
+        reach,
+        same};
+    const std::size_t count = u.shape(0);
+    const Rivals to{out[0].data(), out[1].data(), out[2].data(), out[3].data(), out[4].data(), count};
+    const float *const us = u.data(), *const vs = v.data();
+    nb::gil_scoped_release release;
+    for_bands(0, static_cast<int>(count), kPixelsPerJob, threads, [&](int first, int end) {
+        for (int i = first; i < end; ++i)
+            find_rivals(search, static_cast<int>(us[i]), static_cast<int>(vs[i]), to,
+                        static_cast<std::size_t>(i));
+    });
+}
+
+// planes: s, slope_u, slope_v, each (C, N); out (9 C, N): likeness by likeness.
+void likenesses(Numbers u, Numbers v, const std::vector<Grid>& planes, Grid core, Grid variance,
+                const std::vector<Grid>& images, Views views, const std::vector<Grid>& buffers,
+                const std::vector<Grid>& gains, float tolerance, GridOut out, std::size_t threads) {
+    std::vector<Auxiliary> auxiliaries;
+    std::vector<const float*> levels;
+    for (std::size_t i = 0; i < images.size(); ++i) {
+        const Image image{images[i].data(), width_of(images[i]), height_of(images[i])};
+        auxiliaries.push_back({view_of(views.data() + 21 * i), image, buffers[i].data()});
+        levels.push_back(gains[i].data());
+    }
+    const LikenessInput in{core.data(),
+                           variance.data(),
+                           width_of(core),
+                           height_of(core),
+                           auxiliaries.data(),
+                           levels.data(),
+                           static_cast<int>(images.size()),
+                           tolerance};
+    const std::size_t count = u.shape(0), rows = planes[0].shape(0);
+    const float *const us = u.data(), *const vs = v.data(), *const s = planes[0].data(),
+                       *const slope_u = planes[1].data(), *const slope_v = planes[2].data();
+    float* const to = out.data();
+    nb::gil_scoped_release release;
+    for_bands(0, static_cast<int>(count), kPixelsPerJob, threads, [&](int first, int end) {
+        for (std::size_t row = 0; row < rows; ++row)
+            for (int i = first; i < end; i += kFloatLanes) {
+                const std::size_t pixel = static_cast<std::size_t>(i), at = row * count + pixel;
+                likeness<Floats>(in, {us + pixel, vs + pixel, s + at, slope_u + at, slope_v + at}, end - i,
+                                 to + at, rows * count);
+            }
+    });
+}
+
+}  // namespace
+
+void bind_rivals(nb::module_& m) {
+    m.def("rivals", &rivals, nb::arg("surface"), nb::arg("trusted"), nb::arg("u"), nb::arg("v"),
+          nb::arg("reach"), nb::arg("same"), nb::arg("out"), nb::arg("threads"));
+    m.def("likenesses", &likenesses, nb::arg("u"), nb::arg("v"), nb::arg("planes"), nb::arg("core"),
+          nb::arg("variance"), nb::arg("images"), nb::arg("views"), nb::arg("buffers"), nb::arg("gains"),
+          nb::arg("tolerance"), nb::arg("out"), nb::arg("threads"));
+}
+
+}  // namespace beltscape

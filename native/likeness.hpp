@@ -1,0 +1,112 @@
+// How like the core's levels the auxiliaries' are on a small plane: squared differences of the levels
+// themselves, brought to the core's brightness, over their variance. What is close to a step has no window to
+// be normalised in.
+#pragma once
+
+#include "agreement.hpp"
+#include "candidates.hpp"
+
+namespace beltscape {
+
+inline constexpr float kMostUnlike = 50.0f;  // a difference's most, and that of what is not seen
+inline constexpr int kCross = 5;             // the pixel and the four beside it
+inline constexpr int kLikenesses = 9;
+
+struct LikenessInput {
+    const float *core, *variance;  // (height, width)
+    int width, height;
+    const Auxiliary* auxiliaries;
+    const float* const* gains;  // by auxiliary (height, width): its levels times this are the core's
+    int auxiliary_count;
+    float tolerance;
+};
+
+// Planes at pixels (u, v).
+struct Planes {
+    const float *u, *v, *s, *slope_u, *slope_v;
+};
+
+// Of several views' values, those that count.
+template <class F>
+struct Ordered {
+    F least = broadcast<F>(kMostUnlike), second = broadcast<F>(kMostUnlike), sum{}, most{};
+
+    BELTSCAPE_INLINE void add(F value, F seen) {
+        const F counted = select(seen > 0.5f, value, broadcast<F>(kMostUnlike));
+        second = lesser(second, greater(least, counted)), least = lesser(least, counted);
+        sum += value * seen, most = greater(most, value * seen);
+    }
+    // least, second, mean, most of `views` values into rows `stride` apart.
+    BELTSCAPE_INLINE void write(F views, float* out, size_t stride, int count) const {
+        const MaskOf<F> none = views < 0.5f;
+        const F unlike = broadcast<F>(kMostUnlike);
+        store_first(out, least, count);
+        store_first(out + stride, select(views > 1.5f, second, least), count);
+        store_first(out + 2 * stride, select(none, unlike, sum / greater(views, broadcast<F>(1.0f))), count);
+        store_first(out + 3 * stride, select(none, unlike, most), count);
+    }
+};
+
+// Where a view sees points (u, v) at nearness s, and how near to it they are.
+template <class F>
+struct Sampled {
+    Spot<F> spot;
+    F nearness;
+};
+
+template <class F>
+BELTSCAPE_INLINE Sampled<F> sampled(const Auxiliary& by, F u, F v, F s) {
+    const auto [seen_u, seen_v, nearness] = see(by.view, u, v, s);
+    return {spot(by.image, seen_u, seen_v, finite(nearness)), nearness};
+}
+
+template <class F>
+BELTSCAPE_INLINE F level_at(const Auxiliary& by, const Spot<F>& spot) {
+    int index[Lane<F>::count];
+    store(index, spot.index);
+    return bilinear(by.image, index, spot.u, spot.v);
+}
+
+template <class F>
+BELTSCAPE_INLINE F clear_at(const Auxiliary& by, const Sampled<F>& sample, float tolerance) {
+    int nearest[Lane<F>::count];
+    store(nearest, nearest_pixel(sample.spot, by.image));
+    const F seen = unhidden(by.buffer, nearest, sample.spot.u, sample.nearness, tolerance);
+    return select(sample.spot.u >= 0.0f, seen, F{});
+}
+
+// Planes `first` ... of at most `count`; out: point least, second, mean, most; cross the same; views.
+template <class F>
+BELTSCAPE_INLINE void likeness(const LikenessInput& in, const Planes& at, int count, float* out,
+                               size_t stride) {
+    constexpr int across[kCross] = {0, 1, -1, 0, 0}, down[kCross] = {0, 0, 0, 1, -1};
+    const F u = load_first<F>(at.u, count), v = load_first<F>(at.v, count), s = load_first<F>(at.s, count);
+    const F slope_u = load_first<F>(at.slope_u, count), slope_v = load_first<F>(at.slope_v, count);
+    const IntOf<F> column = to_int(u), row = to_int(v);
+    F core[kCross], weight[kCross];
+    for (int i = 0; i < kCross; ++i) {
+        const IntOf<F> pixel =
+            clamp(row + down[i], 0, in.height - 1) * in.width + clamp(column + across[i], 0, in.width - 1);
+        core[i] = gather(in.core, pixel), weight[i] = 1.0f / gather(in.variance, pixel);
+    }
+    Ordered<F> point, cross;
+    F views{};
+    for (int k = 0; k < in.auxiliary_count; ++k) {
+        const Auxiliary& by = in.auxiliaries[k];
+        const F gain = gather(in.gains[k], row * in.width + column);
+        F middle{}, sum{}, seen{};
+        for (int i = 0; i < kCross; ++i) {
+            const float du = to_float(across[i]), dv = to_float(down[i]);
+            const Sampled<F> sample = sampled(by, u + du, v + dv, s + slope_u * du + slope_v * dv);
+            const F off = core[i] - gain * level_at(by, sample.spot);
+            const F unlike = lesser(off * off * weight[i], broadcast<F>(kMostUnlike));
+            if (i == 0) middle = unlike, seen = clear_at(by, sample, in.tolerance);
+            sum += unlike;
+        }
+        point.add(middle, seen), cross.add(sum * (1.0f / to_float(kCross)), seen), views += seen;
+    }
+    point.write(views, out, stride, count), cross.write(views, out + 4 * stride, stride, count);
+    store_first(out + 8 * stride, views, count);
+}
+
+}  // namespace beltscape

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
+from beltscape.stereo.brightness import difference_variance
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.propagate import OCCLUDER_PX, offsets
@@ -30,7 +31,8 @@ rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a re
 cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many disparities, its own
 matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
 scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, top_view and window_minima have
-but one thread. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels.
+but one thread. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels. Rivals and
+likenesses (of all 9 rivals) are for a fifth of the pixels.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -136,6 +138,10 @@ def _calls(case: Case) -> dict[str, Call]:
     judged = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
     equations = native.normal_equations(s, p.core, p.coefficients, p.views, **judged)
     projections, pixels = _points(s.size)
+    doubtful, trusted = _doubtful(s)
+    rivals = native.rivals(s, slope_u, slope_v, trusted, *doubtful, reach=8, same=1.0)
+    light = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
+    light |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
     depth = np.median(s) / s
     holed, place, turn = _holed(depth)
     return {
@@ -155,6 +161,12 @@ def _calls(case: Case) -> dict[str, Call]:
         "local_fit": lambda k, n: k.local_fit(
             equations.information, equations.pull, s, slope_u, slope_v, tolerance=0.25, threads=n
         ),
+        "rivals": lambda k, n: k.rivals(
+            s, slope_u, slope_v, trusted, *doubtful, reach=8, same=1.0, threads=n
+        ),
+        "likenesses": lambda k, n: k.likenesses(
+            *doubtful, *rivals[:3], **light, tolerance=OCCLUDER_PX, threads=n
+        ),
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
         "top_view": lambda k, n: k.top_view(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
@@ -167,6 +179,14 @@ def _calls(case: Case) -> dict[str, Call]:
         "window_minima": lambda k, n: k.window_minima(holed, place, _WINDOWS, threads=n),
         "plane_slopes": lambda k, n: k.plane_slopes(holed, threads=n),
     }  # fmt: skip
+
+
+def _doubtful(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Columns and rows of a fifth of the pixels, in patches, and (H, W) the others, which are trusted."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(3).normal(size=s.shape), 2)
+    doubtful = noise > np.quantile(noise, 0.8)
+    rows, columns = np.nonzero(doubtful)
+    return (columns, rows), ~doubtful
 
 
 def _holed(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:

@@ -1,13 +1,12 @@
-"""Fit what is believed of a surface, confidence and sigma, to simulated captures with truth: data/belief.json.
+"""Fit what is believed of surfaces to simulated captures with truth: data/{impression,rivals,belief,glance}.json.
 
-    python tools/fit_belief.py CAPTURE…
+    python tools/fit_belief.py impression|rivals|belief|glance CAPTURE…
 
 Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with
 and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
 than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
-matched with all its auxiliaries, with some and with one, by several presets, and as a plant might spoil it: noise, a
-darker camera, one out of focus. A capture named twice counts twice: what ships had flat-faced stones and empty belts
-as often as rough stones. Confidence goes on from the weights that ship, sigma begins anew. Judge the result on
+matched as it is and as a plant might spoil it (tools/lessons.py); one named twice counts twice, spoiled in other
+ways. ``rivals`` rests on ``impression``, ``belief`` on both; ``glance`` is for the preset ``fast``. Judge the result on
 captures that are not among them.
 """
 
@@ -15,44 +14,37 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from adam import Schedule, fitted
+from lessons import Lesson, lessons
 from scipy.linalg import block_diag
 
 import beltscape
-from beltscape.core.errors import ReconstructionError
-from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import interior_pixels
-from beltscape.files.images import read_image
-from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
-from beltscape.stereo.belief import fitted
-from beltscape.stereo.evidence import evidence
+from beltscape.stereo.contest import DOUBTFUL, looked_at
+from beltscape.stereo.judge import closer_look, first_look, impressed
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import grid_unit
-from beltscape.stereo.search import find_depth_range
-from beltscape.stereo.sight import seen_by
 from beltscape.stereo.windows import windows
 
 GROSS_MM = 4.0
 """Farther off than that a surface is false."""
+RIGHT_PX = 1.25
+"""A rival so close to the truth is right, at scale 1."""
 ALONG_MM = 240.0
 """The projector lights little more of the belt."""
-ON_FAILURE_MM = (560.0, 800.0)
-"""Depth range of captures that show nothing, which are to be learnt from as well."""
-SAMPLES = 20_000
-"""Of a match's own scene; of the belt beside it a third of that."""
-UNITS, SIGMA_UNITS = 72, 32
-EPOCHS, BATCH, DECAY = 14, 4096, 1e-5
-RATE, RATE_ON = 5e-3, 3e-3
-"""Of the descent, from chance weights and from fitted ones."""
+SAMPLES, DOUBTS = 20_000, 8_000
+"""Of a match's own scene, of the belt beside it a third of that; and of its doubtful pixels."""
+UNITS = {"impression": 32, "rivals": 32, "belief": 64, "glance": 64}
+SIGMA_UNITS = 32
+EPOCHS, BATCH, RATE = 16, 8192, 4e-3
 UNSEEN = 2.0
 """What a pixel that no auxiliary sees counts for in confidence: they are few, and most false fill."""
 NEAR = 0.1
@@ -77,297 +69,220 @@ class Sample:
     evidence: np.ndarray
     dz_mm: np.ndarray
     ds_px: np.ndarray
+    """On a grid of scale 1."""
     interior: np.ndarray
     """Of pixels away from true steps."""
     unseen: np.ndarray
     """Of pixels that no auxiliary truly sees."""
 
 
-def samples(folder: Path) -> Iterator[Sample]:
-    """A capture's matches."""
-    rig = read_rig(folder / "truth" / "rig.json")
-    truth = np.load(next((folder / "truth").glob("*_depth.npz")))
-    images = {name: read_image(next((folder / name).glob("000.*"))) for name in rig.cameras}
-    every = rig.auxiliaries
-    for names, preset, spoil in (
-        (every, "standard", same),
-        (every[:3], "standard", same),
-        (every[1::2], "standard", same),
-        (every[:1], "standard", same),
-        (every, "fast", same),
-        (every, "fine", same),
-        (every, "standard", noisy),
-        (every, "fast", uneven),
-        (every[:2], "standard", blurred),
-        (every, "standard", strangers),
-        (every, "standard", blank),
-        (every[:2], "standard", strangers),
-        (every, "fast", blank),
-    ):
-        frame = FrameSet("000", spoil({name: images[name] for name in (rig.core, *names)}))
-        sample = _sample(rig, frame, names, MultiviewSettings.preset(preset), truth)
-        if spoil in (strangers, blank):  # what is right there is right by chance
-            sample = replace(sample, dz_mm=np.full_like(sample.dz_mm, np.inf))
-        yield sample
+@dataclass(frozen=True)
+class Truth:
+    """What a lesson's pixels are, on the matcher's grid."""
+
+    depth_mm: np.ndarray
+    scene: np.ndarray
+    beside: np.ndarray
+    interior: np.ndarray
+    unseen: np.ndarray
 
 
-def same(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """As they were taken."""
-    return images
+def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
+    """Samples of what the finished surfaces' pixels show: by a first look, or by a closer one."""
+    kernels = load()
+    for turn, folder in enumerate(folders):
+        for lesson in lessons(folder, turn):
+            settings = MultiviewSettings.preset(lesson.preset)
+            if what == "glance":
+                settings = settings.model_copy(update={"contests": 0})
+            matcher = MultiviewReconstructor(
+                lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
+            )
+            match = (
+                matcher.approach(lesson.frame, lesson.names)
+                if what == "impression"
+                else matcher.match(lesson.frame, lesson.names, Silent())
+            )
+            scale = windows(match.prepared.core.shape[1]).scale
+            found = (
+                first_look(match, scale, kernels, 0)
+                if match.impression is None
+                else closer_look(match, match.impression, scale, kernels, 0)
+            )
+            truth = true(lesson, settings.step(lesson.rig.core_camera.size_px[0]))
+            surface, unit = match.refined.surface, unit_of(lesson, settings)
+            use = (found.seen > 0) & np.isfinite(surface.s)
+            rng = np.random.default_rng(0)
+            at = np.concatenate([
+                rng.permutation(np.flatnonzero(where & use))[:most]
+                for where, most in ((truth.scene, SAMPLES), (truth.beside, SAMPLES // 3))
+            ])  # fmt: skip
+            s, depth = surface.s.ravel()[at].astype(float), truth.depth_mm.ravel()[at].astype(float)
+            dz = 1 / (s * unit) - depth
+            yield Sample(
+                tuple(found.planes),
+                np.stack([np.asarray(p).ravel()[at] for p in found.planes.values()], -1).astype(np.float32),
+                np.full_like(dz, np.inf) if lesson.alien else dz,
+                s - 1 / (depth * unit),
+                truth.interior.ravel()[at],
+                truth.unseen.ravel()[at],
+            )
+        print(folder, file=sys.stderr, flush=True)
 
 
-def noisy(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """With more noise than a sensor has."""
-    rng = np.random.default_rng(1)
-    return {name: _pixels(image + rng.normal(0, 4, image.shape), image) for name, image in images.items()}
+def rivals(folders: list[Path]) -> Iterator[Sample]:
+    """Samples of rivals for doubtful pixels."""
+    kernels = load()
+    for turn, folder in enumerate(folders):
+        for lesson in lessons(folder, turn):
+            settings = MultiviewSettings.preset(lesson.preset)
+            matcher = MultiviewReconstructor(
+                lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
+            )
+            match = matcher.approach(lesson.frame, lesson.names)
+            scale = windows(match.prepared.core.shape[1]).scale
+            planes = impressed(first_look(match, scale, kernels, 0), scale, kernels, 0)
+            truth, unit = true(lesson, 1), unit_of(lesson, settings)
+            share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < DOUBTFUL)).sum()))
+            rng = np.random.default_rng(0)
+            for at, found, evidence in looked_at(
+                match.refined.surface, planes, match.prepared, scale, kernels, 0
+            ):
+                taken = truth.scene[at] & (rng.random(len(at[0])) < share)
+                known = np.isfinite(found.s) & taken
+                depth = np.broadcast_to(truth.depth_mm[at], known.shape)[known].astype(float)
+                ds = (found.s[known] - 1 / (depth * unit)) / scale
+                yield Sample(
+                    tuple(evidence),
+                    np.stack([np.asarray(p)[known] for p in evidence.values()], -1).astype(np.float32),
+                    1 / (found.s[known].astype(float) * unit) - depth,
+                    np.full_like(ds, np.inf) if lesson.alien else ds,
+                    np.ones(len(ds), bool),
+                    np.broadcast_to(truth.unseen[at], known.shape)[known],
+                )
+        print(folder, file=sys.stderr, flush=True)
 
 
-def uneven(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """One auxiliary darker than the others, and noise."""
-    rng = np.random.default_rng(2)
-    last = list(images)[-1]
-    return {
-        name: _pixels(image * (0.7 if name == last else 1) + rng.normal(0, 2, image.shape), image)
-        for name, image in images.items()
-    }
+def unit_of(lesson: Lesson, settings: MultiviewSettings) -> float:
+    """1/mm per px of the matcher's grid."""
+    return grid_unit(lesson.rig, lesson.names, settings.step(lesson.rig.core_camera.size_px[0]))
 
 
-def blurred(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """One auxiliary out of focus."""
-    last = list(images)[-1]
-    return {name: cv2.GaussianBlur(i, (0, 0), 2.0) if name == last else i for name, i in images.items()}
-
-
-def strangers(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The auxiliaries see another scene."""
-    core = next(iter(images))
-    return {name: i if name == core else np.ascontiguousarray(i[::-1, ::-1]) for name, i in images.items()}
-
-
-def blank(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Nothing to see: even grey at the top, darkening downwards, and black at the bottom; with noise."""
-    rng = np.random.default_rng(3)
-
-    def one(image: np.ndarray) -> np.ndarray:
-        shade = np.interp(np.linspace(0, 1, len(image)), (0, 0.4, 0.8, 0.8001, 1), (90, 90, 20, 0, 0))
-        shape = (-1, *[1] * (image.ndim - 1))
-        return _pixels(shade.reshape(shape) + rng.normal(0, 1.5, image.shape), image)
-
-    return {name: one(image) for name, image in images.items()}
-
-
-def _pixels(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    return np.clip(np.rint(values), 0, np.iinfo(like.dtype).max).astype(like.dtype)
-
-
-def _sample(
-    rig: Rig,
-    frame: FrameSet,
-    names: tuple[str, ...],
-    settings: MultiviewSettings,
-    truth: np.lib.npyio.NpzFile,
-) -> Sample:
-    try:
-        near_far = find_depth_range(rig, frame, Silent())
-    except ReconstructionError:
-        near_far = ON_FAILURE_MM
-    match = MultiviewReconstructor(rig, near_far, settings, auxiliaries=names).match(frame, names, Silent())
-    step = settings.step(rig.core_camera.size_px[0])
-    surface = match.refined.surface
-    s = surface.s
-    height, width = s.shape
+def true(lesson: Lesson, step: int) -> Truth:
+    """The truth of every so-manieth pixel."""
+    height, width = (size // step for size in lesson.depth_mm.shape)
     inside = slice(step // 2, height * step, step), slice(step // 2, width * step, step)
-    true_mm, label = truth["depth_mm"][inside], truth["label"][inside]
-    rays = rig.core_camera.rays()[inside]
+    depth, label = lesson.depth_mm[inside], lesson.label[inside]
+    near = np.abs(lesson.rig.core_camera.rays()[inside][..., 1] * depth) <= ALONG_MM
     scene = label >= 10 if (label >= 10).any() else label == (2 if (label == 2).any() else 1)
-    seen = seen_by(s, match.prepared.views, match.prepared.sizes, load())
-    use = (np.abs(rays[..., 1] * true_mm) <= ALONG_MM) & (seen > 0) & np.isfinite(s)
-    beside = use & ~scene & ((label == 1) | (label == 2))
-    listed = list(evidence(match.chosen, match.refined, match.prepared, seen, windows(width).scale))
-    unit = grid_unit(rig, names, step)
-    rng = np.random.default_rng(0)
-    chosen = np.concatenate([
-        rng.permutation(np.flatnonzero(where))[:most]
-        for where, most in ((use & scene, SAMPLES), (beside, SAMPLES // 3))
-    ])  # fmt: skip
-    beside_px = (
-        step // 2 - (step - 1) / 2
-    ) / step  # of the pixel whose truth is taken, off its block's centre
-    at_pixel = s + beside_px * (surface.slope_u + surface.slope_v)
-    found, true = at_pixel.ravel()[chosen].astype(float), true_mm.ravel()[chosen].astype(float)
-    return Sample(
-        tuple(name for name, _ in listed),
-        np.stack([np.asarray(value).ravel()[chosen] for _, value in listed], axis=-1).astype(np.float32),
-        1 / (found * unit) - true,
-        found - 1 / (true * unit),
-        interior_pixels(truth["depth_mm"].astype(float))[inside].ravel()[chosen],
-        truth["views"][inside].ravel()[chosen] == 0,
+    return Truth(
+        depth,
+        scene & near,
+        ~scene & near & ((label == 1) | (label == 2)),
+        interior_pixels(lesson.depth_mm.astype(float))[inside],
+        lesson.views[inside] == 0,
     )
 
 
 Layers = tuple[np.ndarray, np.ndarray]
-"""Hidden and output."""
-Slope = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Answers and targets (n,) → of the loss by the answer, (n,)."""
+"""Hidden and output, as the perceptron takes them."""
 
 
-def of_right(answer: np.ndarray, right: np.ndarray) -> np.ndarray:
+def of_right(right: np.ndarray, weight: np.ndarray) -> object:
     """Of the cross-entropy: the answer becomes the logit of what share is right."""
-    return 1 / (1 + np.exp(-answer)) - right
+    return lambda out, at: (
+        weight[at, None] * (1 / (1 + np.exp(-out)) - right[at, None]) / np.float32(len(at))
+    ).astype(np.float32)
 
 
-def of_size(answer: np.ndarray, log_size: np.ndarray) -> np.ndarray:
+def of_size(log_size: np.ndarray, weight: np.ndarray) -> object:
     """Of the absolute deviation: the answer becomes the median of the logarithm, whatever lies far off."""
-    return np.clip((answer - log_size) / ROUND, -1, 1)
+    return lambda out, at: (
+        weight[at, None] * np.clip((out - log_size[at, None]) / ROUND, -1, 1) / np.float32(len(at))
+    ).astype(np.float32)
 
 
 def limits_of(x: np.ndarray) -> np.ndarray:
     """(2, n) beyond which evidence (N, n) is rare, and says no more."""
-    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float)
+    mean, spread = np.nanmean(x, axis=0, dtype=float), np.nanstd(x, axis=0, dtype=float)
     low, high = mean - LIMIT * spread, mean + LIMIT * spread
-    return np.stack([np.maximum(low, x.min(axis=0)), np.minimum(high, x.max(axis=0))])
+    return np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
 
 
-def fit(
-    x: np.ndarray,
-    limits: np.ndarray,
-    target: np.ndarray,
-    slope: Slope,
-    weight: np.ndarray,
-    start: Layers,
-    rate: float,
-) -> Layers:
-    """Layers that bring the answers to evidence within its limits to the targets."""
-    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float) + 1e-6
-    within = ((np.clip(x, *limits) - mean) / spread).astype(np.float32)
-    hidden, output = (layer.astype(float) for layer in start)
-    hidden[:, -1] += hidden[:, :-1] @ mean
-    hidden[:, :-1] *= spread
-    descend(hidden, output, within, target, slope, weight / weight.mean(), rate)
-    hidden[:, -1] -= hidden[:, :-1] @ (mean / spread)
-    hidden[:, :-1] /= spread
-    return hidden, output
+def fit(x: np.ndarray, limits: np.ndarray, slopes: object, units: int, start: float) -> Layers:
+    """Layers whose answers to evidence within its limits are of least loss."""
+    within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
+    mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + 1e-6
+    within = ((within - mean) / spread).astype(np.float32)
+    how = Schedule((units,), EPOCHS, BATCH, RATE, 1e-6, 0.3)
 
+    def shifted(out: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return slopes(out + np.float32(start), at)  # type: ignore[operator]
 
-def descend(
-    hidden: np.ndarray,
-    output: np.ndarray,
-    x: np.ndarray,
-    target: np.ndarray,
-    slope: Slope,
-    weight: np.ndarray,
-    rate: float,
-) -> None:
-    """Layers for evidence in standard units, in place."""
-    rng = np.random.default_rng(0)
-    descent = Adam(hidden), Adam(output)
-    batches = len(x) // BATCH
-    for epoch in range(EPOCHS):
-        order = rng.permutation(len(x))
-        for i in range(batches):
-            batch = order[i * BATCH : (i + 1) * BATCH]
-            left = 1 - (epoch * batches + i) / (EPOCHS * batches)
-            slopes = _gradients(hidden, output, x[batch], target[batch], slope, weight[batch])
-            for one, down in zip(descent, slopes, strict=True):
-                one.step(down, rate * left)
-        print(f"epoch {epoch + 1} of {EPOCHS}", file=sys.stderr)
-
-
-def anew(x: np.ndarray, target: np.ndarray, units: int) -> Layers:
-    """By chance, for evidence in its own units; the answer begins at the targets' median."""
-    rng = np.random.default_rng(0)
-    n = x.shape[1]
-    mean, spread = x.mean(axis=0, dtype=float), x.std(axis=0, dtype=float) + 1e-6
-    hidden = np.hstack([rng.normal(0, (2 / n) ** 0.5, (units, n)) / spread, np.zeros((units, 1))])
-    hidden[:, -1] = -hidden[:, :-1] @ mean
-    return hidden, np.append(rng.normal(0, units**-0.5, units), np.median(target))[None]
-
-
-def shipped(names: tuple[str, ...], x: np.ndarray) -> Layers:
-    """Confidence's part of the weights that ship, new units and new evidence without a say yet."""
-    belief = fitted()
-    own = np.flatnonzero(belief.output[0, :-1])[:UNITS]
-    hidden, output = anew(x, np.zeros(1), UNITS)
-    output[0, :-1], output[0, -1] = 0, belief.output[0, -1]
-    output[0, : len(own)] = belief.output[0, own]
-    hidden[: len(own)] = 0
-    hidden[: len(own), -1] = belief.hidden[own, -1]
-    for column, name in enumerate(names):
-        if name in belief.names:
-            hidden[: len(own), column] = belief.hidden[own, belief.names.index(name)]
-    return hidden, output
+    (first, offset), (last, constant) = fitted(within, 1, shifted, how, np.random.default_rng(0))
+    hidden = np.hstack([first.T / spread, (offset - (mean / spread) @ first)[:, None]])
+    return hidden.astype(float), np.append(last[:, 0], constant + start)[None].astype(float)
 
 
 def answers(x: np.ndarray, limits: np.ndarray, hidden: np.ndarray, output: np.ndarray) -> np.ndarray:
     """(n,) of a network with one."""
-    units = np.maximum(np.clip(x, *limits) @ hidden[:, :-1].T + hidden[:, -1], 0)
+    within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
+    units = np.maximum(within @ hidden[:, :-1].T + hidden[:, -1], 0)
     return units @ output[0, :-1] + output[0, -1]
 
 
-class Adam:
-    """One layer's way down, in place (Kingma & Ba, arXiv:1412.6980)."""
-
-    def __init__(self, weights: np.ndarray) -> None:
-        self._weights, self._count = weights, 0
-        self._mean, self._square = np.zeros_like(weights), np.zeros_like(weights)
-
-    def step(self, slope: np.ndarray, rate: float) -> None:
-        """Against the slope of the loss."""
-        self._count += 1
-        self._mean += 0.1 * (slope - self._mean)
-        self._square += 0.001 * (slope * slope - self._square)
-        mean, square = self._mean / (1 - 0.9**self._count), self._square / (1 - 0.999**self._count)
-        self._weights -= rate * (mean / (np.sqrt(square) + 1e-8) + DECAY * self._weights)
+def fit_rivals(found: list[Sample]) -> None:
+    """The logit of a rival's being right."""
+    x = np.concatenate([sample.evidence for sample in found])
+    right = (np.abs(np.concatenate([sample.ds_px for sample in found])) <= RIGHT_PX).astype(np.float32)
+    limits = limits_of(x)
+    hidden, output = fit(x, limits, of_right(right, np.ones_like(right)), UNITS["rivals"], 0.0)
+    write("rivals", found[0].names, {"limits": limits, "hidden": hidden, "output": output})
 
 
-def _gradients(
-    hidden: np.ndarray,
-    output: np.ndarray,
-    x: np.ndarray,
-    target: np.ndarray,
-    slope: Slope,
-    weight: np.ndarray,
-) -> Layers:
-    """Of the mean loss."""
-    one = np.ones((len(x), 1))
-    x = np.hstack([x, one])
-    units = np.maximum(x @ hidden.T, 0)
-    answer = (np.hstack([units, one]) @ output.T)[:, 0]
-    pull = (weight * slope(answer, target))[:, None] / len(x)
-    back = (pull @ output[:, :-1]) * (units > 0)
-    return back.T @ x, pull.T @ np.hstack([units, one])
-
-
-def main() -> None:
-    """Match, fit both networks, write them as one."""
-    found = [sample for folder in sys.argv[1:] for sample in samples(Path(folder))]
+def fit_pixels(found: list[Sample], what: str) -> None:
+    """The logit of a pixel's being right, and the logarithm of its sigma: two networks, written as one."""
     names = found[0].names
     x = np.concatenate([sample.evidence for sample in found])
     dz, ds = (np.abs(np.concatenate([getattr(s, field) for s in found])) for field in ("dz_mm", "ds_px"))
     limits = limits_of(x)
-    weight = np.where(np.concatenate([sample.unseen for sample in found]), UNSEEN, 1)
-    belief = fit(x, limits, dz <= GROSS_MM, of_right, weight, shipped(names, x), RATE_ON)
+    right = (dz <= GROSS_MM).astype(np.float32)
+    weight = np.where(np.concatenate([s.unseen for s in found]), UNSEEN, 1).astype(np.float32)
+    belief = fit(x, limits, of_right(right, weight), UNITS[what], 0.0)
+    if what == "impression":
+        write(what, names, {"limits": limits, "hidden": belief[0], "output": belief[1]})
+        return
     known = (answers(x, limits, *belief) > np.log(BELIEVED / (1 - BELIEVED))) & (dz <= MOST_MM)
-    sizes = np.log(MAD * np.maximum(ds[known], 1e-6))
-    weight = np.where(np.concatenate([sample.interior for sample in found])[known], 1, NEAR)
+    sizes = np.log(MAD * np.maximum(ds[known], 1e-6)).astype(np.float32)
+    weight = np.where(np.concatenate([s.interior for s in found])[known], 1, NEAR).astype(np.float32)
     size = names.index("size")  # told it, sigma would learn single captures of that size
-    shape = np.delete(x[known], size, axis=1)
-    start = anew(shape, sizes, SIGMA_UNITS)
-    units, output = fit(shape, np.delete(limits, size, axis=1), sizes, of_size, weight, start, RATE)
+    units, output = fit(
+        np.delete(x[known], size, axis=1), np.delete(limits, size, axis=1), of_size(sizes, weight),
+        SIGMA_UNITS, float(np.median(sizes)),
+    )  # fmt: skip
     sigma = np.insert(units, size, 0, axis=1), output
     hidden, outputs = zip(belief, sigma, strict=True)
     constants = np.concatenate([output[:, -1:] for output in outputs])
     output = np.hstack([block_diag(*(output[:, :-1] for output in outputs)), constants])
-    write(names, {"limits": limits, "hidden": np.concatenate(hidden), "output": output})
+    write(what, names, {"limits": limits, "hidden": np.concatenate(hidden), "output": output})
 
 
-def write(names: tuple[str, ...], parts: dict[str, np.ndarray]) -> None:
-    """data/belief.json, a row a line."""
+def write(what: str, names: tuple[str, ...], parts: dict[str, np.ndarray]) -> None:
+    """A file of data/, a row a line."""
     rows = {part: [[float(f"{value:.6g}") for value in row] for row in rows] for part, rows in parts.items()}
     kept = {"names": names, **rows}
     text = (f'"{part}": [\n' + ",\n".join(map(json.dumps, kept[part])) + "\n]" for part in kept)
-    path = Path(beltscape.__file__).parent / "data" / "belief.json"
+    path = Path(beltscape.__file__).parent / "data" / f"{what}.json"
     path.write_text("{" + ",\n".join(text) + "}\n", "utf-8")
+
+
+def main() -> None:
+    """Match, fit, write."""
+    what, folders = sys.argv[1], [Path(folder) for folder in sys.argv[2:]]
+    if what == "rivals":
+        fit_rivals(list(rivals(folders)))
+    else:
+        fit_pixels(list(pixels(folders, what)), what)
 
 
 if __name__ == "__main__":

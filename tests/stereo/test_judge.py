@@ -11,8 +11,9 @@ from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, s
 
 from beltscape.kernels import load
 from beltscape.stereo.belief import fitted
-from beltscape.stereo.evidence import evidence
-from beltscape.stereo.judge import Verdict, judge
+from beltscape.stereo.evidence import light_evidence, surface_evidence
+from beltscape.stereo.judge import Verdict, closer_look, first_look, impressed, judge
+from beltscape.stereo.matched import Match
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.propagate import propagate
 from beltscape.stereo.refine import refine
@@ -22,19 +23,36 @@ from beltscape.stereo.windows import windows
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
-def stages(made, s: np.ndarray):
+def stages(made, s: np.ndarray) -> Match:
     """One propagation and refinement, as the matcher's last round."""
-    size = windows(s.shape[1])
-    chosen = propagate(with_slopes(s.astype(np.float32), load(), 1), made.prepared, (2, 5), load(), 1)
-    refined = refine(chosen.surface, made.prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
-    return chosen, refined
+    size, prepared = windows(s.shape[1]), made.prepared
+    chosen = propagate(with_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5), load(), 1)
+    refined = refine(chosen.surface, prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
+    return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), None)
 
 
-def verdict(made, s: np.ndarray) -> tuple[Verdict, np.ndarray]:
+def looked_at_again(match: Match) -> Match:
+    """With the impression of a first look."""
+    scale = windows(match.prepared.core.shape[1]).scale
+    planes = impressed(first_look(match, scale, load(), 1), scale, load(), 1)
+    return replace(match, impression=planes["impression"])
+
+
+LOOKS = pytest.mark.parametrize("again", [False, True], ids=["at a glance", "looked at again"])
+
+
+def verdict(made, s: np.ndarray, again: bool) -> tuple[Verdict, np.ndarray]:
     """And the surface that was judged."""
-    chosen, refined = stages(made, s)
-    scale = windows(s.shape[1]).scale
-    return judge(chosen, refined, made.prepared, scale, load(), 1), refined.surface.s
+    match = stages(made, s)
+    if again:
+        match = looked_at_again(match)
+    return judge(match, windows(s.shape[1]).scale, load(), 1), match.refined.surface.s
+
+
+def surface_planes(match: Match, scale: float) -> dict[str, np.ndarray]:
+    """Where every auxiliary sees everything."""
+    seen = np.ones(match.prepared.core.shape, np.uint8)
+    return dict(surface_evidence(match.chosen, match.refined, 4, seen, scale))
 
 
 def views_by_rays(made, solids) -> np.ndarray:
@@ -53,25 +71,33 @@ def views_by_rays(made, solids) -> np.ndarray:
     return seen
 
 
-def test_every_weight_is_of_some_evidence():
-    made = scene(*STEP, noise=1.0)
-    chosen, refined = stages(made, made.s)
-    seen, scale = np.ones(made.s.shape, np.uint8), windows(made.s.shape[1]).scale
-    found = dict(evidence(chosen, refined, made.prepared, seen, scale))
-    assert set(fitted().names) <= found.keys()
+@LOOKS
+def test_every_weight_is_of_some_evidence(again):
+    match = looked_at_again(stages(made := scene(*STEP, noise=1.0), made.s))
+    scale = windows(made.s.shape[1]).scale
+    assert match.impression is not None
+    if again:
+        found = closer_look(match, match.impression, scale, load(), 1).planes
+        assert set(fitted("belief").names) <= found.keys()
+    else:
+        found = first_look(match, scale, load(), 1).planes
+        assert {*fitted("impression").names, *fitted("glance").names} <= found.keys()
     for name, value in found.items():
         assert np.isfinite(value).all(), name
         assert value.shape == made.s.shape
 
 
-def test_the_weights_that_ship_fit_each_other():
-    belief = fitted()
+@pytest.mark.parametrize(
+    ("name", "answers"), [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2)]
+)
+def test_the_weights_that_ship_fit_each_other(name, answers):
+    belief = fitted(name)
     n, k = len(belief.names), len(belief.hidden)
     assert len(set(belief.names)) == n
     assert (belief.limits[0] <= belief.limits[1]).all()
     assert belief.limits.shape == (2, n)
     assert belief.hidden.shape == (k, n + 1)
-    assert belief.output.shape == (2, k + 1)
+    assert belief.output.shape == (answers, k + 1)
 
 
 def test_relief_and_light_are_what_their_names_say():
@@ -79,13 +105,13 @@ def test_relief_and_light_are_what_their_names_say():
     shaded = made.prepared.core.copy()
     shaded[40:70, 50:80] *= 0.3
     prepared = replace(made.prepared, core=shaded)
-    chosen, refined = stages(made, made.s)
-    found = dict(evidence(chosen, refined, prepared, np.ones(made.s.shape, np.uint8), 1.0))
+    match = stages(made, made.s)
+    found = dict(light_evidence(prepared, 1.0)) | surface_planes(match, 1.0)
     shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
     assert np.median(found["light within 11"][shadow]) < np.median(found["light within 11"][rest]) - 0.1
     assert np.median(found["contrast within 11"][shadow]) < np.median(found["contrast within 11"][rest]) - 0.5
     for side in (5, 11, 21):
-        s = refined.surface.s
+        s = match.refined.surface.s
         nearer, farther = found[f"nearer within {side}"], found[f"farther within {side}"]
         window = np.ones((side, side), np.uint8)
         span = cv2.dilate(s, window) - cv2.erode(s, window)
@@ -94,9 +120,7 @@ def test_relief_and_light_are_what_their_names_say():
 
 def test_steps_and_distances_are_told_in_pixels_of_a_grid_of_scale_one():
     made = scene(*STEP, noise=1.0)
-    chosen, refined = stages(made, made.s)
-    seen = np.ones(made.s.shape, np.uint8)
-    one, two = (dict(evidence(chosen, refined, made.prepared, seen, scale)) for scale in (1.0, 2.0))
+    one, two = (surface_planes(stages(made, made.s), scale) for scale in (1.0, 2.0))
     for name in ("at a step", "near a step"):
         np.testing.assert_allclose(two[name] ** 2, one[name], atol=1e-6)
     off = one["off its neighbours"]
@@ -108,10 +132,9 @@ def test_planes_turn_less_than_round_flanks_and_what_was_left_alone_has_not_move
     flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
     found = []
     for made in (flat, round_):
-        chosen, refined = stages(made, made.s)
-        seen = np.ones(made.s.shape, np.uint8)
-        still = replace(chosen, surface=refined.surface)
-        moved, left = (dict(evidence(c, refined, made.prepared, seen, 1.0)) for c in (chosen, still))
+        match = stages(made, made.s)
+        still = replace(match, chosen=replace(match.chosen, surface=match.refined.surface))
+        moved, left = (surface_planes(one, 1.0) for one in (match, still))
         assert (left["moved"] <= moved["moved"] + 1e-5).all()
         assert np.ptp(left["moved"]) < 1e-5
         found.append(moved)
@@ -121,10 +144,11 @@ def test_planes_turn_less_than_round_flanks_and_what_was_left_alone_has_not_move
         assert np.median(found[1][name][flank]) > np.median(found[0][name][flank]) + 0.5
 
 
+@LOOKS
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])
-def test_what_is_hidden_from_all_auxiliaries_is_not_believed(angles):
+def test_what_is_hidden_from_all_auxiliaries_is_not_believed(angles, again):
     made = scene(*STEP, rig=ring(angles), noise=1.0)
-    judged, _ = verdict(made, made.s)
+    judged, _ = verdict(made, made.s, again)
     truth = views_by_rays(made, STEP)
     clear = cv2.erode(truth, np.ones((7, 7))) == cv2.dilate(truth, np.ones((7, 7)))
     hidden, seen = clear & (truth == 0), clear & (truth > 0) & inner(truth.shape, 8)
@@ -137,10 +161,11 @@ def test_what_is_hidden_from_all_auxiliaries_is_not_believed(angles):
     assert judged.views.max() <= len(angles)
 
 
-def test_false_surfaces_are_believed_less_than_right_ones():
+@LOOKS
+def test_false_surfaces_are_believed_less_than_right_ones(again):
     made = scene(plane(), noise=1.0)
     wrong = inner(made.s.shape, 30)
-    judged, s = verdict(made, np.where(wrong, made.s + 5, made.s))
+    judged, s = verdict(made, np.where(wrong, made.s + 5, made.s), again)
     error = np.abs(s - made.s)
     false, right = error > 1, (error < 0.1) & inner(s.shape, 8)
     assert false.sum() > 0.5 * wrong.sum()
@@ -150,28 +175,31 @@ def test_false_surfaces_are_believed_less_than_right_ones():
     assert (judged.confidence[right] > 0.9).mean() > 0.9
 
 
-def test_confidence_and_sigma_are_what_they_say_they_are():
+@LOOKS
+def test_confidence_and_sigma_are_what_they_say_they_are(again):
     made = scene(*STEP, noise=3.0)
     s = made.s.copy()
     s[30:50, 20:40] = np.nan
-    judged, left = verdict(made, s)
+    judged, left = verdict(made, s, again)
     assert judged.confidence.dtype == judged.sigma.dtype == np.float32
     assert ((judged.confidence >= 0) & (judged.confidence <= 1)).all()
     assert not judged.confidence[np.isnan(left)].any()
     assert (judged.sigma[judged.confidence > 0] > 0).all()
 
 
-def test_sigma_is_larger_on_round_flanks_than_on_a_plane():
+@LOOKS
+def test_sigma_is_larger_on_round_flanks_than_on_a_plane(again):
     flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
     height, width = flat.s.shape
     flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
-    on_plane, on_flank = (np.median(verdict(made, made.s)[0].sigma[flank]) for made in (flat, round_))
+    on_plane, on_flank = (np.median(verdict(made, made.s, again)[0].sigma[flank]) for made in (flat, round_))
     assert on_flank > 1.3 * on_plane
 
 
-def test_sigma_grows_with_the_noise():
+@LOOKS
+def test_sigma_grows_with_the_noise(again):
     def median_sigma(noise):
         made = scene(plane(), noise=noise)
-        return np.median(verdict(made, made.s)[0].sigma[away_from_steps(made.s, 8)])
+        return np.median(verdict(made, made.s, again)[0].sigma[away_from_steps(made.s, 8)])
 
     assert median_sigma(8.0) > 1.5 * median_sigma(2.0)

@@ -1,15 +1,17 @@
-"""The fitted network that turns a pixel's evidence into confidence and sigma."""
+"""The fitted networks that turn evidence into belief: of pixels, and of the surfaces that compete for one."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
 
 Array = NDArray[np.float32]
 
@@ -25,13 +27,25 @@ class Belief:
     hidden: Array
     """(k, n + 1)."""
     output: Array
-    """(2, k + 1), to the logit of the confidence and the logarithm of sigma in px of s."""
+    """(m, k + 1)."""
+
+    def answers(
+        self, evidence: Mapping[str, NDArray[np.floating]], kernels: Kernels, threads: int
+    ) -> list[Array]:
+        """m of (H, W), of evidence (H, W) by name."""
+        planes = [evidence[name] for name in self.names]
+        found = kernels.perceptron(planes, self.limits, self.hidden, self.output, threads=threads)
+        return [np.asarray(answer, np.float32) for answer in found]
 
 
 @cache
-def fitted() -> Belief:
-    """The weights that ship: what tools/fit_belief.py made of simulated frames with known truth."""
-    kept = json.loads((files("beltscape") / "data" / "belief.json").read_text(encoding="utf-8"))
+def fitted(name: str) -> Belief:
+    """Weights that ship: what tools/fit_belief.py made of simulated frames with known truth.
+
+    ``glance`` and ``belief`` answer with the logit of the confidence and the logarithm of sigma in px of s,
+    ``impression`` with the first alone, ``rivals`` with the logit of a rival's being right.
+    """
+    kept = json.loads((files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8"))
     return Belief(tuple(kept["names"]), *(_array(kept[part]) for part in ("limits", "hidden", "output")))
 
 

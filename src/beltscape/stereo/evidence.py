@@ -26,8 +26,8 @@ _MOST_OFF_PX = 5.0
 """... and a pixel as no farther off its neighbours."""
 
 
-def evidence(
-    chosen: Propagated, refined: Refined, prepared: PreparedFrame, seen: NDArray[np.uint8], scale: float
+def surface_evidence(
+    chosen: Propagated, refined: Refined, auxiliaries: int, seen: NDArray[np.uint8], scale: float
 ) -> Iterator[tuple[str, Array]]:
     """Planes (H, W) by name; windows and distances grow with ``scale``, NaN of the surface counts as 0.
 
@@ -35,9 +35,8 @@ def evidence(
     images; they are told in px of a grid of scale 1, so that the same shape gives the same evidence at any size.
     """
     s = np.nan_to_num(refined.surface.s).astype(np.float32)
-    core = np.maximum(np.nan_to_num(prepared.core), 0).astype(np.float32)  # splines undershoot
     yield "log sigma", 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
-    yield from _views(refined, seen, len(prepared.images))
+    yield from _views(refined, seen, auxiliaries)
     cost, margin = np.nan_to_num(chosen.cost, nan=1.0), np.nan_to_num(chosen.margin)
     yield "cost", cost
     yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
@@ -54,8 +53,7 @@ def evidence(
     yield from _turning(surface, scale)
     yield "moved", _moved(chosen, s, scale)
     yield from _relief(s, scale)
-    yield from _light(core, np.float32(prepared.noise.levels), scale)
-    information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), _window(5, scale))
+    information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), window(5, scale))
     yield "size", np.full_like(s, np.log(scale))
     yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
@@ -76,7 +74,7 @@ def _roughness(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
     Each is the logarithm of how far s lies off its mean over a window, averaged over the same window, px.
     """
     for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
-        side = _window(window_px, scale)
+        side = window(window_px, scale)
         off = np.minimum(np.abs(s - cv2.blur(s, side)), 1)
         yield name, np.log(cv2.blur(off, side) + np.float32(least))
 
@@ -88,31 +86,33 @@ def _turning(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
     """
     slopes = [np.clip(np.nan_to_num(slope), -3, 3) for slope in (surface.slope_u, surface.slope_v)]
     for name, window_px in (("turn", 5), ("wide turn", 15)):
-        side = _window(window_px, scale)
+        side = window(window_px, scale)
         yield name, 0.5 * np.log(_spread(slopes[0], side) + _spread(slopes[1], side) + np.float32(1e-8))
 
 
 def _moved(chosen: Propagated, s: Array, scale: float) -> Array:
     """(H, W) logarithm of how far the last iterations still moved the surface, px, averaged over a window."""
     before = np.nan_to_num(chosen.surface.s).astype(np.float32)
-    return np.log(cv2.blur(np.minimum(np.abs(s - before), 2), _window(5, scale)) + np.float32(0.002))
+    return np.log(cv2.blur(np.minimum(np.abs(s - before), 2), window(5, scale)) + np.float32(0.002))
 
 
 def _relief(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
     """How much nearer and farther the surface comes about a pixel: what may hide it, what it may hide."""
     px = np.float32(1 / scale)
     for window_px in (5, 11, 21):
-        window = np.ones(_window(window_px, scale), np.uint8)
-        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, window) - s), _MOST_PX)
-        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, window)), _MOST_PX)
+        square = np.ones(window(window_px, scale), np.uint8)
+        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, square) - s), _MOST_PX)
+        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, square)), _MOST_PX)
 
 
-def _light(core: Array, noise: np.float32, scale: float) -> Iterator[tuple[str, Array]]:
+def light_evidence(prepared: PreparedFrame, scale: float) -> Iterator[tuple[str, Array]]:
     """Is the projector's light here? A shadow is darker and has less contrast than the dots around it."""
-    wide = _window(_WIDE_PX, scale)
+    core = np.maximum(np.nan_to_num(prepared.core), 0).astype(np.float32)  # splines undershoot
+    noise = np.float32(prepared.noise.levels)
+    wide = window(_WIDE_PX, scale)
     mean, contrast = cv2.blur(core, wide) + 1, _spread(core, wide) + noise
     for window_px in (5, 11):
-        side = _window(window_px, scale)
+        side = window(window_px, scale)
         yield f"light within {window_px}", np.log((cv2.blur(core, side) + 1) / mean)
         yield f"contrast within {window_px}", np.log((_spread(core, side) + noise) / contrast)
     yield "texture over noise", np.log((local_variance(core) + np.float32(1e-3)) / noise)
@@ -124,7 +124,7 @@ def _spread(image: Array, side: tuple[int, int]) -> Array:
     return np.maximum(cv2.blur(image * image, side) - mean * mean, 0)
 
 
-def _window(window_px: int, scale: float) -> tuple[int, int]:
+def window(window_px: int, scale: float) -> tuple[int, int]:
     """An odd window on a grid ``scale`` times finer than the one it is told for."""
     side = 2 * int(window_px * scale / 2) + 1
     return side, side

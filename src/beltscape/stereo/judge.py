@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -10,12 +11,11 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.belief import fitted
-from beltscape.stereo.evidence import evidence
+from beltscape.stereo.closer import closer_evidence, impression_evidence
+from beltscape.stereo.evidence import surface_evidence
 from beltscape.stereo.levels import local_variance
-from beltscape.stereo.prepared import PreparedFrame
-from beltscape.stereo.propagate import Propagated
-from beltscape.stereo.refine import Refined
-from beltscape.stereo.sight import seen_by
+from beltscape.stereo.matched import Match
+from beltscape.stereo.sight import seen_by, seen_through
 
 Array = NDArray[np.floating]
 
@@ -37,38 +37,70 @@ class Verdict:
     """(H, W) auxiliaries that see the pixel."""
 
 
-def judge(
-    chosen: Propagated,
-    refined: Refined,
-    prepared: PreparedFrame,
-    scale: float,
-    kernels: Kernels,
-    threads: int,
-) -> Verdict:
-    """Sigma and confidence of a refined surface, on a grid ``scale`` times finer than `windows` tells sizes for.
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Everything that speaks for and against a refined surface's pixels."""
 
-    Both are a small network's answers to what `evidence` lists, fitted to simulated frames with known truth
-    (docs/matching.md): confidence to what is right, sigma to the median error.
-    """
-    seen = seen_by(refined.surface.s, prepared.views, prepared.sizes, kernels, threads)
-    belief, found = fitted(), dict(evidence(chosen, refined, prepared, seen, scale))
-    logit, log_sigma = kernels.perceptron(
-        [found[name] for name in belief.names], belief.limits, belief.hidden, belief.output, threads=threads
+    planes: dict[str, Array]
+    """(H, W) by name."""
+    seen: NDArray[np.uint8]
+    """(H, W) how many auxiliaries see the surface."""
+
+
+def first_look(match: Match, scale: float, kernels: Kernels, threads: int) -> Evidence:
+    """What the matching itself says; windows grow with ``scale``."""
+    prepared, surface = match.prepared, match.refined.surface
+    seen = seen_by(surface.s, prepared.views, prepared.sizes, kernels, threads)
+    return Evidence(match.light | dict(_of_the_surface(match, seen, scale)), seen)
+
+
+def impressed(first: Evidence, scale: float, kernels: Kernels, threads: int) -> dict[str, Array]:
+    """A first look's planes (H, W) by name, with the impression that they make."""
+    (impression,) = fitted("impression").answers(first.planes, kernels, threads)
+    return first.planes | dict(impression_evidence(impression, scale))
+
+
+def closer_look(match: Match, impression: Array, scale: float, kernels: Kernels, threads: int) -> Evidence:
+    """Also what the levels themselves say, and an ``impression`` (H, W) of the state before."""
+    prepared, surface = match.prepared, match.refined.surface
+    seen, buffers = seen_through(surface.s, prepared.views, prepared.sizes, kernels, threads)
+    closer = closer_evidence(
+        surface, match.chosen.cost, impression, prepared, buffers, scale, kernels, threads
     )
+    return Evidence(match.light | dict(_of_the_surface(match, seen, scale)) | dict(closer), seen)
+
+
+def _of_the_surface(match: Match, seen: NDArray[np.uint8], scale: float) -> Iterator[tuple[str, Array]]:
+    return surface_evidence(match.chosen, match.refined, len(match.prepared.images), seen, scale)
+
+
+def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict:
+    """Sigma and confidence of a surface, on a grid ``scale`` times finer than `windows` tells sizes for.
+
+    Both are a small network's answers to what the evidence lists, fitted to simulated frames with known truth
+    (docs/matching.md): confidence to what is right, sigma to the median error. Where no pixel was looked at again
+    the first look is the last.
+    """
+    if match.impression is None:
+        found, belief = first_look(match, scale, kernels, threads), fitted("glance")
+    else:
+        found, belief = closer_look(match, match.impression, scale, kernels, threads), fitted("belief")
+    logit, log_sigma = belief.answers(found.planes, kernels, threads)
     confidence = 1 / (1 + np.exp(-logit))
-    trusted = np.isfinite(refined.surface.s) & (seen > 0) & _told(chosen, refined, prepared)
+    trusted = np.isfinite(match.refined.surface.s) & (found.seen > 0) & _told(match)
     return Verdict(
         sigma=np.exp(log_sigma),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
-        views=np.where(trusted, seen, 0).astype(np.uint8),
+        views=np.where(trusted, found.seen, 0).astype(np.uint8),
     )
 
 
-def _told(chosen: Propagated, refined: Refined, prepared: PreparedFrame) -> NDArray[np.bool_]:
+def _told(match: Match) -> NDArray[np.bool_]:
     """(H, W) where the images say anything at all: texture above the noise, and not that nothing fits."""
+    prepared = match.prepared
     core = np.nan_to_num(prepared.core)
     texture = cv2.dilate(local_variance(core), np.ones((REACH_PX, REACH_PX), np.uint8))
-    contradicted = (refined.used == 0) & (
-        cv2.blur(np.nan_to_num(chosen.cost, nan=1.0), (7, 7)) > CONTRADICTION
+    contradicted = (match.refined.used == 0) & (
+        cv2.blur(np.nan_to_num(match.chosen.cost, nan=1.0), (7, 7)) > CONTRADICTION
     )
     return np.isfinite(prepared.core) & (texture > prepared.noise.levels) & ~contradicted

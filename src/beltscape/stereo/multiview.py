@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,8 +14,12 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
+from beltscape.stereo.closer import impression_evidence
+from beltscape.stereo.contest import contest
 from beltscape.stereo.discs import filled
-from beltscape.stereo.judge import Verdict, judge
+from beltscape.stereo.evidence import light_evidence
+from beltscape.stereo.judge import Verdict, first_look, impressed, judge
+from beltscape.stereo.matched import Match
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.noise import measured_noise
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
@@ -24,20 +29,11 @@ from beltscape.stereo.refine import Refined, refine
 from beltscape.stereo.start import Sweeps, first_surface
 from beltscape.stereo.surface import Surface, with_slopes
 from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
-from beltscape.stereo.windows import Radii, windows
+from beltscape.stereo.windows import windows
 
 Number = TypeVar("Number", bound=np.number)
 _FIRST_PX = (2.0, 2.0)
 """Tolerances of the iterations on the sweep's surface."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Match:
-    """Everything the matcher knows about a frame, on its own grid."""
-
-    prepared: PreparedFrame
-    chosen: Propagated
-    refined: Refined
 
 
 class MultiviewReconstructor:
@@ -81,9 +77,7 @@ class MultiviewReconstructor:
         unit = grid_unit(self.rig, names, self._step)
         match = self.match(frame_set, names, reporter, prior)
         scale = windows(match.prepared.core.shape[1]).scale
-        verdict = judge(
-            match.chosen, match.refined, match.prepared, scale, self._kernels, self.settings.threads
-        )
+        verdict = judge(match, scale, self._kernels, self.settings.threads)
         return _depth_map(
             match.refined.surface,
             verdict,
@@ -98,35 +92,58 @@ class MultiviewReconstructor:
     ) -> Match:
         """The surface of one frame before it is judged; told of in steps."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
+        tell = _Steps(reporter, frame_set.frame, settings.rounds + settings.contests + 3)
+        before = self.approach(frame_set, names, tell, prior)
+        chosen, refined, prepared = before.chosen, before.refined, before.prepared
+        size = windows(prepared.core.shape[1])
+        surface, impression = refined.surface, None
+        if settings.contests:
+            planes = impressed(first_look(before, size.scale, kernels, threads), size.scale, kernels, threads)
+            for _ in range(settings.contests):
+                won = contest(surface, planes, prepared, size.scale, kernels, threads)
+                surface, impression = won.surface, won.impression
+                planes = planes | dict(impression_evidence(impression, size.scale))
+                tell()
+        filled_surface = filled(surface, refined.information, prepared, size.scale)
+        refined = refine(
+            filled_surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads
+        )
+        tell()
+        return Match(prepared, chosen, refined, before.light, impression)
+
+    def approach(
+        self,
+        frame_set: FrameSet,
+        names: tuple[str, ...],
+        tell: Callable[[], None] = lambda: None,
+        prior: Prior | None = None,
+    ) -> Match:
+        """The surface after the rounds of propagation, before doubtful pixels are looked at again."""
+        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
         step = self._step
         unit = grid_unit(self.rig, names, step)
-        tell = _Steps(reporter, frame_set.frame, settings.rounds + 3)
         prepared = prepare(self.rig, frame_set, names, step, kernels, threads)
         s = self._start(names, prepared, unit, prior)
         tell()
         size = windows(prepared.core.shape[1])
 
-        def refined_from(surface: Surface, tolerances: tuple[float, ...], radii: Radii) -> Refined:
-            return refine(surface, prepared, tolerances, radii, size.levels_px, kernels, threads)
+        def refined_from(surface: Surface, tolerances: tuple[float, ...]) -> Refined:
+            return refine(surface, prepared, tolerances, size.narrow, size.levels_px, kernels, threads)
 
-        refined = refined_from(with_slopes(s, kernels, threads), _FIRST_PX[:1], size.narrow)
+        refined = refined_from(with_slopes(s, kernels, threads), _FIRST_PX[:1])
         prepared = replace(prepared, noise=measured_noise(refined.surface, prepared, kernels, threads))
-        refined = refined_from(refined.surface, _FIRST_PX[1:], size.narrow)
+        refined = refined_from(refined.surface, _FIRST_PX[1:])
         tell()
 
         def another_round(refined: Refined) -> tuple[Propagated, Refined]:
             chosen = propagate(refined.surface, prepared, settings.offsets_px(size.scale), kernels, threads)
             tell()
-            return chosen, refined_from(chosen.surface, settings.between_px, size.narrow)
+            return chosen, refined_from(chosen.surface, settings.between_px)
 
         chosen, refined = another_round(refined)
         for _ in range(settings.rounds - 1):
             chosen, refined = another_round(refined)
-        refined = refined_from(
-            filled(refined.surface, refined.information, prepared, size.scale), settings.final_px, size.wide
-        )
-        tell()
-        return Match(prepared, chosen, refined)
+        return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), None)
 
     def _start(
         self, names: tuple[str, ...], prepared: PreparedFrame, unit: float, prior: Prior | None

@@ -32,6 +32,9 @@ class MultiviewSettings(BaseModel):
     )
     plane_step_px: float = Field(1.0, gt=0, le=2, description="between the sweep's planes, px of its images")
     rounds: int = Field(2, ge=1, le=8, description="rounds of propagation, each refined")
+    contests: int = Field(
+        1, ge=0, le=4, description="how often doubtful pixels near trusted ones are looked at again"
+    )
     between_px: tuple[Tolerance, ...] = Field(
         (1.0, 0.7), min_length=1, max_length=8, description="tolerances of the iterations after a round"
     )
@@ -63,6 +66,7 @@ PRESETS: dict[str, dict[str, object]] = {
     "fast": {
         "grid_step": 2,
         "rounds": 1,
+        "contests": 0,
         "between_px": (0.7,),
         "final_px": (0.3,),
         "least_confidence": 0.4,
@@ -72,6 +76,7 @@ PRESETS: dict[str, dict[str, object]] = {
         "plane_step_px": 0.5,
         "distances_px": (2.0, 5.0, 12.0),
         "rounds": 4,
+        "contests": 2,
         "final_px": (0.6, 0.4, 0.3, 0.2),
     },
 }

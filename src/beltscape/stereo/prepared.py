@@ -106,6 +106,14 @@ def cut_view(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[n
     return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
 
 
+def thinned_view(view: NDArray[np.float32], every: int) -> NDArray[np.float32]:
+    """(21,) the view of the grid that has every so-manieth row and column, from the half of that on."""
+    direction = view[:9].astype(np.float64).reshape(3, 3).copy()
+    direction[:, 2] += every // 2 * (direction[:, 0] + direction[:, 1])
+    direction[:, :2] *= every
+    return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
+
+
 def reduced(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     """Levels averaged in whole blocks of ``step``; what did not look is black."""
     height, width = level.shape[0] // step, level.shape[1] // step

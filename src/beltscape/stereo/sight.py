@@ -24,8 +24,19 @@ def seen_by(
 
     ``views`` (n, 21) are how they see the grid, ``sizes`` their images' (width, height).
     """
+    return seen_through(s, views, sizes, kernels, threads)[0]
+
+
+def seen_through(
+    s: NDArray[np.floating],
+    views: NDArray[np.float32],
+    sizes: Sequence[tuple[int, int]],
+    kernels: Kernels,
+    threads: int,
+) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
+    """The same, and the buffers (h, w) of what lies nearest to each auxiliary by which it is told."""
     buffers = kernels.nearness_buffers(s, views, sizes, threads=threads)
     seen = np.zeros(s.shape, np.uint8)
     for view, buffer in zip(views, buffers, strict=True):
         seen += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
-    return seen
+    return seen, list(buffers)

@@ -1,0 +1,105 @@
+"""What a closer look adds to the evidence: the levels themselves, and what the trusted pixels around say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.kernels.protocol.rivals import Likenesses
+from beltscape.stereo.brightness import difference_variance, gains
+from beltscape.stereo.contest import likeness_evidence
+from beltscape.stereo.evidence import window
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.sight import OCCLUDER_PX
+from beltscape.stereo.surface import Surface
+
+Array = NDArray[np.floating]
+
+_MOST_OFF_PX = 10.0
+"""No surface counts as farther off the trusted ones'."""
+_LEAST_TRUST = 1e-4
+_STEEPEST = 1.5
+BEYOND_DOUBT = 5.0
+"""A logit from which on nobody asks the levels."""
+
+
+def impression_evidence(impression: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """A first impression (H, W), logit, and that of the surroundings."""
+    impression = np.clip(impression, -8, 8).astype(np.float32)
+    yield "impression", impression
+    for window_px in (3, 7, 15):
+        yield (
+            f"impression within {window_px}",
+            np.asarray(cv2.blur(impression, window(window_px, scale)), np.float32),
+        )
+    worst = cv2.erode(impression, np.ones(window(3, scale), np.uint8))
+    yield "worst impression within 3", np.asarray(worst, np.float32)
+
+
+def closer_evidence(
+    surface: Surface,
+    cost: Array,
+    impression: Array,
+    prepared: PreparedFrame,
+    buffers: Sequence[Array],
+    scale: float,
+    kernels: Kernels,
+    threads: int,
+) -> Iterator[tuple[str, Array]]:
+    """Planes (H, W) by name, beside those of `evidence`; ``buffers`` are the surface's."""
+    yield from impression_evidence(impression, scale)
+    yield from _levels_say(surface, cost, impression, prepared, buffers, scale, kernels, threads)
+    yield from _off_the_trusted(surface, impression, scale)
+
+
+def _levels_say(
+    surface: Surface,
+    cost: Array,
+    impression: Array,
+    prepared: PreparedFrame,
+    buffers: Sequence[Array],
+    scale: float,
+    kernels: Kernels,
+    threads: int,
+) -> Iterator[tuple[str, Array]]:
+    """How like the images are at pixels that are not beyond doubt; the others count as alike, and seen by none."""
+    v, u = np.nonzero(impression < BEYOND_DOUBT)
+    if not len(u):
+        v, u = np.zeros((2, 1), int)
+    levels = gains(surface.s, cost, prepared, buffers, scale, kernels, threads)
+    like = kernels.likenesses(
+        u, v, *(plane[v, u][None] for plane in (surface.s, surface.slope_u, surface.slope_v)),
+        core=prepared.core, variance=difference_variance(prepared.core, prepared.noise), images=prepared.images,
+        views=prepared.views, buffers=buffers, gains=levels, tolerance=OCCLUDER_PX, threads=threads,
+    )  # fmt: skip
+    alike = Likenesses(*(np.zeros((1, 1), np.float32) for _ in like))
+    elsewhere = dict(likeness_evidence(alike, len(prepared.images)))
+    for name, told in likeness_evidence(like, len(prepared.images)):
+        plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
+        plane[v, u] = told[0]
+        yield name, plane
+
+
+def _off_the_trusted(surface: Surface, impression: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """How far a pixel lies off the planes of the trusted around it, px of a grid of scale 1."""
+    trust = (1 / (1 + np.exp(-np.clip(impression, -8, 8).astype(np.float32)))) ** 3
+    height, width = trust.shape
+    u, v = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
+    s, slope_u, slope_v = (
+        np.nan_to_num(plane).astype(np.float32) for plane in (surface.s, surface.slope_u, surface.slope_v)
+    )
+    slope_u, slope_v = np.clip(slope_u, -_STEEPEST, _STEEPEST), np.clip(slope_v, -_STEEPEST, _STEEPEST)
+    at_origin = (
+        s - slope_u * u - slope_v * v
+    )  # a plane's value at p is this + slope · p: means of it are means
+    weighted = [trust, trust * at_origin, trust * slope_u, trust * slope_v]
+    for window_px in (7, 15):
+        side = window(window_px, scale)
+        total, constant, across, down = (cv2.blur(x, side) for x in weighted)
+        told = (constant + across * u + down * v) / np.maximum(total, _LEAST_TRUST)
+        yield f"off the trusted within {window_px}", np.clip((s - told) / scale, -_MOST_OFF_PX, _MOST_OFF_PX)
+        yield f"trust within {window_px}", np.asarray(total, np.float32)

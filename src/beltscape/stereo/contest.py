@@ -1,0 +1,140 @@
+"""A closer look at doubtful pixels: their surface competes with those that trusted pixels nearby hand on.
+
+Propagation judges candidates by windows of 3 x 3 normalised levels. Here a rival is also judged by the levels
+themselves, by who else says the same, and by what the pixel's surroundings are like; a small network, fitted to
+simulated frames with known truth, weighs all of it (docs/matching.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.kernels.protocol.rivals import Likenesses, Rivals
+from beltscape.stereo.belief import fitted
+from beltscape.stereo.brightness import difference_variance, gains
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.sight import OCCLUDER_PX
+from beltscape.stereo.surface import Surface
+
+Array = NDArray[np.floating]
+
+REACH_PX = 8
+"""From where rivals come, at scale 1."""
+SAME_PX = 1.0
+"""Rivals so close in s say the same, at scale 1."""
+TRUSTED, HIDING, DOUBTFUL = 2.2, 0.0, 3.5
+"""Logits: from which on a pixel hands its surface on and hides others, and up to which it is looked at again."""
+ABOUT = (
+    "impression", "impression within 3", "impression within 7", "impression within 15", "log sigma", "cost",
+    "margin", "light within 5", "light within 11", "contrast within 5", "size",
+)  # fmt: skip
+"""What of a pixel's evidence rivals are judged by, besides their own."""
+_PIXELS = 32768
+"""So many are looked at at a time."""
+_ROUND = 0.1
+"""Differences below that are alike."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contested:
+    """The surface of the winners, and what is thought of it."""
+
+    surface: Surface
+    impression: NDArray[np.float32]
+    """(H, W) logit of a pixel's being right: the winner's where there was a contest."""
+
+
+def contest(
+    surface: Surface,
+    planes: Mapping[str, Array],
+    prepared: PreparedFrame,
+    scale: float,
+    kernels: Kernels,
+    threads: int,
+) -> Contested:
+    """Doubtful pixels within reach of trusted ones take the likeliest of their rivals' surfaces.
+
+    ``planes`` (H, W) is the evidence of `ABOUT` by name.
+    """
+    belief = fitted("rivals")
+    s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
+    impression = np.array(planes["impression"], np.float32)
+    for at, rivals, evidence in looked_at(surface, planes, prepared, scale, kernels, threads):
+        (score,) = belief.answers(evidence, kernels, threads)
+        score = np.where(np.isfinite(rivals.s), score, -np.inf)
+        winner = score.argmax(axis=0)[None]
+        for field, offered in ((s, rivals.s), (slope_u, rivals.slope_u), (slope_v, rivals.slope_v)):
+            won = np.take_along_axis(offered, winner, axis=0)[0]
+            field[at] = np.where(winner[0] > 0, won, field[at])
+        best = score.max(axis=0)
+        impression[at] = np.where(np.isfinite(best), best, impression[at])
+    return Contested(Surface(s, slope_u, slope_v), impression)
+
+
+def looked_at(
+    surface: Surface,
+    planes: Mapping[str, Array],
+    prepared: PreparedFrame,
+    scale: float,
+    kernels: Kernels,
+    threads: int,
+) -> Iterator[tuple[tuple[NDArray[np.int_], NDArray[np.int_]], Rivals, dict[str, Array]]]:
+    """Rows and columns of some doubtful pixels at a time, their rivals, and the evidence (9, N) for each by name."""
+    impression, reach = planes["impression"], max(1, round(REACH_PX * scale))
+    trusted = (impression >= TRUSTED).astype(np.uint8)
+    near = cv2.dilate(trusted, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    rows, columns = np.nonzero((impression < DOUBTFUL) & (near > 0) & np.isfinite(prepared.core))
+    if not len(rows):
+        return
+    hiding = np.where(impression > HIDING, surface.s, np.nan).astype(np.float32)
+    buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
+    levels = gains(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
+    variance = difference_variance(prepared.core, prepared.noise)
+    for first in range(0, len(rows), _PIXELS):
+        at = rows[first : first + _PIXELS], columns[first : first + _PIXELS]
+        rivals = kernels.rivals(
+            surface.s, surface.slope_u, surface.slope_v, trusted, at[1], at[0], reach=reach,
+            same=SAME_PX * scale, threads=threads,
+        )  # fmt: skip
+        like = kernels.likenesses(
+            at[1], at[0], *rivals[:3], core=prepared.core, variance=variance, images=prepared.images,
+            views=prepared.views, buffers=buffers, gains=levels, tolerance=OCCLUDER_PX, threads=threads,
+        )  # fmt: skip
+        about = {name: np.broadcast_to(planes[name][at], rivals.s.shape) for name in ABOUT}
+        yield at, rivals, about | dict(_speaking(rivals, like, scale, len(prepared.images)))
+
+
+def likeness_evidence(like: Likenesses, auxiliaries: int) -> Iterator[tuple[str, Array]]:
+    """What the levels say of surfaces: differences by their logarithm, and who sees them."""
+    for name, plane in zip(Likenesses._fields[:-1], like[:-1], strict=True):
+        yield name.replace("_", " "), np.log(plane + np.float32(_ROUND))
+    yield "seen by", np.minimum(like.views, 4)
+    yield "seen by share", like.views / np.float32(auxiliaries)
+
+
+def _speaking(
+    rivals: Rivals, like: Likenesses, scale: float, auxiliaries: int
+) -> Iterator[tuple[str, Array]]:
+    """Evidence (9, N) for each rival by name."""
+    yield from likeness_evidence(like, auxiliaries)
+    px = np.float32(1 / scale)
+    yield "distance", rivals.distance * px
+    yield "support", rivals.support
+    yield "steeply", np.hypot(rivals.slope_u, rivals.slope_v)
+    yield "off its own", _bent(px * (rivals.s - rivals.s[:1]))
+    yield "before the farthest", _bent(px * (rivals.s - np.fmin.reduce(rivals.s)))
+    yield "behind the nearest", _bent(px * (np.fmax.reduce(rivals.s) - rivals.s))
+    own = np.zeros_like(rivals.s)
+    own[0] = 1
+    yield "its own", own
+
+
+def _bent(px: Array) -> Array:
+    """Large distances by their logarithm, small ones as they are."""
+    return np.sign(px) * np.log1p(np.abs(px))

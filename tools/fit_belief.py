@@ -55,6 +55,8 @@ BELIEVED = 0.6
 """Sigma is fitted to pixels of at least this confidence ..."""
 MOST_MM = 5.0
 """... and no greater error: what is false is confidence's to tell."""
+ROUGHEST = 0.03
+"""Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 MAD = 1.4826
 """Sigma over the median error, of a normal distribution."""
 ROUND = 0.1
@@ -74,6 +76,8 @@ class Sample:
     """Of pixels away from true steps."""
     unseen: np.ndarray
     """Of pixels that no auxiliary truly sees."""
+    roughness: float
+    """Of the stones, share of their radius."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,7 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
                 s - 1 / (depth * unit),
                 truth.interior.ravel()[at],
                 truth.unseen.ravel()[at],
+                lesson.roughness,
             )
         print(folder, file=sys.stderr, flush=True)
 
@@ -159,6 +164,7 @@ def rivals(folders: list[Path]) -> Iterator[Sample]:
                     np.full_like(ds, np.inf) if lesson.alien else ds,
                     np.ones(len(ds), bool),
                     np.broadcast_to(truth.unseen[at], known.shape)[known],
+                    lesson.roughness,
                 )
         print(folder, file=sys.stderr, flush=True)
 
@@ -252,7 +258,8 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     if what == "impression":
         write(what, names, {"limits": limits, "hidden": belief[0], "output": belief[1]})
         return
-    known = (answers(x, limits, *belief) > np.log(BELIEVED / (1 - BELIEVED))) & (dz <= MOST_MM)
+    even = np.concatenate([np.full(len(s.dz_mm), s.roughness <= ROUGHEST) for s in found])
+    known = even & (dz <= MOST_MM) & (answers(x, limits, *belief) > np.log(BELIEVED / (1 - BELIEVED)))
     sizes = np.log(MAD * np.maximum(ds[known], 1e-6)).astype(np.float32)
     weight = np.where(np.concatenate([s.interior for s in found])[known], 1, NEAR).astype(np.float32)
     size = names.index("size")  # told it, sigma would learn single captures of that size

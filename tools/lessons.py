@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +41,8 @@ class Lesson:
     """How many auxiliaries see a pixel's point."""
     alien: bool
     """The images show nothing, or not the same: what is right is right by chance."""
+    roughness: float
+    """Of its stones, share of their radius; 0 without stones."""
 
 
 def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
@@ -47,6 +50,8 @@ def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
     rig = read_rig(folder / "truth" / "rig.json")
     truth = np.load(next((folder / "truth").glob("*_depth.npz")))
     depth_mm, label, views = (truth[name] for name in ("depth_mm", "label", "views"))
+    scenario = json.loads((folder / "truth" / "scenario.json").read_text("utf-8"))
+    roughness = scenario["heap"]["shapes"]["roughness"] if (label == 2).any() else 0.0
     images = {name: read_image(next((folder / name).glob("000.*"))) for name in rig.cameras}
     every = rig.auxiliaries
     ways = (
@@ -67,7 +72,7 @@ def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
         except ReconstructionError:
             near_far = ON_FAILURE_MM
         alien = spoil in (strangers, blank)
-        yield Lesson(rig, names, preset, frame, near_far, depth_mm, label, views, alien)
+        yield Lesson(rig, names, preset, frame, near_far, depth_mm, label, views, alien, roughness)
 
 
 Spoil = Callable[[Images], Images]

@@ -6,8 +6,8 @@ Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded be
 and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
 than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
 matched as it is and as a plant might spoil it (tools/lessons.py); one named twice counts twice, spoiled in other
-ways. ``rivals`` rests on ``impression``, ``belief`` on both; ``glance`` is for the preset ``fast``. Judge the result on
-captures that are not among them.
+ways. ``rivals`` rests on ``impression``, ``belief`` on both; ``glance`` is for the preset ``fast``. Judge the result
+on captures that are not among them.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from adam import Schedule, fitted
-from lessons import Lesson, lessons
 from scipy.linalg import block_diag
 
 import beltscape
+from adam import Schedule, fitted
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
@@ -33,6 +32,7 @@ from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import grid_unit
 from beltscape.stereo.windows import windows
+from lessons import Lesson, lessons
 
 GROSS_MM = 4.0
 """Farther off than that a surface is false."""

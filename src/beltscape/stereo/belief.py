@@ -32,7 +32,7 @@ class Belief:
     def answers(
         self, evidence: Mapping[str, NDArray[np.floating]], kernels: Kernels, threads: int
     ) -> list[Array]:
-        """m of (H, W), of evidence (H, W) by name."""
+        """M of (H, W), of evidence (H, W) by name."""
         planes = [evidence[name] for name in self.names]
         found = kernels.perceptron(planes, self.limits, self.hidden, self.output, threads=threads)
         return [np.asarray(answer, np.float32) for answer in found]

@@ -39,7 +39,7 @@ def gains(
     kernels: Kernels,
     threads: int,
 ) -> list[NDArray[np.float32]]:
-    """n of (H, W): what each auxiliary's levels are to be multiplied by to be the core's.
+    """N of (H, W): what each auxiliary's levels are to be multiplied by to be the core's.
 
     ``cost`` (H, W) is how unlike the images are on the surface s (H, W), 0..1; ``buffers`` are that surface's.
     """

@@ -28,7 +28,7 @@ REACH_PX = 8
 """From where rivals come, at scale 1."""
 SAME_PX = 1.0
 """Rivals so close in s say the same, at scale 1."""
-TRUSTED, HIDING, DOUBTFUL = 2.2, 0.0, 3.5
+TRUSTED, HIDING, DOUBTFUL = 1.0, 0.0, 2.2
 """Logits: from which on a pixel hands its surface on and hides others, and up to which it is looked at again."""
 ABOUT = (
     "impression", "impression within 3", "impression within 7", "impression within 15", "log sigma", "cost",

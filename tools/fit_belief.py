@@ -45,17 +45,17 @@ SAMPLES, DOUBTS = 20_000, 8_000
 UNITS = {"impression": 32, "rivals": 32, "belief": 64, "glance": 64}
 SIGMA_UNITS = 32
 EPOCHS, BATCH, RATE = 16, 8192, 4e-3
-UNSEEN = 2.0
-"""What a pixel that no auxiliary sees counts for in confidence: they are few, and most false fill."""
+UNSEEN = 4.0
+"""What a pixel that no auxiliary sees counts for in confidence: they are few, and what is right there is a guess."""
 NEAR = 0.1
 """What a pixel near a true step counts for in sigma."""
 LIMIT = 4.0
 """Evidence is clamped to so many standard deviations about its mean."""
-BELIEVED = 0.6
+BELIEVED = 0.75
 """Sigma is fitted to pixels of at least this confidence ..."""
 MOST_MM = 5.0
 """... and no greater error: what is false is confidence's to tell."""
-ROUGHEST = 0.03
+ROUGHEST = 0.005
 """Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 MAD = 1.4826
 """Sigma over the median error, of a normal distribution."""
@@ -96,9 +96,7 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
     kernels = load()
     for turn, folder in enumerate(folders):
         for lesson in lessons(folder, turn):
-            settings = MultiviewSettings.preset(lesson.preset)
-            if what == "glance":
-                settings = settings.model_copy(update={"contests": 0})
+            settings = MultiviewSettings.preset("fast" if what == "glance" else lesson.preset)
             matcher = MultiviewReconstructor(
                 lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
             )
@@ -121,7 +119,12 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
                 rng.permutation(np.flatnonzero(where & use))[:most]
                 for where, most in ((truth.scene, SAMPLES), (truth.beside, SAMPLES // 3))
             ])  # fmt: skip
-            s, depth = surface.s.ravel()[at].astype(float), truth.depth_mm.ravel()[at].astype(float)
+            step = settings.step(lesson.rig.core_camera.size_px[0])
+            aside = (
+                step // 2 - (step - 1) / 2
+            ) / step  # of the pixel whose truth is taken, off its block's centre
+            at_pixel = surface.s + aside * (surface.slope_u + surface.slope_v)
+            s, depth = at_pixel.ravel()[at].astype(float), truth.depth_mm.ravel()[at].astype(float)
             dz = 1 / (s * unit) - depth
             yield Sample(
                 tuple(found.planes),
@@ -252,8 +255,9 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     x = np.concatenate([sample.evidence for sample in found])
     dz, ds = (np.abs(np.concatenate([getattr(s, field) for s in found])) for field in ("dz_mm", "ds_px"))
     limits = limits_of(x)
-    right = (dz <= GROSS_MM).astype(np.float32)
-    weight = np.where(np.concatenate([s.unseen for s in found]), UNSEEN, 1).astype(np.float32)
+    unseen = np.concatenate([s.unseen for s in found])
+    right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)
+    weight = np.where(unseen, UNSEEN, 1).astype(np.float32)
     belief = fit(x, limits, of_right(right, weight), UNITS[what], 0.0)
     if what == "impression":
         write(what, names, {"limits": limits, "hidden": belief[0], "output": belief[1]})

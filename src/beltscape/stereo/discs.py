@@ -83,12 +83,13 @@ def _quadratic(
     v, u = np.mgrid[: s.shape[0], : s.shape[1]].astype(np.float64)
     u, v = (u - u[inside].mean()) / size, (v - v[inside].mean()) / size
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    target, weight = s[ring].astype(np.float64), np.ones(int(ring.sum()))
+    around, target, weight = terms[ring], s[ring].astype(np.float64), np.ones(int(ring.sum()))
     coefficients, spread = np.zeros(6), np.inf
     for _ in range(_ROUNDS):
-        root = np.sqrt(weight)[:, None]
-        coefficients = np.linalg.lstsq(terms[ring] * root, target * root[:, 0])[0]
-        off = np.abs(target - terms[ring] @ coefficients)
+        weighted = around * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
+        moments, pull = np.einsum("ni,nj->ij", weighted, around), np.einsum("ni,n->i", weighted, target)
+        coefficients = np.linalg.lstsq(moments, pull)[0]
+        off = np.abs(target - around @ coefficients)
         spread = 1.4826 * float(np.median(off))
         weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)
     if spread > _SMOOTH_PX:

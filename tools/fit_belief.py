@@ -26,7 +26,7 @@ from adam import Schedule, fitted
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
-from beltscape.stereo.contest import DOUBTFUL, looked_at
+from beltscape.stereo.contest import DOUBTFUL, looks_again
 from beltscape.stereo.judge import closer_look, first_look, impressed
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
@@ -153,9 +153,8 @@ def rivals(folders: list[Path]) -> Iterator[Sample]:
             truth, unit = true(lesson, 1), unit_of(lesson, settings)
             share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < DOUBTFUL)).sum()))
             rng = np.random.default_rng(0)
-            for at, found, evidence in looked_at(
-                match.refined.surface, planes, match.prepared, scale, kernels, 0
-            ):
+            for look in looks_again(match.refined.surface, planes, match.prepared, scale, kernels, 0):
+                at, found, evidence = look()
                 taken = truth.scene[at] & (rng.random(len(at[0])) < share)
                 known = np.isfinite(found.s) & taken
                 depth = np.broadcast_to(truth.depth_mm[at], known.shape)[known].astype(float)
@@ -249,11 +248,17 @@ def fit_rivals(found: list[Sample]) -> None:
     write("rivals", found[0].names, {"limits": limits, "hidden": hidden, "output": output})
 
 
+def scatter(sample: Sample) -> np.ndarray:
+    """(n,) errors in px about their median: sigma tells how they scatter."""
+    counted = sample.interior & (np.abs(sample.dz_mm) <= MOST_MM)
+    return sample.ds_px - np.median(sample.ds_px[counted]) if counted.any() else sample.ds_px
+
+
 def fit_pixels(found: list[Sample], what: str) -> None:
     """The logit of a pixel's being right, and the logarithm of its sigma: two networks, written as one."""
     names = found[0].names
     x = np.concatenate([sample.evidence for sample in found])
-    dz, ds = (np.abs(np.concatenate([getattr(s, field) for s in found])) for field in ("dz_mm", "ds_px"))
+    dz, ds = (np.abs(np.concatenate(part)) for part in ([s.dz_mm for s in found], [*map(scatter, found)]))
     limits = limits_of(x)
     unseen = np.concatenate([s.unseen for s in found])
     right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)

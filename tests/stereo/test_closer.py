@@ -7,7 +7,7 @@ import pytest
 from scenes import Scene, away_from_steps, inner, patch, plane, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.closer import BEYOND_DOUBT, closer_evidence, impression_evidence
+from beltscape.stereo.closer import BEYOND_DOUBT, impression_evidence, levels_evidence, trusted_evidence
 from beltscape.stereo.sight import seen_through
 from beltscape.stereo.surface import Surface, with_slopes
 
@@ -20,7 +20,8 @@ def looked(made: Scene, s: np.ndarray, impression: np.ndarray) -> dict[str, np.n
     surface = Surface(s.astype(np.float32), slopes.slope_u, slopes.slope_v)
     _, buffers = seen_through(surface.s, made.prepared.views, made.prepared.sizes, load(), 1)
     cost = np.full(s.shape, 0.02, np.float32)
-    return dict(closer_evidence(surface, cost, impression, made.prepared, buffers, 1.0, load(), 1))
+    levels = levels_evidence(surface, cost, impression, made.prepared, buffers, 1.0, load(), 1)
+    return dict(levels) | dict(trusted_evidence(surface, impression, 1.0))
 
 
 def test_the_levels_are_alike_where_the_surface_is_right():

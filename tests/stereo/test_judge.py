@@ -11,7 +11,7 @@ from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, s
 
 from beltscape.kernels import load
 from beltscape.stereo.belief import fitted
-from beltscape.stereo.evidence import light_evidence, surface_evidence
+from beltscape.stereo.evidence import agreement_evidence, light_evidence, shape_evidence
 from beltscape.stereo.judge import Verdict, closer_look, first_look, impressed, judge
 from beltscape.stereo.matched import Match
 from beltscape.stereo.multiview_settings import MultiviewSettings
@@ -52,7 +52,8 @@ def verdict(made, s: np.ndarray, again: bool) -> tuple[Verdict, np.ndarray]:
 def surface_planes(match: Match, scale: float) -> dict[str, np.ndarray]:
     """Where every auxiliary sees everything."""
     seen = np.ones(match.prepared.core.shape, np.uint8)
-    return dict(surface_evidence(match.chosen, match.refined, 4, seen, scale))
+    agreement = agreement_evidence(match.chosen, match.refined, 4, seen, scale)
+    return dict(agreement) | dict(shape_evidence(match.chosen, match.refined, scale))
 
 
 def views_by_rays(made, solids) -> np.ndarray:

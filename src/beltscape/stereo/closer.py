@@ -40,7 +40,7 @@ def impression_evidence(impression: Array, scale: float) -> Iterator[tuple[str, 
     yield "worst impression within 3", np.asarray(worst, np.float32)
 
 
-def closer_evidence(
+def levels_evidence(
     surface: Surface,
     cost: Array,
     impression: Array,
@@ -50,23 +50,11 @@ def closer_evidence(
     kernels: Kernels,
     threads: int,
 ) -> Iterator[tuple[str, Array]]:
-    """Planes (H, W) by name, beside those of `evidence`; ``buffers`` are the surface's."""
-    yield from impression_evidence(impression, scale)
-    yield from _levels_say(surface, cost, impression, prepared, buffers, scale, kernels, threads)
-    yield from _off_the_trusted(surface, impression, scale)
+    """How like the images are at pixels that are not beyond doubt; the others count as alike, and seen by none.
 
-
-def _levels_say(
-    surface: Surface,
-    cost: Array,
-    impression: Array,
-    prepared: PreparedFrame,
-    buffers: Sequence[Array],
-    scale: float,
-    kernels: Kernels,
-    threads: int,
-) -> Iterator[tuple[str, Array]]:
-    """How like the images are at pixels that are not beyond doubt; the others count as alike, and seen by none."""
+    ``cost`` (H, W) is how unlike the images are on the surface, 0..1, ``impression`` (H, W) that of the state before;
+    ``buffers`` are the surface's.
+    """
     v, u = np.nonzero(impression < BEYOND_DOUBT)
     if not len(u):
         v, u = np.zeros((2, 1), int)
@@ -84,7 +72,7 @@ def _levels_say(
         yield name, plane
 
 
-def _off_the_trusted(surface: Surface, impression: Array, scale: float) -> Iterator[tuple[str, Array]]:
+def trusted_evidence(surface: Surface, impression: Array, scale: float) -> Iterator[tuple[str, Array]]:
     """How far a pixel lies off the planes of the trusted around it, px of a grid of scale 1."""
     trust = (1 / (1 + np.exp(-np.clip(impression, -8, 8).astype(np.float32)))) ** 3
     height, width = trust.shape

@@ -7,8 +7,9 @@ simulated frames with known truth, weighs all of it (docs/matching.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from beltscape.kernels.protocol.rivals import Likenesses, Rivals
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.brightness import difference_variance, gains
 from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import OCCLUDER_PX
 from beltscape.stereo.surface import Surface
 
@@ -35,7 +37,7 @@ ABOUT = (
     "margin", "light within 5", "light within 11", "contrast within 5", "size",
 )  # fmt: skip
 """What of a pixel's evidence rivals are judged by, besides their own."""
-_PIXELS = 32768
+_PIXELS = 16384
 """So many are looked at at a time."""
 _ROUND = 0.1
 """Differences below that are alike."""
@@ -48,6 +50,10 @@ class Contested:
     surface: Surface
     impression: NDArray[np.float32]
     """(H, W) logit of a pixel's being right: the winner's where there was a contest."""
+
+
+Place = tuple[NDArray[np.int_], NDArray[np.int_]]
+"""Rows and columns of some pixels."""
 
 
 def contest(
@@ -65,8 +71,9 @@ def contest(
     belief = fitted("rivals")
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
     impression = np.array(planes["impression"], np.float32)
-    for at, rivals, evidence in looked_at(surface, planes, prepared, scale, kernels, threads):
-        (score,) = belief.answers(evidence, kernels, threads)
+
+    def settle(at: Place, rivals: Rivals, evidence: dict[str, Array]) -> None:
+        (score,) = belief.answers(evidence, kernels, 1)
         score = np.where(np.isfinite(rivals.s), score, -np.inf)
         winner = score.argmax(axis=0)[None]
         for field, offered in ((s, rivals.s), (slope_u, rivals.slope_u), (slope_v, rivals.slope_v)):
@@ -74,40 +81,46 @@ def contest(
             field[at] = np.where(winner[0] > 0, won, field[at])
         best = score.max(axis=0)
         impression[at] = np.where(np.isfinite(best), best, impression[at])
+
+    looks = looks_again(surface, planes, prepared, scale, kernels, threads)
+    side_by_side([lambda look=look: settle(*look()) for look in looks], threads)
     return Contested(Surface(s, slope_u, slope_v), impression)
 
 
-def looked_at(
+def looks_again(
     surface: Surface,
     planes: Mapping[str, Array],
     prepared: PreparedFrame,
     scale: float,
     kernels: Kernels,
     threads: int,
-) -> Iterator[tuple[tuple[NDArray[np.int_], NDArray[np.int_]], Rivals, dict[str, Array]]]:
-    """Rows and columns of some doubtful pixels at a time, their rivals, and the evidence (9, N) for each by name."""
+) -> list[Callable[[], tuple[Place, Rivals, dict[str, Array]]]]:
+    """Looks at some doubtful pixels each: where they are, their rivals, and the evidence (9, N) for each by name."""
     impression, reach = planes["impression"], max(1, round(REACH_PX * scale))
     trusted = (impression >= TRUSTED).astype(np.uint8)
     near = cv2.dilate(trusted, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
     rows, columns = np.nonzero((impression < DOUBTFUL) & (near > 0) & np.isfinite(prepared.core))
     if not len(rows):
-        return
+        return []
     hiding = np.where(impression > HIDING, surface.s, np.nan).astype(np.float32)
     buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
     levels = gains(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
     variance = difference_variance(prepared.core, prepared.noise)
-    for first in range(0, len(rows), _PIXELS):
-        at = rows[first : first + _PIXELS], columns[first : first + _PIXELS]
+
+    def look(at: Place) -> tuple[Place, Rivals, dict[str, Array]]:
         rivals = kernels.rivals(
             surface.s, surface.slope_u, surface.slope_v, trusted, at[1], at[0], reach=reach,
-            same=SAME_PX * scale, threads=threads,
+            same=SAME_PX * scale, threads=1,
         )  # fmt: skip
         like = kernels.likenesses(
             at[1], at[0], *rivals[:3], core=prepared.core, variance=variance, images=prepared.images,
-            views=prepared.views, buffers=buffers, gains=levels, tolerance=OCCLUDER_PX, threads=threads,
+            views=prepared.views, buffers=buffers, gains=levels, tolerance=OCCLUDER_PX, threads=1,
         )  # fmt: skip
         about = {name: np.broadcast_to(planes[name][at], rivals.s.shape) for name in ABOUT}
-        yield at, rivals, about | dict(_speaking(rivals, like, scale, len(prepared.images)))
+        return at, rivals, about | dict(_speaking(rivals, like, scale, len(prepared.images)))
+
+    parts = (slice(first, first + _PIXELS) for first in range(0, len(rows), _PIXELS))
+    return [partial(look, (rows[part], columns[part])) for part in parts]
 
 
 def likeness_evidence(like: Likenesses, auxiliaries: int) -> Iterator[tuple[str, Array]]:

@@ -26,15 +26,13 @@ _MOST_OFF_PX = 5.0
 """... and a pixel as no farther off its neighbours."""
 
 
-def surface_evidence(
+def agreement_evidence(
     chosen: Propagated, refined: Refined, auxiliaries: int, seen: NDArray[np.uint8], scale: float
 ) -> Iterator[tuple[str, Array]]:
-    """Planes (H, W) by name; windows and distances grow with ``scale``, NaN of the surface counts as 0.
+    """What the images say of the surface, planes (H, W) by name; windows grow with ``scale``.
 
-    ``seen`` (H, W) is how many auxiliaries see the surface. A shape's steps and distances in px grow with the
-    images; they are told in px of a grid of scale 1, so that the same shape gives the same evidence at any size.
+    ``seen`` (H, W) is how many auxiliaries see the surface.
     """
-    s = np.nan_to_num(refined.surface.s).astype(np.float32)
     yield "log sigma", 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
     yield from _views(refined, seen, auxiliaries)
     cost, margin = np.nan_to_num(chosen.cost, nan=1.0), np.nan_to_num(chosen.margin)
@@ -42,20 +40,29 @@ def surface_evidence(
     yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
     yield "margin", margin
     yield "some margin", np.minimum(margin, 0.15)
+    information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), window(5, scale))
+    yield "size", np.full_like(cost, np.log(scale))
+    yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
+
+
+def shape_evidence(chosen: Propagated, refined: Refined, scale: float) -> Iterator[tuple[str, Array]]:
+    """What the surface's own shape says, planes (H, W) by name; NaN of the surface counts as 0.
+
+    A shape's steps and distances in px grow with the images; they are told in px of a grid of scale 1, so that the
+    same shape gives the same evidence at any size.
+    """
+    surface = refined.surface
+    s = np.nan_to_num(surface.s).astype(np.float32)
     px = np.float32(1 / scale)
     yield "off its neighbours", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFF_PX)
     to_step = px * _to_step(s)
     yield "at a step", np.exp(-to_step)
     yield "near a step", np.exp(-to_step / 4)
-    surface = refined.surface
     yield "steepness", np.nan_to_num(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
     yield from _roughness(s, scale)
     yield from _turning(surface, scale)
     yield "moved", _moved(chosen, s, scale)
     yield from _relief(s, scale)
-    information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), window(5, scale))
-    yield "size", np.full_like(s, np.log(scale))
-    yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
 
 def _views(refined: Refined, seen: NDArray[np.uint8], auxiliaries: int) -> Iterator[tuple[str, Array]]:

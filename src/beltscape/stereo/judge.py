@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.belief import fitted
-from beltscape.stereo.closer import closer_evidence, impression_evidence
-from beltscape.stereo.evidence import surface_evidence
+from beltscape.stereo.closer import impression_evidence, levels_evidence, trusted_evidence
+from beltscape.stereo.evidence import agreement_evidence, shape_evidence
 from beltscape.stereo.levels import local_variance
 from beltscape.stereo.matched import Match
+from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import seen_by, seen_through
 
 Array = NDArray[np.floating]
@@ -51,7 +52,7 @@ def first_look(match: Match, scale: float, kernels: Kernels, threads: int) -> Ev
     """What the matching itself says; windows grow with ``scale``."""
     prepared, surface = match.prepared, match.refined.surface
     seen = seen_by(surface.s, prepared.views, prepared.sizes, kernels, threads)
-    return Evidence(match.light | dict(_of_the_surface(match, seen, scale)), seen)
+    return Evidence(_joined(_of_the_surface(match, seen, scale), threads) | match.light, seen)
 
 
 def impressed(first: Evidence, scale: float, kernels: Kernels, threads: int) -> dict[str, Array]:
@@ -64,14 +65,31 @@ def closer_look(match: Match, impression: Array, scale: float, kernels: Kernels,
     """Also what the levels themselves say, and an ``impression`` (H, W) of the state before."""
     prepared, surface = match.prepared, match.refined.surface
     seen, buffers = seen_through(surface.s, prepared.views, prepared.sizes, kernels, threads)
-    closer = closer_evidence(
-        surface, match.chosen.cost, impression, prepared, buffers, scale, kernels, threads
-    )
-    return Evidence(match.light | dict(_of_the_surface(match, seen, scale)) | dict(closer), seen)
+    parts = [
+        lambda: levels_evidence(
+            surface, match.chosen.cost, impression, prepared, buffers, scale, kernels, threads
+        ),
+        lambda: trusted_evidence(surface, impression, scale),
+        lambda: impression_evidence(impression, scale),
+    ]
+    return Evidence(_joined([*_of_the_surface(match, seen, scale), *parts], threads) | match.light, seen)
 
 
-def _of_the_surface(match: Match, seen: NDArray[np.uint8], scale: float) -> Iterator[tuple[str, Array]]:
-    return surface_evidence(match.chosen, match.refined, len(match.prepared.images), seen, scale)
+Part = Callable[[], Iterator[tuple[str, Array]]]
+
+
+def _of_the_surface(match: Match, seen: NDArray[np.uint8], scale: float) -> list[Part]:
+    auxiliaries = len(match.prepared.images)
+    return [
+        lambda: shape_evidence(match.chosen, match.refined, scale),
+        lambda: agreement_evidence(match.chosen, match.refined, auxiliaries, seen, scale),
+    ]
+
+
+def _joined(parts: list[Part], threads: int) -> dict[str, Array]:
+    """All parts' planes by name."""
+    found = side_by_side([lambda part=part: dict(part()) for part in parts], threads)
+    return {name: plane for planes in found for name, plane in planes.items()}
 
 
 def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict:

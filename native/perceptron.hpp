@@ -15,6 +15,23 @@ struct Network {
     int planes, units, answers;
 };
 
+inline constexpr int kAbreast = 4;  // units whose sums do not wait for each other
+
+// Units k ... k + count - 1 into the answers, in their order.
+template <int count, class F>
+BELTSCAPE_INLINE void add_units(const Network& net, const F* in, int k, F* answers) {
+    const int stride = net.planes + 1;
+    const float* const row = net.hidden + k * stride;
+    F unit[count];
+    for (int j = 0; j < count; ++j) unit[j] = broadcast<F>(row[j * stride + net.planes]);
+    for (int p = 0; p < net.planes; ++p)
+        for (int j = 0; j < count; ++j) unit[j] += in[p] * row[j * stride + p];
+    for (int j = 0; j < count; ++j) {
+        const F active = greater(unit[j], F{});
+        for (int a = 0; a < net.answers; ++a) answers[a] += active * net.output[a * (net.units + 1) + k + j];
+    }
+}
+
 // Pixels `at` ... `at + count - 1` of all planes; sums run in the order of planes, then of units.
 template <class F>
 BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* planes, size_t at, int count,
@@ -25,13 +42,9 @@ BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* pla
             in[p] = clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
         for (int a = 0; a < net.answers; ++a)
             answers[a] = broadcast<F>(net.output[a * (net.units + 1) + net.units]);
-        for (int k = 0; k < net.units; ++k) {
-            const float* const row = net.hidden + k * (net.planes + 1);
-            F unit = broadcast<F>(row[net.planes]);
-            for (int p = 0; p < net.planes; ++p) unit += in[p] * row[p];
-            unit = greater(unit, F{});
-            for (int a = 0; a < net.answers; ++a) answers[a] += unit * net.output[a * (net.units + 1) + k];
-        }
+        int k = 0;
+        for (; k + kAbreast <= net.units; k += kAbreast) add_units<kAbreast>(net, in, k, answers);
+        for (; k < net.units; ++k) add_units<1>(net, in, k, answers);
         for (int a = 0; a < net.answers; ++a) store_first(out[a] + at + x, answers[a], count - x);
     }
 }

@@ -26,7 +26,7 @@ from adam import Schedule, fitted
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
-from beltscape.stereo.contest import DOUBTFUL, looks_again
+from beltscape.stereo.contest import DOUBTFUL, Arena
 from beltscape.stereo.judge import closer_look, first_look, impressed
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
@@ -108,8 +108,8 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
             scale = windows(match.prepared.core.shape[1]).scale
             found = (
                 first_look(match, scale, kernels, 0)
-                if match.impression is None
-                else closer_look(match, match.impression, scale, kernels, 0)
+                if match.contested is None
+                else closer_look(match, match.contested, scale, kernels, 0)
             )
             truth = true(lesson, settings.step(lesson.rig.core_camera.size_px[0]))
             surface, unit = match.refined.surface, unit_of(lesson, settings)
@@ -153,8 +153,9 @@ def rivals(folders: list[Path]) -> Iterator[Sample]:
             truth, unit = true(lesson, 1), unit_of(lesson, settings)
             share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < DOUBTFUL)).sum()))
             rng = np.random.default_rng(0)
-            for look in looks_again(match.refined.surface, planes, match.prepared, scale, kernels, 0):
-                at, found, evidence = look()
+            arena = Arena.of(match.refined.surface, planes, match.prepared, scale, kernels, 0)
+            for at in arena.doubtful():
+                found, evidence = arena.look(at)
                 taken = truth.scene[at] & (rng.random(len(at[0])) < share)
                 known = np.isfinite(found.s) & taken
                 depth = np.broadcast_to(truth.depth_mm[at], known.shape)[known].astype(float)

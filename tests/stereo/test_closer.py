@@ -7,7 +7,9 @@ import pytest
 from scenes import Scene, away_from_steps, inner, patch, plane, scene
 
 from beltscape.kernels import load
+from beltscape.stereo.brightness import brightness
 from beltscape.stereo.closer import BEYOND_DOUBT, impression_evidence, levels_evidence, trusted_evidence
+from beltscape.stereo.contest import Contested
 from beltscape.stereo.sight import seen_through
 from beltscape.stereo.surface import Surface, with_slopes
 
@@ -18,9 +20,11 @@ def looked(made: Scene, s: np.ndarray, impression: np.ndarray) -> dict[str, np.n
     """Evidence of a surface with the true slopes."""
     slopes = with_slopes(made.s, load(), 1)
     surface = Surface(s.astype(np.float32), slopes.slope_u, slopes.slope_v)
-    _, buffers = seen_through(surface.s, made.prepared.views, made.prepared.sizes, load(), 1)
-    cost = np.full(s.shape, 0.02, np.float32)
-    levels = levels_evidence(surface, cost, impression, made.prepared, buffers, 1.0, load(), 1)
+    prepared = made.prepared
+    _, buffers = seen_through(surface.s, prepared.views, prepared.sizes, load(), 1)
+    light = brightness(surface.s, np.full(s.shape, 0.02), prepared, buffers, 1.0, load(), 1)
+    contested = Contested(surface, impression, light)
+    levels = levels_evidence(surface, contested, prepared, buffers, load(), 1)
     return dict(levels) | dict(trusted_evidence(surface, impression, 1.0))
 
 

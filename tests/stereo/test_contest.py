@@ -8,7 +8,7 @@ from scenes import Scene, inner, patch, plane, scene
 
 from beltscape.kernels import load
 from beltscape.stereo.closer import impression_evidence
-from beltscape.stereo.contest import ABOUT, DOUBTFUL, TRUSTED, Contested, contest, looks_again
+from beltscape.stereo.contest import ABOUT, DOUBTFUL, TRUSTED, Arena, Contested, contest
 from beltscape.stereo.evidence import light_evidence
 from beltscape.stereo.surface import Surface, steps, with_slopes
 
@@ -103,10 +103,10 @@ def test_rivals_are_told_apart_by_finite_evidence():
     made = scene(*STEP, noise=1.0)
     surface, _ = confused(made)
     impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    looks = looks_again(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
-    assert looks
-    for look in looks:
-        _, rivals, evidence = look()
+    arena = Arena.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    assert arena.doubtful()
+    for at in arena.doubtful():
+        rivals, evidence = arena.look(at)
         known = np.isfinite(rivals.s)
         assert known[0].all()
         for name, plane_ in evidence.items():

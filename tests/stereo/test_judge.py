@@ -11,6 +11,7 @@ from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, s
 
 from beltscape.kernels import load
 from beltscape.stereo.belief import fitted
+from beltscape.stereo.contest import Arena, Contested
 from beltscape.stereo.evidence import agreement_evidence, light_evidence, shape_evidence
 from beltscape.stereo.judge import Verdict, closer_look, first_look, impressed, judge
 from beltscape.stereo.matched import Match
@@ -35,7 +36,9 @@ def looked_at_again(match: Match) -> Match:
     """With the impression of a first look."""
     scale = windows(match.prepared.core.shape[1]).scale
     planes = impressed(first_look(match, scale, load(), 1), scale, load(), 1)
-    return replace(match, impression=planes["impression"])
+    arena = Arena.of(match.refined.surface, planes, match.prepared, scale, load(), 1)
+    contested = Contested(match.refined.surface, planes["impression"], arena.brightness)
+    return replace(match, contested=contested)
 
 
 LOOKS = pytest.mark.parametrize("again", [False, True], ids=["at a glance", "looked at again"])
@@ -76,9 +79,9 @@ def views_by_rays(made, solids) -> np.ndarray:
 def test_every_weight_is_of_some_evidence(again):
     match = looked_at_again(stages(made := scene(*STEP, noise=1.0), made.s))
     scale = windows(made.s.shape[1]).scale
-    assert match.impression is not None
+    assert match.contested is not None
     if again:
-        found = closer_look(match, match.impression, scale, load(), 1).planes
+        found = closer_look(match, match.contested, scale, load(), 1).planes
         assert set(fitted("belief").names) <= found.keys()
     else:
         found = first_look(match, scale, load(), 1).planes

@@ -7,6 +7,7 @@ auxiliary's changes slowly (gain, vignetting, the light's angle), so it can be t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -28,6 +29,32 @@ _PRIOR = 0.01
 """The whole image's share in every place."""
 _NOISE, _LEVEL, _SLOPE = 3.0, 0.05, 0.15
 """Variances: noise of two images and of sampling between pixels, share of the level, px the sample may be off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Brightness:
+    """What levels are compared by."""
+
+    gains: list[NDArray[np.float32]]
+    """n of (H, W)."""
+    variance: NDArray[np.float32]
+    """(H, W) levels²."""
+
+
+def brightness(
+    s: Array,
+    cost: Array,
+    prepared: PreparedFrame,
+    buffers: Sequence[Array],
+    scale: float,
+    kernels: Kernels,
+    threads: int,
+) -> Brightness:
+    """The auxiliaries' gains and the variance of differences, told by a surface s (H, W) and what fits it."""
+    return Brightness(
+        gains(s, cost, prepared, buffers, scale, kernels, threads),
+        difference_variance(prepared.core, prepared.noise),
+    )
 
 
 def gains(
@@ -67,8 +94,8 @@ def gains(
 def difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
     """(H, W) variance, levels², of the difference between the core's levels and an auxiliary's of the same point."""
     level = np.nan_to_num(core).astype(np.float32)
-    across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=1 / 8) for d in ((1, 0), (0, 1)))
-    return np.asarray(
-        _NOISE * noise.levels + (_LEVEL * level) ** 2 + _SLOPE**2 * (across * across + down * down),
-        np.float32,
-    )
+    across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
+    variance = cv2.multiply(across, across)
+    variance = cv2.accumulateSquare(down, variance)
+    variance = cv2.accumulateSquare(np.multiply(level, np.float32(_LEVEL), out=level), variance)
+    return np.asarray(cv2.add(variance, _NOISE * noise.levels), np.float32)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.kernels.protocol.rivals import Likenesses
-from beltscape.stereo.brightness import difference_variance, gains
-from beltscape.stereo.contest import likeness_evidence
+from beltscape.stereo.contest import Contested, likeness_evidence
 from beltscape.stereo.evidence import window
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.sight import OCCLUDER_PX
@@ -23,7 +22,7 @@ _MOST_OFF_PX = 10.0
 """No surface counts as farther off the trusted ones'."""
 _LEAST_TRUST = 1e-4
 _STEEPEST = 1.5
-BEYOND_DOUBT = 5.0
+BEYOND_DOUBT = 3.5
 """A logit from which on nobody asks the levels."""
 
 
@@ -42,27 +41,23 @@ def impression_evidence(impression: Array, scale: float) -> Iterator[tuple[str, 
 
 def levels_evidence(
     surface: Surface,
-    cost: Array,
-    impression: Array,
+    contested: Contested,
     prepared: PreparedFrame,
     buffers: Sequence[Array],
-    scale: float,
     kernels: Kernels,
     threads: int,
 ) -> Iterator[tuple[str, Array]]:
     """How like the images are at pixels that are not beyond doubt; the others count as alike, and seen by none.
 
-    ``cost`` (H, W) is how unlike the images are on the surface, 0..1, ``impression`` (H, W) that of the state before;
     ``buffers`` are the surface's.
     """
-    v, u = np.nonzero(impression < BEYOND_DOUBT)
+    v, u = np.nonzero(contested.impression < BEYOND_DOUBT)
     if not len(u):
         v, u = np.zeros((2, 1), int)
-    levels = gains(surface.s, cost, prepared, buffers, scale, kernels, threads)
     like = kernels.likenesses(
         u, v, *(plane[v, u][None] for plane in (surface.s, surface.slope_u, surface.slope_v)),
-        core=prepared.core, variance=difference_variance(prepared.core, prepared.noise), images=prepared.images,
-        views=prepared.views, buffers=buffers, gains=levels, tolerance=OCCLUDER_PX, threads=threads,
+        core=prepared.core, variance=contested.brightness.variance, images=prepared.images, views=prepared.views,
+        buffers=buffers, gains=contested.brightness.gains, tolerance=OCCLUDER_PX, threads=threads,
     )  # fmt: skip
     alike = Likenesses(*(np.zeros((1, 1), np.float32) for _ in like))
     elsewhere = dict(likeness_evidence(alike, len(prepared.images)))

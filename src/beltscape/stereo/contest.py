@@ -7,7 +7,7 @@ simulated frames with known truth, weighs all of it (docs/matching.md).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 from beltscape.kernels.protocol.rivals import Likenesses, Rivals
 from beltscape.stereo.belief import fitted
-from beltscape.stereo.brightness import difference_variance, gains
+from beltscape.stereo.brightness import Brightness, brightness
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import OCCLUDER_PX
@@ -30,7 +30,7 @@ REACH_PX = 8
 """From where rivals come, at scale 1."""
 SAME_PX = 1.0
 """Rivals so close in s say the same, at scale 1."""
-TRUSTED, HIDING, DOUBTFUL = 1.0, 0.0, 2.2
+TRUSTED, HIDING, DOUBTFUL = 1.0, 0.0, 1.5
 """Logits: from which on a pixel hands its surface on and hides others, and up to which it is looked at again."""
 ABOUT = (
     "impression", "impression within 3", "impression within 7", "impression within 15", "log sigma", "cost",
@@ -50,6 +50,8 @@ class Contested:
     surface: Surface
     impression: NDArray[np.float32]
     """(H, W) logit of a pixel's being right: the winner's where there was a contest."""
+    brightness: Brightness
+    """What the levels were compared by."""
 
 
 Place = tuple[NDArray[np.int_], NDArray[np.int_]]
@@ -68,11 +70,12 @@ def contest(
 
     ``planes`` (H, W) is the evidence of `ABOUT` by name.
     """
-    belief = fitted("rivals")
+    belief, arena = fitted("rivals"), Arena.of(surface, planes, prepared, scale, kernels, threads)
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
     impression = np.array(planes["impression"], np.float32)
 
-    def settle(at: Place, rivals: Rivals, evidence: dict[str, Array]) -> None:
+    def settle(at: Place) -> None:
+        rivals, evidence = arena.look(at)
         (score,) = belief.answers(evidence, kernels, 1)
         score = np.where(np.isfinite(rivals.s), score, -np.inf)
         winner = score.argmax(axis=0)[None]
@@ -82,45 +85,69 @@ def contest(
         best = score.max(axis=0)
         impression[at] = np.where(np.isfinite(best), best, impression[at])
 
-    looks = looks_again(surface, planes, prepared, scale, kernels, threads)
-    side_by_side([lambda look=look: settle(*look()) for look in looks], threads)
-    return Contested(Surface(s, slope_u, slope_v), impression)
+    side_by_side([partial(settle, at) for at in arena.doubtful()], threads)
+    return Contested(Surface(s, slope_u, slope_v), impression, arena.brightness)
 
 
-def looks_again(
-    surface: Surface,
-    planes: Mapping[str, Array],
-    prepared: PreparedFrame,
-    scale: float,
-    kernels: Kernels,
-    threads: int,
-) -> list[Callable[[], tuple[Place, Rivals, dict[str, Array]]]]:
-    """Looks at some doubtful pixels each: where they are, their rivals, and the evidence (9, N) for each by name."""
-    impression, reach = planes["impression"], max(1, round(REACH_PX * scale))
-    trusted = (impression >= TRUSTED).astype(np.uint8)
-    near = cv2.dilate(trusted, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-    rows, columns = np.nonzero((impression < DOUBTFUL) & (near > 0) & np.isfinite(prepared.core))
-    if not len(rows):
-        return []
-    hiding = np.where(impression > HIDING, surface.s, np.nan).astype(np.float32)
-    buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
-    levels = gains(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
-    variance = difference_variance(prepared.core, prepared.noise)
+@dataclass(frozen=True, slots=True, eq=False)
+class Arena:
+    """All that rivals are found and judged by."""
 
-    def look(at: Place) -> tuple[Place, Rivals, dict[str, Array]]:
-        rivals = kernels.rivals(
-            surface.s, surface.slope_u, surface.slope_v, trusted, at[1], at[0], reach=reach,
-            same=SAME_PX * scale, threads=1,
+    surface: Surface
+    planes: Mapping[str, Array]
+    trusted: NDArray[np.uint8]
+    """(H, W) who hands on a surface."""
+    prepared: PreparedFrame
+    buffers: Sequence[Array]
+    """n of (h, w): how near to each auxiliary what hides others lies."""
+    brightness: Brightness
+    scale: float
+    kernels: Kernels
+
+    @classmethod
+    def of(
+        cls,
+        surface: Surface,
+        planes: Mapping[str, Array],
+        prepared: PreparedFrame,
+        scale: float,
+        kernels: Kernels,
+        threads: int,
+    ) -> Arena:
+        """Of a surface and the evidence (H, W) of `ABOUT` by name."""
+        hiding = np.where(planes["impression"] > HIDING, surface.s, np.nan).astype(np.float32)
+        buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
+        light = brightness(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
+        trusted = (planes["impression"] >= TRUSTED).astype(np.uint8)
+        return cls(surface, planes, trusted, prepared, buffers, light, scale, kernels)
+
+    @property
+    def reach(self) -> int:
+        """From how far away rivals come, px."""
+        return max(1, round(REACH_PX * self.scale))
+
+    def doubtful(self) -> list[Place]:
+        """The doubtful pixels within reach of trusted ones, some at a time."""
+        window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
+        doubt = (self.planes["impression"] < DOUBTFUL) & np.isfinite(self.prepared.core)
+        rows, columns = np.nonzero(doubt & (cv2.dilate(self.trusted, window) > 0))
+        parts = (slice(first, first + _PIXELS) for first in range(0, len(rows), _PIXELS))
+        return [(rows[part], columns[part]) for part in parts]
+
+    def look(self, at: Place) -> tuple[Rivals, dict[str, Array]]:
+        """The rivals of some pixels, and the evidence (9, N) for each by name."""
+        surface, prepared = self.surface, self.prepared
+        rivals = self.kernels.rivals(
+            surface.s, surface.slope_u, surface.slope_v, self.trusted, at[1], at[0], reach=self.reach,
+            same=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
-        like = kernels.likenesses(
-            at[1], at[0], *rivals[:3], core=prepared.core, variance=variance, images=prepared.images,
-            views=prepared.views, buffers=buffers, gains=levels, tolerance=OCCLUDER_PX, threads=1,
+        like = self.kernels.likenesses(
+            at[1], at[0], *rivals[:3], core=prepared.core, variance=self.brightness.variance,
+            images=prepared.images, views=prepared.views, buffers=self.buffers, gains=self.brightness.gains,
+            tolerance=OCCLUDER_PX, threads=1,
         )  # fmt: skip
-        about = {name: np.broadcast_to(planes[name][at], rivals.s.shape) for name in ABOUT}
-        return at, rivals, about | dict(_speaking(rivals, like, scale, len(prepared.images)))
-
-    parts = (slice(first, first + _PIXELS) for first in range(0, len(rows), _PIXELS))
-    return [partial(look, (rows[part], columns[part])) for part in parts]
+        about = {name: np.broadcast_to(self.planes[name][at], rivals.s.shape) for name in ABOUT}
+        return rivals, about | dict(_speaking(rivals, like, self.scale, len(prepared.images)))
 
 
 def likeness_evidence(like: Likenesses, auxiliaries: int) -> Iterator[tuple[str, Array]]:

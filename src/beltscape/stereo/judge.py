@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.closer import impression_evidence, levels_evidence, trusted_evidence
+from beltscape.stereo.contest import Contested
 from beltscape.stereo.evidence import agreement_evidence, shape_evidence
 from beltscape.stereo.levels import local_variance
 from beltscape.stereo.matched import Match
@@ -61,14 +62,12 @@ def impressed(first: Evidence, scale: float, kernels: Kernels, threads: int) -> 
     return first.planes | dict(impression_evidence(impression, scale))
 
 
-def closer_look(match: Match, impression: Array, scale: float, kernels: Kernels, threads: int) -> Evidence:
-    """Also what the levels themselves say, and an ``impression`` (H, W) of the state before."""
-    prepared, surface = match.prepared, match.refined.surface
+def closer_look(match: Match, contested: Contested, scale: float, kernels: Kernels, threads: int) -> Evidence:
+    """Also what the levels themselves say, and the impression of the state before."""
+    prepared, surface, impression = match.prepared, match.refined.surface, contested.impression
     seen, buffers = seen_through(surface.s, prepared.views, prepared.sizes, kernels, threads)
     parts = [
-        lambda: levels_evidence(
-            surface, match.chosen.cost, impression, prepared, buffers, scale, kernels, threads
-        ),
+        lambda: levels_evidence(surface, contested, prepared, buffers, kernels, threads),
         lambda: trusted_evidence(surface, impression, scale),
         lambda: impression_evidence(impression, scale),
     ]
@@ -99,10 +98,10 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     (docs/matching.md): confidence to what is right, sigma to the median error. Where no pixel was looked at again
     the first look is the last.
     """
-    if match.impression is None:
+    if match.contested is None:
         found, belief = first_look(match, scale, kernels, threads), fitted("glance")
     else:
-        found, belief = closer_look(match, match.impression, scale, kernels, threads), fitted("belief")
+        found, belief = closer_look(match, match.contested, scale, kernels, threads), fitted("belief")
     logit, log_sigma = belief.answers(found.planes, kernels, threads)
     confidence = 1 / (1 + np.exp(-logit))
     trusted = np.isfinite(match.refined.surface.s) & (found.seen > 0) & _told(match)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.stereo.contest import Contested
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.propagate import Propagated
 from beltscape.stereo.refine import Refined
@@ -22,5 +23,5 @@ class Match:
     refined: Refined
     light: dict[str, NDArray[np.floating]]
     """(H, W) by name: the evidence of the core's image alone."""
-    impression: NDArray[np.float32] | None
-    """(H, W) logit of a pixel's being right, where doubtful ones were looked at again; None without that."""
+    contested: Contested | None
+    """What a closer look at doubtful pixels found; None without that."""

@@ -96,20 +96,20 @@ class MultiviewReconstructor:
         before = self.approach(frame_set, names, tell, prior)
         chosen, refined, prepared = before.chosen, before.refined, before.prepared
         size = windows(prepared.core.shape[1])
-        surface, impression = refined.surface, None
+        surface, contested = refined.surface, None
         if settings.contests:
             planes = impressed(first_look(before, size.scale, kernels, threads), size.scale, kernels, threads)
             for _ in range(settings.contests):
-                won = contest(surface, planes, prepared, size.scale, kernels, threads)
-                surface, impression = won.surface, won.impression
-                planes = planes | dict(impression_evidence(impression, size.scale))
+                contested = contest(surface, planes, prepared, size.scale, kernels, threads)
+                surface = contested.surface
+                planes = planes | dict(impression_evidence(contested.impression, size.scale))
                 tell()
         filled_surface = filled(surface, refined.information, prepared, size.scale)
         refined = refine(
             filled_surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads
         )
         tell()
-        return Match(prepared, chosen, refined, before.light, impression)
+        return Match(prepared, chosen, refined, before.light, contested)
 
     def approach(
         self,
@@ -135,14 +135,14 @@ class MultiviewReconstructor:
         refined = refined_from(refined.surface, _FIRST_PX[1:])
         tell()
 
-        def another_round(refined: Refined) -> tuple[Propagated, Refined]:
+        def another_round(refined: Refined, tolerances: tuple[float, ...]) -> tuple[Propagated, Refined]:
             chosen = propagate(refined.surface, prepared, settings.offsets_px(size.scale), kernels, threads)
             tell()
-            return chosen, refined_from(chosen.surface, settings.between_px)
+            return chosen, refined_from(chosen.surface, tolerances)
 
-        chosen, refined = another_round(refined)
         for _ in range(settings.rounds - 1):
-            chosen, refined = another_round(refined)
+            _, refined = another_round(refined, settings.between_px[:1])
+        chosen, refined = another_round(refined, settings.between_px)
         return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), None)
 
     def _start(

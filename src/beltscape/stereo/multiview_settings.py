@@ -36,7 +36,10 @@ class MultiviewSettings(BaseModel):
         1, ge=0, le=4, description="how often doubtful pixels near trusted ones are looked at again"
     )
     between_px: tuple[Tolerance, ...] = Field(
-        (1.0, 0.7), min_length=1, max_length=8, description="tolerances of the iterations after a round"
+        (1.0, 0.7),
+        min_length=1,
+        max_length=8,
+        description="tolerances of the iterations after the last round; after others only of the first",
     )
     final_px: tuple[Tolerance, ...] = Field(
         (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"

@@ -40,7 +40,7 @@ def propagate(
 ) -> Propagated:
     """One round: shifted, slope-extrapolated copies of the surface compete where the views see them."""
     buffers = kernels.nearness_buffers(surface.s, prepared.views, prepared.sizes, threads=threads)
-    active = near_steps(surface.s, reach_px=min(distances_px))
+    active = near_steps(surface.s, reach_px=max(1, min(distances_px) // 2))
     chosen = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
         offsets=offsets(distances_px), floor=prepared.noise.floor, tolerance=OCCLUDER_PX, active=active,

@@ -1,9 +1,5 @@
 // Binds propagate.hpp.
-#include <nanobind/stl/vector.h>
-
-#include <vector>
-
-#include "bind_grid.hpp"
+#include "bind_auxiliaries.hpp"
 #include "pool.hpp"
 #include "propagate.hpp"
 #include "sweep_band.hpp"
@@ -11,20 +7,14 @@
 namespace beltscape {
 namespace {
 
-using Flags = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Offsets = nb::ndarray<const std::int32_t, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
-using Views = nb::ndarray<const float, nb::shape<-1, 21>, nb::c_contig, nb::device::cpu>;
-
-Image image_of(const Grid& grid) { return {grid.data(), width_of(grid), height_of(grid)}; }
 
 // surface: s, slope_u, slope_v; costs: separation, floor, unseen_cost, tolerance, small_jump, large_jump;
 // active: empty where all pixels are; out: s, slope_u, slope_v, cost, margin.
 void propagate(std::vector<Grid> surface, Grid core, std::vector<Grid> images, Views views,
                std::vector<Grid> buffers, Offsets offsets, int candidates, std::vector<float> costs,
                std::vector<Flags> active, std::vector<GridOut> out, std::size_t threads) {
-    std::vector<Auxiliary> auxiliaries;
-    for (std::size_t i = 0; i < images.size(); ++i)
-        auxiliaries.push_back({view_of(views.data() + 21 * i), image_of(images[i]), buffers[i].data()});
+    const std::vector<Auxiliary> auxiliaries = auxiliaries_of(images, views, buffers);
     std::vector<Offset> all{{0, 0}};
     for (std::size_t i = 0; i < offsets.shape(0); ++i)
         all.push_back({offsets.data()[2 * i], offsets.data()[2 * i + 1]});

@@ -1,9 +1,5 @@
 // Binds rivals.hpp and likeness.hpp.
-#include <nanobind/stl/vector.h>
-
-#include <vector>
-
-#include "bind_grid.hpp"
+#include "bind_auxiliaries.hpp"
 #include "likeness.hpp"
 #include "rivals.hpp"
 
@@ -12,9 +8,7 @@ namespace {
 
 constexpr int kPixelsPerJob = 1024;
 
-using Flags = nb::ndarray<const std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Numbers = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Views = nb::ndarray<const float, nb::shape<-1, 21>, nb::c_contig, nb::device::cpu>;
 
 // surface: s, slope_u, slope_v; out: s, slope_u, slope_v, distance, support, each (9, N).
 void rivals(const std::vector<Grid>& surface, Flags trusted, Numbers u, Numbers v, int reach, float same,
@@ -39,13 +33,9 @@ void rivals(const std::vector<Grid>& surface, Flags trusted, Numbers u, Numbers 
 void likenesses(Numbers u, Numbers v, const std::vector<Grid>& planes, Grid core, Grid variance,
                 const std::vector<Grid>& images, Views views, const std::vector<Grid>& buffers,
                 const std::vector<Grid>& gains, float tolerance, GridOut out, std::size_t threads) {
-    std::vector<Auxiliary> auxiliaries;
+    const std::vector<Auxiliary> auxiliaries = auxiliaries_of(images, views, buffers);
     std::vector<const float*> levels;
-    for (std::size_t i = 0; i < images.size(); ++i) {
-        const Image image{images[i].data(), width_of(images[i]), height_of(images[i])};
-        auxiliaries.push_back({view_of(views.data() + 21 * i), image, buffers[i].data()});
-        levels.push_back(gains[i].data());
-    }
+    for (const Grid& gain : gains) levels.push_back(gain.data());
     const LikenessInput in{core.data(),
                            variance.data(),
                            width_of(core),

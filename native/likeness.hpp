@@ -75,7 +75,7 @@ BELTSCAPE_INLINE F clear_at(const Auxiliary& by, const Sampled<F>& sample, float
     return select(sample.spot.u >= 0.0f, seen, F{});
 }
 
-// Planes `first` ... of at most `count`; out: point least, second, mean, most; cross the same; views.
+// Of at most `count` planes; out: point least, second, mean, most; cross the same; views.
 template <class F>
 BELTSCAPE_INLINE void likeness(const LikenessInput& in, const Planes& at, int count, float* out,
                                size_t stride) {

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 import beltscape
-from adam import Schedule, fitted
+from adam import Schedule, Slopes, fitted
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
@@ -111,7 +111,8 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
                 if match.contested is None
                 else closer_look(match, match.contested, scale, kernels, 0)
             )
-            truth = true(lesson, settings.step(lesson.rig.core_camera.size_px[0]))
+            step = settings.step(lesson.rig.core_camera.size_px[0])
+            truth = true(lesson, step)
             surface, unit = match.refined.surface, unit_of(lesson, settings)
             use = (found.seen > 0) & np.isfinite(surface.s)
             rng = np.random.default_rng(0)
@@ -119,10 +120,8 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
                 rng.permutation(np.flatnonzero(where & use))[:most]
                 for where, most in ((truth.scene, SAMPLES), (truth.beside, SAMPLES // 3))
             ])  # fmt: skip
-            step = settings.step(lesson.rig.core_camera.size_px[0])
-            aside = (
-                step // 2 - (step - 1) / 2
-            ) / step  # of the pixel whose truth is taken, off its block's centre
+            # of the pixel whose truth is taken, off its block's centre
+            aside = (step // 2 - (step - 1) / 2) / step
             at_pixel = surface.s + aside * (surface.slope_u + surface.slope_v)
             s, depth = at_pixel.ravel()[at].astype(float), truth.depth_mm.ravel()[at].astype(float)
             dz = 1 / (s * unit) - depth
@@ -197,14 +196,14 @@ Layers = tuple[np.ndarray, np.ndarray]
 """Hidden and output, as the perceptron takes them."""
 
 
-def of_right(right: np.ndarray, weight: np.ndarray) -> object:
+def of_right(right: np.ndarray, weight: np.ndarray) -> Slopes:
     """Of the cross-entropy: the answer becomes the logit of what share is right."""
     return lambda out, at: (
         weight[at, None] * (1 / (1 + np.exp(-out)) - right[at, None]) / np.float32(len(at))
     ).astype(np.float32)
 
 
-def of_size(log_size: np.ndarray, weight: np.ndarray) -> object:
+def of_size(log_size: np.ndarray, weight: np.ndarray) -> Slopes:
     """Of the absolute deviation: the answer becomes the median of the logarithm, whatever lies far off."""
     return lambda out, at: (
         weight[at, None] * np.clip((out - log_size[at, None]) / ROUND, -1, 1) / np.float32(len(at))
@@ -218,7 +217,7 @@ def limits_of(x: np.ndarray) -> np.ndarray:
     return np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
 
 
-def fit(x: np.ndarray, limits: np.ndarray, slopes: object, units: int, start: float) -> Layers:
+def fit(x: np.ndarray, limits: np.ndarray, slopes: Slopes, units: int, start: float) -> Layers:
     """Layers whose answers to evidence within its limits are of least loss."""
     within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
     mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + 1e-6
@@ -226,7 +225,7 @@ def fit(x: np.ndarray, limits: np.ndarray, slopes: object, units: int, start: fl
     how = Schedule((units,), EPOCHS, BATCH, RATE, 1e-6, 0.3)
 
     def shifted(out: np.ndarray, at: np.ndarray) -> np.ndarray:
-        return slopes(out + np.float32(start), at)  # type: ignore[operator]
+        return slopes(out + np.float32(start), at)
 
     (first, offset), (last, constant) = fitted(within, 1, shifted, how, np.random.default_rng(0))
     hidden = np.hstack([first.T / spread, (offset - (mean / spread) @ first)[:, None]])

@@ -68,7 +68,8 @@ def gains(
 ) -> list[NDArray[np.float32]]:
     """N of (H, W): what each auxiliary's levels are to be multiplied by to be the core's.
 
-    ``cost`` (H, W) is how unlike the images are on the surface s (H, W), 0..1; ``buffers`` are that surface's.
+    ``cost`` (H, W) is how unlike the images are on the surface s (H, W), 0..1; ``buffers`` are of what
+    hides it.
     """
     inside = (slice(_EVERY // 2, None, _EVERY), slice(_EVERY // 2, None, _EVERY))
     thin, core = np.ascontiguousarray(s[inside], np.float32), prepared.core[inside]

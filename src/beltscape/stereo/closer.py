@@ -76,9 +76,8 @@ def trusted_evidence(surface: Surface, impression: Array, scale: float) -> Itera
         np.nan_to_num(plane).astype(np.float32) for plane in (surface.s, surface.slope_u, surface.slope_v)
     )
     slope_u, slope_v = np.clip(slope_u, -_STEEPEST, _STEEPEST), np.clip(slope_v, -_STEEPEST, _STEEPEST)
-    at_origin = (
-        s - slope_u * u - slope_v * v
-    )  # a plane's value at p is this + slope · p: means of it are means
+    # a plane's value at p is that at the origin + slope · p: means of planes are planes
+    at_origin = s - slope_u * u - slope_v * v
     weighted = [trust, trust * at_origin, trust * slope_u, trust * slope_v]
     for window_px in (7, 15):
         side = window(window_px, scale)

@@ -100,9 +100,10 @@ class MultiviewReconstructor:
         if settings.contests:
             planes = impressed(first_look(before, size.scale, kernels, threads), size.scale, kernels, threads)
             for _ in range(settings.contests):
+                if contested is not None:
+                    planes = planes | dict(impression_evidence(contested.impression, size.scale))
                 contested = contest(surface, planes, prepared, size.scale, kernels, threads)
                 surface = contested.surface
-                planes = planes | dict(impression_evidence(contested.impression, size.scale))
                 tell()
         filled_surface = filled(surface, refined.information, prepared, size.scale)
         refined = refine(

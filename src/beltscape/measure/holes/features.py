@@ -61,7 +61,8 @@ def around(
         middle + mean[[sides.index(side) for side in WINDOWS]],
         load().window_minima(calm_mm, place, _LOW_CELLS),
         np.nan_to_num(rough),
-        deep[place].astype(np.float64),
+        # squares of distances are whole numbers; the last digit of OpenCV's roots differs from call to call
+        np.sqrt(np.rint(deep[place].astype(np.float64) ** 2)),
     )
 
 

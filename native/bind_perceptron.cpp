@@ -11,13 +11,13 @@ namespace {
 
 constexpr int kRowsPerJob = 16;
 
-void perceptron(const std::vector<Grid>& planes, Grid limits, Grid hidden, Grid output,
+void perceptron(const std::vector<Grid>& planes, Grid limits, const std::vector<Grid>& layers,
                 const std::vector<GridOut>& out, std::size_t threads) {
     const int height = height_of(planes[0]), width = width_of(planes[0]);
-    const Network net = {limits.data(),    limits.data() + width_of(limits),
-                         hidden.data(),    output.data(),
-                         width_of(limits), height_of(hidden),
-                         height_of(output)};
+    std::vector<Layer> weighed;
+    for (const Grid& layer : layers) weighed.push_back({layer.data(), width_of(layer) - 1, height_of(layer)});
+    const Network net = {limits.data(), limits.data() + width_of(limits), weighed.data(),
+                         static_cast<int>(weighed.size())};
     std::vector<const float*> from;
     std::vector<float*> to;
     for (const Grid& plane : planes) from.push_back(plane.data());
@@ -34,8 +34,8 @@ void perceptron(const std::vector<Grid>& planes, Grid limits, Grid hidden, Grid 
 }  // namespace
 
 void bind_perceptron(nb::module_& m) {
-    m.def("perceptron", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("hidden"),
-          nb::arg("output"), nb::arg("out"), nb::arg("threads"));
+    m.def("perceptron", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("layers"), nb::arg("out"),
+          nb::arg("threads"));
 }
 
 }  // namespace beltscape

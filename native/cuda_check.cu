@@ -6,6 +6,7 @@
 #include "lanes.hpp"
 #include "likeness.hpp"
 #include "local_fit.hpp"
+#include "neighbours.hpp"
 #include "normal_equations.hpp"
 #include "occlusion.hpp"
 #include "perceptron.hpp"
@@ -133,6 +134,13 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
 // A thread takes a pixel.
 __global__ void check_perceptron(Network net, const float* const* planes, float* const* out) {
     perceptron_row<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+}
+
+// A thread takes a pixel.
+__global__ void check_neighbours(const float* plane, int width, int height, const float* u, const float* v,
+                                 const Offset* offsets, float* out) {
+    const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;
+    neighbours<float>(plane, width, height, u + pixel, v + pixel, offsets->dx, offsets->dy, 1, out + pixel);
 }
 
 // A thread takes a pixel: all its rivals, then how like the images each is.

@@ -1,51 +1,61 @@
-// A small network with one hidden layer, at every pixel of a row: planes of evidence in, planes of answers
-// out.
+// A small network of rectified layers, at every pixel of a row: planes of evidence in, planes of answers out.
 #pragma once
 
 #include "lanes.hpp"
 
 namespace beltscape {
 
-inline constexpr int kMostPlanes = 64, kMostAnswers = 8;
+inline constexpr int kMostUnits = 256;  // of a layer, and planes of evidence
 
-// `low` and `high` (planes) clamp what comes in, NaN to `low`; `hidden` (units, planes + 1) and `output`
-// (answers, units + 1) end each row with their constant.
+// `rows` (units, inputs + 1) end with their constants.
+struct Layer {
+    const float* rows;
+    int inputs, units;
+};
+
+// `low` and `high` (inputs of the first layer) clamp what comes in, NaN to `low`.
 struct Network {
-    const float *low, *high, *hidden, *output;
-    int planes, units, answers;
+    const float *low, *high;
+    const Layer* layers;
+    int layer_count;
 };
 
 inline constexpr int kAbreast = 4;  // units whose sums do not wait for each other
 
-// Units k ... k + count - 1 into the answers, in their order.
+// Units k ... k + count - 1.
 template <int count, class F>
-BELTSCAPE_INLINE void add_units(const Network& net, const F* in, int k, F* answers) {
-    const int stride = net.planes + 1;
-    const float* const row = net.hidden + k * stride;
+BELTSCAPE_INLINE void weigh_units(const Layer& layer, const F* in, int k, F* out) {
+    const int stride = layer.inputs + 1;
+    const float* const row = layer.rows + k * stride;
     F unit[count];
-    for (int j = 0; j < count; ++j) unit[j] = broadcast<F>(row[j * stride + net.planes]);
-    for (int p = 0; p < net.planes; ++p)
-        for (int j = 0; j < count; ++j) unit[j] += in[p] * row[j * stride + p];
-    for (int j = 0; j < count; ++j) {
-        const F active = greater(unit[j], F{});
-        for (int a = 0; a < net.answers; ++a) answers[a] += active * net.output[a * (net.units + 1) + k + j];
-    }
+    for (int j = 0; j < count; ++j) unit[j] = broadcast<F>(row[j * stride + layer.inputs]);
+    for (int i = 0; i < layer.inputs; ++i)
+        for (int j = 0; j < count; ++j) unit[j] += in[i] * row[j * stride + i];
+    for (int j = 0; j < count; ++j) out[k + j] = unit[j];
 }
 
-// Pixels `at` ... `at + count - 1` of all planes; sums run in the order of planes, then of units.
+template <class F>
+BELTSCAPE_INLINE void weigh(const Layer& layer, const F* in, F* out) {
+    int k = 0;
+    for (; k + kAbreast <= layer.units; k += kAbreast) weigh_units<kAbreast>(layer, in, k, out);
+    for (; k < layer.units; ++k) weigh_units<1>(layer, in, k, out);
+}
+
+// Pixels `at` ... `at + count - 1` of all planes; sums run in the order of inputs.
 template <class F>
 BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* planes, size_t at, int count,
                                      float* const* out) {
     for (int x = 0; x < count; x += Lane<F>::count) {
-        F in[kMostPlanes], answers[kMostAnswers];
-        for (int p = 0; p < net.planes; ++p)
+        F in[kMostUnits], put[kMostUnits];
+        for (int p = 0; p < net.layers[0].inputs; ++p)
             in[p] = clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
-        for (int a = 0; a < net.answers; ++a)
-            answers[a] = broadcast<F>(net.output[a * (net.units + 1) + net.units]);
-        int k = 0;
-        for (; k + kAbreast <= net.units; k += kAbreast) add_units<kAbreast>(net, in, k, answers);
-        for (; k < net.units; ++k) add_units<1>(net, in, k, answers);
-        for (int a = 0; a < net.answers; ++a) store_first(out[a] + at + x, answers[a], count - x);
+        for (int l = 0; l < net.layer_count - 1; ++l) {
+            weigh(net.layers[l], in, put);
+            for (int k = 0; k < net.layers[l].units; ++k) in[k] = greater(put[k], F{});
+        }
+        const Layer& last = net.layers[net.layer_count - 1];
+        weigh(last, in, put);
+        for (int a = 0; a < last.units; ++a) store_first(out[a] + at + x, put[a], count - x);
     }
 }
 

@@ -1,20 +1,20 @@
-"""Fit what is believed of surfaces to simulated captures with truth: data/{impression,rivals,belief,glance}.json.
+"""Fit what is believed of surfaces to simulated captures with truth.
 
-    python tools/fit_belief.py impression|rivals|belief|glance CAPTURE…
+    python tools/fit_belief.py impression|rivals|duel|belief|scrutiny|glance CAPTURE…
 
 Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with
 and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
 than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
 matched as it is and as a plant might spoil it (tools/lessons.py); one named twice counts twice, spoiled in other
-ways. ``rivals`` rests on ``impression``, ``belief`` on both; ``glance`` is for the preset ``fast``. Judge the result
-on captures that are not among them.
+ways. They rest on each other in this order;
+``glance`` is for the preset ``fast``. Judge the result on captures that are not among them.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,11 +26,16 @@ from adam import Schedule, Slopes, fitted
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
+from beltscape.kernels.protocol.rivals import Rivals
+from beltscape.stereo import belief as networks
 from beltscape.stereo.contest import DOUBTFUL, Arena
 from beltscape.stereo.judge import closer_look, first_look, impressed
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.places import Place
 from beltscape.stereo.prepared import grid_unit
+from beltscape.stereo.scrutiny import DOUBTFUL as SCRUTINISED
+from beltscape.stereo.scrutiny import Scrutiny
 from beltscape.stereo.windows import windows
 from lessons import Lesson, lessons
 
@@ -42,8 +47,15 @@ ALONG_MM = 240.0
 """The projector lights little more of the belt."""
 SAMPLES, DOUBTS = 20_000, 8_000
 """Of a match's own scene, of the belt beside it a third of that; and of its doubtful pixels."""
-UNITS = {"impression": 32, "rivals": 32, "belief": 64, "glance": 64}
-SIGMA_UNITS = 32
+UNITS = {
+    "impression": (32,),
+    "rivals": (32,),
+    "duel": (64, 32),
+    "belief": (64,),
+    "glance": (64,),
+    "scrutiny": (128, 64),
+}
+SIGMA_UNITS = (32,)
 EPOCHS, BATCH, RATE = 16, 8192, 4e-3
 UNSEEN = 4.0
 """What a pixel that no auxiliary sees counts for in confidence: they are few, and what is right there is a guess."""
@@ -115,19 +127,27 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
             truth = true(lesson, step)
             surface, unit = match.refined.surface, unit_of(lesson, settings)
             use = (found.seen > 0) & np.isfinite(surface.s)
+            if what == "scrutiny":
+                logit, _ = networks.fitted("belief").answers(found.planes, kernels, 0)
+                use &= logit < SCRUTINISED + 1
             rng = np.random.default_rng(0)
             at = np.concatenate([
                 rng.permutation(np.flatnonzero(where & use))[:most]
                 for where, most in ((truth.scene, SAMPLES), (truth.beside, SAMPLES // 3))
             ])  # fmt: skip
+            if what == "scrutiny":
+                scrutiny = Scrutiny.of(found.planes, surface, match.prepared.core, scale, kernels)
+                evidence = scrutiny.look(np.unravel_index(at, use.shape))
+            else:
+                evidence = {name: plane.ravel()[at] for name, plane in found.planes.items()}
             # of the pixel whose truth is taken, off its block's centre
             aside = (step // 2 - (step - 1) / 2) / step
             at_pixel = surface.s + aside * (surface.slope_u + surface.slope_v)
             s, depth = at_pixel.ravel()[at].astype(float), truth.depth_mm.ravel()[at].astype(float)
             dz = 1 / (s * unit) - depth
             yield Sample(
-                tuple(found.planes),
-                np.stack([np.asarray(p).ravel()[at] for p in found.planes.values()], -1).astype(np.float32),
+                tuple(evidence),
+                np.stack([np.ravel(values) for values in evidence.values()], -1).astype(np.float32),
                 np.full_like(dz, np.inf) if lesson.alien else dz,
                 s - 1 / (depth * unit),
                 truth.interior.ravel()[at],
@@ -137,8 +157,32 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
         print(folder, file=sys.stderr, flush=True)
 
 
-def rivals(folders: list[Path]) -> Iterator[Sample]:
-    """Samples of rivals for doubtful pixels."""
+@dataclass(frozen=True)
+class Contest:
+    """What a match's doubtful pixels compete in, and what is true."""
+
+    lesson: Lesson
+    arena: Arena
+    truth: Truth
+    unit: float
+    share: float
+    """Of them that is taken."""
+
+    def taken(self) -> Iterator[tuple[Place, Rivals, dict[str, np.ndarray], np.ndarray]]:
+        """Some pixels at a time, their rivals, these' evidence, and how far off they are in px of scale 1 (9, N)."""
+        rng = np.random.default_rng(0)
+        for rows, columns in self.arena.doubtful():
+            use = self.truth.scene[rows, columns] & (rng.random(len(rows)) < self.share)
+            at = rows[use], columns[use]
+            if not use.any():
+                continue
+            found, evidence = self.arena.look(at)
+            ds = (found.s - 1 / (self.truth.depth_mm[at].astype(float) * self.unit)) / self.arena.scale
+            yield at, found, evidence, np.full_like(ds, np.inf) if self.lesson.alien else ds
+
+
+def contests(folders: list[Path]) -> Iterator[Contest]:
+    """Of all lessons."""
     kernels = load()
     for turn, folder in enumerate(folders):
         for lesson in lessons(folder, turn):
@@ -149,26 +193,46 @@ def rivals(folders: list[Path]) -> Iterator[Sample]:
             match = matcher.approach(lesson.frame, lesson.names)
             scale = windows(match.prepared.core.shape[1]).scale
             planes = impressed(first_look(match, scale, kernels, 0), scale, kernels, 0)
-            truth, unit = true(lesson, 1), unit_of(lesson, settings)
+            truth = true(lesson, 1)
             share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < DOUBTFUL)).sum()))
-            rng = np.random.default_rng(0)
             arena = Arena.of(match.refined.surface, planes, match.prepared, scale, kernels, 0)
-            for at in arena.doubtful():
-                found, evidence = arena.look(at)
-                taken = truth.scene[at] & (rng.random(len(at[0])) < share)
-                known = np.isfinite(found.s) & taken
-                depth = np.broadcast_to(truth.depth_mm[at], known.shape)[known].astype(float)
-                ds = (found.s[known] - 1 / (depth * unit)) / scale
-                yield Sample(
-                    tuple(evidence),
-                    np.stack([np.asarray(p)[known] for p in evidence.values()], -1).astype(np.float32),
-                    1 / (found.s[known].astype(float) * unit) - depth,
-                    np.full_like(ds, np.inf) if lesson.alien else ds,
-                    np.ones(len(ds), bool),
-                    np.broadcast_to(truth.unseen[at], known.shape)[known],
-                    lesson.roughness,
-                )
+            yield Contest(lesson, arena, truth, unit_of(lesson, settings), share)
         print(folder, file=sys.stderr, flush=True)
+
+
+def fit_rivals(folders: list[Path]) -> None:
+    """The logit of a rival's being right."""
+    evidence, right = [], []
+    for contest in contests(folders):
+        for _, found, told, ds in contest.taken():
+            known = np.isfinite(found.s)
+            evidence.append(np.stack([plane[known] for plane in told.values()], -1).astype(np.float32))
+            right.append(np.abs(ds[known]) <= RIGHT_PX)
+            names = tuple(told)
+    fit_logits("rivals", names, np.concatenate(evidence), np.concatenate(right)[:, None])
+
+
+def fit_duel(folders: list[Path]) -> None:
+    """The logits of two finalists' being right."""
+    evidence, right = [], []
+    for contest in contests(folders):
+        for at, found, told, ds in contest.taken():
+            first, second, score = contest.arena.finalists(found, told)
+            met = np.flatnonzero(second >= 0)
+            pair = first[met], second[met]
+            both = contest.arena.duel(at, found, {**told, "score": score}, met, pair)
+            evidence.append(np.concatenate(list(both.values())).T.astype(np.float32))
+            right.append(np.stack([np.abs(ds[index, met]) <= RIGHT_PX for index in pair], -1))
+            names = tuple(both)
+    fit_logits("duel", names, np.concatenate(evidence), np.concatenate(right))
+
+
+def fit_logits(what: str, names: tuple[str, ...], x: np.ndarray, right: np.ndarray) -> None:
+    """Of what is right (n, m), by evidence (n, names)."""
+    limits, right = limits_of(x), right.astype(np.float32)
+    write(
+        what, names, limits, fit(x, limits, of_right(right, np.ones_like(right)), right.shape[1], UNITS[what])
+    )
 
 
 def unit_of(lesson: Lesson, settings: MultiviewSettings) -> float:
@@ -192,15 +256,15 @@ def true(lesson: Lesson, step: int) -> Truth:
     )
 
 
-Layers = tuple[np.ndarray, np.ndarray]
-"""Hidden and output, as the perceptron takes them."""
+Layers = list[np.ndarray]
+"""As the perceptron takes them."""
 
 
 def of_right(right: np.ndarray, weight: np.ndarray) -> Slopes:
-    """Of the cross-entropy: the answer becomes the logit of what share is right."""
-    return lambda out, at: (
-        weight[at, None] * (1 / (1 + np.exp(-out)) - right[at, None]) / np.float32(len(at))
-    ).astype(np.float32)
+    """Of the cross-entropy: the answers (n, m) become the logits of what share is right."""
+    return lambda out, at: (weight[at] * (1 / (1 + np.exp(-out)) - right[at]) / np.float32(len(at))).astype(
+        np.float32
+    )
 
 
 def of_size(log_size: np.ndarray, weight: np.ndarray) -> Slopes:
@@ -217,35 +281,36 @@ def limits_of(x: np.ndarray) -> np.ndarray:
     return np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
 
 
-def fit(x: np.ndarray, limits: np.ndarray, slopes: Slopes, units: int, start: float) -> Layers:
+def fit(
+    x: np.ndarray,
+    limits: np.ndarray,
+    slopes: Slopes,
+    outputs: int,
+    units: tuple[int, ...],
+    start: float = 0.0,
+) -> Layers:
     """Layers whose answers to evidence within its limits are of least loss."""
     within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
     mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + 1e-6
     within = ((within - mean) / spread).astype(np.float32)
-    how = Schedule((units,), EPOCHS, BATCH, RATE, 1e-6, 0.3)
+    how = Schedule(units, EPOCHS, BATCH, RATE, 1e-6, 0.3)
 
     def shifted(out: np.ndarray, at: np.ndarray) -> np.ndarray:
         return slopes(out + np.float32(start), at)
 
-    (first, offset), (last, constant) = fitted(within, 1, shifted, how, np.random.default_rng(0))
-    hidden = np.hstack([first.T / spread, (offset - (mean / spread) @ first)[:, None]])
-    return hidden.astype(float), np.append(last[:, 0], constant + start)[None].astype(float)
+    (weights, offset), *others = fitted(within, outputs, shifted, how, np.random.default_rng(0))
+    first = np.hstack([weights.T / spread, (offset - (mean / spread) @ weights)[:, None]])
+    layers = [first, *(np.hstack([weights.T, offset[:, None]]) for weights, offset in others)]
+    layers[-1][:, -1] += start
+    return [layer.astype(float) for layer in layers]
 
 
-def answers(x: np.ndarray, limits: np.ndarray, hidden: np.ndarray, output: np.ndarray) -> np.ndarray:
+def answers(x: np.ndarray, limits: np.ndarray, layers: Layers) -> np.ndarray:
     """(n,) of a network with one."""
-    within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
-    units = np.maximum(within @ hidden[:, :-1].T + hidden[:, -1], 0)
-    return units @ output[0, :-1] + output[0, -1]
-
-
-def fit_rivals(found: list[Sample]) -> None:
-    """The logit of a rival's being right."""
-    x = np.concatenate([sample.evidence for sample in found])
-    right = (np.abs(np.concatenate([sample.ds_px for sample in found])) <= RIGHT_PX).astype(np.float32)
-    limits = limits_of(x)
-    hidden, output = fit(x, limits, of_right(right, np.ones_like(right)), UNITS["rivals"], 0.0)
-    write("rivals", found[0].names, {"limits": limits, "hidden": hidden, "output": output})
+    found = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
+    for layer in layers[:-1]:
+        found = np.maximum(found @ layer[:, :-1].T + layer[:, -1], 0)
+    return found @ layers[-1][0, :-1] + layers[-1][0, -1]
 
 
 def scatter(sample: Sample) -> np.ndarray:
@@ -263,40 +328,52 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     unseen = np.concatenate([s.unseen for s in found])
     right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)
     weight = np.where(unseen, UNSEEN, 1).astype(np.float32)
-    belief = fit(x, limits, of_right(right, weight), UNITS[what], 0.0)
-    if what == "impression":
-        write(what, names, {"limits": limits, "hidden": belief[0], "output": belief[1]})
+    belief = fit(x, limits, of_right(right[:, None], weight[:, None]), 1, UNITS[what])
+    if what in ("impression", "scrutiny"):
+        write(what, names, limits, belief)
         return
     even = np.concatenate([np.full(len(s.dz_mm), s.roughness <= ROUGHEST) for s in found])
-    known = even & (dz <= MOST_MM) & (answers(x, limits, *belief) > np.log(BELIEVED / (1 - BELIEVED)))
+    known = even & (dz <= MOST_MM) & (answers(x, limits, belief) > np.log(BELIEVED / (1 - BELIEVED)))
     sizes = np.log(MAD * np.maximum(ds[known], 1e-6)).astype(np.float32)
     weight = np.where(np.concatenate([s.interior for s in found])[known], 1, NEAR).astype(np.float32)
     size = names.index("size")  # told it, sigma would learn single captures of that size
     units, output = fit(
         np.delete(x[known], size, axis=1), np.delete(limits, size, axis=1), of_size(sizes, weight),
-        SIGMA_UNITS, float(np.median(sizes)),
+        1, SIGMA_UNITS, float(np.median(sizes)),
     )  # fmt: skip
     sigma = np.insert(units, size, 0, axis=1), output
     hidden, outputs = zip(belief, sigma, strict=True)
     constants = np.concatenate([output[:, -1:] for output in outputs])
     output = np.hstack([block_diag(*(output[:, :-1] for output in outputs)), constants])
-    write(what, names, {"limits": limits, "hidden": np.concatenate(hidden), "output": output})
+    write(what, names, limits, [np.concatenate(hidden), output])
 
 
-def write(what: str, names: tuple[str, ...], parts: dict[str, np.ndarray]) -> None:
+def write(what: str, names: tuple[str, ...], limits: np.ndarray, layers: Layers) -> None:
     """A file of data/, a row a line."""
-    rows = {part: [[float(f"{value:.6g}") for value in row] for row in rows] for part, rows in parts.items()}
-    kept = {"names": names, **rows}
-    text = (f'"{part}": [\n' + ",\n".join(map(json.dumps, kept[part])) + "\n]" for part in kept)
+    parts = {
+        "names": table(names),
+        "limits": numbers(limits),
+        "layers": f"[{', '.join(map(numbers, layers))}]",
+    }
     path = Path(beltscape.__file__).parent / "data" / f"{what}.json"
-    path.write_text("{" + ",\n".join(text) + "}\n", "utf-8")
+    path.write_text("{" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "}\n", "utf-8")
+
+
+def numbers(rows: np.ndarray) -> str:
+    """To six digits."""
+    return table([[float(f"{value:.6g}") for value in row] for row in rows])
+
+
+def table(rows: Sequence[object]) -> str:
+    """JSON, a row a line."""
+    return "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]"
 
 
 def main() -> None:
     """Match, fit, write."""
     what, folders = sys.argv[1], [Path(folder) for folder in sys.argv[2:]]
-    if what == "rivals":
-        fit_rivals(list(rivals(folders)))
+    if what in ("rivals", "duel"):
+        {"rivals": fit_rivals, "duel": fit_duel}[what](folders)
     else:
         fit_pixels(list(pixels(folders, what)), what)
 

@@ -92,16 +92,18 @@ def test_every_weight_is_of_some_evidence(again):
 
 
 @pytest.mark.parametrize(
-    ("name", "answers"), [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2)]
+    ("name", "answers"), [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 1)]
 )
 def test_the_weights_that_ship_fit_each_other(name, answers):
     belief = fitted(name)
-    n, k = len(belief.names), len(belief.hidden)
+    n = len(belief.names)
     assert len(set(belief.names)) == n
     assert (belief.limits[0] <= belief.limits[1]).all()
     assert belief.limits.shape == (2, n)
-    assert belief.hidden.shape == (k, n + 1)
-    assert belief.output.shape == (answers, k + 1)
+    for layer in belief.layers:
+        assert layer.shape[1] == n + 1
+        n = len(layer)
+    assert n == answers
 
 
 def test_relief_and_light_are_what_their_names_say():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.errors import KernelError
 from beltscape.kernels.check import float32
 
-_MOST_PLANES, _MOST_ANSWERS = 64, 8
+_MOST = 256
 
 
 class Checked(NamedTuple):
@@ -19,23 +19,28 @@ class Checked(NamedTuple):
 
     planes: list[NDArray[np.float32]]
     limits: NDArray[np.float32]
-    hidden: NDArray[np.float32]
-    output: NDArray[np.float32]
+    layers: list[NDArray[np.float32]]
 
 
 def perceptron_input(
     planes: Sequence[NDArray[np.floating]],
     limits: NDArray[np.floating],
-    hidden: NDArray[np.floating],
-    output: NDArray[np.floating],
+    layers: Sequence[NDArray[np.floating]],
 ) -> Checked:
     """The arrays as the kernels take them, or KernelError."""
-    if not 1 <= len(planes) <= _MOST_PLANES:
-        raise KernelError(f"planes must be 1 to {_MOST_PLANES}, not {len(planes)}")
+    _demand_few("planes", len(planes))
+    if not layers:
+        raise KernelError("layers must be at least one")
     first = float32("planes[0]", planes[0], ("H", "W"))
     checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
-    hidden = float32("hidden", hidden, ("k", len(planes) + 1))
-    output = float32("output", output, ("m", len(hidden) + 1))
-    if len(output) > _MOST_ANSWERS:
-        raise KernelError(f"output must have at most {_MOST_ANSWERS} rows, not {len(output)}")
-    return Checked(checked, float32("limits", limits, (2, len(planes))), hidden, output)
+    weights, inputs = [], len(planes)
+    for i, layer in enumerate(layers):
+        weights.append(float32(f"layers[{i}]", layer, ("k", inputs + 1)))
+        inputs = len(weights[-1])
+        _demand_few(f"units of layers[{i}]", inputs)
+    return Checked(checked, float32("limits", limits, (2, len(planes))), weights)
+
+
+def _demand_few(what: str, number: int) -> None:
+    if not 1 <= number <= _MOST:
+        raise KernelError(f"{what} must be 1 to {_MOST}, not {number}")

@@ -24,17 +24,15 @@ class Belief:
     """Of the evidence, in order."""
     limits: Array
     """(2, n) beyond which evidence says no more."""
-    hidden: Array
-    """(k, n + 1)."""
-    output: Array
-    """(m, k + 1)."""
+    layers: tuple[Array, ...]
+    """(k, n + 1) each; the last one's answers are the network's."""
 
     def answers(
         self, evidence: Mapping[str, NDArray[np.floating]], kernels: Kernels, threads: int
     ) -> list[Array]:
         """M of (H, W), of evidence (H, W) by name."""
         planes = [evidence[name] for name in self.names]
-        found = kernels.perceptron(planes, self.limits, self.hidden, self.output, threads=threads)
+        found = kernels.perceptron(planes, self.limits, self.layers, threads=threads)
         return [np.asarray(answer, np.float32) for answer in found]
 
 
@@ -46,7 +44,7 @@ def fitted(name: str) -> Belief:
     ``impression`` with the first alone, ``rivals`` with the logit of a rival's being right.
     """
     kept = json.loads((files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8"))
-    return Belief(tuple(kept["names"]), *(_array(kept[part]) for part in ("limits", "hidden", "output")))
+    return Belief(tuple(kept["names"]), _array(kept["limits"]), tuple(map(_array, kept["layers"])))
 
 
 def _array(rows: Sequence[Sequence[float]]) -> Array:

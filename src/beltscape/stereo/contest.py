@@ -19,10 +19,12 @@ from beltscape.kernels import Kernels
 from beltscape.kernels.protocol.rivals import Likenesses, Rivals
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.brightness import Brightness, brightness
+from beltscape.stereo.places import Place, places
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import OCCLUDER_PX
 from beltscape.stereo.surface import Surface
+from beltscape.stereo.surroundings import Surroundings, picked
 
 Array = NDArray[np.floating]
 
@@ -54,10 +56,6 @@ class Contested:
     """What the levels were compared by."""
 
 
-Place = tuple[NDArray[np.int_], NDArray[np.int_]]
-"""Rows and columns of some pixels."""
-
-
 def contest(
     surface: Surface,
     planes: Mapping[str, Array],
@@ -70,20 +68,16 @@ def contest(
 
     ``planes`` (H, W) is the evidence of `ABOUT` by name.
     """
-    belief, arena = fitted("rivals"), Arena.of(surface, planes, prepared, scale, kernels, threads)
+    arena = Arena.of(surface, planes, prepared, scale, kernels, threads)
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
     impression = np.array(planes["impression"], np.float32)
 
     def settle(at: Place) -> None:
         rivals, evidence = arena.look(at)
-        (score,) = belief.answers(evidence, kernels, 1)
-        score = np.where(np.isfinite(rivals.s), score, -np.inf)
-        winner = score.argmax(axis=0)[None]
+        winner, logit = arena.winners(at, rivals, evidence)
         for field, offered in ((s, rivals.s), (slope_u, rivals.slope_u), (slope_v, rivals.slope_v)):
-            won = np.take_along_axis(offered, winner, axis=0)[0]
-            field[at] = np.where(winner[0] > 0, won, field[at])
-        best = score.max(axis=0)
-        impression[at] = np.where(np.isfinite(best), best, impression[at])
+            field[at] = np.where(winner > 0, offered[winner, np.arange(len(winner))], field[at])
+        impression[at] = np.where(np.isfinite(logit), logit, impression[at])
 
     side_by_side([partial(settle, at) for at in arena.doubtful()], threads)
     return Contested(Surface(s, slope_u, slope_v), impression, arena.brightness)
@@ -101,6 +95,7 @@ class Arena:
     buffers: Sequence[Array]
     """n of (h, w): how near to each auxiliary what hides others lies."""
     brightness: Brightness
+    surroundings: Surroundings
     scale: float
     kernels: Kernels
 
@@ -119,7 +114,8 @@ class Arena:
         buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
         light = brightness(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
         trusted = (planes["impression"] >= TRUSTED).astype(np.uint8)
-        return cls(surface, planes, trusted, prepared, buffers, light, scale, kernels)
+        around = Surroundings.of(surface.s, planes["impression"], prepared.core, scale, kernels)
+        return cls(surface, planes, trusted, prepared, buffers, light, around, scale, kernels)
 
     @property
     def reach(self) -> int:
@@ -130,9 +126,7 @@ class Arena:
         """The doubtful pixels within reach of trusted ones, some at a time."""
         window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
         doubt = (self.planes["impression"] < DOUBTFUL) & np.isfinite(self.prepared.core)
-        rows, columns = np.nonzero(doubt & (cv2.dilate(self.trusted, window) > 0))
-        parts = (slice(first, first + _PIXELS) for first in range(0, len(rows), _PIXELS))
-        return [(rows[part], columns[part]) for part in parts]
+        return places(doubt & (cv2.dilate(self.trusted, window) > 0), _PIXELS)
 
     def look(self, at: Place) -> tuple[Rivals, dict[str, Array]]:
         """The rivals of some pixels, and the evidence (9, N) for each by name."""
@@ -148,6 +142,55 @@ class Arena:
         )  # fmt: skip
         about = {name: np.broadcast_to(self.planes[name][at], rivals.s.shape) for name in ABOUT}
         return rivals, about | dict(_speaking(rivals, like, self.scale, len(prepared.images)))
+
+    def winners(
+        self, at: Place, rivals: Rivals, evidence: Mapping[str, Array]
+    ) -> tuple[NDArray[np.int_], Array]:
+        """(N,) each: which rival wins, and the logit of its being right; -inf where there is none.
+
+        The likeliest and the likeliest of those that say something else meet in a duel.
+        """
+        first, second, score = self.finalists(rivals, evidence)
+        pixel = np.arange(len(first))
+        winner, logit = first.copy(), score[first, pixel]
+        met = np.flatnonzero(second >= 0)
+        if len(met):
+            both = self.duel(at, rivals, {**evidence, "score": score}, met, (first[met], second[met]))
+            logits = np.concatenate(fitted("duel").answers(both, self.kernels, 1))
+            winner[met] = np.where(logits[1] > logits[0], second[met], first[met])
+            logit[met] = logits.max(axis=0)
+        return winner, logit
+
+    def finalists(
+        self, rivals: Rivals, evidence: Mapping[str, Array]
+    ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
+        """(N,) the likeliest and the likeliest that says something else (-1: none), and (9, N) logits."""
+        (score,) = fitted("rivals").answers(evidence, self.kernels, 1)
+        score = np.where(np.isfinite(rivals.s), score, -np.inf)
+        first = score.argmax(axis=0)
+        said = np.take_along_axis(rivals.s, first[None], axis=0)
+        with np.errstate(invalid="ignore"):
+            others = np.where(np.abs(rivals.s - said) > SAME_PX * self.scale, score, -np.inf)
+        return first, np.where(np.isfinite(others.max(axis=0)), others.argmax(axis=0), -1), score
+
+    def duel(
+        self,
+        at: Place,
+        rivals: Rivals,
+        evidence: Mapping[str, Array],
+        met: NDArray[np.int_],
+        finalists: tuple[NDArray[np.int_], NDArray[np.int_]],
+    ) -> dict[str, Array]:
+        """The evidence (1, M) for the pixels ``met`` of N, of whose rivals these two (M,) are left."""
+        there = at[0][met], at[1][met]
+        about = {name: self.planes[name] for name in ABOUT}
+        said = {name: values for name, values in evidence.items() if name not in ABOUT}
+        found = picked(about, there, self.kernels) | self.surroundings.about(there)
+        for who, index in zip(("first", "second"), finalists, strict=True):
+            plane = (offered[index, met] for offered in (rivals.s, rivals.slope_u, rivals.slope_v))
+            its = picked(said, (index, met), self.kernels) | self.surroundings.relief(there, *plane)
+            found |= {f"{who} {name}": values for name, values in its.items()}
+        return {name: values[None] for name, values in found.items()}
 
 
 def likeness_evidence(like: Likenesses, auxiliaries: int) -> Iterator[tuple[str, Array]]:

@@ -16,6 +16,7 @@ from beltscape.stereo.contest import Contested
 from beltscape.stereo.evidence import agreement_evidence, shape_evidence
 from beltscape.stereo.levels import local_variance
 from beltscape.stereo.matched import Match
+from beltscape.stereo.scrutiny import Scrutiny, scrutinised
 from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import seen_by, seen_through
 
@@ -99,10 +100,13 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     the first look is the last.
     """
     if match.contested is None:
-        found, belief = first_look(match, scale, kernels, threads), fitted("glance")
+        found = first_look(match, scale, kernels, threads)
+        logit, log_sigma = fitted("glance").answers(found.planes, kernels, threads)
     else:
-        found, belief = closer_look(match, match.contested, scale, kernels, threads), fitted("belief")
-    logit, log_sigma = belief.answers(found.planes, kernels, threads)
+        found = closer_look(match, match.contested, scale, kernels, threads)
+        logit, log_sigma = fitted("belief").answers(found.planes, kernels, threads)
+        scrutiny = Scrutiny.of(found.planes, match.refined.surface, match.prepared.core, scale, kernels)
+        logit = scrutinised(logit, scrutiny, threads)
     confidence = 1 / (1 + np.exp(-logit))
     trusted = np.isfinite(match.refined.surface.s) & (found.seen > 0) & _told(match)
     return Verdict(

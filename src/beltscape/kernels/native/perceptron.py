@@ -20,13 +20,12 @@ class Perceptron:
         self,
         planes: Sequence[NDArray[np.floating]],
         limits: NDArray[np.floating],
-        hidden: NDArray[np.floating],
-        output: NDArray[np.floating],
+        layers: Sequence[NDArray[np.floating]],
         *,
         threads: int = 0,
     ) -> list[NDArray[np.float32]]:
         """See `beltscape.kernels.protocol.perceptron`."""
-        given = perceptron_input(planes, limits, hidden, output)
-        out = [np.empty(given.planes[0].shape, np.float32) for _ in given.output]
+        given = perceptron_input(planes, limits, layers)
+        out = [np.empty(given.planes[0].shape, np.float32) for _ in given.layers[-1]]
         self._module.perceptron(*given, out, threads)
         return out

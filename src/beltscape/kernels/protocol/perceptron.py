@@ -10,36 +10,33 @@ from numpy.typing import NDArray
 
 
 class Weighs(Protocol):
-    """A small network with one hidden layer, at every pixel."""
+    """A small network of rectified layers, at every pixel."""
 
     def perceptron(
         self,
         planes: Sequence[NDArray[np.floating]],
         limits: NDArray[np.floating],
-        hidden: NDArray[np.floating],
-        output: NDArray[np.floating],
+        layers: Sequence[NDArray[np.floating]],
         *,
         threads: int = 0,
     ) -> Sequence[NDArray[np.floating]]:
         """Answers of a network to each pixel's evidence x.
 
-            out = W max(0, V min(max(x, low), high) + v) + w
+            x₀ = min(max(x, low), high),  xᵢ₊₁ = max(0, Wᵢ xᵢ + wᵢ),  out = the last layer's W x + w
 
 
         Parameters
         ----------
         planes
-            n of (H, W), at most 64: the evidence. NaN counts as ``low``.
+            n of (H, W), at most 256: the evidence. NaN counts as ``low``.
         limits
             (2, n): low, then high.
-        hidden
-            (k, n + 1): V and in its last column v.
-        output
-            (m, k + 1), m at most 8: W and in its last column w.
+        layers
+            (k, n + 1), each of at most 256 units k: W and in its last column w; n is the k of the layer before.
 
         Returns
         -------
-        m of (H, W) float32.
+        Of (H, W) float32, one per unit of the last layer.
 
         References
         ----------

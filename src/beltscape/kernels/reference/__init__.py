@@ -6,6 +6,7 @@ from beltscape.kernels.reference.aggregation import aggregate
 from beltscape.kernels.reference.coarse import coarse
 from beltscape.kernels.reference.first_met import first_met
 from beltscape.kernels.reference.local_fit import local_fit
+from beltscape.kernels.reference.neighbours import neighbours
 from beltscape.kernels.reference.normal_equations import normal_equations
 from beltscape.kernels.reference.occlusion import nearness_buffers, visible
 from beltscape.kernels.reference.perceptron import perceptron
@@ -37,6 +38,7 @@ class ReferenceKernels:
     perceptron = staticmethod(perceptron)
     rivals = staticmethod(rivals)
     likenesses = staticmethod(likenesses)
+    neighbours = staticmethod(neighbours)
     top_view = staticmethod(top_view)
     first_met = staticmethod(first_met)
     quadratics = staticmethod(quadratics)

@@ -51,7 +51,7 @@ UNITS = {
     "impression": (32,),
     "rivals": (32,),
     "duel": (64, 32),
-    "belief": (64,),
+    "belief": (32,),
     "glance": (64,),
     "scrutiny": (128, 64),
 }

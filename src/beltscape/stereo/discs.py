@@ -35,14 +35,17 @@ _LEAST_RING = 60
 _ROUNDS = 6
 
 
-def filled(surface: Surface, information: Array, prepared: PreparedFrame, scale: float) -> Surface:
-    """The surface with its evenly lit discs continued from their rims, where those are smooth.
+def filled(
+    surface: Surface, information: Array, prepared: PreparedFrame, scale: float
+) -> tuple[Surface, NDArray[np.bool_]]:
+    """The surface with its evenly lit discs continued from their rims, where those are smooth; and (H, W) where.
 
     ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
     """
     discs = _even_patches(np.nan_to_num(prepared.core).astype(np.float32), scale)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
+    continued = np.zeros(s.shape, bool)
     reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
     for label in range(1, count):
         left, top, width, height = (int(v) for v in boxes[label, :4])
@@ -57,9 +60,9 @@ def filled(surface: Surface, information: Array, prepared: PreparedFrame, scale:
         fit = _quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
         if fit is not None:
             value, du, dv = fit
-            s[rows, columns][inside] = value[inside]
+            s[rows, columns][inside], continued[rows, columns][inside] = value[inside], True
             slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
-    return replace(surface, s=s, slope_u=slope_u, slope_v=slope_v)
+    return replace(surface, s=s, slope_u=slope_u, slope_v=slope_v), continued
 
 
 def _even_patches(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:

@@ -13,8 +13,8 @@ from beltscape.kernels import Kernels
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.closer import impression_evidence, levels_evidence, trusted_evidence
 from beltscape.stereo.contest import Contested
-from beltscape.stereo.evidence import agreement_evidence, shape_evidence
-from beltscape.stereo.levels import local_variance
+from beltscape.stereo.evidence import agreement_evidence, shape_evidence, window
+from beltscape.stereo.levels import texture_over_noise
 from beltscape.stereo.matched import Match
 from beltscape.stereo.scrutiny import Scrutiny, scrutinised
 from beltscape.stereo.side_by_side import side_by_side
@@ -24,6 +24,8 @@ Array = NDArray[np.floating]
 
 REACH_PX = 9
 """A flat pixel may be held by texture so far away that its fit's window still touches it."""
+TEXTURE, TEXTURE_PX = 2.0, 9
+"""Variance over the noise's up to which a window of so many px, at scale 1, has no texture."""
 CONTRADICTION = 0.4
 """Mean dissimilarity from which on views that do not agree contradict the surface."""
 
@@ -108,7 +110,7 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
         scrutiny = Scrutiny.of(found.planes, match.refined.surface, match.prepared.core, scale, kernels)
         logit = scrutinised(logit, scrutiny, threads)
     confidence = 1 / (1 + np.exp(-logit))
-    trusted = np.isfinite(match.refined.surface.s) & (found.seen > 0) & _told(match)
+    trusted = np.isfinite(match.refined.surface.s) & (found.seen > 0) & _told(match, scale)
     return Verdict(
         sigma=np.exp(log_sigma),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
@@ -116,12 +118,14 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     )
 
 
-def _told(match: Match) -> NDArray[np.bool_]:
-    """(H, W) where the images say anything at all: texture above the noise, and not that nothing fits."""
+def _told(match: Match, scale: float) -> NDArray[np.bool_]:
+    """(H, W) where the images say anything: texture above the noise, or a disc's rim, and not that nothing fits."""
     prepared = match.prepared
-    core = np.nan_to_num(prepared.core)
-    texture = cv2.dilate(local_variance(core), np.ones((REACH_PX, REACH_PX), np.uint8))
+    texture = texture_over_noise(
+        np.nan_to_num(prepared.core), prepared.noise.levels, window(TEXTURE_PX, scale)[0]
+    )
+    textured = cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE
     contradicted = (match.refined.used == 0) & (
         cv2.blur(np.nan_to_num(match.chosen.cost, nan=1.0), (7, 7)) > CONTRADICTION
     )
-    return np.isfinite(prepared.core) & (texture > prepared.noise.levels) & ~contradicted
+    return np.isfinite(prepared.core) & (textured | match.continued) & ~contradicted

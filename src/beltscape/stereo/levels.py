@@ -20,6 +20,8 @@ _GAIN = (0.5, 2.0)
 _QUIET = 20.0
 """Percentile of the blocks that are taken for the image's quiet parts."""
 _BLOCK_PX = 16
+_BRIGHTEST = 8.0
+"""Bright places may be so many times as noisy as quiet ones."""
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
@@ -67,6 +69,26 @@ def local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDAr
     """(H, W) mean and (H, W) variance, levels², in that window."""
     mean = local_mean(level)
     return mean, np.maximum(local_mean(level * level) - mean * mean, 0)
+
+
+def texture_over_noise(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
+    """(H, W) variance of the levels in windows of ``side`` px over that of noise alone.
+
+    What a plane in the levels explains counts for nothing: even shading tells no place from another. The noise of
+    bright places is greater than ``noise``, the quiet ones'; it is seen in what no smooth image holds.
+    """
+    reach = np.arange(side, dtype=np.float32) - side // 2
+    even, slope = np.full(side, 1 / side, np.float32), reach / np.square(reach).sum()
+    mean, square = (
+        cv2.blur(x, (side, side), borderType=cv2.BORDER_REPLICATE) for x in (level, level * level)
+    )
+    across, down = (
+        cv2.sepFilter2D(level, cv2.CV_32F, *kernels, borderType=cv2.BORDER_REPLICATE)
+        for kernels in ((slope, even), (even, slope))
+    )
+    texture = square - mean * mean - (across * across + down * down) * np.square(reach).mean()
+    rough = local_mean(np.abs(cv2.filter2D(level, -1, _LAPLACIAN))) * np.float32(np.sqrt(np.pi / 2) / 6)
+    return np.asarray(texture / np.clip(rough * rough, noise / _BRIGHTEST, noise * _BRIGHTEST), np.float32)
 
 
 def _channel_weights(images: list[Image]) -> NDArray[np.float32]:

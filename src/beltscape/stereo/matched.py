@@ -23,5 +23,7 @@ class Match:
     refined: Refined
     light: dict[str, NDArray[np.floating]]
     """(H, W) by name: the evidence of the core's image alone."""
+    continued: NDArray[np.bool_]
+    """(H, W) evenly lit discs whose surface is that of their rims."""
     contested: Contested | None
     """What a closer look at doubtful pixels found; None without that."""

@@ -105,12 +105,12 @@ class MultiviewReconstructor:
                 contested = contest(surface, planes, prepared, size.scale, kernels, threads)
                 surface = contested.surface
                 tell()
-        filled_surface = filled(surface, refined.information, prepared, size.scale)
+        filled_surface, discs = filled(surface, refined.information, prepared, size.scale)
         refined = refine(
             filled_surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads
         )
         tell()
-        return Match(prepared, chosen, refined, before.light, contested)
+        return Match(prepared, chosen, refined, before.light, discs, contested)
 
     def approach(
         self,
@@ -144,7 +144,8 @@ class MultiviewReconstructor:
         for _ in range(settings.rounds - 1):
             _, refined = another_round(refined, settings.between_px[:1])
         chosen, refined = another_round(refined, settings.between_px)
-        return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), None)
+        none = np.zeros(s.shape, bool)
+        return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), none, None)
 
     def _start(
         self, names: tuple[str, ...], prepared: PreparedFrame, unit: float, prior: Prior | None

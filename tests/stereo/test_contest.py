@@ -7,8 +7,9 @@ import pytest
 from scenes import Scene, inner, patch, plane, scene
 
 from beltscape.kernels import load
+from beltscape.stereo.belief import fitted
 from beltscape.stereo.closer import impression_evidence
-from beltscape.stereo.contest import ABOUT, DOUBTFUL, TRUSTED, Arena, Contested, contest
+from beltscape.stereo.contest import ABOUT, DOUBTFUL, SAME_PX, TRUSTED, Arena, Contested, contest
 from beltscape.stereo.evidence import light_evidence
 from beltscape.stereo.surface import Surface, steps, with_slopes
 
@@ -112,3 +113,39 @@ def test_rivals_are_told_apart_by_finite_evidence():
         for name, plane_ in evidence.items():
             assert plane_.shape == known.shape, name
             assert np.isfinite(plane_[known]).all(), name
+
+
+def test_finalists_say_something_else_and_their_duel_is_all_that_is_weighed():
+    made = scene(*STEP, noise=1.0)
+    surface, _ = confused(made)
+    impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
+    arena = Arena.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    at = arena.doubtful()[0]
+    rivals, evidence = arena.look(at)
+    first, second, score = arena.finalists(rivals, evidence)
+    pixel, met = np.arange(len(first)), np.flatnonzero(second >= 0)
+    assert len(met) > 0
+    assert (score[first, pixel] == score.max(axis=0)).all()
+    assert (np.abs(rivals.s[first, pixel] - rivals.s[second, pixel])[met] > SAME_PX).all()
+    assert (score[second, pixel][met] <= score[first, pixel][met]).all()
+    both = arena.duel(at, rivals, {**evidence, "score": score}, met, (first[met], second[met]))
+    assert set(both) == set(fitted("duel").names)
+    for name, values in both.items():
+        assert values.shape == (1, len(met)), name
+        assert np.isfinite(values).all(), name
+    np.testing.assert_array_equal(both["second score"][0], score[second[met], met])
+
+
+def test_who_has_no_opponent_wins():
+    made = scene(plane(), noise=1.0)
+    slopes = with_slopes(made.s, load(), 1)
+    surface = Surface(made.s, slopes.slope_u, slopes.slope_v)
+    impression = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
+    arena = Arena.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    at = arena.doubtful()[0]
+    rivals, evidence = arena.look(at)
+    first, second, score = arena.finalists(rivals, evidence)
+    assert (second == -1).all()
+    winner, logit = arena.winners(at, rivals, evidence)
+    np.testing.assert_array_equal(winner, first)
+    np.testing.assert_array_equal(logit, score.max(axis=0))

@@ -29,7 +29,8 @@ def stages(made, s: np.ndarray) -> Match:
     size, prepared = windows(s.shape[1]), made.prepared
     chosen = propagate(with_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5), load(), 1)
     refined = refine(chosen.surface, prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
-    return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), None)
+    light, none = dict(light_evidence(prepared, size.scale)), np.zeros(s.shape, bool)
+    return Match(prepared, chosen, refined, light, none, None)
 
 
 def looked_at_again(match: Match) -> Match:
@@ -92,7 +93,8 @@ def test_every_weight_is_of_some_evidence(again):
 
 
 @pytest.mark.parametrize(
-    ("name", "answers"), [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 1)]
+    ("name", "answers"),
+    [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 1), ("duel", 2)],
 )
 def test_the_weights_that_ship_fit_each_other(name, answers):
     belief = fitted(name)
@@ -191,6 +193,25 @@ def test_confidence_and_sigma_are_what_they_say_they_are(again):
     assert ((judged.confidence >= 0) & (judged.confidence <= 1)).all()
     assert not judged.confidence[np.isnan(left)].any()
     assert (judged.sigma[judged.confidence > 0] > 0).all()
+
+
+@LOOKS
+def test_even_shading_is_not_believed_but_a_discs_rim_is(again):
+    made = scene(plane(), noise=1.0)
+    match = stages(made, made.s)
+    match = looked_at_again(match) if again else match
+    core = made.prepared.core.copy()
+    v, u = np.mgrid[: core.shape[0], : core.shape[1]].astype(np.float32)
+    shaded = u >= 60
+    core[shaded] = (40 + 0.9 * u + 0.5 * v + np.random.default_rng(1).normal(0, 1, core.shape))[shaded]
+    disc = (u - 90) ** 2 + (v - 50) ** 2 < 8**2
+    blind = replace(match, prepared=replace(made.prepared, core=core))
+    inside = shaded & (u > 60 + 12) & inner(core.shape, 6)
+    assert (judge(match, 1.0, load(), 1).confidence[inside] > 0.5).mean() > 0.9
+    assert (judge(blind, 1.0, load(), 1).confidence[inside] == 0).all()
+    kept = judge(replace(blind, continued=disc), 1.0, load(), 1).confidence
+    assert (kept[inside & ~disc] == 0).all()
+    assert (kept[disc] > 0).all()
 
 
 @LOOKS

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from raycast import speckle
 
-from beltscape.stereo.levels import WINDOW_PX, grey_levels, local_mean, local_variance, noise_variance
+from beltscape.stereo.levels import (
+    WINDOW_PX,
+    grey_levels,
+    local_mean,
+    local_variance,
+    noise_variance,
+    texture_over_noise,
+)
 
 PATTERN = np.rint(speckle()[:160, :200]).astype(np.uint8)
 """Counts 2 to about 200."""
@@ -92,3 +100,23 @@ def test_mean_and_variance_of_a_window():
     np.testing.assert_allclose(local_mean(level)[inside], windows.mean(axis=(2, 3)), rtol=1e-4)
     np.testing.assert_allclose(local_variance(level)[inside], windows.var(axis=(2, 3)), rtol=1e-3)
     assert local_variance(np.full((30, 30), 200, np.float32)).min() >= 0
+
+
+def test_texture_is_what_neither_a_plane_nor_noise_explains():
+    rng = np.random.default_rng(5)
+    v, u = np.mgrid[:120, :160].astype(np.float32)
+    shading, noise = 30 + 0.7 * u + 0.4 * v, rng.normal(0, 1, u.shape)
+    bright = np.where(u < 80, 1.0, 2.5)  # photons: bright places are noisier
+    smooth = texture_over_noise((shading + bright * noise).astype(np.float32), 1.0, 9)
+    inside = (slice(10, -10), slice(10, -10))
+    assert 0.6 < np.median(smooth[inside]) < 1.1
+    assert np.percentile(smooth[inside], 99.9) < 2
+    dots = cv2.GaussianBlur(rng.normal(0, 1, u.shape), (0, 0), 1.5) * 60
+    assert (
+        np.percentile(texture_over_noise((shading + dots + noise).astype(np.float32), 1.0, 9)[inside], 1) > 5
+    )
+
+
+def test_the_finest_texture_is_not_taken_for_noise():
+    level = np.random.default_rng(6).normal(100, 30, (60, 70)).astype(np.float32)
+    assert texture_over_noise(level, 1.0, 9)[10:-10, 10:-10].min() > 20

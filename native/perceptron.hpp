@@ -41,21 +41,29 @@ BELTSCAPE_INLINE void weigh(const Layer& layer, const F* in, F* out) {
     for (; k < layer.units; ++k) weigh_units<1>(layer, in, k, out);
 }
 
+inline constexpr int kTogether = 8;  // vectors of a plane that are read in one go
+
 // Pixels `at` ... `at + count - 1` of all planes; sums run in the order of inputs.
 template <class F>
 BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* planes, size_t at, int count,
                                      float* const* out) {
-    for (int x = 0; x < count; x += Lane<F>::count) {
-        F in[kMostUnits], put[kMostUnits];
+    constexpr int lanes = Lane<F>::count;
+    F read[kTogether][kMostUnits], put[kMostUnits];
+    for (int from = 0; from < count; from += kTogether * lanes) {
+        const int end = lesser(count, from + kTogether * lanes);
         for (int p = 0; p < net.layers[0].inputs; ++p)
-            in[p] = clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
-        for (int l = 0; l < net.layer_count - 1; ++l) {
-            weigh(net.layers[l], in, put);
-            for (int k = 0; k < net.layers[l].units; ++k) in[k] = greater(put[k], F{});
+            for (int x = from, i = 0; x < end; x += lanes, ++i)
+                read[i][p] = clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
+        for (int x = from, i = 0; x < end; x += lanes, ++i) {
+            F* const in = read[i];
+            for (int l = 0; l < net.layer_count - 1; ++l) {
+                weigh(net.layers[l], in, put);
+                for (int k = 0; k < net.layers[l].units; ++k) in[k] = greater(put[k], F{});
+            }
+            const Layer& last = net.layers[net.layer_count - 1];
+            weigh(last, in, put);
+            for (int a = 0; a < last.units; ++a) store_first(out[a] + at + x, put[a], count - x);
         }
-        const Layer& last = net.layers[net.layer_count - 1];
-        weigh(last, in, put);
-        for (int a = 0; a < last.units; ++a) store_first(out[a] + at + x, put[a], count - x);
     }
 }
 

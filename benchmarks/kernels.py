@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
+from beltscape.stereo.belief import fitted
 from beltscape.stereo.brightness import difference_variance
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
@@ -32,7 +33,8 @@ cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH wi
 matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
 scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, top_view and window_minima have
 but one thread. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels. Rivals and
-likenesses (of all 9 rivals) are for a fifth of the pixels.
+likenesses (of all 9 rivals) are for a fifth of the pixels, as are neighbours (24 and the pixel itself, of 2 planes);
+perceptron: 52 planes, 64 units, 2 answers.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -142,6 +144,8 @@ def _calls(case: Case) -> dict[str, Call]:
     rivals = native.rivals(s, slope_u, slope_v, trusted, *doubtful, reach=8, same=1.0)
     light = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
     light |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
+    belief, around_one = fitted("belief"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
+    evidence = [s] * len(belief.names)
     depth = np.median(s) / s
     holed, place, turn = _holed(depth)
     return {
@@ -167,6 +171,8 @@ def _calls(case: Case) -> dict[str, Call]:
         "likenesses": lambda k, n: k.likenesses(
             *doubtful, *rivals[:3], **light, tolerance=OCCLUDER_PX, threads=n
         ),
+        "neighbours": lambda k, n: k.neighbours([s, p.core], *doubtful, around_one, threads=n),
+        "perceptron": lambda k, n: k.perceptron(evidence, belief.limits, belief.layers, threads=n),
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
         "top_view": lambda k, n: k.top_view(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n

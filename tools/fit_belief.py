@@ -6,8 +6,8 @@ Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded be
 and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
 than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
 matched as it is and as a plant might spoil it (tools/lessons.py); one named twice counts twice, spoiled in other
-ways. They rest on each other in this order;
-``glance`` is for the preset ``fast``. Judge the result on captures that are not among them.
+ways. The first five rest on each other in this order, ``glance`` is for the preset ``fast``; each is written to a
+file of its name in data/. Judge the result on captures that are not among them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -47,18 +48,6 @@ ALONG_MM = 240.0
 """The projector lights little more of the belt."""
 SAMPLES, DOUBTS = 20_000, 8_000
 """Of a match's own scene, of the belt beside it a third of that; and of its doubtful pixels."""
-UNITS = {
-    "impression": (32,),
-    "rivals": (32,),
-    "duel": (64, 32),
-    "belief": (32,),
-    "glance": (64,),
-    "scrutiny": (128, 64),
-}
-SIGMA_UNITS = (32,)
-EPOCHS, BATCH, RATE = 16, 8192, 4e-3
-UNSEEN = 4.0
-"""What a pixel that no auxiliary sees counts for in confidence: they are few, and what is right there is a guess."""
 NEAR = 0.1
 """What a pixel near a true step counts for in sigma."""
 LIMIT = 4.0
@@ -73,6 +62,28 @@ MAD = 1.4826
 """Sigma over the median error, of a normal distribution."""
 ROUND = 0.1
 """About its corner the absolute error's logarithm is bent as a parabola."""
+
+
+class Plan(NamedTuple):
+    """Of a network's fit."""
+
+    hidden: tuple[int, ...]
+    epochs: int = 16
+    batch: int = 8192
+    unseen: float = 4.0
+    """What a pixel that no auxiliary sees counts for: they are few, and what is right there is a guess."""
+
+
+PLANS = {
+    "impression": Plan((32,)),
+    "rivals": Plan((32,)),
+    "duel": Plan((64, 32), epochs=32, batch=4096),
+    "belief": Plan((32,)),
+    "scrutiny": Plan((128, 64), epochs=24, unseen=6.0),
+    "glance": Plan((64,)),
+    "sigma": Plan((32,)),
+}
+RATE = 4e-3
 
 
 @dataclass(frozen=True)
@@ -231,7 +242,7 @@ def fit_logits(what: str, names: tuple[str, ...], x: np.ndarray, right: np.ndarr
     """Of what is right (n, m), by evidence (n, names)."""
     limits, right = limits_of(x), right.astype(np.float32)
     write(
-        what, names, limits, fit(x, limits, of_right(right, np.ones_like(right)), right.shape[1], UNITS[what])
+        what, names, limits, fit(x, limits, of_right(right, np.ones_like(right)), right.shape[1], PLANS[what])
     )
 
 
@@ -286,14 +297,14 @@ def fit(
     limits: np.ndarray,
     slopes: Slopes,
     outputs: int,
-    units: tuple[int, ...],
+    plan: Plan,
     start: float = 0.0,
 ) -> Layers:
     """Layers whose answers to evidence within its limits are of least loss."""
     within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
     mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + 1e-6
     within = ((within - mean) / spread).astype(np.float32)
-    how = Schedule(units, EPOCHS, BATCH, RATE, 1e-6, 0.3)
+    how = Schedule(plan.hidden, plan.epochs, plan.batch, RATE, 1e-6, 0.3)
 
     def shifted(out: np.ndarray, at: np.ndarray) -> np.ndarray:
         return slopes(out + np.float32(start), at)
@@ -327,8 +338,8 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     limits = limits_of(x)
     unseen = np.concatenate([s.unseen for s in found])
     right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)
-    weight = np.where(unseen, UNSEEN, 1).astype(np.float32)
-    belief = fit(x, limits, of_right(right[:, None], weight[:, None]), 1, UNITS[what])
+    weight = np.where(unseen, PLANS[what].unseen, 1).astype(np.float32)
+    belief = fit(x, limits, of_right(right[:, None], weight[:, None]), 1, PLANS[what])
     if what in ("impression", "scrutiny"):
         write(what, names, limits, belief)
         return
@@ -339,7 +350,7 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     size = names.index("size")  # told it, sigma would learn single captures of that size
     units, output = fit(
         np.delete(x[known], size, axis=1), np.delete(limits, size, axis=1), of_size(sizes, weight),
-        1, SIGMA_UNITS, float(np.median(sizes)),
+        1, PLANS["sigma"], float(np.median(sizes)),
     )  # fmt: skip
     sigma = np.insert(units, size, 0, axis=1), output
     hidden, outputs = zip(belief, sigma, strict=True)

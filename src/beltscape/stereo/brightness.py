@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.prepared import Noise, PreparedFrame, thinned_view
+from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import OCCLUDER_PX
 
 Array = NDArray[np.floating]
@@ -75,11 +77,11 @@ def gains(
     thin, core = np.ascontiguousarray(s[inside], np.float32), prepared.core[inside]
     alike = (_ALIKE / (_ALIKE + np.nan_to_num(cost[inside], nan=1.0))) ** 2 * np.isfinite(core)
     side = 2 * int(_WINDOW * scale / 2) + 1
-    found = []
-    for view, coefficients, buffer in zip(prepared.views, prepared.coefficients, buffers, strict=True):
+
+    def one(view: Array, coefficients: Array, buffer: Array) -> NDArray[np.float32]:
         row = thinned_view(view, _EVERY)
-        level, _ = kernels.warp(thin, row, coefficients, threads=threads)
-        seen = kernels.visible(thin, row, buffer, OCCLUDER_PX, threads=threads)
+        level, _ = kernels.warp(thin, row, coefficients, threads=1)
+        seen = kernels.visible(thin, row, buffer, OCCLUDER_PX, threads=1)
         weight = np.where(np.isfinite(level) & (seen > 0), alike, 0)
         level, own = np.nan_to_num(level), np.nan_to_num(core)
         cross, square = (np.asarray(weight * level * x, np.float32) for x in (own, level))
@@ -88,8 +90,10 @@ def gains(
         prior = np.float32(max(_PRIOR * total / square.size, 1e-6))
         gain = (cv2.blur(cross, (side, side)) + whole * prior) / (cv2.blur(square, (side, side)) + prior)
         size = s.shape[1], s.shape[0]
-        found.append(np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), np.float32))
-    return found
+        return np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+    views = zip(prepared.views, prepared.coefficients, buffers, strict=True)
+    return side_by_side([partial(one, *view) for view in views], threads)
 
 
 def difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:

@@ -3,17 +3,12 @@
 
 #include <vector>
 
-#include "bind_grid.hpp"
+#include "bind_pixels.hpp"
 #include "neighbours.hpp"
 #include "pool.hpp"
 
 namespace beltscape {
 namespace {
-
-constexpr int kPixelsPerJob = 1024;
-
-using Numbers = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Offsets = nb::ndarray<const std::int32_t, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 
 // offsets: du, dv; out (planes, offsets, N).
 void neighbours_of(const std::vector<Grid>& planes, Numbers u, Numbers v, Offsets offsets, GridOut out,

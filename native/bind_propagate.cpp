@@ -7,8 +7,6 @@
 namespace beltscape {
 namespace {
 
-using Offsets = nb::ndarray<const std::int32_t, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
-
 // surface: s, slope_u, slope_v; costs: separation, floor, unseen_cost, tolerance, small_jump, large_jump;
 // active: empty where all pixels are; out: s, slope_u, slope_v, cost, margin.
 void propagate(std::vector<Grid> surface, Grid core, std::vector<Grid> images, Views views,

@@ -1,14 +1,11 @@
 // Binds rivals.hpp and likeness.hpp.
 #include "bind_auxiliaries.hpp"
+#include "bind_pixels.hpp"
 #include "likeness.hpp"
 #include "rivals.hpp"
 
 namespace beltscape {
 namespace {
-
-constexpr int kPixelsPerJob = 1024;
-
-using Numbers = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 // surface: s, slope_u, slope_v; out: s, slope_u, slope_v, distance, support, each (9, N).
 void rivals(const std::vector<Grid>& surface, Flags trusted, Numbers u, Numbers v, int reach, float same,

@@ -22,6 +22,19 @@ __device__ inline void raise(float& nearest, float nearness) {
 BELTSCAPE_INLINE void raise(float& nearest, float nearness) { nearest = greater(nearest, nearness); }
 #endif
 
+// Raises the 2x2 pixels of `buffer` from each place on; all of them lie in it.
+template <class F>
+BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F nearness, int width, float* buffer) {
+    int at[Lane<F>::count];
+    float to[Lane<F>::count];
+    store(at, places), store(to, nearness);
+    for (int i = 0; i < Lane<F>::count; ++i) {
+        float *const above = buffer + at[i], *const below = above + width;
+        raise(above[0], to[i]), raise(above[1], to[i]);
+        raise(below[0], to[i]), raise(below[1], to[i]);
+    }
+}
+
 // Raises the 2x2 pixels of `buffer` (height, width) about where each pixel of the core's row v is seen to its
 // nearness; s has the row's `end` values.
 template <class F>
@@ -33,6 +46,12 @@ BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end
                                (seen.v < to_float(height)) & (seen.nearness > 0.0f);
         const IntOf<F> columns = floor_int(clamp(seen.u, -1.0f, to_float(width)));
         const IntOf<F> rows = floor_int(clamp(seen.v, -1.0f, to_float(height)));
+        const MaskOf<F> whole =
+            hits & (columns >= 0) & (columns < width - 1) & (rows >= 0) & (rows < height - 1);
+        if (end - x >= Lane<F>::count && !any(negate(whole))) {
+            raise_squares(rows * width + columns, seen.nearness, width, buffer);
+            continue;
+        }
         for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) {
             if (!Lane<MaskOf<F>>::get(hits, i)) continue;
             const int column = Lane<IntOf<F>>::get(columns, i), row = Lane<IntOf<F>>::get(rows, i);

@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,30 +23,12 @@ from scipy.linalg import block_diag
 
 import beltscape
 from adam import Schedule, Slopes, fitted
-from beltscape.core.progress import Silent
-from beltscape.evaluate.depth import interior_pixels
-from beltscape.kernels import load
-from beltscape.kernels.protocol.rivals import Rivals
-from beltscape.stereo import belief as networks
-from beltscape.stereo.contest import DOUBTFUL, Arena
-from beltscape.stereo.judge import closer_look, first_look, impressed
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.places import Place
-from beltscape.stereo.prepared import grid_unit
-from beltscape.stereo.scrutiny import DOUBTFUL as SCRUTINISED
-from beltscape.stereo.scrutiny import Scrutiny
-from beltscape.stereo.windows import windows
-from lessons import Lesson, lessons
+from samples import Sample, contests, pixels
 
 GROSS_MM = 4.0
 """Farther off than that a surface is false."""
 RIGHT_PX = 1.25
 """A rival so close to the truth is right, at scale 1."""
-ALONG_MM = 240.0
-"""The projector lights little more of the belt."""
-SAMPLES, DOUBTS = 20_000, 8_000
-"""Of a match's own scene, of the belt beside it a third of that; and of its doubtful pixels."""
 NEAR = 0.1
 """What a pixel near a true step counts for in sigma."""
 LIMIT = 4.0
@@ -56,12 +37,16 @@ BELIEVED = 0.75
 """Sigma is fitted to pixels of at least this confidence ..."""
 MOST_MM = 5.0
 """... and no greater error: what is false is confidence's to tell."""
-ROUGHEST = 0.005
+ROUGHEST = 0.003
 """Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 MAD = 1.4826
 """Sigma over the median error, of a normal distribution."""
 ROUND = 0.1
 """About its corner the absolute error's logarithm is bent as a parabola."""
+MOVES, SIZES = 3.0, 0.2
+"""What where a pixel belongs and its sigma count for, beside whether it is right."""
+NEAREST_PX, FARTHEST_PX = 0.05, 1.0
+"""About its corner the absolute deviation of what is moved is bent too; who lies farther off is lost, at scale 1."""
 
 
 class Plan(NamedTuple):
@@ -84,131 +69,6 @@ PLANS = {
     "sigma": Plan((32,)),
 }
 RATE = 4e-3
-
-
-@dataclass(frozen=True)
-class Sample:
-    """Evidence and errors of a match's pixels."""
-
-    names: tuple[str, ...]
-    evidence: np.ndarray
-    dz_mm: np.ndarray
-    ds_px: np.ndarray
-    """On a grid of scale 1."""
-    interior: np.ndarray
-    """Of pixels away from true steps."""
-    unseen: np.ndarray
-    """Of pixels that no auxiliary truly sees."""
-    roughness: float
-    """Of the stones, share of their radius."""
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What a lesson's pixels are, on the matcher's grid."""
-
-    depth_mm: np.ndarray
-    scene: np.ndarray
-    beside: np.ndarray
-    interior: np.ndarray
-    unseen: np.ndarray
-
-
-def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
-    """Samples of what the finished surfaces' pixels show: by a first look, or by a closer one."""
-    kernels = load()
-    for turn, folder in enumerate(folders):
-        for lesson in lessons(folder, turn):
-            settings = MultiviewSettings.preset("fast" if what == "glance" else lesson.preset)
-            matcher = MultiviewReconstructor(
-                lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
-            )
-            match = (
-                matcher.approach(lesson.frame, lesson.names)
-                if what == "impression"
-                else matcher.match(lesson.frame, lesson.names, Silent())
-            )
-            scale = windows(match.prepared.core.shape[1]).scale
-            found = (
-                first_look(match, scale, kernels, 0)
-                if match.contested is None
-                else closer_look(match, match.contested, scale, kernels, 0)
-            )
-            step = settings.step(lesson.rig.core_camera.size_px[0])
-            truth = true(lesson, step)
-            surface, unit = match.refined.surface, unit_of(lesson, settings)
-            use = (found.seen > 0) & np.isfinite(surface.s)
-            if what == "scrutiny":
-                logit, _ = networks.fitted("belief").answers(found.planes, kernels, 0)
-                use &= logit < SCRUTINISED + 1
-            rng = np.random.default_rng(0)
-            at = np.concatenate([
-                rng.permutation(np.flatnonzero(where & use))[:most]
-                for where, most in ((truth.scene, SAMPLES), (truth.beside, SAMPLES // 3))
-            ])  # fmt: skip
-            if what == "scrutiny":
-                scrutiny = Scrutiny.of(found.planes, surface, match.prepared.core, scale, kernels)
-                evidence = scrutiny.look(np.unravel_index(at, use.shape))
-            else:
-                evidence = {name: plane.ravel()[at] for name, plane in found.planes.items()}
-            # of the pixel whose truth is taken, off its block's centre
-            aside = (step // 2 - (step - 1) / 2) / step
-            at_pixel = surface.s + aside * (surface.slope_u + surface.slope_v)
-            s, depth = at_pixel.ravel()[at].astype(float), truth.depth_mm.ravel()[at].astype(float)
-            dz = 1 / (s * unit) - depth
-            yield Sample(
-                tuple(evidence),
-                np.stack([np.ravel(values) for values in evidence.values()], -1).astype(np.float32),
-                np.full_like(dz, np.inf) if lesson.alien else dz,
-                s - 1 / (depth * unit),
-                truth.interior.ravel()[at],
-                truth.unseen.ravel()[at],
-                lesson.roughness,
-            )
-        print(folder, file=sys.stderr, flush=True)
-
-
-@dataclass(frozen=True)
-class Contest:
-    """What a match's doubtful pixels compete in, and what is true."""
-
-    lesson: Lesson
-    arena: Arena
-    truth: Truth
-    unit: float
-    share: float
-    """Of them that is taken."""
-
-    def taken(self) -> Iterator[tuple[Place, Rivals, dict[str, np.ndarray], np.ndarray]]:
-        """Some pixels at a time, their rivals, these' evidence, and how far off they are in px of scale 1 (9, N)."""
-        rng = np.random.default_rng(0)
-        for rows, columns in self.arena.doubtful():
-            use = self.truth.scene[rows, columns] & (rng.random(len(rows)) < self.share)
-            at = rows[use], columns[use]
-            if not use.any():
-                continue
-            found, evidence = self.arena.look(at)
-            ds = (found.s - 1 / (self.truth.depth_mm[at].astype(float) * self.unit)) / self.arena.scale
-            yield at, found, evidence, np.full_like(ds, np.inf) if self.lesson.alien else ds
-
-
-def contests(folders: list[Path]) -> Iterator[Contest]:
-    """Of all lessons."""
-    kernels = load()
-    for turn, folder in enumerate(folders):
-        for lesson in lessons(folder, turn):
-            settings = MultiviewSettings.preset(lesson.preset)
-            matcher = MultiviewReconstructor(
-                lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
-            )
-            match = matcher.approach(lesson.frame, lesson.names)
-            scale = windows(match.prepared.core.shape[1]).scale
-            planes = impressed(first_look(match, scale, kernels, 0), scale, kernels, 0)
-            truth = true(lesson, 1)
-            share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < DOUBTFUL)).sum()))
-            arena = Arena.of(match.refined.surface, planes, match.prepared, scale, kernels, 0)
-            yield Contest(lesson, arena, truth, unit_of(lesson, settings), share)
-        print(folder, file=sys.stderr, flush=True)
 
 
 def fit_rivals(folders: list[Path]) -> None:
@@ -246,27 +106,6 @@ def fit_logits(what: str, names: tuple[str, ...], x: np.ndarray, right: np.ndarr
     )
 
 
-def unit_of(lesson: Lesson, settings: MultiviewSettings) -> float:
-    """1/mm per px of the matcher's grid."""
-    return grid_unit(lesson.rig, lesson.names, settings.step(lesson.rig.core_camera.size_px[0]))
-
-
-def true(lesson: Lesson, step: int) -> Truth:
-    """The truth of every so-manieth pixel."""
-    height, width = (size // step for size in lesson.depth_mm.shape)
-    inside = slice(step // 2, height * step, step), slice(step // 2, width * step, step)
-    depth, label = lesson.depth_mm[inside], lesson.label[inside]
-    near = np.abs(lesson.rig.core_camera.rays()[inside][..., 1] * depth) <= ALONG_MM
-    scene = label >= 10 if (label >= 10).any() else label == (2 if (label == 2).any() else 1)
-    return Truth(
-        depth,
-        scene & near,
-        ~scene & near & ((label == 1) | (label == 2)),
-        interior_pixels(lesson.depth_mm.astype(float))[inside],
-        lesson.views[inside] == 0,
-    )
-
-
 Layers = list[np.ndarray]
 """As the perceptron takes them."""
 
@@ -289,7 +128,8 @@ def limits_of(x: np.ndarray) -> np.ndarray:
     """(2, n) beyond which evidence (N, n) is rare, and says no more."""
     mean, spread = np.nanmean(x, axis=0, dtype=float), np.nanstd(x, axis=0, dtype=float)
     low, high = mean - LIMIT * spread, mean + LIMIT * spread
-    return np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
+    limits = np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
+    return limits.astype(np.float32)
 
 
 def fit(
@@ -301,9 +141,11 @@ def fit(
     start: float = 0.0,
 ) -> Layers:
     """Layers whose answers to evidence within its limits are of least loss."""
-    within = np.clip(np.where(np.isnan(x), limits[0], x), *limits)
+    within = np.where(np.isnan(x), limits[0], x)
+    np.clip(within, *limits, out=within)
     mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + 1e-6
-    within = ((within - mean) / spread).astype(np.float32)
+    within -= mean.astype(np.float32)
+    within /= spread.astype(np.float32)
     how = Schedule(plan.hidden, plan.epochs, plan.batch, RATE, 1e-6, 0.3)
 
     def shifted(out: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -340,7 +182,7 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)
     weight = np.where(unseen, PLANS[what].unseen, 1).astype(np.float32)
     belief = fit(x, limits, of_right(right[:, None], weight[:, None]), 1, PLANS[what])
-    if what in ("impression", "scrutiny"):
+    if what == "impression":
         write(what, names, limits, belief)
         return
     even = np.concatenate([np.full(len(s.dz_mm), s.roughness <= ROUGHEST) for s in found])
@@ -357,6 +199,34 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     constants = np.concatenate([output[:, -1:] for output in outputs])
     output = np.hstack([block_diag(*(output[:, :-1] for output in outputs)), constants])
     write(what, names, limits, [np.concatenate(hidden), output])
+
+
+def fit_scrutiny(found: list[Sample]) -> None:
+    """Of doubtful pixels: the logit of being right once moved, the logarithm of sigma then, and how far to move."""
+    plan, names = PLANS["scrutiny"], found[0].names
+    x = np.concatenate([sample.evidence for sample in found])
+    off = np.concatenate([s.ds_px / s.scale for s in found])
+    unseen = np.concatenate([s.unseen for s in found])
+    seen = np.isfinite(np.concatenate([s.dz_mm for s in found])) & ~unseen
+    mm_per_px = np.concatenate([s.mm_per_px * s.scale for s in found])
+    even = np.concatenate([np.full(len(s.dz_mm), s.roughness <= ROUGHEST) for s in found])
+    weight = np.where(unseen, plan.unseen, 1)
+
+    def slopes(out: np.ndarray, at: np.ndarray) -> np.ndarray:
+        left = off[at] + out[:, 2]
+        right = seen[at] & (np.abs(left) * mm_per_px[at] <= GROSS_MM)
+        belief = 1 / (1 + np.exp(-out[:, 0]))
+        log_size = np.log(MAD * np.maximum(np.abs(left), 1e-4))
+        known = even[at] & seen[at] & (np.abs(left) * mm_per_px[at] <= MOST_MM) & (belief > BELIEVED)
+        back = np.stack([
+            weight[at] * (belief - right),
+            SIZES * known * np.clip((out[:, 1] - log_size) / ROUND, -1, 1),
+            MOVES * seen[at] * (np.abs(left) < FARTHEST_PX) * np.clip(left / NEAREST_PX, -1, 1),
+        ], -1)  # fmt: skip
+        return (back / len(at)).astype(np.float32)
+
+    limits = limits_of(x)
+    write("scrutiny", names, limits, fit(x, limits, slopes, 3, plan))
 
 
 def write(what: str, names: tuple[str, ...], limits: np.ndarray, layers: Layers) -> None:
@@ -385,6 +255,8 @@ def main() -> None:
     what, folders = sys.argv[1], [Path(folder) for folder in sys.argv[2:]]
     if what in ("rivals", "duel"):
         {"rivals": fit_rivals, "duel": fit_duel}[what](folders)
+    elif what == "scrutiny":
+        fit_scrutiny(list(pixels(folders, what)))
     else:
         fit_pixels(list(pixels(folders, what)), what)
 

@@ -9,7 +9,7 @@ from scenes import Scene, away_from_steps, inner, patch, plane, scene
 from beltscape.kernels import load
 from beltscape.stereo.brightness import brightness
 from beltscape.stereo.closer import BEYOND_DOUBT, impression_evidence, levels_evidence, trusted_evidence
-from beltscape.stereo.contest import Contested
+from beltscape.stereo.likeness import Likeness
 from beltscape.stereo.sight import seen_through
 from beltscape.stereo.surface import Surface, with_slopes
 
@@ -23,8 +23,7 @@ def looked(made: Scene, s: np.ndarray, impression: np.ndarray) -> dict[str, np.n
     prepared = made.prepared
     _, buffers = seen_through(surface.s, prepared.views, prepared.sizes, load(), 1)
     light = brightness(surface.s, np.full(s.shape, 0.02), prepared, buffers, 1.0, load(), 1)
-    contested = Contested(surface, impression, light)
-    levels = levels_evidence(surface, contested, prepared, buffers, load(), 1)
+    levels = levels_evidence(surface, impression, Likeness(prepared, light, buffers, load()), 1)
     return dict(levels) | dict(trusted_evidence(surface, impression, 1.0))
 
 

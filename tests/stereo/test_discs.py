@@ -9,7 +9,7 @@ import pytest
 from scenes import DEPTH_MM, Scene, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
-from beltscape.stereo.discs import filled
+from beltscape.stereo.discs import continued_discs
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface, with_slopes
 
@@ -29,7 +29,7 @@ _DARK = {1.0: 70, 0.5: 110}
 
 def fill(surface, prepared, scale):
     """`filled` where nothing is known of what is evenly bright, and as much of everything else."""
-    found, where = filled(surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale)
+    found, where = continued_discs(surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale)
     np.testing.assert_array_equal(found.s[~where], surface.s[~where])
     return found
 

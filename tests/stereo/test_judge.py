@@ -38,7 +38,7 @@ def looked_at_again(match: Match) -> Match:
     scale = windows(match.prepared.core.shape[1]).scale
     planes = impressed(first_look(match, scale, load(), 1), scale, load(), 1)
     arena = Arena.of(match.refined.surface, planes, match.prepared, scale, load(), 1)
-    contested = Contested(match.refined.surface, planes["impression"], arena.brightness)
+    contested = Contested(match.refined.surface, planes["impression"], arena.likeness.brightness)
     return replace(match, contested=contested)
 
 
@@ -82,7 +82,7 @@ def test_every_weight_is_of_some_evidence(again):
     scale = windows(made.s.shape[1]).scale
     assert match.contested is not None
     if again:
-        found = closer_look(match, match.contested, scale, load(), 1).planes
+        found = closer_look(match, match.contested, scale, load(), 1)[0].planes
         assert set(fitted("belief").names) <= found.keys()
     else:
         found = first_look(match, scale, load(), 1).planes
@@ -94,7 +94,7 @@ def test_every_weight_is_of_some_evidence(again):
 
 @pytest.mark.parametrize(
     ("name", "answers"),
-    [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 1), ("duel", 2)],
+    [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 3), ("duel", 2)],
 )
 def test_the_weights_that_ship_fit_each_other(name, answers):
     belief = fitted(name)

@@ -1,69 +1,98 @@
-"""Scrutiny tells doubtful pixels' logits anew, and no others."""
+"""Scrutiny tells doubtful pixels anew, and no others: where they belong, whether they are right, and how well."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import inner, scene
+from scenes import Scene, away_from_steps, inner, plane, scene, sphere
 from test_judge import STEP, looked_at_again, stages
 
 from beltscape.kernels import load
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.judge import closer_look
-from beltscape.stereo.scrutiny import DOUBTFUL, Scrutiny, scrutinised
+from beltscape.stereo.scrutiny import DOUBTFUL, MOST_PX, TRIED_PX, Scrutiny, Told, scrutinised
+
+
+def looked_at(made: Scene, s: np.ndarray) -> tuple[Scrutiny, Told]:
+    """What a surface is scrutinised by, and what is thought of it before."""
+    match = looked_at_again(stages(made, s))
+    assert match.contested is not None
+    found, scrutiny = closer_look(match, match.contested, 1.0, load(), 1)
+    return scrutiny, Told(match.refined.surface.s, *fitted("belief").answers(found.planes, load(), 1))
 
 
 @pytest.fixture(scope="module")
-def looked() -> tuple[Scrutiny, np.ndarray, np.ndarray]:
-    """What is scrutinised, the logits before, and how far off the surface is: a third of it near steps by much."""
+def looked() -> tuple[Scrutiny, Told, np.ndarray]:
+    """A step, a tenth of it wrong by much before; and the truth."""
     made = scene(*STEP, noise=1.0)
     rng = np.random.default_rng(4)
     wrong = rng.random(made.s.shape) < 0.1
-    match = looked_at_again(stages(made, np.where(wrong, made.s + 6, made.s)))
-    assert match.contested is not None
-    found, surface = closer_look(match, match.contested, 1.0, load(), 1), match.refined.surface
-    (logit, _) = fitted("belief").answers(found.planes, load(), 1)
-    return (
-        Scrutiny.of(found.planes, surface, made.prepared.core, 1.0, load()),
-        logit,
-        np.abs(surface.s - made.s),
-    )
+    return *looked_at(made, np.where(wrong, made.s + 6, made.s)), made.s
 
 
 def test_it_asks_for_what_it_is_shown(looked):
-    scrutiny, logit, _ = looked
-    shown = scrutiny.look(np.nonzero(logit < DOUBTFUL))
+    scrutiny, thought, _ = looked
+    at = np.nonzero(thought.logit < DOUBTFUL)
+    shown = scrutiny.look(at, thought.logit[at])
     assert set(fitted("scrutiny").names) == set(shown)
     for name, values in shown.items():
         assert np.isfinite(values).all(), name
 
 
 def test_only_doubtful_pixels_are_told_anew(looked):
-    scrutiny, logit, _ = looked
-    found = scrutinised(logit, scrutiny, 1)
-    doubtful = logit < DOUBTFUL
+    scrutiny, thought, _ = looked
+    found = scrutinised(thought, scrutiny, 1)
+    doubtful = thought.logit < DOUBTFUL
     assert doubtful.any()
     assert (~doubtful).any()
-    assert found[~doubtful].tobytes() == logit[~doubtful].tobytes()
-    assert (found[doubtful] != logit[doubtful]).mean() > 0.99
+    for new, old in zip(found, thought, strict=True):
+        assert new[~doubtful].tobytes() == old[~doubtful].tobytes()
+        assert (new[doubtful] != old[doubtful]).mean() > 0.99
+    assert np.abs(found.s - thought.s).max() <= MOST_PX + 1e-3
 
 
 def test_right_ones_are_believed_more_than_wrong_ones(looked):
-    scrutiny, logit, off = looked
-    found = scrutinised(logit, scrutiny, 1)
-    doubtful = (logit < DOUBTFUL) & inner(logit.shape, 6)
-    right, wrong = found[doubtful & (off < 0.5)], found[doubtful & (off > 3)]
+    scrutiny, thought, true = looked
+    found = scrutinised(thought, scrutiny, 1)
+    doubtful = (thought.logit < DOUBTFUL) & inner(true.shape, 6)
+    off = np.abs(found.s - true)
+    right, wrong = found.logit[doubtful & (off < 0.5)], found.logit[doubtful & (off > 3)]
     assert len(wrong) > 20
     assert np.median(right) > np.median(wrong) + 2
 
 
+def test_what_planes_cut_is_put_back():
+    made = scene(plane(760), sphere(640, 60), noise=1.0)
+    scrutiny, thought = looked_at(made, made.s)
+    found = scrutinised(thought, scrutiny, 1)
+    before, after = (np.abs(s - made.s) for s in (thought.s, found.s))
+    asked = (thought.logit < DOUBTFUL) & inner(made.s.shape, 6) & (before < 1)
+    assert asked.sum() > 100
+    assert after[asked].mean() < before[asked].mean()
+
+
+def test_images_are_less_alike_where_a_surface_is_not(looked):
+    scrutiny, _, true = looked
+    right = (np.abs(scrutiny.surface.s - true) < 0.1) & away_from_steps(true, 4) & inner(true.shape, 8)
+    at = np.nonzero(right)
+    shown = scrutiny.look(at, np.zeros(len(at[0]), np.float32))
+    for name in ("point mean", "cross mean"):
+        here = np.median(scrutiny.planes[name][at])
+        off = [np.median(shown[f"{name} {px:+g}"]) for px in TRIED_PX]
+        assert off[0] > off[2] > here < off[3] < off[5]
+
+
 @pytest.mark.parametrize("threads", [2, 3])
 def test_any_number_of_threads_gives_the_same_bytes(looked, threads):
-    scrutiny, logit, _ = looked
-    assert scrutinised(logit, scrutiny, threads).tobytes() == scrutinised(logit, scrutiny, 1).tobytes()
+    scrutiny, thought, _ = looked
+    for many, one in zip(
+        scrutinised(thought, scrutiny, threads), scrutinised(thought, scrutiny, 1), strict=True
+    ):
+        assert many.tobytes() == one.tobytes()
 
 
 def test_nobody_doubtful_is_nobody_asked(looked):
-    scrutiny, logit, _ = looked
-    sure = np.full_like(logit, DOUBTFUL + 1)
-    assert scrutinised(sure, scrutiny, 1).tobytes() == sure.tobytes()
+    scrutiny, thought, _ = looked
+    sure = thought._replace(logit=np.full_like(thought.logit, DOUBTFUL + 1))
+    for new, old in zip(scrutinised(sure, scrutiny, 1), sure, strict=True):
+        assert new.tobytes() == old.tobytes()

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
 from beltscape.kernels.protocol.rivals import Likenesses
-from beltscape.stereo.contest import Contested, likeness_evidence
 from beltscape.stereo.evidence import window
-from beltscape.stereo.prepared import PreparedFrame
-from beltscape.stereo.sight import OCCLUDER_PX
+from beltscape.stereo.likeness import Likeness, likeness_evidence
 from beltscape.stereo.surface import Surface
 
 Array = NDArray[np.floating]
@@ -40,30 +37,21 @@ def impression_evidence(impression: Array, scale: float) -> Iterator[tuple[str, 
 
 
 def levels_evidence(
-    surface: Surface,
-    contested: Contested,
-    prepared: PreparedFrame,
-    buffers: Sequence[Array],
-    kernels: Kernels,
-    threads: int,
+    surface: Surface, impression: Array, likeness: Likeness, threads: int
 ) -> Iterator[tuple[str, Array]]:
-    """How like the images are at pixels that are not beyond doubt; the others count as alike, and seen by none.
-
-    ``buffers`` are the surface's.
-    """
-    v, u = np.nonzero(contested.impression < BEYOND_DOUBT)
-    if not len(u):
-        v, u = np.zeros((2, 1), int)
-    like = kernels.likenesses(
-        u, v, *(plane[v, u][None] for plane in (surface.s, surface.slope_u, surface.slope_v)),
-        core=prepared.core, variance=contested.brightness.variance, images=prepared.images, views=prepared.views,
-        buffers=buffers, gains=contested.brightness.gains, tolerance=OCCLUDER_PX, threads=threads,
-    )  # fmt: skip
+    """How like the images are at pixels that are not beyond doubt; the others count as alike, and seen by none."""
+    auxiliaries = len(likeness.prepared.images)
+    at = np.nonzero(impression < BEYOND_DOUBT)
+    if not len(at[0]):
+        at = np.zeros(1, int), np.zeros(1, int)
+    like = likeness.of(
+        at, *(plane[at][None] for plane in (surface.s, surface.slope_u, surface.slope_v)), threads
+    )
     alike = Likenesses(*(np.zeros((1, 1), np.float32) for _ in like))
-    elsewhere = dict(likeness_evidence(alike, len(prepared.images)))
-    for name, told in likeness_evidence(like, len(prepared.images)):
+    elsewhere = dict(likeness_evidence(alike, auxiliaries))
+    for name, told in likeness_evidence(like, auxiliaries):
         plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
-        plane[v, u] = told[0]
+        plane[at] = told[0]
         yield name, plane
 
 

@@ -7,7 +7,7 @@ simulated frames with known truth, weighs all of it (docs/matching.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -19,10 +19,10 @@ from beltscape.kernels import Kernels
 from beltscape.kernels.protocol.rivals import Likenesses, Rivals
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.brightness import Brightness, brightness
+from beltscape.stereo.likeness import Likeness, likeness_evidence
 from beltscape.stereo.places import Place, places
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.side_by_side import side_by_side
-from beltscape.stereo.sight import OCCLUDER_PX
 from beltscape.stereo.surface import Surface
 from beltscape.stereo.surroundings import Surroundings, picked
 
@@ -41,8 +41,6 @@ ABOUT = (
 """What of a pixel's evidence rivals are judged by, besides their own."""
 _PIXELS = 16384
 """So many are looked at at a time."""
-_ROUND = 0.1
-"""Differences below that are alike."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +78,7 @@ def contest(
         impression[at] = np.where(np.isfinite(logit), logit, impression[at])
 
     side_by_side([partial(settle, at) for at in arena.doubtful()], threads)
-    return Contested(Surface(s, slope_u, slope_v), impression, arena.brightness)
+    return Contested(Surface(s, slope_u, slope_v), impression, arena.likeness.brightness)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,10 +89,7 @@ class Arena:
     planes: Mapping[str, Array]
     trusted: NDArray[np.uint8]
     """(H, W) who hands on a surface."""
-    prepared: PreparedFrame
-    buffers: Sequence[Array]
-    """n of (h, w): how near to each auxiliary what hides others lies."""
-    brightness: Brightness
+    likeness: Likeness
     surroundings: Surroundings
     scale: float
     kernels: Kernels
@@ -115,7 +110,8 @@ class Arena:
         light = brightness(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
         trusted = (planes["impression"] >= TRUSTED).astype(np.uint8)
         around = Surroundings.of(surface.s, planes["impression"], prepared.core, scale, kernels)
-        return cls(surface, planes, trusted, prepared, buffers, light, around, scale, kernels)
+        likeness = Likeness(prepared, light, buffers, kernels)
+        return cls(surface, planes, trusted, likeness, around, scale, kernels)
 
     @property
     def reach(self) -> int:
@@ -125,23 +121,19 @@ class Arena:
     def doubtful(self) -> list[Place]:
         """The doubtful pixels within reach of trusted ones, some at a time."""
         window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
-        doubt = (self.planes["impression"] < DOUBTFUL) & np.isfinite(self.prepared.core)
+        doubt = (self.planes["impression"] < DOUBTFUL) & np.isfinite(self.likeness.prepared.core)
         return places(doubt & (cv2.dilate(self.trusted, window) > 0), _PIXELS)
 
     def look(self, at: Place) -> tuple[Rivals, dict[str, Array]]:
         """The rivals of some pixels, and the evidence (9, N) for each by name."""
-        surface, prepared = self.surface, self.prepared
+        surface = self.surface
         rivals = self.kernels.rivals(
             surface.s, surface.slope_u, surface.slope_v, self.trusted, at[1], at[0], reach=self.reach,
             same=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
-        like = self.kernels.likenesses(
-            at[1], at[0], *rivals[:3], core=prepared.core, variance=self.brightness.variance,
-            images=prepared.images, views=prepared.views, buffers=self.buffers, gains=self.brightness.gains,
-            tolerance=OCCLUDER_PX, threads=1,
-        )  # fmt: skip
+        like = self.likeness.of(at, *rivals[:3])
         about = {name: np.broadcast_to(self.planes[name][at], rivals.s.shape) for name in ABOUT}
-        return rivals, about | dict(_speaking(rivals, like, self.scale, len(prepared.images)))
+        return rivals, about | dict(_speaking(rivals, like, self.scale, len(self.likeness.prepared.images)))
 
     def winners(
         self, at: Place, rivals: Rivals, evidence: Mapping[str, Array]
@@ -191,14 +183,6 @@ class Arena:
             its = picked(said, (index, met), self.kernels) | self.surroundings.relief(there, *plane)
             found |= {f"{who} {name}": values for name, values in its.items()}
         return {name: values[None] for name, values in found.items()}
-
-
-def likeness_evidence(like: Likenesses, auxiliaries: int) -> Iterator[tuple[str, Array]]:
-    """What the levels say of surfaces: differences by their logarithm, and who sees them."""
-    for name, plane in zip(Likenesses._fields[:-1], like[:-1], strict=True):
-        yield name.replace("_", " "), np.log(plane + np.float32(_ROUND))
-    yield "seen by", np.minimum(like.views, 4)
-    yield "seen by share", like.views / np.float32(auxiliaries)
 
 
 def _speaking(

@@ -6,7 +6,7 @@ fitted robustly to the s of a ring about it; where the ring is one smooth surfac
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -35,10 +35,17 @@ _LEAST_RING = 60
 _ROUNDS = 6
 
 
-def filled(
-    surface: Surface, information: Array, prepared: PreparedFrame, scale: float
-) -> tuple[Surface, NDArray[np.bool_]]:
-    """The surface with its evenly lit discs continued from their rims, where those are smooth; and (H, W) where.
+class Discs(NamedTuple):
+    """Evenly lit discs, continued from their rims."""
+
+    surface: Surface
+    """With the discs, and as it was elsewhere."""
+    inside: NDArray[np.bool_]
+    """(H, W) where they are."""
+
+
+def continued_discs(surface: Surface, information: Array, prepared: PreparedFrame, scale: float) -> Discs:
+    """The evenly lit discs of a surface whose rims are smooth.
 
     ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
     """
@@ -62,7 +69,7 @@ def filled(
             value, du, dv = fit
             s[rows, columns][inside], continued[rows, columns][inside] = value[inside], True
             slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
-    return replace(surface, s=s, slope_u=slope_u, slope_v=slope_v), continued
+    return Discs(Surface(s, slope_u, slope_v), continued)
 
 
 def _even_patches(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""What to believe of a surface: sigma, confidence and the number of views, pixel by pixel."""
+"""What to believe of a surface: its last nearness, sigma, confidence and the number of views, pixel by pixel."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from beltscape.stereo.closer import impression_evidence, levels_evidence, truste
 from beltscape.stereo.contest import Contested
 from beltscape.stereo.evidence import agreement_evidence, shape_evidence, window
 from beltscape.stereo.levels import texture_over_noise
+from beltscape.stereo.likeness import Likeness
 from beltscape.stereo.matched import Match
-from beltscape.stereo.scrutiny import Scrutiny, scrutinised
-from beltscape.stereo.side_by_side import side_by_side
+from beltscape.stereo.scrutiny import Scrutiny, Told, scrutinised
+from beltscape.stereo.side_by_side import both, side_by_side
 from beltscape.stereo.sight import seen_by, seen_through
 
 Array = NDArray[np.floating]
@@ -34,6 +35,8 @@ CONTRADICTION = 0.4
 class Verdict:
     """Per pixel of the matcher's grid."""
 
+    s: Array
+    """(H, W) nearness, where doubtful pixels belong."""
     sigma: Array
     """(H, W) one standard deviation of s, px."""
     confidence: Array
@@ -65,16 +68,20 @@ def impressed(first: Evidence, scale: float, kernels: Kernels, threads: int) -> 
     return first.planes | dict(impression_evidence(impression, scale))
 
 
-def closer_look(match: Match, contested: Contested, scale: float, kernels: Kernels, threads: int) -> Evidence:
-    """Also what the levels themselves say, and the impression of the state before."""
+def closer_look(
+    match: Match, contested: Contested, scale: float, kernels: Kernels, threads: int
+) -> tuple[Evidence, Scrutiny]:
+    """Also what the levels themselves say, and the impression of the state before; and a scrutiny by all of it."""
     prepared, surface, impression = match.prepared, match.refined.surface, contested.impression
     seen, buffers = seen_through(surface.s, prepared.views, prepared.sizes, kernels, threads)
+    likeness = Likeness(prepared, contested.brightness, buffers, kernels)
     parts = [
-        lambda: levels_evidence(surface, contested, prepared, buffers, kernels, threads),
+        lambda: levels_evidence(surface, impression, likeness, threads),
         lambda: trusted_evidence(surface, impression, scale),
         lambda: impression_evidence(impression, scale),
     ]
-    return Evidence(_joined([*_of_the_surface(match, seen, scale), *parts], threads) | match.light, seen)
+    planes = _joined([*_of_the_surface(match, seen, scale), *parts], threads) | match.light
+    return Evidence(planes, seen), Scrutiny.of(planes, surface, likeness, scale)
 
 
 Part = Callable[[], Iterator[tuple[str, Array]]]
@@ -101,21 +108,28 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     (docs/matching.md): confidence to what is right, sigma to the median error. Where no pixel was looked at again
     the first look is the last.
     """
+    (told, seen), textured = both(
+        lambda: _thought(match, scale, kernels, threads), lambda: _told(match, scale), threads
+    )
+    confidence = 1 / (1 + np.exp(-told.logit))
+    trusted = np.isfinite(told.s) & (seen > 0) & textured
+    return Verdict(
+        s=told.s,
+        sigma=np.exp(told.log_sigma),
+        confidence=np.where(trusted, confidence, 0).astype(np.float32),
+        views=np.where(trusted, seen, 0).astype(np.uint8),
+    )
+
+
+def _thought(match: Match, scale: float, kernels: Kernels, threads: int) -> tuple[Told, NDArray[np.uint8]]:
+    """What the networks tell of all pixels, and (H, W) how many auxiliaries see them."""
+    s = match.refined.surface.s
     if match.contested is None:
         found = first_look(match, scale, kernels, threads)
-        logit, log_sigma = fitted("glance").answers(found.planes, kernels, threads)
-    else:
-        found = closer_look(match, match.contested, scale, kernels, threads)
-        logit, log_sigma = fitted("belief").answers(found.planes, kernels, threads)
-        scrutiny = Scrutiny.of(found.planes, match.refined.surface, match.prepared.core, scale, kernels)
-        logit = scrutinised(logit, scrutiny, threads)
-    confidence = 1 / (1 + np.exp(-logit))
-    trusted = np.isfinite(match.refined.surface.s) & (found.seen > 0) & _told(match, scale)
-    return Verdict(
-        sigma=np.exp(log_sigma),
-        confidence=np.where(trusted, confidence, 0).astype(np.float32),
-        views=np.where(trusted, found.seen, 0).astype(np.uint8),
-    )
+        return Told(s, *fitted("glance").answers(found.planes, kernels, threads)), found.seen
+    found, scrutiny = closer_look(match, match.contested, scale, kernels, threads)
+    thought = Told(s, *fitted("belief").answers(found.planes, kernels, threads))
+    return scrutinised(thought, scrutiny, threads), found.seen
 
 
 def _told(match: Match, scale: float) -> NDArray[np.bool_]:

@@ -15,8 +15,8 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.closer import impression_evidence
-from beltscape.stereo.contest import contest
-from beltscape.stereo.discs import filled
+from beltscape.stereo.contest import Contested, contest
+from beltscape.stereo.discs import continued_discs
 from beltscape.stereo.evidence import light_evidence
 from beltscape.stereo.judge import Verdict, first_look, impressed, judge
 from beltscape.stereo.matched import Match
@@ -26,6 +26,7 @@ from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.prior import Prior, moved_nearness
 from beltscape.stereo.propagate import Propagated, propagate
 from beltscape.stereo.refine import Refined, refine
+from beltscape.stereo.side_by_side import both
 from beltscape.stereo.start import Sweeps, first_surface
 from beltscape.stereo.surface import Surface, with_slopes
 from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
@@ -79,7 +80,7 @@ class MultiviewReconstructor:
         scale = windows(match.prepared.core.shape[1]).scale
         verdict = judge(match, scale, self._kernels, self.settings.threads)
         return _depth_map(
-            match.refined.surface,
+            replace(match.refined.surface, s=verdict.s),
             verdict,
             unit,
             self._step,
@@ -92,25 +93,33 @@ class MultiviewReconstructor:
     ) -> Match:
         """The surface of one frame before it is judged; told of in steps."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        tell = _Steps(reporter, frame_set.frame, settings.rounds + settings.contests + 3)
+        tell = _Steps(reporter, frame_set.frame, settings.rounds + 4)
         before = self.approach(frame_set, names, tell, prior)
         chosen, refined, prepared = before.chosen, before.refined, before.prepared
         size = windows(prepared.core.shape[1])
-        surface, contested = refined.surface, None
-        if settings.contests:
-            planes = impressed(first_look(before, size.scale, kernels, threads), size.scale, kernels, threads)
-            for _ in range(settings.contests):
-                if contested is not None:
-                    planes = planes | dict(impression_evidence(contested.impression, size.scale))
-                contested = contest(surface, planes, prepared, size.scale, kernels, threads)
-                surface = contested.surface
-                tell()
-        filled_surface, discs = filled(surface, refined.information, prepared, size.scale)
-        refined = refine(
-            filled_surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads
+        contested, discs = both(
+            lambda: self._looked_at_again(before, size.scale),
+            lambda: continued_discs(refined.surface, refined.information, prepared, size.scale),
+            threads,
         )
         tell()
-        return Match(prepared, chosen, refined, before.light, discs, contested)
+        surface = refined.surface if contested is None else contested.surface
+        surface = surface.where(discs.inside, discs.surface)
+        refined = refine(surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads)
+        tell()
+        return Match(prepared, chosen, refined, before.light, discs.inside, contested)
+
+    def _looked_at_again(self, before: Match, scale: float) -> Contested | None:
+        """The surface after closer looks at doubtful pixels; None without any."""
+        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
+        if not settings.contests:
+            return None
+        planes = impressed(first_look(before, scale, kernels, threads), scale, kernels, threads)
+        contested = contest(before.refined.surface, planes, before.prepared, scale, kernels, threads)
+        for _ in range(settings.contests - 1):
+            planes = planes | dict(impression_evidence(contested.impression, scale))
+            contested = contest(contested.surface, planes, before.prepared, scale, kernels, threads)
+        return contested
 
     def approach(
         self,
@@ -143,9 +152,12 @@ class MultiviewReconstructor:
 
         for _ in range(settings.rounds - 1):
             _, refined = another_round(refined, settings.between_px[:1])
-        chosen, refined = another_round(refined, settings.between_px)
-        none = np.zeros(s.shape, bool)
-        return Match(prepared, chosen, refined, dict(light_evidence(prepared, size.scale)), none, None)
+        (chosen, refined), light = both(
+            lambda: another_round(refined, settings.between_px),
+            lambda: dict(light_evidence(prepared, size.scale)),
+            threads,
+        )
+        return Match(prepared, chosen, refined, light, np.zeros(s.shape, bool), None)
 
     def _start(
         self, names: tuple[str, ...], prepared: PreparedFrame, unit: float, prior: Prior | None

@@ -14,7 +14,7 @@ from beltscape.stereo.sight import OCCLUDER_PX
 from beltscape.stereo.surface import Surface, steps
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
-STEP_PX = 1.5
+STEP_PX = 2.5
 """A range of s within 5 × 5 pixels from which on it may be a step."""
 
 

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 
 def side_by_side(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
@@ -17,3 +18,12 @@ def side_by_side(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
         return [job() for job in jobs]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(lambda job: job(), jobs))
+
+
+def both(one: Callable[[], Result], other: Callable[[], Other], threads: int) -> tuple[Result, Other]:
+    """The results of two jobs of different kinds; each is on its own, and may use all threads itself."""
+    if (threads or os.cpu_count() or 1) < 2:
+        return one(), other()
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(other)
+        return one(), found.result()

@@ -22,6 +22,14 @@ class Surface:
     slope_v: NDArray[np.float32]
     """(H, W) of s per pixel along v."""
 
+    def where(self, there: NDArray[np.bool_], other: Surface) -> Surface:
+        """Another surface there (H, W), and this one elsewhere."""
+        return Surface(
+            np.where(there, other.s, self.s),
+            np.where(there, other.slope_u, self.slope_u),
+            np.where(there, other.slope_v, self.slope_v),
+        )
+
 
 def steps(s: NDArray[np.floating], least_px: float) -> NDArray[np.bool_]:
     """(H, W) where finite s ranges by more than ``least_px`` within 5 × 5 pixels."""
@@ -29,17 +37,13 @@ def steps(s: NDArray[np.floating], least_px: float) -> NDArray[np.bool_]:
     return cv2.dilate(s, window) - cv2.erode(s, window) > least_px
 
 
-_RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 1.0
+_RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 2.0
 
 
 def with_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:
-    """The surface through s, its slopes fitted over the neighbours that lie on one plane, twice."""
-    even, none = np.ones_like(s), np.zeros_like(s)
-    slopes = none, none
-    for _ in range(2):
-        fit = kernels.local_fit(
-            even, none, s, *slopes, radii=((_RADIUS, _SIGMA),), tolerance=_TOLERANCE, prior_information=0.0,
-            threads=threads,
-        )  # fmt: skip
-        slopes = fit.slope_u, fit.slope_v
-    return Surface(s, *slopes)
+    """The surface through s, its slopes fitted over the neighbours that lie about as far."""
+    fit = kernels.local_fit(
+        np.ones_like(s), none := np.zeros_like(s), s, none, none, radii=((_RADIUS, _SIGMA),), tolerance=_TOLERANCE,
+        prior_information=0.0, threads=threads,
+    )  # fmt: skip
+    return Surface(s, fit.slope_u, fit.slope_v)

@@ -37,7 +37,7 @@ BELIEVED = 0.75
 """Sigma is fitted to pixels of at least this confidence ..."""
 MOST_MM = 5.0
 """... and no greater error: what is false is confidence's to tell."""
-ROUGHEST = 0.003
+ROUGHEST = 0.005
 """Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 MAD = 1.4826
 """Sigma over the median error, of a normal distribution."""

@@ -104,14 +104,13 @@ def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings, what: str
 
 def _shown(match: Match, truth: Truth, scale: float, what: str) -> tuple[Place, dict[str, np.ndarray]]:
     """Some pixels, and the evidence of them by name."""
-    kernels, asked = load(), np.isfinite(match.refined.surface.s)
+    kernels, scrutiny = load(), None
     if match.contested is None:
         found = first_look(match, scale, kernels, 0)
-        at = _some(truth, asked & (found.seen > 0))
-        return at, {name: plane[at] for name, plane in found.planes.items()}
-    found, scrutiny = closer_look(match, match.contested, scale, kernels, 0)
-    asked &= found.seen > 0
-    if what != "scrutiny":
+    else:
+        found, scrutiny = closer_look(match, match.contested, scale, kernels, 0)
+    asked = np.isfinite(match.refined.surface.s) & (found.seen > 0)
+    if what != "scrutiny" or scrutiny is None:
         at = _some(truth, asked)
         return at, {name: plane[at] for name, plane in found.planes.items()}
     logit, _ = fitted("belief").answers(found.planes, kernels, 0)

@@ -28,7 +28,7 @@ _DARK = {1.0: 70, 0.5: 110}
 
 
 def fill(surface, prepared, scale):
-    """`filled` where nothing is known of what is evenly bright, and as much of everything else."""
+    """`continued_discs` where nothing is known of what is evenly bright, and as much of everything else."""
     found, where = continued_discs(surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale)
     np.testing.assert_array_equal(found.s[~where], surface.s[~where])
     return found

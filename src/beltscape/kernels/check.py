@@ -28,9 +28,9 @@ def triangulation_input(
 
 def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]) -> NDArray[np.float32]:
     """The array as contiguous float32 of a shape, or KernelError; a letter in ``shape`` is any size >= 1."""
-    if array.shape == shape and array.dtype == np.float32 and array.flags.c_contiguous:
-        return array
     array = np.ascontiguousarray(array, dtype=np.float32)
+    if array.shape == shape:
+        return array
     fits = array.ndim == len(shape) and all(
         have == want if isinstance(want, int) else have > 0
         for have, want in zip(array.shape, shape, strict=True)

@@ -92,7 +92,6 @@ class Arena:
     likeness: Likeness
     surroundings: Surroundings
     scale: float
-    kernels: Kernels
 
     @classmethod
     def of(
@@ -111,7 +110,7 @@ class Arena:
         trusted = (planes["impression"] >= TRUSTED).astype(np.uint8)
         around = Surroundings.of(surface.s, planes["impression"], prepared.core, scale, kernels)
         likeness = Likeness(prepared, light, buffers, kernels)
-        return cls(surface, planes, trusted, likeness, around, scale, kernels)
+        return cls(surface, planes, trusted, likeness, around, scale)
 
     @property
     def reach(self) -> int:
@@ -127,7 +126,7 @@ class Arena:
     def look(self, at: Place) -> tuple[Rivals, dict[str, Array]]:
         """The rivals of some pixels, and the evidence (9, N) for each by name."""
         surface = self.surface
-        rivals = self.kernels.rivals(
+        rivals = self.likeness.kernels.rivals(
             surface.s, surface.slope_u, surface.slope_v, self.trusted, at[1], at[0], reach=self.reach,
             same=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
@@ -148,7 +147,7 @@ class Arena:
         met = np.flatnonzero(second >= 0)
         if len(met):
             both = self.duel(at, rivals, {**evidence, "score": score}, met, (first[met], second[met]))
-            logits = np.concatenate(fitted("duel").answers(both, self.kernels, 1))
+            logits = np.concatenate(fitted("duel").answers(both, self.likeness.kernels, 1))
             winner[met] = np.where(logits[1] > logits[0], second[met], first[met])
             logit[met] = logits.max(axis=0)
         return winner, logit
@@ -157,7 +156,7 @@ class Arena:
         self, rivals: Rivals, evidence: Mapping[str, Array]
     ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
         """(N,) the likeliest and the likeliest that says something else (-1: none), and (9, N) logits."""
-        (score,) = fitted("rivals").answers(evidence, self.kernels, 1)
+        (score,) = fitted("rivals").answers(evidence, self.likeness.kernels, 1)
         score = np.where(np.isfinite(rivals.s), score, -np.inf)
         first = score.argmax(axis=0)
         said = np.take_along_axis(rivals.s, first[None], axis=0)
@@ -177,10 +176,10 @@ class Arena:
         there = at[0][met], at[1][met]
         about = {name: self.planes[name] for name in ABOUT}
         said = {name: values for name, values in evidence.items() if name not in ABOUT}
-        found = picked(about, there, self.kernels) | self.surroundings.about(there)
+        found = picked(about, there, self.likeness.kernels) | self.surroundings.about(there)
         for who, index in zip(("first", "second"), finalists, strict=True):
             plane = (offered[index, met] for offered in (rivals.s, rivals.slope_u, rivals.slope_v))
-            its = picked(said, (index, met), self.kernels) | self.surroundings.relief(there, *plane)
+            its = picked(said, (index, met), self.likeness.kernels) | self.surroundings.relief(there, *plane)
             found |= {f"{who} {name}": values for name, values in its.items()}
         return {name: values[None] for name, values in found.items()}
 

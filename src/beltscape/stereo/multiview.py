@@ -103,8 +103,9 @@ class MultiviewReconstructor:
             threads,
         )
         tell()
-        surface = refined.surface if contested is None else contested.surface
-        surface = surface.where(discs.inside, discs.surface)
+        surface = discs.surface
+        if contested is not None:
+            surface = contested.surface.where(discs.inside, discs.surface)
         refined = refine(surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads)
         tell()
         return Match(prepared, chosen, refined, before.light, discs.inside, contested)

@@ -33,9 +33,9 @@ template <class F>
 BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, float y, F s) {
     const float* d = view.direction;
     const float from_x = d[1] * y + d[2], from_y = d[4] * y + d[5], from_z = d[7] * y + d[8];
-    const F inverse_depth = 1.0f / (d[6] * x + from_z + view.shift[2] * s);
-    const auto [u, v] = image_of(view, (d[0] * x + from_x + view.shift[0] * s) * inverse_depth,
-                                 (d[3] * x + from_y + view.shift[1] * s) * inverse_depth);
+    const F inverse_depth = 1.0f / fused(s, view.shift[2], fused(x, d[6], from_z));
+    const auto [u, v] = image_of(view, fused(s, view.shift[0], fused(x, d[0], from_x)) * inverse_depth,
+                                 fused(s, view.shift[1], fused(x, d[3], from_y)) * inverse_depth);
     const Spot<F> place = spot(image, u, v, inverse_depth > 0.0f);
     return {place, nearest_pixel(place, image),
             select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
@@ -54,7 +54,7 @@ struct Agreement {
     F views{}, sum{}, worst{};
 
     BELTSCAPE_INLINE void add(F dissimilarity, F seen) {
-        views += seen, sum += dissimilarity * seen, worst = greater(worst, dissimilarity * seen);
+        views += seen, sum = fused(dissimilarity, seen, sum), worst = greater(worst, dissimilarity * seen);
     }
     BELTSCAPE_INLINE F cost(float unseen) const {
         const MaskOf<F> many = views > 2.5f;

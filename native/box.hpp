@@ -31,7 +31,7 @@ BELTSCAPE_INLINE void column_sums(const float* const* rows, int count, int width
         F sum{}, square{};
         for (int i = 0; i < count; ++i) {
             const F value = load<F>(rows[i] + x);
-            sum += value, square += value * value;
+            sum += value, square = fused(value, value, square);
         }
         store(sums + x, sum), store(squares + x, square);
     }

@@ -33,7 +33,7 @@ BELTSCAPE_INLINE F finite_or_zero(F a) {
 
 template <class F>
 BELTSCAPE_INLINE F extrapolated(F s, F slope_u, F slope_v, F across, float down) {
-    return s + clamp(finite_or_zero(slope_u) * across + finite_or_zero(slope_v) * down, -kFarthestStep,
+    return s + clamp(fused(finite_or_zero(slope_v), down, finite_or_zero(slope_u) * across), -kFarthestStep,
                      kFarthestStep);
 }
 

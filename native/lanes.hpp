@@ -10,7 +10,8 @@
 //   }
 //
 // MaskOf<F> is what comparing two F gives; masks join with & and |, and `negate` reverses one.
-// Everything is IEEE without fused or reordered steps: every level and every lane gives the same bits.
+// Everything is IEEE and nothing is reordered; `fused` alone rounds once for a product and a sum where the
+// level can (v3, v4, CUDA), so that these give the same bits as each other, and v2 the same but for rounding.
 #pragma once
 
 #ifdef __CUDACC__
@@ -83,6 +84,15 @@ BELTSCAPE_INLINE float square_root(float a) { return sqrtf(a); }
 #else
 BELTSCAPE_INLINE float absolute(float a) { return __builtin_fabsf(a); }
 BELTSCAPE_INLINE float square_root(float a) { return __builtin_sqrtf(a); }
+#endif
+
+// a b + c.
+#if defined(__CUDACC__)
+BELTSCAPE_INLINE float fused(float a, float b, float c) { return fmaf(a, b, c); }
+#elif defined(__FMA__)
+BELTSCAPE_INLINE float fused(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
+#else
+BELTSCAPE_INLINE float fused(float a, float b, float c) { return a * b + c; }
 #endif
 
 // base[index] as float; T is float, unsigned char, unsigned short, ...

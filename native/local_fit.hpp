@@ -64,9 +64,9 @@ struct Tap {
 template <class F>
 BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, float tolerance_square) {
     const F e = load<F>(field.s + at) - expected, information = load<F>(field.information + at);
-    const F near = greater(tolerance_square - e * e, F{}), closeness = near * near;
+    const F near = greater(fused(e, -e, broadcast<F>(tolerance_square)), F{}), closeness = near * near;
     const F weight = closeness * information;
-    return {weight, closeness * (information * e + load<F>(field.pull + at)), closeness * weight};
+    return {weight, closeness * fused(information, e, load<F>(field.pull + at)), closeness * weight};
 }
 
 // expected: of s in the pixel's column, by the plane so far.
@@ -76,9 +76,9 @@ BELTSCAPE_INLINE void fit_pairs(const FitField& field, int at, int reach, F expe
     const Tap<F> centre = fit_tap(field, at, expected, tolerance_square);
     row.weight[0] = centre.weight, row.pull[0] = centre.pull, row.square[0] = centre.square;
     for (int i = 1; i <= reach; ++i) {
-        const F rise = slope_u * static_cast<float>(i);
-        const Tap<F> right = fit_tap(field, at + i, expected + rise, tolerance_square);
-        const Tap<F> left = fit_tap(field, at - i, expected - rise, tolerance_square);
+        const float by = static_cast<float>(i);
+        const Tap<F> right = fit_tap(field, at + i, fused(slope_u, by, expected), tolerance_square);
+        const Tap<F> left = fit_tap(field, at - i, fused(slope_u, -by, expected), tolerance_square);
         row.weight[i] = right.weight + left.weight, row.weight_odd[i] = right.weight - left.weight;
         row.pull[i] = right.pull + left.pull, row.pull_odd[i] = right.pull - left.pull;
         row.square[i] = right.square + left.square;
@@ -98,16 +98,17 @@ BELTSCAPE_INLINE void add_row(const FitWindow& window, int row, const RowPairs<F
     F one = pairs.weight[0], u{}, uu{}, pull = pairs.pull[0], pull_u{}, square = pairs.square[0];
     for (int i = 1; i <= window.reach[off]; ++i) {
         const float tap = window.across[i], by = static_cast<float>(i), tap_by = tap * by;
-        one += tap * pairs.weight[i], pull += tap * pairs.pull[i];
-        u += tap_by * pairs.weight_odd[i], pull_u += tap_by * pairs.pull_odd[i];
-        uu += tap_by * by * pairs.weight[i];
-        square += tap * tap * pairs.square[i];
+        one = fused(pairs.weight[i], tap, one), pull = fused(pairs.pull[i], tap, pull);
+        u = fused(pairs.weight_odd[i], tap_by, u), pull_u = fused(pairs.pull_odd[i], tap_by, pull_u);
+        uu = fused(pairs.weight[i], tap_by * by, uu);
+        square = fused(pairs.square[i], tap * tap, square);
     }
     const float tap = window.down[off], by = static_cast<float>(row), tap_by = tap * by;
-    sums.one += tap * one, sums.u += tap * u, sums.uu += tap * uu;
-    sums.v += tap_by * one, sums.uv += tap_by * u, sums.vv += tap_by * by * one;
-    sums.pull += tap * pull, sums.pull_u += tap * pull_u, sums.pull_v += tap_by * pull;
-    sums.square += tap * tap * square;
+    sums.one = fused(one, tap, sums.one), sums.u = fused(u, tap, sums.u), sums.uu = fused(uu, tap, sums.uu);
+    sums.v = fused(one, tap_by, sums.v), sums.uv = fused(u, tap_by, sums.uv);
+    sums.vv = fused(one, tap_by * by, sums.vv), sums.pull = fused(pull, tap, sums.pull);
+    sums.pull_u = fused(pull_u, tap, sums.pull_u), sums.pull_v = fused(pull, tap_by, sums.pull_v);
+    sums.square = fused(square, tap * tap, sums.square);
 }
 
 template <class F>
@@ -158,8 +159,9 @@ BELTSCAPE_INLINE Fit<F> fit_plane(const FitField& field, const FitWindows& windo
     for (int row = -largest.radius; row <= largest.radius; ++row) {
         const int off = row < 0 ? -row : row;
         if (largest.reach[off] < 0) continue;
-        fit_pairs(field, at + row * field.stride, largest.reach[off], s + slope_v * static_cast<float>(row),
-                  slope_u, windows.tolerance * windows.tolerance, pairs);
+        fit_pairs(field, at + row * field.stride, largest.reach[off],
+                  fused(slope_v, static_cast<float>(row), s), slope_u, windows.tolerance * windows.tolerance,
+                  pairs);
         for (int k = 0; k < windows.count; ++k)
             if (off <= windows.window[k].radius && windows.window[k].reach[off] >= 0)
                 add_row(windows.window[k], row, pairs, sums[k]);

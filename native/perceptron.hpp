@@ -30,7 +30,7 @@ BELTSCAPE_INLINE void weigh_units(const Layer& layer, const F* in, int k, F* out
     F unit[count];
     for (int j = 0; j < count; ++j) unit[j] = broadcast<F>(row[j * stride + layer.inputs]);
     for (int i = 0; i < layer.inputs; ++i)
-        for (int j = 0; j < count; ++j) unit[j] += in[i] * row[j * stride + i];
+        for (int j = 0; j < count; ++j) unit[j] = fused(in[i], row[j * stride + i], unit[j]);
     for (int j = 0; j < count; ++j) out[k + j] = unit[j];
 }
 

@@ -31,7 +31,7 @@ BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps
         const size_t at = static_cast<size_t>(k) * before.stride;
         const F step = clamp(rise + load<F>(before.rise + at), -kSteepestStep, kSteepestStep);
         const F jump = absolute(s - load<F>(before.s + at) - step);
-        least = lesser(load<F>(before.toll + at) + jumps.small * jump, least);
+        least = lesser(fused(jump, jumps.small, load<F>(before.toll + at)), least);
     }
     return least;
 }

@@ -52,7 +52,8 @@ BELTSCAPE_INLINE Weights<F> cubic_weights(F at) {
 
 template <class F>
 BELTSCAPE_INLINE F weighted(const F (&weights)[4], const F (&taps)[4]) {
-    return (weights[0] * taps[0] + weights[1] * taps[1]) + (weights[2] * taps[2] + weights[3] * taps[3]);
+    return fused(weights[0], taps[0], weights[1] * taps[1]) +
+           fused(weights[2], taps[2], weights[3] * taps[3]);
 }
 
 template <class F>

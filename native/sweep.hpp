@@ -45,9 +45,9 @@ BELTSCAPE_INLINE Spot<F> swept(const View& view, const Image& image, F x, float 
     const float* d = view.direction;
     const float from_x = d[1] * y + d[2] + view.shift[0] * s, from_y = d[4] * y + d[5] + view.shift[1] * s,
                 from_z = d[7] * y + d[8] + view.shift[2] * s;
-    const F inverse_depth = 1.0f / (d[6] * x + from_z);
+    const F inverse_depth = 1.0f / fused(x, d[6], from_z);
     const auto [u, v] =
-        image_of(view, (d[0] * x + from_x) * inverse_depth, (d[3] * x + from_y) * inverse_depth);
+        image_of(view, fused(x, d[0], from_x) * inverse_depth, fused(x, d[3], from_y) * inverse_depth);
     return spot(image, u, v, inverse_depth > 0.0f);
 }
 
@@ -56,8 +56,8 @@ template <class F>
 BELTSCAPE_INLINE F bilinear(const Image& image, const int* index, F u, F v) {
     const auto [a, b] = gather_pair<F>(image.pixels, index);
     const auto [c, d] = gather_pair<F>(image.pixels + image.width, index);
-    const F above = a + u * (b - a), below = c + u * (d - c);
-    return above + v * (below - above);
+    const F above = fused(u, b - a, a), below = fused(u, d - c, c);
+    return fused(v, below - above, above);
 }
 
 // Sums over a window of J, J^2 and I J.
@@ -81,8 +81,8 @@ BELTSCAPE_INLINE CoreWindow<F> core_window(F sum, F sum_of_squares, float floor)
 // 0 (the same but for brightness) ... 1 (unlike, or not seen).
 template <class F>
 BELTSCAPE_INLINE F dissimilarity(const WindowSums<F>& sums, const CoreWindow<F>& core, float floor) {
-    const F aux_energy = sums.aux_squared - sums.aux * (sums.aux * (1.0f / 9.0f));
-    const F alike = sums.product - sums.aux * core.mean + 9.0f * floor;
+    const F aux_energy = fused(sums.aux, sums.aux * (-1.0f / 9.0f), sums.aux_squared);
+    const F alike = fused(-sums.aux, core.mean, sums.product) + 9.0f * floor;
     return clamp(lesser(1.0f - 2.0f * alike / (core.energy + aux_energy), broadcast<F>(1.0f)), 0.0f, 1.0f);
 }
 

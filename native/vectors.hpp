@@ -3,6 +3,10 @@
 // `gather`, where the loop is within 20 % of vgatherdps, and `any`.
 #pragma once
 
+#if defined(__FMA__)
+#include <immintrin.h>
+#endif
+
 #include <cstdint>
 
 #include "lanes.hpp"
@@ -70,6 +74,19 @@ inline Floats square_root(Floats a) {
     for (int i = 0; i < kFloatLanes; ++i) a[i] = __builtin_sqrtf(a[i]);
     return a;
 }
+
+inline Floats fused(Floats a, Floats b, Floats c) {
+#if defined(__AVX512F__)
+    return _mm512_fmadd_ps(a, b, c);
+#elif defined(__FMA__)
+    return _mm256_fmadd_ps(a, b, c);
+#else
+    return a * b + c;
+#endif
+}
+inline Floats fused(Floats a, float b, Floats c) { return fused(a, b - Floats{}, c); }
+inline Floats fused(Floats a, Floats b, float c) { return fused(a, b, c - Floats{}); }
+inline Floats fused(Floats a, float b, float c) { return fused(a, b - Floats{}, c - Floats{}); }
 
 template <class T>
 inline Floats gather(const T* base, Ints index) {

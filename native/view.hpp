@@ -37,9 +37,9 @@ struct Ideal {
 template <class F>
 BELTSCAPE_INLINE Ideal<F> ideal(const View& view, F u, F v, F s) {
     const float* d = view.direction;
-    const F x = d[0] * u + d[1] * v + d[2] + view.shift[0] * s;
-    const F y = d[3] * u + d[4] * v + d[5] + view.shift[1] * s;
-    const F depth = d[6] * u + d[7] * v + d[8] + view.shift[2] * s;
+    const F x = fused(s, view.shift[0], fused(u, d[0], fused(v, d[1], d[2])));
+    const F y = fused(s, view.shift[1], fused(u, d[3], fused(v, d[4], d[5])));
+    const F depth = fused(s, view.shift[2], fused(u, d[6], fused(v, d[7], d[8])));
     const F inverse_depth = select(depth > 0.0f, 1.0f / depth, broadcast<F>(kNotANumber));
     return {x * inverse_depth, y * inverse_depth, inverse_depth};
 }
@@ -49,14 +49,26 @@ struct Pixel {
     F u, v;
 };
 
+// Of a direction r² off the axis.
+template <class F>
+BELTSCAPE_INLINE F radial_of(const View& view, F rr) {
+    return fused(rr, fused(rr, fused(rr, view.k3, view.k2), view.k1), 1.0f);
+}
+
+// A direction (x, y, 1), x² = xx and so on, as the lens bends it.
+template <class F>
+BELTSCAPE_INLINE Pixel<F> distorted(const View& view, F x, F y, F xx, F xy, F yy, F radial) {
+    const F rr = xx + yy;
+    return {fused(x, radial, fused(xy, 2.0f * view.p1, fused(xx, 2.0f, rr) * view.p2)),
+            fused(y, radial, fused(xy, 2.0f * view.p2, fused(yy, 2.0f, rr) * view.p1))};
+}
+
 // The auxiliary's pixel of a direction (x, y, 1) in its frame.
 template <class F>
 BELTSCAPE_INLINE Pixel<F> image_of(const View& view, F x, F y) {
-    const F xx = x * x, xy = x * y, yy = y * y, rr = xx + yy;
-    const F radial = 1.0f + rr * (view.k1 + rr * (view.k2 + rr * view.k3));
-    const F distorted_x = x * radial + 2.0f * view.p1 * xy + view.p2 * (rr + 2.0f * xx);
-    const F distorted_y = y * radial + view.p1 * (rr + 2.0f * yy) + 2.0f * view.p2 * xy;
-    return {distorted_x * view.focal_u + view.center_u, distorted_y * view.focal_v + view.center_v};
+    const F xx = x * x, xy = x * y, yy = y * y;
+    const auto [distorted_x, distorted_y] = distorted(view, x, y, xx, xy, yy, radial_of(view, xx + yy));
+    return {fused(distorted_x, view.focal_u, view.center_u), fused(distorted_y, view.focal_v, view.center_v)};
 }
 
 template <class F>
@@ -70,16 +82,15 @@ template <class F>
 BELTSCAPE_INLINE Moving<F> see_moving(const View& view, F u, F v, F s) {
     const auto [x, y, inverse_depth] = ideal(view, u, v, s);
     const F xx = x * x, xy = x * y, yy = y * y, rr = xx + yy;
-    const F radial = 1.0f + rr * (view.k1 + rr * (view.k2 + rr * view.k3));
-    const F slope = 2.0f * (view.k1 + rr * (2.0f * view.k2 + rr * (3.0f * view.k3)));
-    const F distorted_x = x * radial + 2.0f * view.p1 * xy + view.p2 * (rr + 2.0f * xx);
-    const F distorted_y = y * radial + view.p1 * (rr + 2.0f * yy) + 2.0f * view.p2 * xy;
-    const F by_xx = radial + slope * xx + 2.0f * view.p1 * y + 6.0f * view.p2 * x;
-    const F by_xy = slope * xy + 2.0f * view.p1 * x + 2.0f * view.p2 * y;
-    const F by_yy = radial + slope * yy + 6.0f * view.p1 * y + 2.0f * view.p2 * x;
+    const F radial = radial_of(view, rr);
+    const F slope = 2.0f * fused(rr, fused(rr, 3.0f * view.k3, 2.0f * view.k2), view.k1);
+    const auto [distorted_x, distorted_y] = distorted(view, x, y, xx, xy, yy, radial);
+    const F by_xx = fused(slope, xx, fused(y, 2.0f * view.p1, fused(x, 6.0f * view.p2, radial)));
+    const F by_xy = fused(slope, xy, fused(x, 2.0f * view.p1, y * (2.0f * view.p2)));
+    const F by_yy = fused(slope, yy, fused(y, 6.0f * view.p1, fused(x, 2.0f * view.p2, radial)));
     const F dx = (view.shift[0] - x * view.shift[2]) * inverse_depth;
     const F dy = (view.shift[1] - y * view.shift[2]) * inverse_depth;
-    return {distorted_x * view.focal_u + view.center_u, distorted_y * view.focal_v + view.center_v,
+    return {fused(distorted_x, view.focal_u, view.center_u), fused(distorted_y, view.focal_v, view.center_v),
             (by_xx * dx + by_xy * dy) * view.focal_u, (by_xy * dx + by_yy * dy) * view.focal_v};
 }
 

@@ -21,7 +21,7 @@ from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.places import Place
 from beltscape.stereo.prepared import grid_unit
-from beltscape.stereo.scrutiny import DOUBTFUL as SCRUTINISED
+from beltscape.stereo.scrutiny import doubtful
 from beltscape.stereo.windows import windows
 from lessons import Lesson, lessons
 
@@ -114,7 +114,7 @@ def _shown(match: Match, truth: Truth, scale: float, what: str) -> tuple[Place, 
         at = _some(truth, asked)
         return at, {name: plane[at] for name, plane in found.planes.items()}
     logit, _ = fitted("belief").answers(found.planes, kernels, 0)
-    at = _some(truth, asked & (logit < SCRUTINISED + 1))
+    at = _some(truth, asked & doubtful(logit, slack=1.0))
     return at, scrutiny.look(at, logit[at])
 
 

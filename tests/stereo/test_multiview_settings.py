@@ -61,14 +61,26 @@ def test_settings_do_not_change():
         MultiviewSettings().rounds = 3
 
 
-@given(st.integers(64, 12_000), st.integers(1, 4), st.integers(64, 4096))
-def test_the_sweeps_images_are_about_as_wide_whatever_the_camera(width_px, step, wanted):
-    settings = MultiviewSettings(grid_step=step, sweep_width_px=wanted)
-    shrink = settings.shrink(width_px)
-    width = width_px / settings.step(width_px) / shrink
+@given(st.integers(64, 12_000), st.integers(64, 4096))
+def test_the_sweeps_images_are_about_as_wide_whatever_the_camera(grid_px, wanted):
+    shrink = MultiviewSettings(sweep_width_px=wanted).shrink(grid_px)
     assert shrink >= 1
-    assert width < 1.51 * wanted
-    assert shrink == 1 or width > 0.66 * wanted
+    assert grid_px / shrink < 1.51 * wanted
+    assert shrink == 1 or grid_px / shrink > 0.66 * wanted
+
+
+@pytest.mark.parametrize(("preset", "counts"), [("standard", (1, 1, 2, 3)), ("fast", (1, 1, 1, 2))])
+def test_large_images_are_matched_on_more_grids(preset, counts):
+    settings = MultiviewSettings.preset(preset)
+    assert tuple(settings.grids(width) for width in (320, 612, 1224, 2448)) == counts
+
+
+@given(st.integers(1, 12_000), st.integers(1, 4))
+def test_the_smallest_grid_is_never_too_narrow_for_the_pattern(width_px, step):
+    settings = MultiviewSettings(grid_step=step)
+    smallest = width_px // settings.step(width_px) // 2 ** (settings.grids(width_px) - 1)
+    assert smallest >= min(width_px, 480)
+    assert smallest < 960 or smallest == width_px
 
 
 def test_fast_matches_blocks_only_where_the_image_is_large():

@@ -21,7 +21,7 @@ from beltscape.stereo.judge import closer_look
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import grid_unit
-from beltscape.stereo.scrutiny import DOUBTFUL, MOST_PX, TRIED_PX, Scrutiny, Told, scrutinised
+from beltscape.stereo.scrutiny import MOST_PX, TRIED_PX, Scrutiny, Told, doubtful, scrutinised
 from beltscape.stereo.windows import windows
 
 
@@ -44,7 +44,7 @@ def looked() -> tuple[Scrutiny, Told, np.ndarray]:
 
 def test_it_asks_for_what_it_is_shown(looked):
     scrutiny, thought, _ = looked
-    at = np.nonzero(thought.logit < DOUBTFUL)
+    at = np.nonzero(doubtful(thought.logit))
     shown = scrutiny.look(at, thought.logit[at])
     assert set(fitted("scrutiny").names) == set(shown)
     for name, values in shown.items():
@@ -54,21 +54,22 @@ def test_it_asks_for_what_it_is_shown(looked):
 def test_only_doubtful_pixels_are_told_anew(looked):
     scrutiny, thought, _ = looked
     found = scrutinised(thought, scrutiny, 1)
-    doubtful = thought.logit < DOUBTFUL
-    assert doubtful.any()
-    assert (~doubtful).any()
+    asked = doubtful(thought.logit)
+    assert asked.any()
+    assert (thought.logit[~asked] < 0).any()
+    assert (thought.logit[~asked] > 0).any()
     for new, old in zip(found, thought, strict=True):
-        assert new[~doubtful].tobytes() == old[~doubtful].tobytes()
-        assert (new[doubtful] != old[doubtful]).mean() > 0.99
+        assert new[~asked].tobytes() == old[~asked].tobytes()
+        assert (new[asked] != old[asked]).mean() > 0.99
     assert np.abs(found.s - thought.s).max() <= MOST_PX + 1e-3
 
 
 def test_right_ones_are_believed_more_than_wrong_ones(looked):
     scrutiny, thought, true = looked
     found = scrutinised(thought, scrutiny, 1)
-    doubtful = (thought.logit < DOUBTFUL) & inner(true.shape, 6)
+    asked = doubtful(thought.logit) & inner(true.shape, 6)
     off = np.abs(found.s - true)
-    right, wrong = found.logit[doubtful & (off < 0.5)], found.logit[doubtful & (off > 3)]
+    right, wrong = found.logit[asked & (off < 0.5)], found.logit[asked & (off > 3)]
     assert len(wrong) > 20
     assert np.median(right) > np.median(wrong) + 2
 
@@ -87,7 +88,7 @@ def test_what_planes_cut_is_put_back():
     thought = Told(match.refined.surface.s, *fitted("belief").answers(found.planes, load(), 0))
     s = scrutinised(thought, scrutiny, 0).s
     true = 1 / (true_mm * grid_unit(rig, rig.auxiliaries, 1))
-    asked = (thought.logit < DOUBTFUL) & (thought.logit > 0) & np.isfinite(true)
+    asked = doubtful(thought.logit) & (thought.logit > 0) & np.isfinite(true)
     before, after = (np.abs(x - true)[asked] for x in (thought.s, s))
     assert asked.sum() > 5000
     for least, gain in ((0.1, 0.005), (0.3, 0.01), (0.7, 0.005)):
@@ -116,6 +117,6 @@ def test_any_number_of_threads_gives_the_same_bytes(looked, threads):
 
 def test_nobody_doubtful_is_nobody_asked(looked):
     scrutiny, thought, _ = looked
-    sure = thought._replace(logit=np.full_like(thought.logit, DOUBTFUL + 1))
+    sure = thought._replace(logit=np.full_like(thought.logit, 9.0))
     for new, old in zip(scrutinised(sure, scrutiny, 1), sure, strict=True):
         assert new.tobytes() == old.tobytes()

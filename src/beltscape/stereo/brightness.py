@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.known import known
 from beltscape.stereo.prepared import Noise, PreparedFrame, thinned_view
 from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.sight import OCCLUDER_PX
@@ -75,7 +76,7 @@ def gains(
     """
     inside = (slice(_EVERY // 2, None, _EVERY), slice(_EVERY // 2, None, _EVERY))
     thin, core = np.ascontiguousarray(s[inside], np.float32), prepared.core[inside]
-    alike = (_ALIKE / (_ALIKE + np.nan_to_num(cost[inside], nan=1.0))) ** 2 * np.isfinite(core)
+    alike = (_ALIKE / (_ALIKE + known(cost[inside], 1.0))) ** 2 * np.isfinite(core)
     side = 2 * int(_WINDOW * scale / 2) + 1
 
     def one(view: Array, coefficients: Array, buffer: Array) -> NDArray[np.float32]:
@@ -83,7 +84,7 @@ def gains(
         level, _ = kernels.warp(thin, row, coefficients, threads=1)
         seen = kernels.visible(thin, row, buffer, OCCLUDER_PX, threads=1)
         weight = np.where(np.isfinite(level) & (seen > 0), alike, 0)
-        level, own = np.nan_to_num(level), np.nan_to_num(core)
+        level, own = known(level), known(core)
         cross, square = (np.asarray(weight * level * x, np.float32) for x in (own, level))
         total = float(square.sum())
         whole = float(cross.sum()) / total if total > 0 else 1.0
@@ -98,7 +99,7 @@ def gains(
 
 def difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
     """(H, W) variance, levels², of the difference between the core's levels and an auxiliary's of the same point."""
-    level = np.nan_to_num(core).astype(np.float32)
+    level = known(core)
     across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)
     variance = cv2.accumulateSquare(down, variance)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels.protocol.rivals import Likenesses
 from beltscape.stereo.evidence import window
+from beltscape.stereo.known import known
 from beltscape.stereo.likeness import Likeness, likeness_evidence
 from beltscape.stereo.surface import Surface
 
@@ -60,9 +61,7 @@ def trusted_evidence(surface: Surface, impression: Array, scale: float) -> Itera
     trust = (1 / (1 + np.exp(-np.clip(impression, -8, 8).astype(np.float32)))) ** 3
     height, width = trust.shape
     u, v = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
-    s, slope_u, slope_v = (
-        np.nan_to_num(plane).astype(np.float32) for plane in (surface.s, surface.slope_u, surface.slope_v)
-    )
+    s, slope_u, slope_v = (known(plane) for plane in (surface.s, surface.slope_u, surface.slope_v))
     slope_u, slope_v = np.clip(slope_u, -_STEEPEST, _STEEPEST), np.clip(slope_v, -_STEEPEST, _STEEPEST)
     # a plane's value at p is that at the origin + slope · p: means of planes are planes
     at_origin = s - slope_u * u - slope_v * v

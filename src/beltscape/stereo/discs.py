@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.stereo.known import known
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface
 
@@ -49,7 +50,7 @@ def continued_discs(surface: Surface, information: Array, prepared: PreparedFram
 
     ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
     """
-    discs = _even_patches(np.nan_to_num(prepared.core).astype(np.float32), scale)
+    discs = _even_patches(known(prepared.core), scale)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
     continued = np.zeros(s.shape, bool)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.stereo.known import known
 from beltscape.stereo.levels import local_variance
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.propagate import Propagated
@@ -35,12 +36,12 @@ def agreement_evidence(
     """
     yield "log sigma", 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
     yield from _views(refined, seen, auxiliaries)
-    cost, margin = np.nan_to_num(chosen.cost, nan=1.0), np.nan_to_num(chosen.margin)
+    cost, margin = known(chosen.cost, 1.0), known(chosen.margin)
     yield "cost", cost
     yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
     yield "margin", margin
     yield "some margin", np.minimum(margin, 0.15)
-    information = cv2.blur(np.nan_to_num(refined.information).astype(np.float32), window(5, scale))
+    information = cv2.blur(known(refined.information), window(5, scale))
     yield "size", np.full_like(cost, np.log(scale))
     yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
@@ -52,13 +53,13 @@ def shape_evidence(chosen: Propagated, refined: Refined, scale: float) -> Iterat
     same shape gives the same evidence at any size.
     """
     surface = refined.surface
-    s = np.nan_to_num(surface.s).astype(np.float32)
+    s = known(surface.s)
     px = np.float32(1 / scale)
     yield "off its neighbours", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFF_PX)
     to_step = px * _to_step(s)
     yield "at a step", np.exp(-to_step)
     yield "near a step", np.exp(-to_step / 4)
-    yield "steepness", np.nan_to_num(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
+    yield "steepness", known(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
     yield from _roughness(s, scale)
     yield from _turning(surface, scale)
     yield "moved", _moved(chosen, s, scale)
@@ -91,7 +92,7 @@ def _turning(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
 
     Each is the logarithm of the slopes' standard deviation in a window.
     """
-    slopes = [np.clip(np.nan_to_num(slope), -3, 3) for slope in (surface.slope_u, surface.slope_v)]
+    slopes = [np.clip(known(slope), -3, 3) for slope in (surface.slope_u, surface.slope_v)]
     for name, window_px in (("turn", 5), ("wide turn", 15)):
         side = window(window_px, scale)
         yield name, 0.5 * np.log(_spread(slopes[0], side) + _spread(slopes[1], side) + np.float32(1e-8))
@@ -99,7 +100,7 @@ def _turning(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
 
 def _moved(chosen: Propagated, s: Array, scale: float) -> Array:
     """(H, W) logarithm of how far the last iterations still moved the surface, px, averaged over a window."""
-    before = np.nan_to_num(chosen.surface.s).astype(np.float32)
+    before = known(chosen.surface.s)
     return np.log(cv2.blur(np.minimum(np.abs(s - before), 2), window(5, scale)) + np.float32(0.002))
 
 
@@ -114,7 +115,7 @@ def _relief(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
 
 def light_evidence(prepared: PreparedFrame, scale: float) -> Iterator[tuple[str, Array]]:
     """Is the projector's light here? A shadow is darker and has less contrast than the dots around it."""
-    core = np.maximum(np.nan_to_num(prepared.core), 0).astype(np.float32)  # splines undershoot
+    core = np.maximum(known(prepared.core), 0)  # splines undershoot
     noise = np.float32(prepared.noise.levels)
     wide = window(_WIDE_PX, scale)
     mean, contrast = cv2.blur(core, wide) + 1, _spread(core, wide) + noise

@@ -14,6 +14,7 @@ from beltscape.stereo.belief import fitted
 from beltscape.stereo.closer import impression_evidence, levels_evidence, trusted_evidence
 from beltscape.stereo.contest import Contested
 from beltscape.stereo.evidence import agreement_evidence, shape_evidence, window
+from beltscape.stereo.known import known
 from beltscape.stereo.levels import texture_over_noise
 from beltscape.stereo.likeness import Likeness
 from beltscape.stereo.matched import Match
@@ -135,11 +136,9 @@ def _thought(match: Match, scale: float, kernels: Kernels, threads: int) -> tupl
 def _told(match: Match, scale: float) -> NDArray[np.bool_]:
     """(H, W) where the images say anything: texture above the noise, or a disc's rim, and not that nothing fits."""
     prepared = match.prepared
-    texture = texture_over_noise(
-        np.nan_to_num(prepared.core), prepared.noise.levels, window(TEXTURE_PX, scale)[0]
-    )
+    texture = texture_over_noise(known(prepared.core), prepared.noise.levels, window(TEXTURE_PX, scale)[0])
     textured = cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE
     contradicted = (match.refined.used == 0) & (
-        cv2.blur(np.nan_to_num(match.chosen.cost, nan=1.0), (7, 7)) > CONTRADICTION
+        cv2.blur(known(match.chosen.cost, 1.0), (7, 7)) > CONTRADICTION
     )
     return np.isfinite(prepared.core) & (textured | match.continued) & ~contradicted

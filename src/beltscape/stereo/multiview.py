@@ -14,6 +14,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
+from beltscape.stereo.approach import Way
 from beltscape.stereo.closer import impression_evidence
 from beltscape.stereo.contest import Contested, contest
 from beltscape.stereo.discs import continued_discs
@@ -21,20 +22,15 @@ from beltscape.stereo.evidence import light_evidence
 from beltscape.stereo.judge import Verdict, first_look, impressed, judge
 from beltscape.stereo.matched import Match
 from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.noise import measured_noise
-from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
-from beltscape.stereo.prior import Prior, moved_nearness
-from beltscape.stereo.propagate import Propagated, propagate
-from beltscape.stereo.refine import Refined, refine
+from beltscape.stereo.prepared import grid_unit, prepare
+from beltscape.stereo.prior import Prior
+from beltscape.stereo.refine import refine
 from beltscape.stereo.side_by_side import both
-from beltscape.stereo.start import Sweeps, first_surface
-from beltscape.stereo.surface import Surface, with_slopes
+from beltscape.stereo.surface import Surface, finer
 from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
 from beltscape.stereo.windows import windows
 
 Number = TypeVar("Number", bound=np.number)
-_FIRST_PX = (2.0, 2.0)
-"""Tolerances of the iterations on the sweep's surface."""
 
 
 class MultiviewReconstructor:
@@ -93,7 +89,8 @@ class MultiviewReconstructor:
     ) -> Match:
         """The surface of one frame before it is judged; told of in steps."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        tell = _Steps(reporter, frame_set.frame, settings.rounds + 4)
+        grids = settings.grids(self.rig.core_camera.size_px[0])
+        tell = _Steps(reporter, frame_set.frame, grids + 3)
         before = self.approach(frame_set, names, tell, prior)
         chosen, refined, prepared = before.chosen, before.refined, before.prepared
         size = windows(prepared.core.shape[1])
@@ -131,49 +128,17 @@ class MultiviewReconstructor:
     ) -> Match:
         """The surface after the rounds of propagation, before doubtful pixels are looked at again."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        step = self._step
-        unit = grid_unit(self.rig, names, step)
-        prepared = prepare(self.rig, frame_set, names, step, kernels, threads)
-        s = self._start(names, prepared, unit, prior)
-        tell()
-        size = windows(prepared.core.shape[1])
-
-        def refined_from(surface: Surface, tolerances: tuple[float, ...]) -> Refined:
-            return refine(surface, prepared, tolerances, size.narrow, size.levels_px, kernels, threads)
-
-        refined = refined_from(with_slopes(s, kernels, threads), _FIRST_PX[:1])
-        prepared = replace(prepared, noise=measured_noise(refined.surface, prepared, kernels, threads))
-        refined = refined_from(refined.surface, _FIRST_PX[1:])
-        tell()
-
-        def another_round(refined: Refined, tolerances: tuple[float, ...]) -> tuple[Propagated, Refined]:
-            chosen = propagate(refined.surface, prepared, settings.offsets_px(size.scale), kernels, threads)
-            tell()
-            return chosen, refined_from(chosen.surface, tolerances)
-
-        for _ in range(settings.rounds - 1):
-            _, refined = another_round(refined, settings.between_px[:1])
+        way = Way(self.rig, names, self.depth_range_mm, settings, prior, kernels, tell)
+        surface, prepared = way.begun(
+            prepare(self.rig, frame_set, names, self._step, kernels, threads), self._step
+        )
+        scale = windows(prepared.core.shape[1]).scale
         (chosen, refined), light = both(
-            lambda: another_round(refined, settings.between_px),
-            lambda: dict(light_evidence(prepared, size.scale)),
+            lambda: way.rounds(surface, prepared),
+            lambda: dict(light_evidence(prepared, scale)),
             threads,
         )
-        return Match(prepared, chosen, refined, light, np.zeros(s.shape, bool), None)
-
-    def _start(
-        self, names: tuple[str, ...], prepared: PreparedFrame, unit: float, prior: Prior | None
-    ) -> NDArray[np.float32]:
-        """(H, W) nearness from the frame before where that fits, from a sweep elsewhere."""
-        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        near, far = self.depth_range_mm
-        moved = None
-        if prior is not None:
-            moved = moved_nearness(prior, self.rig, prepared, unit, self._step, kernels, threads)
-        sweeps = Sweeps(
-            self.rig, names, self._step, settings.shrink(self.rig.core_camera.size_px[0]),
-            settings.plane_step_px, unit,
-        )  # fmt: skip
-        return first_surface(moved, prepared, (1 / (far * unit), 1 / (near * unit)), sweeps, kernels, threads)
+        return Match(prepared, chosen, refined, light, np.zeros(surface.s.shape, bool), None)
 
 
 class _Steps:
@@ -196,7 +161,7 @@ def _depth_map(
     size_px: tuple[int, int],
 ) -> DepthMap:
     """Depth of the believed pixels on the core's full grid."""
-    s = _finer(surface, step)
+    s = finer(surface, step)
     sigma, confidence, views = (
         _repeated(x, step) for x in (verdict.sigma, verdict.confidence, verdict.views)
     )
@@ -218,17 +183,3 @@ _EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.floa
 
 def _repeated(values: NDArray[Number], step: int) -> NDArray[Number]:
     return values if step == 1 else np.repeat(np.repeat(values, step, axis=0), step, axis=1)
-
-
-def _finer(surface: Surface, step: int) -> NDArray[np.float32]:
-    """Every block's plane at the centres of its pixels: no mixing over steps."""
-    if step == 1:
-        return surface.s
-    inside = ((np.arange(step) - (step - 1) / 2) / step).astype(np.float32)
-    planes = (
-        surface.s[:, None, :, None]
-        + surface.slope_u[:, None, :, None] * inside
-        + surface.slope_v[:, None, :, None] * inside[:, None, None]
-    )
-    height, width = surface.s.shape
-    return planes.astype(np.float32).reshape(height * step, width * step)

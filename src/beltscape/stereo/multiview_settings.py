@@ -31,15 +31,14 @@ class MultiviewSettings(BaseModel):
         description="from where candidates come, in eight directions",
     )
     plane_step_px: float = Field(1.0, gt=0, le=2, description="between the sweep's planes, px of its images")
-    rounds: int = Field(2, ge=1, le=8, description="rounds of propagation, each refined")
+    rounds: int = Field(
+        2, ge=1, le=8, description="most rounds of propagation on each grid, coarse to fine, each refined"
+    )
     contests: int = Field(
         1, ge=0, le=4, description="how often doubtful pixels near trusted ones are looked at again"
     )
     between_px: tuple[Tolerance, ...] = Field(
-        (1.0, 0.7),
-        min_length=1,
-        max_length=8,
-        description="tolerances of the iterations after the last round; after others only of the first",
+        (1.0,), min_length=1, max_length=8, description="tolerances of the iterations after each round"
     )
     final_px: tuple[Tolerance, ...] = Field(
         (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
@@ -60,9 +59,20 @@ class MultiviewSettings(BaseModel):
         """`grid_step` for images of this width: small images are not made coarser still."""
         return max(1, min(self.grid_step, width_px // _LEAST_WIDTH_PX))
 
-    def shrink(self, width_px: int) -> int:
-        """How much smaller than the grid the sweep's images are, for images of this width."""
-        return max(1, round(width_px / self.step(width_px) / self.sweep_width_px))
+    def halves(self, grid_px: int) -> bool:
+        """Whether a grid so wide begins with what one half as wide found."""
+        return grid_px // 2 >= _LEAST_WIDTH_PX
+
+    def grids(self, width_px: int) -> int:
+        """On how many grids images of this width are matched."""
+        grid_px, count = width_px // self.step(width_px), 1
+        while self.halves(grid_px):
+            grid_px, count = grid_px // 2, count + 1
+        return count
+
+    def shrink(self, grid_px: int) -> int:
+        """How much smaller than a grid of this width the sweep's images are."""
+        return max(1, round(grid_px / self.sweep_width_px))
 
 
 PRESETS: dict[str, dict[str, object]] = {

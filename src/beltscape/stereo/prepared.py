@@ -70,9 +70,7 @@ def prepare(
     raw = noise_variance(levels[rig.core])
     levels = as_blurred_as(rig.core, {name: reduced(level, step) for name, level in levels.items()})
     core = levels[rig.core]
-    noise = Noise(
-        raw / step**2, _MODEL_VARIANCE, float(np.percentile(local_variance(core)[::4, ::4], _STRONG))
-    )
+    noise = Noise(raw / step**2, _MODEL_VARIANCE, _strongest_texture(core))
     unit = grid_unit(rig, auxiliaries, step)
     own = kernels.spline_coefficients(core, threads=threads)
     nowhere = np.zeros_like(core)
@@ -87,6 +85,26 @@ def prepare(
         views=view_rows(rig, auxiliaries, unit, step),
         noise=noise,
     )
+
+
+def halved(
+    prepared: PreparedFrame, rig: Rig, auxiliaries: tuple[str, ...], step: int, kernels: Kernels, threads: int
+) -> PreparedFrame:
+    """A frame prepared in blocks of ``step``, in blocks of twice that."""
+    core, *images = (reduced(level, 2) for level in (prepared.core, *prepared.images))
+    looked = reduced(np.isfinite(prepared.core).astype(np.float32), 2)
+    twice = 2 * step
+    return PreparedFrame(
+        core=np.where(looked < 1, np.float32(np.nan), core),
+        images=tuple(images),
+        coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in images),
+        views=view_rows(rig, auxiliaries, grid_unit(rig, auxiliaries, twice), twice),
+        noise=Noise(prepared.noise.levels / 4, _MODEL_VARIANCE, _strongest_texture(core)),
+    )
+
+
+def _strongest_texture(core: NDArray[np.float32]) -> float:
+    return float(np.percentile(local_variance(core)[::4, ::4], _STRONG))
 
 
 def grid_unit(rig: Rig, auxiliaries: tuple[str, ...], step: int) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.known import known
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.sight import OCCLUDER_PX
 from beltscape.stereo.surface import Surface, steps
@@ -51,5 +52,5 @@ def propagate(
 
 def near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
     """(H, W) 1 where a depth step is within reach: elsewhere all candidates are the same surface."""
-    step = steps(np.nan_to_num(s), STEP_PX).astype(np.uint8)
+    step = steps(known(s), STEP_PX).astype(np.uint8)
     return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)

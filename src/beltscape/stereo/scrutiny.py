@@ -23,8 +23,8 @@ from beltscape.stereo.surroundings import Surroundings, picked
 
 Array = NDArray[np.floating]
 
-DOUBTFUL = 5.5
-"""A logit up to which a pixel is scrutinised."""
+_LOST, _SURE = -2.0, 5.5
+"""Logits: nobody will believe a lesser one, nor doubt a greater."""
 TRIED_PX = (-1.5, -0.8, -0.4, 0.4, 0.8, 1.5)
 """So much nearer and farther the images are compared, at scale 1."""
 MOST_PX = 2.0
@@ -93,6 +93,11 @@ class Scrutiny:
         }
 
 
+def doubtful(logit: Array, slack: float = 0.0) -> NDArray[np.bool_]:
+    """Who is scrutinised: neither lost nor sure, or by no more than ``slack``."""
+    return (logit >= _LOST - slack) & (logit < _SURE + slack)
+
+
 def scrutinised(thought: Told, scrutiny: Scrutiny, threads: int) -> Told:
     """What is told of all pixels (H, W): of doubtful ones anew."""
     found = Told(*(plane.copy() for plane in thought))
@@ -101,6 +106,6 @@ def scrutinised(thought: Told, scrutiny: Scrutiny, threads: int) -> Told:
         for plane, values in zip(found, scrutiny.told(at, thought.logit[at]), strict=True):
             plane[at] = values
 
-    doubtful = (thought.logit < DOUBTFUL) & np.isfinite(thought.s)
-    side_by_side([partial(settle, at) for at in places(doubtful, _PIXELS)], threads)
+    asked = doubtful(thought.logit) & np.isfinite(thought.s)
+    side_by_side([partial(settle, at) for at in places(asked, _PIXELS)], threads)
     return found

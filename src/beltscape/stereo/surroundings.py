@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.known import known
 from beltscape.stereo.places import Place
 
 Array = NDArray[np.floating]
@@ -45,7 +46,7 @@ class Surroundings:
     @classmethod
     def of(cls, s: Array, impression: Array, core: Array, scale: float, kernels: Kernels) -> Surroundings:
         """Of a surface s, what is thought of it, and the core's levels (H, W), NaN where it sees nothing."""
-        level = np.maximum(np.nan_to_num(core), 0).astype(np.float32)
+        level = np.maximum(known(core), 0)
         return cls(s, impression, np.log(level + np.float32(_DARK)), scale, kernels)
 
     def about(self, at: Place) -> dict[str, Array]:
@@ -57,7 +58,7 @@ class Surroundings:
         """How far each neighbour lies before the plane with which a pixel continues, px at scale 1: (N,) by name."""
         (near,) = self._around([self.s], at)
         du, dv = self._offsets.T[..., None].astype(np.float32)
-        off = np.nan_to_num(near - (s + slope_u * du + slope_v * dv)) * np.float32(1 / self.scale)
+        off = known(near - (s + slope_u * du + slope_v * dv)) * np.float32(1 / self.scale)
         return _named("relief", np.clip(off, -_MOST_OFF_PX, _MOST_OFF_PX))
 
     @property

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.kernels import load
-from beltscape.stereo.surface import with_slopes
+from beltscape.stereo.surface import Surface, finer, with_slopes
+from strategies import seeds
 
 slopes = st.floats(-0.25, 0.25)
 V, U = np.indices((30, 40)).astype(np.float32)
@@ -38,3 +39,16 @@ def test_a_hole_has_no_slopes_and_spoils_none():
     assert np.array_equal(np.isnan(surface.slope_u), hole)
     np.testing.assert_allclose(surface.slope_u[~hole], 0.15, atol=0.02)
     np.testing.assert_allclose(surface.slope_v[~hole], 0, atol=0.02)
+
+
+@given(seeds, st.integers(1, 5), st.integers(1, 6), st.integers(1, 6))
+def test_finer_blocks_are_planes_whose_mean_is_theirs(seed, step, height, width):
+    rng = np.random.default_rng(seed)
+    surface = Surface(*rng.normal(0, 1, (3, height, width)).astype(np.float32))
+    fine = finer(surface, step)
+    assert fine.shape == (step * height, step * width)
+    blocks = fine.reshape(height, step, width, step)
+    np.testing.assert_allclose(blocks.mean(axis=(1, 3)), surface.s, atol=1e-5)
+    if step > 1:
+        rise = np.broadcast_to(surface.slope_u[:, None, :, None] / step, blocks[..., 1:].shape)
+        np.testing.assert_allclose(np.diff(blocks, axis=3), rise, atol=1e-5)

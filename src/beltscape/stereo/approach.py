@@ -47,13 +47,8 @@ class Way:
 
         With the frame prepared for it, whose noise this surface's residuals tell.
         """
-        surface = self._swept(prepared, step)
-        if surface is None:
-            coarser, small = self.begun(
-                halved(prepared, self.rig, self.auxiliaries, step, self.kernels, self.settings.threads),
-                2 * step,
-            )
-            surface = _enlarged(self.rounds(coarser, small)[1].surface, prepared.core.shape)
+        coarser = self.settings.halves(prepared.core.shape[1])
+        surface = self._from_half(prepared, step) if coarser else self._swept(prepared, step)
         noise = measured_noise(surface, prepared, self.kernels, self.settings.threads)
         return surface, replace(prepared, noise=noise)
 
@@ -71,11 +66,15 @@ class Way:
         self.tell()
         return chosen, refined
 
-    def _swept(self, prepared: PreparedFrame, step: int) -> Surface | None:
-        """The refined surface of a sweep, or of the frame before; None where there is a coarser grid to begin on."""
+    def _from_half(self, prepared: PreparedFrame, step: int) -> Surface:
+        """That of the grid half as fine, every block a plane."""
+        half = halved(prepared, self.rig, self.auxiliaries, step, self.kernels, self.settings.threads)
+        _, refined = self.rounds(*self.begun(half, 2 * step))
+        return _enlarged(refined.surface, prepared.core.shape)
+
+    def _swept(self, prepared: PreparedFrame, step: int) -> Surface:
+        """The refined surface of a sweep, or of the frame before where that fits."""
         settings, kernels, threads = self.settings, self.kernels, self.settings.threads
-        if settings.halves(prepared.core.shape[1]):
-            return None
         unit = grid_unit(self.rig, self.auxiliaries, step)
         near, far = self.depth_range_mm
         moved = None

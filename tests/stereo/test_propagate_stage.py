@@ -96,3 +96,14 @@ def test_offsets_go_in_eight_directions():
     assert not found.sum(axis=0).any()
     lengths = np.linalg.norm(found.reshape(3, 8, 2), axis=-1)
     np.testing.assert_allclose(lengths, np.repeat([[1], [3], [8]], 8, axis=1), atol=0.5)
+
+
+@pytest.mark.parametrize("distances", [(3,), (3, 10), (2, 5, 12)])
+def test_two_turns_go_in_all_directions_each_once(distances):
+    first, second = (offsets(distances, turn) for turn in (0, 1))
+    assert len(first) == len(second) == 4 * len(distances)
+    np.testing.assert_array_equal(
+        np.unique(np.concatenate([first, second]), axis=0), np.unique(offsets(distances), axis=0)
+    )
+    np.testing.assert_array_equal(offsets(distances, 2), first)
+    assert not first.sum(axis=0).any()

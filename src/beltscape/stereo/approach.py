@@ -56,15 +56,16 @@ class Way:
         """Rounds of propagation, each refined, until hardly anything changes: the last one."""
         settings, kernels, threads = self.settings, self.kernels, self.settings.threads
         size = windows(prepared.core.shape[1])
-        offsets = settings.offsets_px(size.scale)
-        for left in reversed(range(settings.rounds)):
-            chosen = propagate(surface, prepared, offsets, kernels, threads)
+        distances = settings.offsets_px(size.scale)
+        for turn in range(settings.rounds):
+            alternating = turn if settings.rounds > 1 else None
+            chosen = propagate(surface, prepared, distances, kernels, threads, alternating)
             refined = self._refined(chosen.surface, prepared, settings.between_px)
-            if not left or _changed(surface, chosen.surface) < _SETTLED:
-                break
+            if turn + 1 == settings.rounds or _changed(surface, chosen.surface) < _SETTLED:
+                self.tell()
+                return chosen, refined
             surface = refined.surface
-        self.tell()
-        return chosen, refined
+        raise ValueError("propagation needs at least one round")
 
     def _from_half(self, prepared: PreparedFrame, step: int) -> Surface:
         """That of the grid half as fine, every block a plane."""

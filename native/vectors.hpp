@@ -1,6 +1,6 @@
 // The lanes of the CPU: GCC vectors as wide as the level's registers, with the operations of lanes.hpp (which
-// includes this file; include that one). No intrinsics: GCC 12 makes one or two instructions of each but
-// `gather`, where the loop is within 20 % of vgatherdps, and `any`.
+// includes this file; include that one). No intrinsics but in `fused`, whose loop GCC 12 takes apart: it
+// makes one or two instructions of each but `gather`, where the loop is within 20 % of vgatherdps, and `any`.
 #pragma once
 
 #if defined(__FMA__)

@@ -185,9 +185,9 @@ private:
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const float* const grey = grey_.data() + x;
                 const Floats a = load<Floats>(grey), b = load<Floats>(grey + 1), c = load<Floats>(grey + 2);
-                store(sum + x, a + b + c), store(squares + x, fused(c, c, fused(b, b, a * a)));
-                store(products + x, fused(c, load<Floats>(core + x + 2),
-                                          fused(b, load<Floats>(core + x + 1), a * load<Floats>(core + x))));
+                store(sum + x, a + b + c), store(squares + x, three_products(a, b, c, a, b, c));
+                store(products + x, three_products(a, b, c, load<Floats>(core + x),
+                                                   load<Floats>(core + x + 1), load<Floats>(core + x + 2)));
             }
         }
     }

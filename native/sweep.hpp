@@ -60,6 +60,12 @@ BELTSCAPE_INLINE F bilinear(const Image& image, const int* index, F u, F v) {
     return fused(v, below - above, above);
 }
 
+// Three neighbours' part of a window's sum of products.
+template <class F>
+BELTSCAPE_INLINE F three_products(F a, F b, F c, F i, F j, F k) {
+    return fused(c, k, fused(b, j, a * i));
+}
+
 // Sums over a window of J, J^2 and I J.
 template <class F>
 struct WindowSums {

@@ -113,10 +113,9 @@ private:
             const Floats a = load<Floats>(aux.above + x), b = load<Floats>(aux.here + x),
                          c = load<Floats>(aux.below + x);
             store(sums_[0] + x, a + b + c);
-            store(sums_[1] + x, fused(c, c, fused(b, b, a * a)));
-            store(sums_[2] + x,
-                  fused(c, load<Floats>(core.below + x),
-                        fused(b, load<Floats>(core.here + x), a * load<Floats>(core.above + x))));
+            store(sums_[1] + x, three_products(a, b, c, a, b, c));
+            store(sums_[2] + x, three_products(a, b, c, load<Floats>(core.above + x),
+                                               load<Floats>(core.here + x), load<Floats>(core.below + x)));
         }
         for (int i = 0; i < 3; ++i) {
             float* const row = sums_[i];

@@ -13,6 +13,7 @@ import numpy as np
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
+from beltscape.stereo.coarse import enlarged
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.noise import measured_noise
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, halved
@@ -101,9 +102,8 @@ def _changed(before: Surface, after: Surface) -> float:
 
 def _enlarged(surface: Surface, shape: tuple[int, ...]) -> Surface:
     """On a grid twice as fine, whose last row or column no block may hold; s counts that grid's pixels."""
-    fields = (
-        2 * finer(surface, 2),
-        *(np.repeat(np.repeat(x, 2, 0), 2, 1) for x in (surface.slope_u, surface.slope_v)),
+    return Surface(
+        enlarged(2 * finer(surface, 2), 1, shape),
+        enlarged(surface.slope_u, 2, shape),
+        enlarged(surface.slope_v, 2, shape),
     )
-    missing = [(0, whole - have) for whole, have in zip(shape, fields[0].shape, strict=True)]
-    return Surface(*(np.ascontiguousarray(np.pad(x, missing, mode="edge"), np.float32) for x in fields))

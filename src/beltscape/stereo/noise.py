@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.known import known
 from beltscape.stereo.levels import local_moments
 from beltscape.stereo.prepared import Noise, PreparedFrame, cut_view
 from beltscape.stereo.surface import Surface
@@ -45,7 +46,7 @@ def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, th
     """Per view, squared residual over its expected variance where the texture of a band is above its median."""
     rows = slice(first, first + _ROWS)
     noise = prepared.noise
-    core = np.nan_to_num(prepared.core[rows])
+    core = known(prepared.core[rows])
     own, own_variance = _normalised(core, noise.floor)
     textured = np.isfinite(prepared.core[rows]) & (own_variance >= np.median(own_variance))
     band = np.ascontiguousarray(s[rows])

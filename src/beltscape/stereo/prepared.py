@@ -12,6 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.focus import as_blurred_as
+from beltscape.stereo.known import known
 from beltscape.stereo.levels import grey_levels, local_variance, noise_variance
 from beltscape.stereo.nearness import nearness_unit, view_row
 
@@ -135,7 +136,7 @@ def thinned_view(view: NDArray[np.float32], every: int) -> NDArray[np.float32]:
 def reduced(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     """Levels averaged in whole blocks of ``step``; what did not look is black."""
     height, width = level.shape[0] // step, level.shape[1] // step
-    cut = np.nan_to_num(level[: height * step, : width * step])
+    cut = known(level[: height * step, : width * step])
     if step == 1:
         return cut
     return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)

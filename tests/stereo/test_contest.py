@@ -19,7 +19,7 @@ FAR_OFF_PX = 12.0
 
 def beside_steps(made: Scene) -> np.ndarray:
     """(H, W) pixels whose surface is anybody's guess."""
-    return steps(made.s, 2.5) & inner(made.s.shape, 6)
+    return steps(made.s) & inner(made.s.shape, 6)
 
 
 def confused(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:

@@ -9,9 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt import BeltProfile
-from beltscape.core.belt_model import Belt
-from beltscape.core.camera import Camera
-from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.surface import Grid
 
@@ -54,15 +51,6 @@ class Box:
             _joined("across", self.across_mm, across_mm or self.across_mm),
             _joined("along", self.along_mm, along_mm or self.along_mm),
         )
-
-
-def seen_box(depth: DepthMap, camera: Camera, belt: Belt) -> Box:
-    """Bounding box of what a depth map shows of the belt."""
-    points = belt.belt_from_core.apply(depth.points_mm(camera)[::4, ::4]).reshape(-1, 3)
-    on = (points[:, 0] >= belt.across_mm[0]) & (points[:, 0] <= belt.across_mm[1])
-    # gross errors reach anywhere; a thousandth of the points on either side does not count
-    low, high = np.quantile(points[on, 1], [0.001, 0.999])
-    return Box(belt.across_mm, (float(low), float(high)))
 
 
 def chosen_box(

@@ -17,8 +17,6 @@ from beltscape.stereo.surface import Surface, steps
 
 Array = NDArray[np.floating]
 
-STEP_PX = 2.5
-"""A range of s within 5 × 5 pixels from which on it is a depth step."""
 _WIDE_PX = 31
 """Side of the window with whose light a pixel's own is compared: several dots wide."""
 _MOST_PX = 30.0
@@ -140,7 +138,7 @@ def window(window_px: int, scale: float) -> tuple[int, int]:
 
 def _to_step(s: Array) -> Array:
     """(H, W) distance to the nearest depth step of the surface itself, px."""
-    step = steps(s, STEP_PX)
+    step = steps(s)
     distance = cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5)
     return np.minimum(
         np.asarray(distance, np.float32), 1e4

@@ -110,7 +110,7 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     the first look is the last.
     """
     (told, seen), textured = both(
-        lambda: _thought(match, scale, kernels, threads), lambda: _told(match, scale), threads
+        lambda: _thought(match, scale, kernels, threads), lambda: _said(match, scale), threads
     )
     confidence = 1 / (1 + np.exp(-told.logit))
     trusted = np.isfinite(told.s) & (seen > 0) & textured
@@ -133,7 +133,7 @@ def _thought(match: Match, scale: float, kernels: Kernels, threads: int) -> tupl
     return scrutinised(thought, scrutiny, threads), found.seen
 
 
-def _told(match: Match, scale: float) -> NDArray[np.bool_]:
+def _said(match: Match, scale: float) -> NDArray[np.bool_]:
     """(H, W) where the images say anything: texture above the noise, or a disc's rim, and not that nothing fits."""
     prepared = match.prepared
     texture = texture_over_noise(known(prepared.core), prepared.noise.levels, window(TEXTURE_PX, scale)[0])

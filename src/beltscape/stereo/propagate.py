@@ -15,8 +15,6 @@ from beltscape.stereo.sight import OCCLUDER_PX
 from beltscape.stereo.surface import Surface, steps
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
-_STEP_PX = 2.5
-"""A range of s within 5 × 5 pixels from which on it may be a step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,5 +66,5 @@ def propagate(
 
 def near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
     """(H, W) 1 where a depth step is within reach: elsewhere all candidates are the same surface."""
-    step = steps(known(s), _STEP_PX).astype(np.uint8)
+    step = steps(known(s)).astype(np.uint8)
     return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)

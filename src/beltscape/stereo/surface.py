@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 
+STEP_PX = 2.5
+"""A range of s within 5 × 5 pixels from which on it may be a depth step."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
@@ -31,10 +34,10 @@ class Surface:
         )
 
 
-def steps(s: NDArray[np.floating], least_px: float) -> NDArray[np.bool_]:
-    """(H, W) where finite s ranges by more than ``least_px`` within 5 × 5 pixels."""
+def steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(H, W) where finite s makes a depth step: it ranges by more than `STEP_PX` within 5 × 5 pixels."""
     window = np.ones((5, 5), np.uint8)
-    return cv2.dilate(s, window) - cv2.erode(s, window) > least_px
+    return cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
 
 
 def finer(surface: Surface, step: int) -> NDArray[np.float32]:

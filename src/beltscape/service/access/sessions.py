@@ -79,11 +79,6 @@ class Sessions:
         """Log out; at once even where that cannot be written."""
         self._end(kept_as(token))
 
-    def close_all(self, name: str) -> None:
-        """End all sessions of a user."""
-        with self._database.change() as change:
-            change.execute("DELETE FROM sessions WHERE name = ?", (name,))
-
     def _unkept_user(self, key: str, now: int) -> User | None:
         user, since_s = self._unkept.get(key, (None, 0))
         if user is None or not 0 <= now - since_s < UNKEPT_S:

@@ -14,6 +14,7 @@ from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.brightness import difference_variance
+from beltscape.stereo.messages import addresses, near, rounds
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.propagate import OCCLUDER_PX, offsets
@@ -33,8 +34,8 @@ cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH wi
 matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
 scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, top_view and window_minima have
 but one thread. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels. Rivals and
-likenesses (of all 9 rivals) are for a fifth of the pixels, as are neighbours (24 and the pixel itself, of 2 planes);
-perceptron: 52 planes, 64 units, 2 answers.
+likenesses (of all 9 rivals) are for a fifth of the pixels, as are neighbours (24 and the pixel itself, of 2 planes)
+and hear (a round of scrutiny's messages); perceptron: 52 planes, 64 units, 2 answers.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -146,6 +147,7 @@ def _calls(case: Case) -> dict[str, Call]:
     light |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
     belief, around_one = fitted("belief"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
     evidence = [s] * len(belief.names)
+    hear, (said, heard, kept) = rounds()[0], _messages(~trusted)
     depth = np.median(s) / s
     holed, place, turn = _holed(depth)
     return {
@@ -172,6 +174,7 @@ def _calls(case: Case) -> dict[str, Call]:
             *doubtful, *rivals[:3], **light, tolerance=OCCLUDER_PX, threads=n
         ),
         "neighbours": lambda k, n: k.neighbours([s, p.core], *doubtful, around_one, threads=n),
+        "hear": lambda k, n: k.hear(said, heard, kept, hear.layers, threads=n),
         "perceptron": lambda k, n: k.perceptron(evidence, belief.limits, belief.layers, threads=n),
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
         "top_view": lambda k, n: k.top_view(
@@ -193,6 +196,15 @@ def _doubtful(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]
     doubtful = noise > np.quantile(noise, 0.8)
     rows, columns = np.nonzero(doubtful)
     return (columns, rows), ~doubtful
+
+
+def _messages(asked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What pixels and others say, whom each of those hears, and what it keeps."""
+    words, count = rounds()[0].others.shape[1], np.count_nonzero(asked)
+    state = np.random.default_rng(4).normal(size=(len(fitted("scrutiny").layers[-1]), count))
+    said = np.hstack([rounds()[0].others.T, state[:words]])
+    heard = near(addresses(asked, ~asked), asked, 1)
+    return said.astype(np.float32), heard, state[words:].astype(np.float32)
 
 
 def _holed(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:

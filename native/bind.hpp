@@ -10,6 +10,7 @@ namespace beltscape {
 namespace nb = nanobind;
 
 void bind_coarse(nb::module_& m);
+void bind_hear(nb::module_& m);
 void bind_neighbours(nb::module_& m);
 void bind_occlusion(nb::module_& m);
 void bind_perceptron(nb::module_& m);

@@ -1,10 +1,5 @@
 // Binds perceptron.hpp.
-#include <nanobind/stl/vector.h>
-
-#include <vector>
-
-#include "bind_grid.hpp"
-#include "perceptron.hpp"
+#include "bind_network.hpp"
 
 namespace beltscape {
 namespace {
@@ -14,8 +9,7 @@ constexpr int kRowsPerJob = 16;
 void perceptron(const std::vector<Grid>& planes, Grid limits, const std::vector<Grid>& layers,
                 const std::vector<GridOut>& out, std::size_t threads) {
     const int height = height_of(planes[0]), width = width_of(planes[0]);
-    std::vector<Layer> weighed;
-    for (const Grid& layer : layers) weighed.push_back({layer.data(), width_of(layer) - 1, height_of(layer)});
+    const std::vector<Layer> weighed = layers_of(layers);
     const Network net = {limits.data(), limits.data() + width_of(limits), weighed.data(),
                          static_cast<int>(weighed.size())};
     std::vector<const float*> from;

@@ -3,6 +3,7 @@
 // its include and one kernel here.
 #include "agreement.hpp"
 #include "candidates.hpp"
+#include "hear.hpp"
 #include "lanes.hpp"
 #include "likeness.hpp"
 #include "local_fit.hpp"
@@ -137,6 +138,10 @@ __global__ void check_perceptron(Network net, const float* const* planes, float*
 }
 
 // A thread takes a pixel.
+__global__ void check_hear(Network net, Messages messages, float* const* out) {
+    hear<float>(net, messages, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+}
+
 __global__ void check_neighbours(const float* plane, int width, int height, const float* u, const float* v,
                                  const Offset* offsets, float* out) {
     const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;

@@ -132,7 +132,7 @@ template <class F, class T>
 BELTSCAPE_INLINE F load_first(const T* from, int count) {
     if (count >= Lane<F>::count) return load<F>(from);
     F lanes{};
-    for (int i = 0; i < count; ++i) Lane<F>::set(lanes, i, static_cast<float>(from[i]));
+    for (int i = 0; i < count; ++i) Lane<F>::set(lanes, i, from[i]);
     return lanes;
 }
 

@@ -19,6 +19,7 @@ const char* cpu_level() {
 NB_MODULE(BELTSCAPE_MODULE, m) {
     m.def("cpu_level", &cpu_level);
     beltscape::bind_coarse(m);
+    beltscape::bind_hear(m);
     beltscape::bind_neighbours(m);
     beltscape::bind_occlusion(m);
     beltscape::bind_perceptron(m);

@@ -41,6 +41,16 @@ BELTSCAPE_INLINE void weigh(const Layer& layer, const F* in, F* out) {
     for (; k < layer.units; ++k) weigh_units<1>(layer, in, k, out);
 }
 
+// Of all layers, whose last one's units are put; `in` is used up.
+template <class F>
+BELTSCAPE_INLINE void answer(const Network& net, F* in, F* put) {
+    for (int l = 0; l < net.layer_count - 1; ++l) {
+        weigh(net.layers[l], in, put);
+        for (int k = 0; k < net.layers[l].units; ++k) in[k] = greater(put[k], F{});
+    }
+    weigh(net.layers[net.layer_count - 1], in, put);
+}
+
 inline constexpr int kTogether = 8;  // vectors of a plane that are read in one go
 
 // Pixels `at` ... `at + count - 1` of all planes; sums run in the order of inputs.
@@ -55,14 +65,9 @@ BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* pla
             for (int x = from, i = 0; x < end; x += lanes, ++i)
                 read[i][p] = clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
         for (int x = from, i = 0; x < end; x += lanes, ++i) {
-            F* const in = read[i];
-            for (int l = 0; l < net.layer_count - 1; ++l) {
-                weigh(net.layers[l], in, put);
-                for (int k = 0; k < net.layers[l].units; ++k) in[k] = greater(put[k], F{});
-            }
-            const Layer& last = net.layers[net.layer_count - 1];
-            weigh(last, in, put);
-            for (int a = 0; a < last.units; ++a) store_first(out[a] + at + x, put[a], count - x);
+            answer(net, read[i], put);
+            for (int a = 0; a < net.layers[net.layer_count - 1].units; ++a)
+                store_first(out[a] + at + x, put[a], count - x);
         }
     }
 }

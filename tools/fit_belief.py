@@ -1,13 +1,13 @@
 """Fit what is believed of surfaces to simulated captures with truth.
 
-    python tools/fit_belief.py impression|rivals|duel|belief|scrutiny|glance CAPTURE…
+    python tools/fit_belief.py impression|rivals|duel|belief|glance CAPTURE…
 
 Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with
 and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
 than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
 matched as it is and as a plant might spoil it (tools/lessons.py); one named twice counts twice, spoiled in other
-ways. The first five rest on each other in this order, ``glance`` is for the preset ``fast``; each is written to a
-file of its name in data/. Judge the result on captures that are not among them.
+ways. The first four rest on each other in this order, and fit_scrutiny.py on them; ``glance`` is for the preset
+``fast``. Each is written to a file of its name in data/. Judge the result on captures that are not among them.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from scipy.linalg import block_diag
 
 import beltscape
 from adam import Schedule, Slopes, fitted
+from lessons import ROUGHEST
 from samples import Sample, contests, pixels
 
 GROSS_MM = 4.0
@@ -37,16 +38,10 @@ BELIEVED = 0.75
 """Sigma is fitted to pixels of at least this confidence ..."""
 MOST_MM = 5.0
 """... and no greater error: what is false is confidence's to tell."""
-ROUGHEST = 0.005
-"""Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 MAD = 1.4826
 """Sigma over the median error, of a normal distribution."""
 ROUND = 0.1
 """About its corner the absolute error's logarithm is bent as a parabola."""
-MOVES, SIZES = 3.0, 0.2
-"""What where a pixel belongs and its sigma count for, beside whether it is right."""
-NEAREST_PX, FARTHEST_PX = 0.05, 1.0
-"""About its corner the absolute deviation of what is moved is bent too; who lies farther off is lost, at scale 1."""
 
 
 class Plan(NamedTuple):
@@ -64,7 +59,6 @@ PLANS = {
     "rivals": Plan((32,)),
     "duel": Plan((64, 32), epochs=32, batch=4096),
     "belief": Plan((32,)),
-    "scrutiny": Plan((128, 64), epochs=24, unseen=6.0),
     "glance": Plan((64,)),
     "sigma": Plan((32,)),
 }
@@ -201,34 +195,6 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     write(what, names, limits, [np.concatenate(hidden), output])
 
 
-def fit_scrutiny(found: list[Sample]) -> None:
-    """Of doubtful pixels: the logit of being right once moved, the logarithm of sigma then, and how far to move."""
-    plan, names = PLANS["scrutiny"], found[0].names
-    x = np.concatenate([sample.evidence for sample in found])
-    off = np.concatenate([s.ds_px / s.scale for s in found])
-    unseen = np.concatenate([s.unseen for s in found])
-    seen = np.isfinite(np.concatenate([s.dz_mm for s in found])) & ~unseen
-    mm_per_px = np.concatenate([s.mm_per_px * s.scale for s in found])
-    even = np.concatenate([np.full(len(s.dz_mm), s.roughness <= ROUGHEST) for s in found])
-    weight = np.where(unseen, plan.unseen, 1)
-
-    def slopes(out: np.ndarray, at: np.ndarray) -> np.ndarray:
-        left = off[at] + out[:, 2]
-        right = seen[at] & (np.abs(left) * mm_per_px[at] <= GROSS_MM)
-        belief = 1 / (1 + np.exp(-out[:, 0]))
-        log_size = np.log(MAD * np.maximum(np.abs(left), 1e-4))
-        known = even[at] & seen[at] & (np.abs(left) * mm_per_px[at] <= MOST_MM) & (belief > BELIEVED)
-        back = np.stack([
-            weight[at] * (belief - right),
-            SIZES * known * np.clip((out[:, 1] - log_size) / ROUND, -1, 1),
-            MOVES * seen[at] * (np.abs(left) < FARTHEST_PX) * np.clip(left / NEAREST_PX, -1, 1),
-        ], -1)  # fmt: skip
-        return (back / len(at)).astype(np.float32)
-
-    limits = limits_of(x)
-    write("scrutiny", names, limits, fit(x, limits, slopes, 3, plan))
-
-
 def write(what: str, names: tuple[str, ...], limits: np.ndarray, layers: Layers) -> None:
     """A file of data/, a row a line."""
     parts = {
@@ -236,8 +202,12 @@ def write(what: str, names: tuple[str, ...], limits: np.ndarray, layers: Layers)
         "limits": numbers(limits),
         "layers": f"[{', '.join(map(numbers, layers))}]",
     }
-    path = Path(beltscape.__file__).parent / "data" / f"{what}.json"
-    path.write_text("{" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "}\n", "utf-8")
+    write_text(what, "{" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "}\n")
+
+
+def write_text(what: str, text: str) -> None:
+    """A file of data/."""
+    (Path(beltscape.__file__).parent / "data" / f"{what}.json").write_text(text, "utf-8")
 
 
 def numbers(rows: np.ndarray) -> str:
@@ -255,8 +225,6 @@ def main() -> None:
     what, folders = sys.argv[1], [Path(folder) for folder in sys.argv[2:]]
     if what in ("rivals", "duel"):
         {"rivals": fit_rivals, "duel": fit_duel}[what](folders)
-    elif what == "scrutiny":
-        fit_scrutiny(list(pixels(folders, what)))
     else:
         fit_pixels(list(pixels(folders, what)), what)
 

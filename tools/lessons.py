@@ -18,6 +18,8 @@ from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.stereo.search import find_depth_range
 
+ROUGHEST = 0.005
+"""Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 Images = dict[str, np.ndarray]
 ON_FAILURE_MM = (560.0, 800.0)
 """Depth range of captures that show nothing, which are to be learnt from as well."""

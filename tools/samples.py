@@ -13,7 +13,6 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
 from beltscape.kernels.protocol.rivals import Rivals
-from beltscape.stereo.belief import fitted
 from beltscape.stereo.contest import DOUBTFUL, Arena
 from beltscape.stereo.judge import closer_look, first_look, impressed
 from beltscape.stereo.matched import Match
@@ -21,7 +20,6 @@ from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.places import Place
 from beltscape.stereo.prepared import grid_unit
-from beltscape.stereo.scrutiny import doubtful
 from beltscape.stereo.windows import windows
 from lessons import Lesson, lessons
 
@@ -63,7 +61,7 @@ class Truth:
 
 
 def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
-    """Samples of what the finished surfaces' pixels show: by a first look, by a closer one, or by scrutiny."""
+    """Samples of what the finished surfaces' pixels show: by a first look, or by a closer one."""
     for turn, folder in enumerate(folders):
         for lesson in lessons(folder, turn):
             settings = MultiviewSettings.preset("fast" if what == "glance" else lesson.preset)
@@ -75,15 +73,15 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
                 if what == "impression"
                 else matcher.match(lesson.frame, lesson.names, Silent())
             )
-            yield _sample(match, lesson, settings, what)
+            yield _sample(match, lesson, settings)
         print(folder, file=sys.stderr, flush=True)
 
 
-def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings, what: str) -> Sample:
+def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings) -> Sample:
     step = settings.step(lesson.rig.core_camera.size_px[0])
     truth, surface = true(lesson, step), match.refined.surface
     scale = windows(match.prepared.core.shape[1]).scale
-    at, evidence = _shown(match, truth, scale, what)
+    at, evidence = _shown(match, truth, scale)
     # of the pixel whose truth is taken, off its block's centre
     aside = (step // 2 - (step - 1) / 2) / step
     s = (surface.s[at] + aside * (surface.slope_u[at] + surface.slope_v[at])).astype(float)
@@ -102,20 +100,15 @@ def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings, what: str
     )
 
 
-def _shown(match: Match, truth: Truth, scale: float, what: str) -> tuple[Place, dict[str, np.ndarray]]:
+def _shown(match: Match, truth: Truth, scale: float) -> tuple[Place, dict[str, np.ndarray]]:
     """Some pixels, and the evidence of them by name."""
-    kernels, scrutiny = load(), None
+    kernels = load()
     if match.contested is None:
         found = first_look(match, scale, kernels, 0)
     else:
-        found, scrutiny = closer_look(match, match.contested, scale, kernels, 0)
-    asked = np.isfinite(match.refined.surface.s) & (found.seen > 0)
-    if what != "scrutiny" or scrutiny is None:
-        at = _some(truth, asked)
-        return at, {name: plane[at] for name, plane in found.planes.items()}
-    logit, _ = fitted("belief").answers(found.planes, kernels, 0)
-    at = _some(truth, asked & doubtful(logit, slack=1.0))
-    return at, scrutiny.look(at, logit[at])
+        found, _ = closer_look(match, match.contested, scale, kernels, 0)
+    at = _some(truth, np.isfinite(match.refined.surface.s) & (found.seen > 0))
+    return at, {name: plane[at] for name, plane in found.planes.items()}
 
 
 def _some(truth: Truth, asked: np.ndarray) -> Place:

@@ -94,7 +94,7 @@ def test_every_weight_is_of_some_evidence(again):
 
 @pytest.mark.parametrize(
     ("name", "answers"),
-    [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 3), ("duel", 2)],
+    [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 48), ("duel", 2)],
 )
 def test_the_weights_that_ship_fit_each_other(name, answers):
     belief = fitted(name)

@@ -28,17 +28,25 @@ def perceptron_input(
     layers: Sequence[NDArray[np.floating]],
 ) -> Checked:
     """The arrays as the kernels take them, or KernelError."""
-    _demand_few("planes", len(planes))
-    if not layers:
-        raise KernelError("layers must be at least one")
+    weights = network_layers(layers, "planes", len(planes))
     first = float32("planes[0]", planes[0], ("H", "W"))
     checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
-    weights, inputs = [], len(planes)
+    return Checked(checked, float32("limits", limits, (2, len(planes))), weights)
+
+
+def network_layers(
+    layers: Sequence[NDArray[np.floating]], what: str, inputs: int
+) -> list[NDArray[np.float32]]:
+    """A network's layers that fit each other and so many inputs, named for the error, or KernelError."""
+    _demand_few(what, inputs)
+    if not layers:
+        raise KernelError("layers must be at least one")
+    weights = []
     for i, layer in enumerate(layers):
         weights.append(float32(f"layers[{i}]", layer, ("k", inputs + 1)))
         inputs = len(weights[-1])
         _demand_few(f"units of layers[{i}]", inputs)
-    return Checked(checked, float32("limits", limits, (2, len(planes))), weights)
+    return weights
 
 
 def _demand_few(what: str, number: int) -> None:

@@ -38,11 +38,11 @@ class Belief:
 
 @cache
 def fitted(name: str) -> Belief:
-    """Weights that ship: what tools/fit_belief.py made of simulated frames with known truth.
+    """Weights that ship: what tools/fit_belief.py and fit_scrutiny.py made of simulated frames with known truth.
 
     ``glance`` and ``belief`` answer with the logit of the confidence and the logarithm of sigma in px of s,
-    ``impression`` with the first alone, ``scrutiny`` with both and by how many px of scale 1 to move; ``rivals``
-    with the logit of a rival's being right, ``duel`` with those of two.
+    ``impression`` with the first alone; ``rivals`` with the logit of a rival's being right, ``duel`` with those of
+    two, ``scrutiny`` with a state (`beltscape.stereo.messages`).
     """
     kept = json.loads((files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8"))
     return Belief(tuple(kept["names"]), _array(kept["limits"]), tuple(map(_array, kept["layers"])))

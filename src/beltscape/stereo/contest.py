@@ -30,6 +30,8 @@ Array = NDArray[np.floating]
 
 REACH_PX = 8
 """From where rivals come, at scale 1."""
+AROUND_PX = 2
+"""So far about a pixel finalists are looked at, at scale 1."""
 SAME_PX = 1.0
 """Rivals so close in s say the same, at scale 1."""
 TRUSTED, HIDING, DOUBTFUL = 1.0, 0.0, 1.5
@@ -108,7 +110,7 @@ class Arena:
         buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
         light = brightness(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
         trusted = (planes["impression"] >= TRUSTED).astype(np.uint8)
-        around = Surroundings.of(surface.s, planes["impression"], prepared.core, scale, kernels)
+        around = Surroundings.of(surface.s, planes["impression"], prepared.core, AROUND_PX, scale, kernels)
         likeness = Likeness(prepared, light, buffers, kernels)
         return cls(surface, planes, trusted, likeness, around, scale)
 

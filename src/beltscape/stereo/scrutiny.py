@@ -1,7 +1,8 @@
 """Doubtful pixels scrutinised: moved to where they belong, and judged anew.
 
-What is told of them is all evidence, their surroundings pixel by pixel, and how like the images would be a little
-nearer and farther. Planes fitted over windows cut edges and round flanks; that shows in the surroundings.
+What speaks of them is all evidence, their surroundings pixel by pixel, and how like the images would be a little
+nearer and farther; then they hear each other (`messages`). Planes fitted over windows cut edges and round flanks;
+that shows in the surroundings.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.likeness import Likeness, likeness_evidence
+from beltscape.stereo.messages import addresses, heard, near, rounds
 from beltscape.stereo.places import Place, places
 from beltscape.stereo.side_by_side import side_by_side
 from beltscape.stereo.surface import Surface
@@ -27,6 +29,8 @@ _LOST, _SURE = -2.0, 5.5
 """Logits: nobody will believe a lesser one, nor doubt a greater."""
 TRIED_PX = (-1.5, -0.8, -0.4, 0.4, 0.8, 1.5)
 """So much nearer and farther the images are compared, at scale 1."""
+AROUND_PX = 1
+"""So far about a pixel it is looked at, at scale 1: of who is farther off it hears."""
 MOST_PX = 2.0
 """No pixel is moved by more, at scale 1."""
 _PIXELS = 4096
@@ -58,7 +62,7 @@ class Scrutiny:
     def of(cls, planes: Mapping[str, Array], surface: Surface, likeness: Likeness, scale: float) -> Scrutiny:
         """Of the evidence, the surface, and what it is compared by."""
         core, kernels = likeness.prepared.core, likeness.kernels
-        around = Surroundings.of(surface.s, planes["impression"], core, scale, kernels)
+        around = Surroundings.of(surface.s, planes["impression"], core, AROUND_PX, scale, kernels)
         return cls(planes, surface, likeness, around)
 
     def look(self, at: Place, logit: Array) -> dict[str, Array]:
@@ -72,12 +76,10 @@ class Scrutiny:
         )
         return {name: values[None] for name, values in found.items()}
 
-    def told(self, at: Place, logit: Array) -> Told:
-        """What is told of some pixels (N,), of whom the logits (N,) are thought so far."""
-        kernels, scale = self.likeness.kernels, np.float32(self.surroundings.scale)
-        logits, log_sigma, shift = fitted("scrutiny").answers(self.look(at, logit), kernels, 1)
-        s = self.surface.s[at] + scale * np.clip(shift[0], -MOST_PX, MOST_PX)
-        return Told(s, logits[0], log_sigma[0] + np.log(scale))
+    def state(self, at: Place, logit: Array) -> NDArray[np.float32]:
+        """(S, N) what some pixels make of their own evidence, of whom the logits (N,) are thought so far."""
+        shown = self.look(at, logit)
+        return np.concatenate(fitted("scrutiny").answers(shown, self.likeness.kernels, 1))
 
     def _tried(self, at: Place, slope_u: Array, slope_v: Array) -> dict[str, Array]:
         """How like the images were if the pixels lay nearer or farther: (N,) by name."""
@@ -93,19 +95,31 @@ class Scrutiny:
         }
 
 
-def doubtful(logit: Array, slack: float = 0.0) -> NDArray[np.bool_]:
-    """Who is scrutinised: neither lost nor sure, or by no more than ``slack``."""
-    return (logit >= _LOST - slack) & (logit < _SURE + slack)
+def doubtful(logit: Array) -> NDArray[np.bool_]:
+    """Who is scrutinised: neither lost nor sure."""
+    return (logit >= _LOST) & (logit < _SURE)
+
+
+def sure(logit: Array) -> NDArray[np.bool_]:
+    """Who is believed without."""
+    return logit >= _SURE
 
 
 def scrutinised(thought: Told, scrutiny: Scrutiny, threads: int) -> Told:
     """What is told of all pixels (H, W): of doubtful ones anew."""
     found = Told(*(plane.copy() for plane in thought))
-
-    def settle(at: Place) -> None:
-        for plane, values in zip(found, scrutiny.told(at, thought.logit[at]), strict=True):
-            plane[at] = values
-
     asked = doubtful(thought.logit) & np.isfinite(thought.s)
-    side_by_side([partial(settle, at) for at in places(asked, _PIXELS)], threads)
+    at = places(asked, _PIXELS)
+    if not at:
+        return found
+    states = np.hstack(
+        side_by_side([partial(scrutiny.state, part, thought.logit[part]) for part in at], threads)
+    )
+    scale, kernels = scrutiny.surroundings.scale, scrutiny.likeness.kernels
+    around = near(addresses(asked, sure(thought.logit)), asked, scrutiny.surroundings.step)
+    logit, log_sigma, shift = heard(states, around, rounds(), kernels, threads)
+    px = np.float32(scale)
+    found.s[asked] += px * np.clip(shift, -MOST_PX, MOST_PX)
+    found.logit[asked] = logit
+    found.log_sigma[asked] = log_sigma + np.log(px)
     return found

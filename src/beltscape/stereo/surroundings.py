@@ -19,14 +19,10 @@ from beltscape.stereo.places import Place
 
 Array = NDArray[np.floating]
 
-_REACH = 2
-"""So far to each side they reach, px at scale 1."""
 _DARK = 8.0
 """Levels; differences between darker ones count for little."""
 _MOST_OFF_PX = 3.0
 """No neighbour counts as farther off a plane."""
-_OFFSETS = np.array([(du, dv) for dv, du in product(range(-_REACH, _REACH + 1), repeat=2) if du or dv])
-_NAMES = tuple(f"at {du:+d} {dv:+d}" for du, dv in _OFFSETS)
 _HERE = np.zeros((1, 2), int)
 
 
@@ -40,40 +36,49 @@ class Surroundings:
     """Logit of a pixel's being right."""
     brightness: NDArray[np.float32]
     """Logarithm of the core's level."""
+    reach: int
+    """So far to each side they reach, px at scale 1."""
     scale: float
     kernels: Kernels
 
     @classmethod
-    def of(cls, s: Array, impression: Array, core: Array, scale: float, kernels: Kernels) -> Surroundings:
+    def of(
+        cls, s: Array, impression: Array, core: Array, reach: int, scale: float, kernels: Kernels
+    ) -> Surroundings:
         """Of a surface s, what is thought of it, and the core's levels (H, W), NaN where it sees nothing."""
         level = np.maximum(known(core), 0)
-        return cls(s, impression, np.log(level + np.float32(_DARK)), scale, kernels)
+        return cls(s, impression, np.log(level + np.float32(_DARK)), reach, scale, kernels)
+
+    @property
+    def step(self) -> int:
+        """From neighbour to neighbour, px."""
+        return max(1, round(self.scale))
 
     def about(self, at: Place) -> dict[str, Array]:
         """What is thought of each neighbour, and how much brighter it is: (N,) by name."""
         impression, level = self._around([self.impression, self.brightness], at)
-        return _named("impression", impression) | _named("brightness", level - self.brightness[at])
+        return self._named("impression", impression) | self._named("brightness", level - self.brightness[at])
 
     def relief(self, at: Place, s: Array, slope_u: Array, slope_v: Array) -> dict[str, Array]:
         """How far each neighbour lies before the plane with which a pixel continues, px at scale 1: (N,) by name."""
         (near,) = self._around([self.s], at)
-        du, dv = self._offsets.T[..., None].astype(np.float32)
+        du, dv = self.step * self._offsets.T[..., None].astype(np.float32)
         off = known(near - (s + slope_u * du + slope_v * dv)) * np.float32(1 / self.scale)
-        return _named("relief", np.clip(off, -_MOST_OFF_PX, _MOST_OFF_PX))
+        return self._named("relief", np.clip(off, -_MOST_OFF_PX, _MOST_OFF_PX))
 
     @property
     def _offsets(self) -> NDArray[np.int_]:
-        return _OFFSETS * max(1, round(self.scale))
+        along = range(-self.reach, self.reach + 1)
+        return np.array([(du, dv) for dv, du in product(along, repeat=2) if du or dv])
+
+    def _named(self, what: str, rows: Array) -> dict[str, Array]:
+        return {f"{what} at {du:+d} {dv:+d}": row for (du, dv), row in zip(self._offsets, rows, strict=True)}
 
     def _around(self, planes: Sequence[Array], at: Place) -> Array:
-        return self.kernels.neighbours(planes, at[1], at[0], self._offsets, threads=1)
+        return self.kernels.neighbours(planes, at[1], at[0], self.step * self._offsets, threads=1)
 
 
 def picked(planes: Mapping[str, Array], at: Place, kernels: Kernels) -> dict[str, Array]:
     """(N,) of some pixels of planes (H, W) by name."""
     found = kernels.neighbours(list(planes.values()), at[1], at[0], _HERE, threads=1)
     return dict(zip(planes, found[:, 0], strict=True))
-
-
-def _named(what: str, rows: Array) -> dict[str, Array]:
-    return {f"{what} {name}": row for name, row in zip(_NAMES, rows, strict=True)}

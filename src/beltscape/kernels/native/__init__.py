@@ -9,6 +9,7 @@ from types import ModuleType
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels.native.coarse import Coarse
+from beltscape.kernels.native.hear import Messages
 from beltscape.kernels.native.neighbours import Neighbourhood
 from beltscape.kernels.native.occlusion import Occlusion
 from beltscape.kernels.native.perceptron import Perceptron
@@ -45,6 +46,7 @@ class NativeKernels(
     Refinement,
     Propagation,
     Perceptron,
+    Messages,
     Contest,
     Neighbourhood,
     Survey,

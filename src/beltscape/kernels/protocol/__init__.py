@@ -6,6 +6,7 @@ from typing import Protocol
 
 from beltscape.kernels.protocol.coarse import Searches
 from beltscape.kernels.protocol.first_met import Marches
+from beltscape.kernels.protocol.hear import Hears
 from beltscape.kernels.protocol.local_fit import Fits
 from beltscape.kernels.protocol.neighbours import LooksAround
 from beltscape.kernels.protocol.normal_equations import Judges
@@ -28,6 +29,7 @@ class Kernels(
     Fits,
     Propagates,
     Weighs,
+    Hears,
     Contends,
     LooksAround,
     Surveys,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from beltscape.kernels.reference.aggregation import aggregate
 from beltscape.kernels.reference.coarse import coarse
 from beltscape.kernels.reference.first_met import first_met
+from beltscape.kernels.reference.hear import hear
 from beltscape.kernels.reference.local_fit import local_fit
 from beltscape.kernels.reference.neighbours import neighbours
 from beltscape.kernels.reference.normal_equations import normal_equations
@@ -36,6 +37,7 @@ class ReferenceKernels:
     local_fit = staticmethod(local_fit)
     propagate = staticmethod(propagate)
     perceptron = staticmethod(perceptron)
+    hear = staticmethod(hear)
     rivals = staticmethod(rivals)
     likenesses = staticmethod(likenesses)
     neighbours = staticmethod(neighbours)

@@ -23,9 +23,14 @@ def perceptron(
     x = np.stack(given.planes, axis=-1).astype(np.float64)
     low, high = given.limits.astype(np.float64)
     x = np.minimum(np.maximum(np.where(np.isnan(x), low, x), low), high)
-    for layer in given.layers[:-1]:
+    return list(np.moveaxis(answered(given.layers, x), -1, 0))
+
+
+def answered(layers: Sequence[NDArray[np.float32]], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(…, M) what the last of the layers answers to x (…, n)."""
+    for layer in layers[:-1]:
         x = np.maximum(_weighed(layer, x), 0)
-    return list(np.moveaxis(_weighed(given.layers[-1], x), -1, 0))
+    return _weighed(layers[-1], x)
 
 
 def _weighed(layer: NDArray[np.float32], x: NDArray[np.float64]) -> NDArray[np.float64]:

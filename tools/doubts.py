@@ -20,12 +20,11 @@ from beltscape.kernels import load
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.judge import closer_look
 from beltscape.stereo.messages import ASKED, addresses, near
-from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.scrutiny import Scrutiny, doubtful, sure
 from beltscape.stereo.windows import windows
 from lessons import ROUGHEST, Lesson, lessons
-from samples import Truth, true, unit_of
+from samples import Truth, matcher_of, true, unit_of
 
 TILE_PX, MARGIN_PX = 128, 3
 """Side of a tile, and how far about it pixels are heard, at scale 1."""
@@ -60,8 +59,7 @@ def tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
     """The evidence's names, and tiles of a capture's lessons."""
     for lesson in lessons(folder, turn):
         settings = MultiviewSettings.preset(lesson.preset)
-        matcher = MultiviewReconstructor(lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names)
-        match = matcher.match(lesson.frame, lesson.names, Silent())
+        match = matcher_of(lesson, settings).match(lesson.frame, lesson.names, Silent())
         if match.contested is None:
             continue
         scale = windows(match.prepared.core.shape[1]).scale

@@ -65,9 +65,7 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
     for turn, folder in enumerate(folders):
         for lesson in lessons(folder, turn):
             settings = MultiviewSettings.preset("fast" if what == "glance" else lesson.preset)
-            matcher = MultiviewReconstructor(
-                lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
-            )
+            matcher = matcher_of(lesson, settings)
             match = (
                 matcher.approach(lesson.frame, lesson.names)
                 if what == "impression"
@@ -149,9 +147,7 @@ def contests(folders: list[Path]) -> Iterator[Contest]:
     for turn, folder in enumerate(folders):
         for lesson in lessons(folder, turn):
             settings = MultiviewSettings.preset(lesson.preset)
-            matcher = MultiviewReconstructor(
-                lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names
-            )
+            matcher = matcher_of(lesson, settings)
             match = matcher.approach(lesson.frame, lesson.names)
             scale = windows(match.prepared.core.shape[1]).scale
             planes = impressed(first_look(match, scale, kernels, 0), scale, kernels, 0)
@@ -160,6 +156,11 @@ def contests(folders: list[Path]) -> Iterator[Contest]:
             arena = Arena.of(match.refined.surface, planes, match.prepared, scale, kernels, 0)
             yield Contest(lesson, arena, truth, unit_of(lesson, settings), share)
         print(folder, file=sys.stderr, flush=True)
+
+
+def matcher_of(lesson: Lesson, settings: MultiviewSettings) -> MultiviewReconstructor:
+    """Of the lesson's rig, auxiliaries and depths."""
+    return MultiviewReconstructor(lesson.rig, lesson.near_far_mm, settings, auxiliaries=lesson.names)
 
 
 def unit_of(lesson: Lesson, settings: MultiviewSettings) -> float:

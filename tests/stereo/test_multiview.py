@@ -202,9 +202,8 @@ def test_instruction_sets_that_round_alike_give_the_same_bytes_and_others_nearly
         assert same_bytes(runs[first_alike(name)], run)
         assert (run.measured == best.measured).mean() > 0.995
         both = run.measured & best.measured
-        assert (
-            np.abs(run.depth_mm - best.depth_mm)[both] < 0.01
-        ).mean() > 0.98  # who is doubtful by rounding alone is heard by others
+        # who is doubtful by rounding alone is heard by others
+        assert (np.abs(run.depth_mm - best.depth_mm)[both] < 0.01).mean() > 0.98
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard"])

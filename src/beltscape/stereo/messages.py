@@ -36,12 +36,12 @@ class Round:
     """Of a perceptron: (k, n + 1) each."""
 
     def answers(
-        self, state: NDArray[np.float32], near: NDArray[np.int32], kernels: Kernels, threads: int
+        self, state: NDArray[np.float32], around: NDArray[np.int32], kernels: Kernels, threads: int
     ) -> NDArray[np.float32]:
-        """(M, N) the network's answers, of states (S, N) and addresses (9, N)."""
+        """(M, N) the network's answers, of states (S, N) that hear those at the addresses ``around`` (9, N)."""
         words = self.others.shape[1]
         said = np.hstack([self.others.T, state[:words]])
-        return kernels.hear(said, near, state[words:], self.layers, threads=threads).astype(
+        return kernels.hear(said, around, state[words:], self.layers, threads=threads).astype(
             np.float32, copy=False
         )
 

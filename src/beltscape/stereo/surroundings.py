@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -24,6 +25,17 @@ _DARK = 8.0
 _MOST_OFF_PX = 3.0
 """No neighbour counts as farther off a plane."""
 _HERE = np.zeros((1, 2), int)
+
+
+@cache
+def _offsets(reach: int) -> NDArray[np.int_]:
+    along = range(-reach, reach + 1)
+    return np.array([(du, dv) for dv, du in product(along, repeat=2) if du or dv])
+
+
+@cache
+def _names(what: str, reach: int) -> tuple[str, ...]:
+    return tuple(f"{what} at {du:+d} {dv:+d}" for du, dv in _offsets(reach))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,20 +74,15 @@ class Surroundings:
     def relief(self, at: Place, s: Array, slope_u: Array, slope_v: Array) -> dict[str, Array]:
         """How far each neighbour lies before the plane with which a pixel continues, px at scale 1: (N,) by name."""
         (near,) = self._around([self.s], at)
-        du, dv = self.step * self._offsets.T[..., None].astype(np.float32)
+        du, dv = self.step * _offsets(self.reach).T[..., None].astype(np.float32)
         off = known(near - (s + slope_u * du + slope_v * dv)) * np.float32(1 / self.scale)
         return self._named("relief", np.clip(off, -_MOST_OFF_PX, _MOST_OFF_PX))
 
-    @property
-    def _offsets(self) -> NDArray[np.int_]:
-        along = range(-self.reach, self.reach + 1)
-        return np.array([(du, dv) for dv, du in product(along, repeat=2) if du or dv])
-
     def _named(self, what: str, rows: Array) -> dict[str, Array]:
-        return {f"{what} at {du:+d} {dv:+d}": row for (du, dv), row in zip(self._offsets, rows, strict=True)}
+        return dict(zip(_names(what, self.reach), rows, strict=True))
 
     def _around(self, planes: Sequence[Array], at: Place) -> Array:
-        return self.kernels.neighbours(planes, at[1], at[0], self.step * self._offsets, threads=1)
+        return self.kernels.neighbours(planes, at[1], at[0], self.step * _offsets(self.reach), threads=1)
 
 
 def picked(planes: Mapping[str, Array], at: Place, kernels: Kernels) -> dict[str, Array]:

@@ -1,7 +1,22 @@
 // The module of one instruction-set level: all families of kernels, and what this processor can run.
 #include "bind.hpp"
 
+#if defined(__GLIBC__)
+#include <malloc.h>
+#endif
+
 namespace {
+
+// One frame's memory serves the next. Left alone, glibc gives a frame's arrays back and has them zeroed again
+// for the next one, and keeps an arena of them for each thread: a tenth more time, and a quarter more memory.
+void keep_memory() {
+#if defined(__GLIBC__)
+    constexpr int kMapped = 32 << 20, kKept = 1 << 30;  // bytes; glibc allows no more than 32 MiB
+    mallopt(M_MMAP_THRESHOLD, kMapped);
+    mallopt(M_TRIM_THRESHOLD, kKept);
+    mallopt(M_ARENA_MAX, 1);
+#endif
+}
 
 // The best instruction-set level this processor runs: asked of the lowest module before another is loaded.
 const char* cpu_level() {
@@ -17,6 +32,7 @@ const char* cpu_level() {
 }  // namespace
 
 NB_MODULE(BELTSCAPE_MODULE, m) {
+    keep_memory();
     m.def("cpu_level", &cpu_level);
     beltscape::bind_coarse(m);
     beltscape::bind_hear(m);

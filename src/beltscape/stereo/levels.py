@@ -94,13 +94,13 @@ def texture_over_noise(level: NDArray[np.float32], noise: float, side: int) -> N
 def _channel_weights(images: list[Image]) -> NDArray[np.float32]:
     if not images:
         return np.full(3, 1 / 3, np.float32)
-    contrast = np.mean([_thinned(image).std(axis=(0, 1)) for image in images], axis=0)
+    contrast = np.mean([cv2.meanStdDev(_thinned(image))[1].ravel() for image in images], axis=0)
     total = float(contrast.sum())
     return (contrast / total if total > 0 else np.full(3, 1 / 3)).astype(np.float32)
 
 
 def _thinned(image: Image) -> Image:
-    return image[::4, ::4, :3]
+    return np.ascontiguousarray(image[::4, ::4, :3])
 
 
 def _levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -45,13 +45,13 @@ def finer(surface: Surface, step: int) -> NDArray[np.float32]:
     if step == 1:
         return surface.s
     inside = ((np.arange(step) - (step - 1) / 2) / step).astype(np.float32)
-    planes = (
-        surface.s[:, None, :, None]
-        + surface.slope_u[:, None, :, None] * inside
-        + surface.slope_v[:, None, :, None] * inside[:, None, None]
-    )
     height, width = surface.s.shape
-    return planes.astype(np.float32).reshape(height * step, width * step)
+    found = np.empty((height * step, width * step), np.float32)
+    for across, du in enumerate(inside):
+        column = surface.s + surface.slope_u * du
+        for down, dv in enumerate(inside):
+            found[down::step, across::step] = column + surface.slope_v * dv
+    return found
 
 
 _RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 2.0

@@ -99,7 +99,7 @@ def _channel_weights(images: list[Image]) -> NDArray[np.float32]:
     return (contrast / total if total > 0 else np.full(3, 1 / 3)).astype(np.float32)
 
 
-def _thinned(image: Image) -> Image:
+def _thinned(image: Image) -> NDArray[np.integer]:
     return np.ascontiguousarray(image[::4, ::4, :3])
 
 

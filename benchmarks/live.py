@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -26,6 +28,8 @@ first frame set, from the difference of two runs, of one and of all rounds. Besi
 cv2.StereoSGBM pairs of the same size (HH, 128 disparities) are done on the same machine."""
 _PRESETS = ("fast", "standard")
 _ROUNDS = 3
+_LOOK_S = 0.1
+"""Between looks at a program's memory."""
 
 
 @dataclass(frozen=True)
@@ -81,15 +85,24 @@ def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
     began = perf_counter()
     out = plant / f"{project.stem}.out"
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
+    before, peak_kib = os.times(), 0
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
-        assert program.stdout is not None
-        said = program.stdout.read()
-        _, status, used = os.wait4(program.pid, 0)  # of this one alone
-        program.returncode = os.waitstatus_to_exitcode(status)
+        said = None
+        while said is None:
+            peak_kib = max(peak_kib, _peak_kib(program.pid))
+            with suppress(subprocess.TimeoutExpired):
+                said, _ = program.communicate(timeout=_LOOK_S)
     if program.returncode:
         raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
-    cpu, peak_gib = used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20
-    return Cost(perf_counter() - began, cpu, peak_gib, json.loads(said)["records"])
+    seconds, after = perf_counter() - began, os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return Cost(seconds, cpu, peak_kib / 2**20, json.loads(said)["records"])
+
+
+def _peak_kib(process: int) -> int:
+    """The most memory a process has had; what `os.wait4` tells begins with that of the one that started it."""
+    told = re.search(r"VmHWM:\s*(\d+)", Path(f"/proc/{process}/status").read_text())
+    return int(told[1]) if told else 0
 
 
 def _rounds(capture: Path, folder: Path, rounds: int) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from beltscape.core.scaling import scaled_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import write_rig
+from timing import memory_mb
 
 NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras: image files read, depth, flow, a
 record with its cross-section on disk (synchronous) for each frame set. Steady: without the program's start and the
@@ -85,24 +85,18 @@ def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
     began = perf_counter()
     out = plant / f"{project.stem}.out"
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
-    before, peak_kib = os.times(), 0
+    before, peak_mb = os.times(), 0.0  # the peak that os.wait4 tells begins with our own
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
         said = None
         while said is None:
-            peak_kib = max(peak_kib, _peak_kib(program.pid))
+            peak_mb = max(peak_mb, memory_mb("VmHWM", program.pid))
             with suppress(subprocess.TimeoutExpired):
                 said, _ = program.communicate(timeout=_LOOK_S)
     if program.returncode:
         raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
     seconds, after = perf_counter() - began, os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
-    return Cost(seconds, cpu, peak_kib / 2**20, json.loads(said)["records"])
-
-
-def _peak_kib(process: int) -> int:
-    """The most memory a process has had; what `os.wait4` tells begins with that of the one that started it."""
-    told = re.search(r"VmHWM:\s*(\d+)", Path(f"/proc/{process}/status").read_text())
-    return int(told[1]) if told else 0
+    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, json.loads(said)["records"])
 
 
 def _rounds(capture: Path, folder: Path, rounds: int) -> Path:

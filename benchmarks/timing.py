@@ -20,7 +20,7 @@ R = TypeVar("R")
 THREADS = (2, 1)
 """The first is the one whose memory and processor time count."""
 _ENOUGH_S = 1.0
-_STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
+_CLEAR = Path("/proc/self/clear_refs")
 
 
 def seconds(work: Callable[[], object], runs: int = 5, enough_s: float = 0.6) -> float:
@@ -50,7 +50,8 @@ def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
 
     Making is preparation that many frames share: it counts for memory, not for time.
     """
-    base = _memory_mb("VmRSS", forget_peak=True)
+    _CLEAR.write_text("5")  # forgets the peak so far
+    base = memory_mb("VmRSS")
     wall: dict[int, float] = {}
     results: list[R] = []
     cpu = peak = None
@@ -68,7 +69,7 @@ def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
             best = min(runs)
         wall[threads] = best[0]
         cpu = best[1] if cpu is None else cpu
-        peak = _memory_mb("VmHWM") - base if peak is None else peak
+        peak = memory_mb("VmHWM") - base if peak is None else peak
     if cpu is None or peak is None:
         raise ValueError("cost needs a number of threads")
     return results[0], Cost(wall, cpu, peak)
@@ -80,9 +81,8 @@ def in_fresh_process(work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) ->
         return pool.submit(work, *args, **kwargs).result()
 
 
-def _memory_mb(entry: str, *, forget_peak: bool = False) -> float:
-    """The process's present (VmRSS) or peak (VmHWM) memory, MB."""
-    if forget_peak:
-        _CLEAR.write_text("5")
-    line = next(line for line in _STATUS.read_text().splitlines() if line.startswith(entry))
-    return int(line.split()[1]) / 1000
+def memory_mb(entry: str, process: int | str = "self") -> float:
+    """A process's present (VmRSS) or peak (VmHWM) memory, MB; 0 of one that has ended."""
+    status = Path(f"/proc/{process}/status").read_text()
+    line = next((line for line in status.splitlines() if line.startswith(entry)), None)
+    return int(line.split()[1]) / 1000 if line else 0.0

@@ -18,8 +18,7 @@ struct Messages {
     size_t pixels;
 };
 
-// What is said (words, addresses) becomes rows of addresses (addresses, kFour * quads), from `first` to
-// `end`.
+// What is said (words, addresses) becomes rows (addresses, kFour * quads), from address `first` to `end`.
 BELTSCAPE_INLINE void turn(const float* words, size_t addresses, int count, int quads, size_t first,
                            size_t end, float* said) {
     for (size_t a = first; a < end; ++a)

@@ -74,13 +74,14 @@ struct FitBand {
 
 void local_fit(Grid information, Grid pull, Grid s, Grid slope_u, Grid slope_v,
                const std::vector<Window>& given, double tolerance, double confidence_width, float prior,
-               GridOut new_s, GridOut new_slope_u, GridOut new_slope_v, GridOut variance, Counts scale,
-               std::size_t threads) {
+               GridOut new_s, GridOut new_slope_u, GridOut new_slope_v, GridOut variance,
+               GridOut disagreement, Counts scale, std::size_t threads) {
     const int height = height_of(s), width = width_of(s);
     const FitWindows windows = windows_of(given, tolerance, confidence_width);
     const int margin = windows.window[windows.count - 1].radius;
-    const FitRow all{s.data(),           slope_u.data(),     slope_v.data(),  new_s.data(),
-                     new_slope_u.data(), new_slope_v.data(), variance.data(), scale.data()};
+    const FitRow all{s.data(),        slope_u.data(),      slope_v.data(),
+                     new_s.data(),    new_slope_u.data(),  new_slope_v.data(),
+                     variance.data(), disagreement.data(), scale.data()};
     const float *const informations = information.data(), *const pulls = pull.data();
     nb::gil_scoped_release release;
     for_bands(0, height, kRowsOfFit, threads, [&](int first, int end) {
@@ -109,7 +110,7 @@ void bind_refine(nb::module_& m) {
     m.def("local_fit", &local_fit, nb::arg("information"), nb::arg("pull"), nb::arg("s"), nb::arg("slope_u"),
           nb::arg("slope_v"), nb::arg("windows"), nb::arg("tolerance"), nb::arg("confidence_width"),
           nb::arg("prior"), nb::arg("new_s"), nb::arg("new_slope_u"), nb::arg("new_slope_v"),
-          nb::arg("variance"), nb::arg("scale"), nb::arg("threads"));
+          nb::arg("variance"), nb::arg("disagreement"), nb::arg("scale"), nb::arg("threads"));
 }
 
 }  // namespace beltscape

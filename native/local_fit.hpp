@@ -17,7 +17,9 @@ inline constexpr int kMaxRadius = 15;
 inline constexpr int kMaxWindows = 4;
 inline constexpr float kSlopeRidge =
     0.1f;  // holds the slopes to the earlier ones where a window has no breadth
-inline constexpr float kNoWeight = 1e-12f;   // a window that weighs no more says nothing
+inline constexpr float kNoWeight = 1e-12f;  // a window that weighs no more says nothing
+inline constexpr float kLeastVariance = 1e-12f;
+inline constexpr float kMostDisagreement = 25.0f;
 inline constexpr float kLargestStep = 1.0f;  // of s
 
 // One window, as the parts of its Gaussian.
@@ -44,6 +46,7 @@ struct FitField {
 template <class F>
 struct Fit {
     F change, slope_u, slope_v, variance;  // of s, and the slopes' changes
+    F disagreement;
     IntOf<F> window;
 };
 
@@ -124,14 +127,26 @@ BELTSCAPE_INLINE Fit<F> solve_fit(const Moments<F>& sums) {
     const F slope_v = (uu * pull_v - uv * pull_u) * by_determinant;
     const F lever = (vv * u * u - 2.0f * uv * u * v + uu * v * v) * by_determinant;  // the plane's tilt, at p
     const F variance = (sums.square * part + lever) * part;
-    return {select(nothing, zero, pull - slope_u * u - slope_v * v), select(nothing, zero, slope_u),
-            select(nothing, zero, slope_v), select(nothing, zero + kInfinity, variance), IntOf<F>{}};
+    return {select(nothing, zero, pull - slope_u * u - slope_v * v),
+            select(nothing, zero, slope_u),
+            select(nothing, zero, slope_v),
+            select(nothing, zero + kInfinity, variance),
+            zero,
+            IntOf<F>{}};
+}
+
+// How far the larger of two windows leaves the smaller, squared, over that one's variance.
+template <class F>
+BELTSCAPE_INLINE F disagreement(const Fit<F>& smaller, const Fit<F>& larger) {
+    const F apart = larger.change - smaller.change;
+    return lesser(apart * apart / greater(smaller.variance, broadcast<F>(kLeastVariance)),
+                  broadcast<F>(kMostDisagreement));
 }
 
 // The windows' fits as they follow, as long as all their confidence intervals share a value.
 template <class F>
 BELTSCAPE_INLINE Fit<F> largest_consistent(const FitWindows& windows, const Moments<F>* sums) {
-    Fit<F> taken = solve_fit(sums[0]);
+    Fit<F> taken = solve_fit(sums[0]), before = taken;
     F half = windows.width * square_root(taken.variance);
     F low = taken.change - half, high = taken.change + half;
     for (int k = 1; k < windows.count; ++k) {
@@ -144,6 +159,8 @@ BELTSCAPE_INLINE Fit<F> largest_consistent(const FitWindows& windows, const Mome
         taken.slope_v = select(fits, next.slope_v, taken.slope_v);
         taken.variance = select(fits, next.variance, taken.variance);
         taken.window = select(fits, broadcast<IntOf<F>>(k), taken.window);
+        taken.disagreement = disagreement(before, next);
+        before = next;
     }
     return taken;
 }
@@ -173,13 +190,14 @@ BELTSCAPE_INLINE Fit<F> fit_plane(const FitField& field, const FitWindows& windo
 // NaN counts as 0. variance: infinite where the windows weigh nothing.
 struct FitRow {
     const float *s, *slope_u, *slope_v;
-    float *new_s, *new_slope_u, *new_slope_v, *variance;
+    float *new_s, *new_slope_u, *new_slope_v, *variance, *disagreement;
     unsigned char* window;
 };
 
 BELTSCAPE_INLINE FitRow row_of(const FitRow& all, size_t at) {
-    return {all.s + at,           all.slope_u + at,     all.slope_v + at,  all.new_s + at,
-            all.new_slope_u + at, all.new_slope_v + at, all.variance + at, all.window + at};
+    return {all.s + at,        all.slope_u + at,      all.slope_v + at,
+            all.new_s + at,    all.new_slope_u + at,  all.new_slope_v + at,
+            all.variance + at, all.disagreement + at, all.window + at};
 }
 
 template <class F>
@@ -199,6 +217,7 @@ BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, 
         store_first(row.new_slope_u + x, select(missing, nothing, slope_u + fit.slope_u), left);
         store_first(row.new_slope_v + x, select(missing, nothing, slope_v + fit.slope_v), left);
         store_first(row.variance + x, select(missing, nothing, fit.variance), left);
+        store_first(row.disagreement + x, select(missing, nothing, fit.disagreement), left);
         store_first(row.window + x, select(missing, IntOf<F>{}, fit.window), left);
     }
 }

@@ -1,13 +1,13 @@
 """Fit what is believed of surfaces to simulated captures with truth.
 
-    python tools/fit_belief.py impression|rivals|duel|belief|glance CAPTURE…
+    python tools/fit_belief.py impression|rivals|duel|belief|sigma|glance CAPTURE…
 
 Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with
-and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones: what is rougher
-than the matcher's windows shows in no evidence, and sigma takes after the stones it was fitted to. Every capture is
+and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones. Every capture is
 matched as it is and as a plant might spoil it (tools/lessons.py); one named twice counts twice, spoiled in other
-ways. The first four rest on each other in this order, and fit_scrutiny.py on them; ``glance`` is for the preset
-``fast``. Each is written to a file of its name in data/. Judge the result on captures that are not among them.
+ways. The first four rest on each other in this order, and fit_scrutiny.py on them; ``sigma`` fits anew what
+``belief`` says of sigma, and nothing else; ``glance`` is for the preset ``fast``. Each is written to a file of its
+name in data/. Judge the result on captures that are not among them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 import beltscape
 from adam import Schedule, Slopes, fitted
-from lessons import ROUGHEST
+from beltscape.stereo.belief import fitted as shipped
 from samples import Sample, contests, pixels
 
 GROSS_MM = 4.0
@@ -167,10 +167,10 @@ def scatter(sample: Sample) -> np.ndarray:
 
 
 def fit_pixels(found: list[Sample], what: str) -> None:
-    """The logit of a pixel's being right, and the logarithm of its sigma: two networks, written as one."""
+    """The logit of a pixel's being right and, but of an impression, the logarithm of its sigma."""
     names = found[0].names
     x = np.concatenate([sample.evidence for sample in found])
-    dz, ds = (np.abs(np.concatenate(part)) for part in ([s.dz_mm for s in found], [*map(scatter, found)]))
+    dz = np.abs(np.concatenate([sample.dz_mm for sample in found]))
     limits = limits_of(x)
     unseen = np.concatenate([s.unseen for s in found])
     right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)
@@ -178,21 +178,44 @@ def fit_pixels(found: list[Sample], what: str) -> None:
     belief = fit(x, limits, of_right(right[:, None], weight[:, None]), 1, PLANS[what])
     if what == "impression":
         write(what, names, limits, belief)
-        return
-    even = np.concatenate([np.full(len(s.dz_mm), s.roughness <= ROUGHEST) for s in found])
-    known = even & (dz <= MOST_MM) & (answers(x, limits, belief) > np.log(BELIEVED / (1 - BELIEVED)))
+    else:
+        write(what, names, limits, beside(belief, sigma_of(found, x, limits, belief)))
+
+
+def fit_sigma(found: list[Sample]) -> None:
+    """Of what ``belief`` tells sigma alone: the logit stays as it is, whatever evidence there is besides."""
+    names, kept = found[0].names, shipped("belief")
+    x = np.concatenate([sample.evidence for sample in found])
+    columns = [names.index(name) for name in kept.names]
+    limits = limits_of(x)
+    limits[:, columns] = kept.limits
+    (units, output), own = kept.layers, PLANS["belief"].hidden[0]
+    first = np.zeros((own, len(names) + 1))
+    first[:, [*columns, -1]] = units[:own]
+    belief = [first, np.hstack([output[:1, :own], output[:1, -1:]]).astype(float)]
+    write("belief", names, limits, beside(belief, sigma_of(found, x, limits, belief)))
+
+
+def sigma_of(found: list[Sample], x: np.ndarray, limits: np.ndarray, belief: Layers) -> Layers:
+    """The logarithm of sigma, px: of pixels that are believed and not false."""
+    dz, ds = (np.abs(np.concatenate(part)) for part in ([s.dz_mm for s in found], [*map(scatter, found)]))
+    known = (dz <= MOST_MM) & (answers(x, limits, belief) > np.log(BELIEVED / (1 - BELIEVED)))
     sizes = np.log(MAD * np.maximum(ds[known], 1e-6)).astype(np.float32)
     weight = np.where(np.concatenate([s.interior for s in found])[known], 1, NEAR).astype(np.float32)
-    size = names.index("size")  # told it, sigma would learn single captures of that size
+    size = found[0].names.index("size")  # told it, sigma would learn single captures of that size
     units, output = fit(
         np.delete(x[known], size, axis=1), np.delete(limits, size, axis=1), of_size(sizes, weight),
         1, PLANS["sigma"], float(np.median(sizes)),
     )  # fmt: skip
-    sigma = np.insert(units, size, 0, axis=1), output
-    hidden, outputs = zip(belief, sigma, strict=True)
+    return [np.insert(units, size, 0, axis=1), output]
+
+
+def beside(*networks: Layers) -> Layers:
+    """Networks with one hidden layer each as one, with all their answers."""
+    hidden, outputs = zip(*networks, strict=True)
     constants = np.concatenate([output[:, -1:] for output in outputs])
     output = np.hstack([block_diag(*(output[:, :-1] for output in outputs)), constants])
-    write(what, names, limits, [np.concatenate(hidden), output])
+    return [np.concatenate(hidden), output]
 
 
 def write(what: str, names: tuple[str, ...], limits: np.ndarray, layers: Layers) -> None:
@@ -225,6 +248,8 @@ def main() -> None:
     what, folders = sys.argv[1], [Path(folder) for folder in sys.argv[2:]]
     if what in ("rivals", "duel"):
         {"rivals": fit_rivals, "duel": fit_duel}[what](folders)
+    elif what == "sigma":
+        fit_sigma(list(pixels(folders, "belief")))
     else:
         fit_pixels(list(pixels(folders, what)), what)
 

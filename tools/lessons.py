@@ -14,6 +14,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
+from beltscape.core.scaling import scaled_rig
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.stereo.search import find_depth_range
@@ -21,10 +22,14 @@ from beltscape.stereo.search import find_depth_range
 ROUGHEST = 0.005
 """Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 Images = dict[str, np.ndarray]
+Spoil = Callable[[Images], Images]
 ON_FAILURE_MM = (560.0, 800.0)
 """Depth range of captures that show nothing, which are to be learnt from as well."""
 EVERY = 3
 """Of the ways of spoiling, each capture takes one in so many, another capture the others."""
+HALVED_FROM_PX = 1000
+"""Smaller images are not halved as well."""
+ONE_SURFACE_MM = 4.0
 
 
 @dataclass(frozen=True)
@@ -47,15 +52,60 @@ class Lesson:
     """Of its stones, share of their radius; 0 without stones."""
 
 
-def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
-    """A capture's frames: as it is, and spoiled in some ways; in all over `EVERY` turns."""
+@dataclass(frozen=True)
+class Capture:
+    """A simulated frame, and what is true of the core's pixels."""
+
+    rig: Rig
+    images: Images
+    depth_mm: np.ndarray
+    label: np.ndarray
+    views: np.ndarray
+    """How many auxiliaries see a pixel's point."""
+    roughness: float
+
+    def lesson(self, names: tuple[str, ...], preset: str, spoil: Spoil) -> Lesson:
+        """Seen by these auxiliaries, spoiled in that way."""
+        frame = FrameSet("000", spoil({name: self.images[name] for name in (self.rig.core, *names)}))
+        try:
+            near_far = find_depth_range(self.rig, frame, Silent())
+        except ReconstructionError:
+            near_far = ON_FAILURE_MM
+        return Lesson(
+            self.rig, names, preset, frame, near_far, self.depth_mm, self.label, self.views,
+            spoil in (strangers, blank), self.roughness,
+        )  # fmt: skip
+
+    def halved(self) -> Capture:
+        """Every four pixels as one, which knows no depth where the four are not one surface."""
+        height, width = (side // 2 for side in self.depth_mm.shape)
+        fours = self.depth_mm.reshape(height, 2, width, 2)
+        depth = np.where(
+            np.ptp(fours, axis=(1, 3)) < ONE_SURFACE_MM, 1 / (1 / fours).mean(axis=(1, 3)), np.nan
+        )
+        images = {
+            name: cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+            for name, image in self.images.items()
+        }
+        views = self.views.reshape(height, 2, width, 2).max(axis=(1, 3))
+        return Capture(scaled_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views, self.roughness)
+
+
+def captured(folder: Path) -> Capture:
+    """What the simulator wrote."""
     rig = read_rig(folder / "truth" / "rig.json")
     truth = np.load(next((folder / "truth").glob("*_depth.npz")))
     depth_mm, label, views = (truth[name] for name in ("depth_mm", "label", "views"))
     scenario = json.loads((folder / "truth" / "scenario.json").read_text("utf-8"))
     roughness = scenario["heap"]["shapes"]["roughness"] if (label == 2).any() else 0.0
     images = {name: read_image(next((folder / name).glob("000.*"))) for name in rig.cameras}
-    every = rig.auxiliaries
+    return Capture(rig, images, depth_mm, label, views, roughness)
+
+
+def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
+    """A capture's frames: as it is, and spoiled in some ways; in all over `EVERY` turns."""
+    capture = captured(folder)
+    every = capture.rig.auxiliaries
     ways = (
         (every[:3], "standard", same),
         (every[1::2], "standard", same),
@@ -67,17 +117,10 @@ def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
         (every, "standard", strangers),
         (every, "standard", blank),
     )
-    for names, preset, spoil in ((every, "standard", same), *ways[turn % EVERY :: EVERY]):
-        frame = FrameSet("000", spoil({name: images[name] for name in (rig.core, *names)}))
-        try:
-            near_far = find_depth_range(rig, frame, Silent())
-        except ReconstructionError:
-            near_far = ON_FAILURE_MM
-        alien = spoil in (strangers, blank)
-        yield Lesson(rig, names, preset, frame, near_far, depth_mm, label, views, alien, roughness)
-
-
-Spoil = Callable[[Images], Images]
+    for way in ((every, "standard", same), *ways[turn % EVERY :: EVERY]):
+        yield capture.lesson(*way)
+    if turn % EVERY == 0 and capture.rig.core_camera.size_px[0] >= HALVED_FROM_PX:
+        yield capture.halved().lesson(every, "standard", same)
 
 
 def same(images: Images) -> Images:

@@ -43,8 +43,6 @@ class Sample:
     """Of pixels away from true steps."""
     unseen: np.ndarray
     """Of pixels that no auxiliary truly sees."""
-    roughness: float
-    """Of the stones, share of their radius."""
     scale: float
     """Of the grid."""
 
@@ -93,7 +91,6 @@ def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings) -> Sample
         depth * depth * unit,
         truth.interior[at],
         truth.unseen[at],
-        lesson.roughness,
         scale,
     )
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.protocol.local_fit import RADII
+from beltscape.kernels.protocol.local_fit import MOST_DISAGREEMENT, RADII
 from kernels.grids import WIDTHS, surface
 from kernels.rounding import first_alike
 from strategies import seeds
@@ -57,9 +57,13 @@ def test_native_agrees_with_the_reference(level, seed, height, width, radii, tol
            for name in ("reference", level)]  # fmt: skip
     expected, found = (f(radii=radii) for f in fit)
     assert found.s.dtype == found.variance.dtype == np.float32
-    same = found.scale == expected.scale
+    same, there = found.scale == expected.scale, np.isfinite(expected.s)
     agree(found, expected, same)
     assert (same | on_the_brink(fit[0], radii)).all()
+    if len(radii) > 1:  # told by values that are rounded: as far as those may be off
+        spread = np.sqrt(fit[0](radii=radii[:-1], confidence_width=1e9).variance)
+        apart = np.sqrt([f.disagreement * 1.0 for f in (found, expected)])
+        np.testing.assert_array_less(np.abs(apart[0] - apart[1])[there] * spread[there], 3e-4)
 
 
 def on_the_brink(fit, radii) -> np.ndarray:
@@ -154,6 +158,20 @@ def test_the_variance_is_that_of_the_value(name):
         )  # fmt: skip
         values.append(fit.s[4, 4])
     assert 0.85 < np.var(values) / fit.variance[4, 4] < 1.15
+
+
+@everything
+def test_windows_disagree_on_what_is_not_plane(name):
+    """Little where only noise moves them, up to the most where a cone's tip is cut."""
+    v, u = np.indices((41, 41)) - 20.0
+    rng, none = np.random.default_rng(6), np.zeros((41, 41))
+    information = none + 100.0
+    noise = rng.normal(size=none.shape) * np.sqrt(information)
+    fit = partial(load(name).local_fit, information, s=none, slope_u=none, slope_v=none, tolerance=10.0)
+    even, cone = fit(noise), fit(noise + information * np.hypot(u, v))
+    assert 0.1 < np.mean(even.disagreement) < 1.0
+    assert cone.disagreement[20, 20] == MOST_DISAGREEMENT
+    assert not fit(noise, radii=((4, 2.0),)).disagreement.any()
 
 
 @everything

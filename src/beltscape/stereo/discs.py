@@ -34,6 +34,8 @@ _QUIET = 33.0
 """A patch speaks for itself where that percentile of its information is that share of its surroundings' median."""
 _LEAST_RING = 60
 _ROUNDS = 6
+_RIDGE = 1e-9
+"""Of the fit's moments: a ring cut down to a line still has a quadratic."""
 
 
 class Discs(NamedTuple):
@@ -99,7 +101,8 @@ def _quadratic(
     for _ in range(_ROUNDS):
         weighted = around * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
         moments, pull = np.einsum("ni,nj->ij", weighted, around), np.einsum("ni,n->i", weighted, target)
-        coefficients = np.linalg.lstsq(moments, pull)[0]
+        moments[np.diag_indices(6)] += _RIDGE * np.trace(moments)
+        coefficients = np.linalg.solve(moments, pull)
         off = np.abs(target - around @ coefficients)
         spread = 1.4826 * float(np.median(off))
         weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)

@@ -130,7 +130,7 @@ def _spread(image: Array, side: tuple[int, int]) -> Array:
     return np.maximum(cv2.blur(image * image, side) - mean * mean, 0)
 
 
-def window(window_px: int, scale: float) -> tuple[int, int]:
+def window(window_px: float, scale: float) -> tuple[int, int]:
     """An odd window on a grid ``scale`` times finer than the one it is told for."""
     side = 2 * int(window_px * scale / 2) + 1
     return side, side

@@ -21,6 +21,7 @@ from beltscape.stereo.matched import Match
 from beltscape.stereo.scrutiny import Scrutiny, Told, scrutinised
 from beltscape.stereo.side_by_side import both, side_by_side
 from beltscape.stereo.sight import seen_by, seen_through
+from beltscape.stereo.unevenness import unevenness_evidence
 
 Array = NDArray[np.floating]
 
@@ -82,6 +83,7 @@ def closer_look(
         lambda: impression_evidence(impression, scale),
     ]
     planes = _joined([*_of_the_surface(match, seen, scale), *parts], threads) | match.light
+    planes |= dict(unevenness_evidence(match.refined, planes["turn"], scale))
     return Evidence(planes, seen), Scrutiny.of(planes, surface, likeness, scale)
 
 

@@ -78,6 +78,7 @@ class MultiviewSettings(BaseModel):
 PRESETS: dict[str, dict[str, object]] = {
     "fast": {
         "grid_step": 2,
+        "plane_step_px": 1.25,
         "rounds": 1,
         "contests": 0,
         "between_px": (0.7,),

@@ -25,6 +25,8 @@ class Refined:
     surface: Surface
     variance: NDArray[np.float32]
     """(H, W) of s, px², from noise, texture, views and window."""
+    disagreement: NDArray[np.float32]
+    """(H, W) of the windows: how far from plane the surface is, in units of that variance."""
     used: NDArray[np.uint8]
     """(H, W) how many views agreed."""
     information: NDArray[np.float32]
@@ -44,7 +46,7 @@ def refine(
 
     ``radii`` are the fit's windows, ``levels_px`` the radius of the one in which levels are normalised.
     """
-    variance = used = information = None
+    fit = used = information = None
     for tolerance in tolerances:
         information, pull, used = kernels.normal_equations(
             surface.s, prepared.core, prepared.coefficients, prepared.views,
@@ -55,7 +57,7 @@ def refine(
             information, pull, surface.s, surface.slope_u, surface.slope_v, radii=radii, tolerance=tolerance,
             threads=threads,
         )  # fmt: skip
-        surface, variance = Surface(fit.s, fit.slope_u, fit.slope_v), fit.variance
-    if variance is None or used is None or information is None:
+        surface = Surface(fit.s, fit.slope_u, fit.slope_v)
+    if fit is None or used is None or information is None:
         raise ValueError("refine needs at least one tolerance")
-    return Refined(surface, variance, used, information)
+    return Refined(surface, fit.variance, fit.disagreement, used, information)

@@ -65,7 +65,7 @@ class Refinement:
         fields = {"information": information, "pull": pull, "s": s, "slope_u": slope_u, "slope_v": slope_v}
         given = fit_input(fields, radii, tolerance, confidence_width, prior_information)
         shape = given.fields[0].shape
-        out = LocalFit(*(np.empty(shape, np.float32) for _ in range(4)), np.empty(shape, np.uint8))
+        out = LocalFit(*(np.empty(shape, np.float32) for _ in range(5)), np.empty(shape, np.uint8))
         windows = [(radius, taps.tolist(), reach) for radius, taps, reach in given.windows]
         self._module.local_fit(
             *given.fields, windows, tolerance, confidence_width, prior_information, *out, threads

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 RADII = ((3, 1.5), (5, 2.5), (8, 4.0))
 """Windows of a local fit: (radius px, Gaussian sigma px)."""
+MOST_DISAGREEMENT = 25.0
+"""Of two windows: beyond that one of them says nothing about the surface."""
 
 
 class LocalFit(NamedTuple):
@@ -23,6 +25,9 @@ class LocalFit(NamedTuple):
     """(H, W) float32, of s per px downwards."""
     variance: NDArray[np.floating]
     """(H, W) float32, px², of s; infinite where the windows weigh nothing: nothing changes there."""
+    disagreement: NDArray[np.floating]
+    """(H, W) float32: how far the largest window's value lies off that of the next smaller one, squared, over that
+    one's variance, at most `MOST_DISAGREEMENT`: about half of one where the surface is plane; 0 with one window."""
     scale: NDArray[np.uint8]
     """(H, W), which of the radii was taken."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels.check_refine import FitInput, FitWindow, fit_input
-from beltscape.kernels.protocol.local_fit import RADII, LocalFit
+from beltscape.kernels.protocol.local_fit import MOST_DISAGREEMENT, RADII, LocalFit
 
 Array = NDArray[np.float64]
 
@@ -17,6 +17,7 @@ SLOPE_RIDGE = 0.1
 """px²: what holds slopes to the earlier ones, per weight of the window."""
 NO_WEIGHT = 1e-12
 """A window that weighs no more says nothing."""
+LEAST_VARIANCE = 1e-12
 LARGEST_STEP = 1.0
 """Of s, px."""
 
@@ -48,11 +49,13 @@ def local_fit(
     del threads
     fields = {"information": information, "pull": pull, "s": s, "slope_u": slope_u, "slope_v": slope_v}
     given = fit_input(fields, radii, tolerance, confidence_width, prior_information)
-    taken, scale = _largest_consistent([_fitted(given, window) for window in given.windows], confidence_width)
+    fits = [_fitted(given, window) for window in given.windows]
+    taken, scale = _largest_consistent(fits, confidence_width)
     nearness = given.fields[2]
     missing = ~np.isfinite(nearness)
     moved = nearness + np.clip(taken.change, -LARGEST_STEP, LARGEST_STEP)
-    planes = (np.where(missing, np.nan, a) for a in (moved, taken.slope_u, taken.slope_v, taken.variance))
+    told = moved, taken.slope_u, taken.slope_v, taken.variance, _disagreement(fits)
+    planes = (np.where(missing, np.nan, a) for a in told)
     return LocalFit(*planes, np.where(missing, 0, scale).astype(np.uint8))
 
 
@@ -64,6 +67,15 @@ def _largest_consistent(planes: list[_Plane], width: float) -> tuple[_Plane, NDA
     scale = np.maximum((low <= high).sum(axis=0) - 1, 0)  # once apart, always apart
     fields = (np.stack([getattr(plane, name) for plane in planes]) for name in _Plane.__slots__)
     return _Plane(*(np.take_along_axis(field, scale[None], axis=0)[0] for field in fields)), scale
+
+
+def _disagreement(planes: list[_Plane]) -> Array:
+    """(H, W) of the two largest windows."""
+    if len(planes) == 1:
+        return np.zeros_like(planes[0].change)
+    smaller, larger = planes[-2:]
+    apart = larger.change - smaller.change
+    return np.minimum(apart**2 / np.maximum(smaller.variance, LEAST_VARIANCE), MOST_DISAGREEMENT)
 
 
 def _fitted(given: FitInput, window: FitWindow) -> _Plane:

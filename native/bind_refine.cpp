@@ -40,10 +40,11 @@ void normal_equations(Grid s, Grid core, const std::vector<Grid>& coefficients,
 
 using Window = std::tuple<int, std::vector<double>, std::vector<int>>;  // radius, taps, reach
 
-FitWindows windows_of(const std::vector<Window>& given, double tolerance, double width) {
+FitWindows windows_of(const std::vector<Window>& given, double tolerance, double width, float flatten) {
     FitWindows windows{};
     windows.count = static_cast<int>(given.size());
     windows.tolerance = static_cast<float>(tolerance), windows.width = static_cast<float>(width);
+    windows.flatten = flatten;
     for (std::size_t k = 0; k < given.size(); ++k) {
         const auto& [radius, taps, reach] = given[k];
         windows.window[k].radius = radius;
@@ -74,10 +75,10 @@ struct FitBand {
 
 void local_fit(Grid information, Grid pull, Grid s, Grid slope_u, Grid slope_v,
                const std::vector<Window>& given, double tolerance, double confidence_width, float prior,
-               GridOut new_s, GridOut new_slope_u, GridOut new_slope_v, GridOut variance,
+               float flatten, GridOut new_s, GridOut new_slope_u, GridOut new_slope_v, GridOut variance,
                GridOut disagreement, Counts scale, std::size_t threads) {
     const int height = height_of(s), width = width_of(s);
-    const FitWindows windows = windows_of(given, tolerance, confidence_width);
+    const FitWindows windows = windows_of(given, tolerance, confidence_width, flatten);
     const int margin = windows.window[windows.count - 1].radius;
     const FitRow all{s.data(),        slope_u.data(),      slope_v.data(),
                      new_s.data(),    new_slope_u.data(),  new_slope_v.data(),
@@ -109,8 +110,9 @@ void bind_refine(nb::module_& m) {
           nb::arg("pull"), nb::arg("used"), nb::arg("threads"));
     m.def("local_fit", &local_fit, nb::arg("information"), nb::arg("pull"), nb::arg("s"), nb::arg("slope_u"),
           nb::arg("slope_v"), nb::arg("windows"), nb::arg("tolerance"), nb::arg("confidence_width"),
-          nb::arg("prior"), nb::arg("new_s"), nb::arg("new_slope_u"), nb::arg("new_slope_v"),
-          nb::arg("variance"), nb::arg("disagreement"), nb::arg("scale"), nb::arg("threads"));
+          nb::arg("prior"), nb::arg("flatten"), nb::arg("new_s"), nb::arg("new_slope_u"),
+          nb::arg("new_slope_v"), nb::arg("variance"), nb::arg("disagreement"), nb::arg("scale"),
+          nb::arg("threads"));
 }
 
 }  // namespace beltscape

@@ -34,6 +34,7 @@ struct FitWindows {
     FitWindow window[kMaxWindows];  // smallest radius first
     int count;
     float tolerance, width;  // width: of a confidence interval, in standard deviations to each side
+    float flatten;           // share of what neighbours lie off the plane that counts
 };
 
 // What a fit reads: at pixel (0, 0) of a part of the grid, with a margin all around of the largest radius,
@@ -65,23 +66,25 @@ struct Tap {
 };
 
 template <class F>
-BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, float tolerance_square) {
+BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, const FitWindows& windows) {
     const F e = load<F>(field.s + at) - expected, information = load<F>(field.information + at);
-    const F near = greater(fused(e, -e, broadcast<F>(tolerance_square)), F{}), closeness = near * near;
+    const F near = greater(fused(e, -e, broadcast<F>(windows.tolerance * windows.tolerance)), F{}),
+            closeness = near * near;
     const F weight = closeness * information;
-    return {weight, closeness * fused(information, e, load<F>(field.pull + at)), closeness * weight};
+    return {weight, closeness * fused(information, windows.flatten * e, load<F>(field.pull + at)),
+            closeness * weight};
 }
 
 // expected: of s in the pixel's column, by the plane so far.
 template <class F>
 BELTSCAPE_INLINE void fit_pairs(const FitField& field, int at, int reach, F expected, F slope_u,
-                                float tolerance_square, RowPairs<F>& row) {
-    const Tap<F> centre = fit_tap(field, at, expected, tolerance_square);
+                                const FitWindows& windows, RowPairs<F>& row) {
+    const Tap<F> centre = fit_tap(field, at, expected, windows);
     row.weight[0] = centre.weight, row.pull[0] = centre.pull, row.square[0] = centre.square;
     for (int i = 1; i <= reach; ++i) {
         const float by = static_cast<float>(i);
-        const Tap<F> right = fit_tap(field, at + i, fused(slope_u, by, expected), tolerance_square);
-        const Tap<F> left = fit_tap(field, at - i, fused(slope_u, -by, expected), tolerance_square);
+        const Tap<F> right = fit_tap(field, at + i, fused(slope_u, by, expected), windows);
+        const Tap<F> left = fit_tap(field, at - i, fused(slope_u, -by, expected), windows);
         row.weight[i] = right.weight + left.weight, row.weight_odd[i] = right.weight - left.weight;
         row.pull[i] = right.pull + left.pull, row.pull_odd[i] = right.pull - left.pull;
         row.square[i] = right.square + left.square;
@@ -177,8 +180,7 @@ BELTSCAPE_INLINE Fit<F> fit_plane(const FitField& field, const FitWindows& windo
         const int off = row < 0 ? -row : row;
         if (largest.reach[off] < 0) continue;
         fit_pairs(field, at + row * field.stride, largest.reach[off],
-                  fused(slope_v, static_cast<float>(row), s), slope_u, windows.tolerance * windows.tolerance,
-                  pairs);
+                  fused(slope_v, static_cast<float>(row), s), slope_u, windows, pairs);
         for (int k = 0; k < windows.count; ++k)
             if (off <= windows.window[k].radius && windows.window[k].reach[off] >= 0)
                 add_row(windows.window[k], row, pairs, sums[k]);

@@ -49,12 +49,22 @@ def agree(found, expected, where=True):
 
 
 @every_level
-@given(seeds, widths, widths, windows, tolerances, st.sampled_from([0.0, 1.0, 30.0]))
-def test_native_agrees_with_the_reference(level, seed, height, width, radii, tolerance, prior):
+@given(
+    seeds,
+    widths,
+    widths,
+    windows,
+    tolerances,
+    st.sampled_from([0.0, 1.0, 30.0]),
+    st.sampled_from([0.0, 0.4, 1.0]),
+)
+def test_native_agrees_with_the_reference(level, seed, height, width, radii, tolerance, prior, flatten):
     """Where no two windows' intervals lie within rounding of each other; a window fits in alone, too."""
     given = scene(seed, height, width, 0.03 if prior else 0.0)  # a weight of rounding alone is no weight
-    fit = [partial(load(name).local_fit, *given, tolerance=tolerance, prior_information=prior)
-           for name in ("reference", level)]  # fmt: skip
+    fit = [
+        partial(load(name).local_fit, *given, tolerance=tolerance, prior_information=prior, flatten=flatten)
+        for name in ("reference", level)
+    ]
     expected, found = (f(radii=radii) for f in fit)
     assert found.s.dtype == found.variance.dtype == np.float32
     same, there = found.scale == expected.scale, np.isfinite(expected.s)
@@ -98,6 +108,17 @@ def test_slopes_are_found_from_none(name, seed):
         slopes = fit.slope_u, fit.slope_v
     np.testing.assert_allclose(slopes[0][inner, inner], by_u, atol=1e-3)
     np.testing.assert_allclose(slopes[1][inner, inner], by_v, atol=1e-3)
+
+
+@everything
+def test_a_surface_that_is_not_flattened_keeps_its_shape(name):
+    """It only moves by what the pulls have in common."""
+    v, u = np.indices((24, 30)) - 12.0
+    s, one, none = 200 + 0.01 * (u**2 + v**2), np.full((24, 30), 50.0), np.zeros((24, 30))
+    fit = partial(load(name).local_fit, one, s=s, slope_u=0.02 * u, slope_v=0.02 * v, tolerance=5.0)
+    np.testing.assert_array_equal(fit(none, flatten=0.0).s, s.astype(np.float32))
+    np.testing.assert_allclose(fit(0.1 * one, flatten=0.0, prior_information=0.0).s - s, 0.1, rtol=1e-3)
+    assert (fit(none).s[8:-8, 8:-8] - s[8:-8, 8:-8] > 0.01).all()
 
 
 @everything
@@ -239,6 +260,7 @@ def test_wrong_input_is_named(name):
         (lambda: fit(tolerance=np.nan), "tolerance must be at least 0.001 and at most 1000, not nan"),
         (lambda: fit(tolerance=1.0, confidence_width=-1), "confidence_width must be at least 0, not -1"),
         (lambda: fit(tolerance=1.0, prior_information=np.inf), "prior_information must be at least 0, not inf"),
+        (lambda: fit(tolerance=1.0, flatten=1.5), "flatten must be at least 0 and at most 1, not 1.5"),
         (lambda: fit(tolerance=1.0, radii=()), "radii must be 1 to 4 windows, not 0"),
         (lambda: fit(tolerance=1.0, radii=((3, 1.0), (3, 2.0))), "radii must ascend within 1 to 15 px, not 3, 3"),
         (lambda: fit(tolerance=1.0, radii=((16, 1.0),)), "radii must ascend within 1 to 15 px, not 16"),

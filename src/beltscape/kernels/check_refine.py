@@ -115,6 +115,7 @@ class FitInput:
     tolerance: float
     confidence_width: float
     prior_information: float
+    flatten: float
 
 
 def fit_input(
@@ -123,6 +124,7 @@ def fit_input(
     tolerance: float,
     confidence_width: float,
     prior_information: float,
+    flatten: float,
 ) -> FitInput:
     """The input of `local_fit` as the kernels take it, or KernelError."""
     shape = float32("s", fields["s"], ("H", "W")).shape
@@ -131,7 +133,8 @@ def fit_input(
     _within("tolerance", tolerance, *TOLERANCES)
     _within("confidence_width", confidence_width, 0, inf)
     _within("prior_information", prior_information, 0, inf)
-    return FitInput(checked, windows, tolerance, confidence_width, prior_information)
+    _within("flatten", flatten, 0, 1)
+    return FitInput(checked, windows, tolerance, confidence_width, prior_information, flatten)
 
 
 def _within(name: str, number: float, low: float, high: float) -> None:

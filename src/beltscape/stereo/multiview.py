@@ -25,6 +25,7 @@ from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.prepared import grid_unit, prepare
 from beltscape.stereo.prior import Prior
 from beltscape.stereo.refine import refine
+from beltscape.stereo.sharpen import sharpened
 from beltscape.stereo.side_by_side import both
 from beltscape.stereo.surface import Surface, finer
 from beltscape.stereo.views import known_auxiliaries, usable_auxiliaries
@@ -104,6 +105,9 @@ class MultiviewReconstructor:
         if contested is not None:
             surface = contested.surface.where(discs.inside, discs.surface)
         refined = refine(surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads)
+        if settings.sharpen:
+            sharp = sharpened(refined.surface, prepared, settings.final_px[-1], size, kernels, threads)
+            refined = replace(refined, surface=sharp)
         tell()
         return Match(prepared, chosen, refined, before.light, discs.inside, contested)
 

@@ -43,6 +43,7 @@ class MultiviewSettings(BaseModel):
     final_px: tuple[Tolerance, ...] = Field(
         (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
     )
+    sharpen: bool = Field(True, description="put back what the last fit's windows have flattened")
     least_confidence: float = Field(0.75, ge=0, lt=1, description="less trusted pixels are not measured")
     threads: int = Field(0, ge=0, le=256, description="0: as many as there are cores")
 
@@ -83,6 +84,7 @@ PRESETS: dict[str, dict[str, object]] = {
         "contests": 0,
         "between_px": (0.7,),
         "final_px": (0.3,),
+        "sharpen": False,
         "least_confidence": 0.4,
     },
     "standard": {},

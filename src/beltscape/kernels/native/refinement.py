@@ -59,15 +59,16 @@ class Refinement:
         tolerance: float,
         confidence_width: float = 2.0,
         prior_information: float = 1.0,
+        flatten: float = 1.0,
         threads: int = 0,
     ) -> LocalFit:
         """See `beltscape.kernels.protocol.local_fit`."""
         fields = {"information": information, "pull": pull, "s": s, "slope_u": slope_u, "slope_v": slope_v}
-        given = fit_input(fields, radii, tolerance, confidence_width, prior_information)
+        given = fit_input(fields, radii, tolerance, confidence_width, prior_information, flatten)
         shape = given.fields[0].shape
         out = LocalFit(*(np.empty(shape, np.float32) for _ in range(5)), np.empty(shape, np.uint8))
         windows = [(radius, taps.tolist(), reach) for radius, taps, reach in given.windows]
         self._module.local_fit(
-            *given.fields, windows, tolerance, confidence_width, prior_information, *out, threads
+            *given.fields, windows, tolerance, confidence_width, prior_information, flatten, *out, threads
         )
         return out

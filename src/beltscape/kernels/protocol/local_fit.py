@@ -47,6 +47,7 @@ class Fits(Protocol):
         tolerance: float,
         confidence_width: float = 2.0,
         prior_information: float = 1.0,
+        flatten: float = 1.0,
         threads: int = 0,
     ) -> LocalFit:
         """A plane around each pixel p, fitted to s + pull / information of its neighbours q.
@@ -82,6 +83,9 @@ class Fits(Protocol):
             Half the interval's width in standard deviations.
         prior_information
             1/px², what every pixel's present s is trusted with.
+        flatten
+            0 to 1, which share of e the plane is fitted to, besides pull / information. With 0 the surface keeps
+            its own shape, and moves only by what its neighbours' pulls have in common.
 
         References
         ----------

@@ -43,12 +43,13 @@ def local_fit(
     tolerance: float,
     confidence_width: float = 2.0,
     prior_information: float = 1.0,
+    flatten: float = 1.0,
     threads: int = 0,
 ) -> LocalFit:
     """See `beltscape.kernels.protocol.local_fit`; ``threads`` is ignored here."""
     del threads
     fields = {"information": information, "pull": pull, "s": s, "slope_u": slope_u, "slope_v": slope_v}
-    given = fit_input(fields, radii, tolerance, confidence_width, prior_information)
+    given = fit_input(fields, radii, tolerance, confidence_width, prior_information, flatten)
     fits = [_fitted(given, window) for window in given.windows]
     taken, scale = _largest_consistent(fits, confidence_width)
     nearness = given.fields[2]
@@ -95,7 +96,8 @@ def _fitted(given: FitInput, window: FitWindow) -> _Plane:
     e = above - slope_u * u - slope_v * v
     taps = np.array([window.taps[abs(v)] * window.taps[abs(u)] for v, u in offsets])[:, None, None]
     closeness = taps * np.maximum(1 - (e / given.tolerance) ** 2, 0) ** 2 * _neighbours(there, offsets)
-    weight, pulled = closeness * near_information, closeness * (near_information * above + near_pull)
+    target = above - (1 - given.flatten) * e
+    weight, pulled = closeness * near_information, closeness * (near_information * target + near_pull)
     return _solved(weight, pulled, closeness * weight, u, v, slope_u, slope_v)
 
 

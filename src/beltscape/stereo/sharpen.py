@@ -1,0 +1,52 @@
+"""What windows have flattened, put back: tops and edges that planes fitted around every pixel cut.
+
+A fit over windows W takes the surface t to W t: short of it on tops, beyond it in hollows. What is left, W (t - W t), still
+shows in the images. It is added where it is more than noise (twicing: Tukey 1977; Stuetzle & Mittal 1979,
+doi:10.1007/BFb0098499).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.stereo.evidence import window
+from beltscape.stereo.known import known
+from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.surface import Surface
+from beltscape.stereo.windows import Windows
+
+_AROUND_PX = 7
+"""Window in which what is left is compared with its variance."""
+_MOST_PX = 0.1
+"""More than that is no flattening."""
+
+
+def sharpened(
+    surface: Surface, prepared: PreparedFrame, tolerance: float, size: Windows, kernels: Kernels, threads: int
+) -> Surface:
+    """The refined surface with what its largest window has taken off it; NaN stays.
+
+    ``tolerance`` is in px, as that of `beltscape.stereo.refine.refine`.
+    """
+    information, pull, _ = kernels.normal_equations(
+        surface.s, prepared.core, prepared.coefficients, prepared.views,
+        window=size.levels_px, floor=prepared.noise.floor, noise_variance=prepared.noise.levels,
+        model_variance=prepared.noise.model, threads=threads,
+    )  # fmt: skip
+    fit = kernels.local_fit(
+        information, pull, surface.s, surface.slope_u, surface.slope_v, radii=size.wide[-1:], tolerance=tolerance,
+        flatten=0.0, threads=threads,
+    )  # fmt: skip
+    left = fit.s - surface.s
+    side = window(_AROUND_PX, size.scale)
+    energy = cv2.blur(np.minimum(known(left) ** 2, _MOST_PX**2), side)
+    noise = cv2.blur(np.minimum(known(fit.variance), _MOST_PX**2), side)
+    share = np.maximum(1 - noise / np.maximum(energy, np.float32(1e-12)), 0)
+    return Surface(
+        surface.s + share * left,
+        surface.slope_u + share * (fit.slope_u - surface.slope_u),
+        surface.slope_v + share * (fit.slope_v - surface.slope_v),
+    )

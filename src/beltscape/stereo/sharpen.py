@@ -1,15 +1,14 @@
 """What windows have flattened, put back: tops and edges that planes fitted around every pixel cut.
 
-A fit over windows W takes the surface t to W t: short of it on tops, beyond it in hollows. What is left, W (t - W t), still
-shows in the images. It is added where it is more than noise (twicing: Tukey 1977; Stuetzle & Mittal 1979,
-doi:10.1007/BFb0098499).
+A fit over windows W takes the surface t to W t: short of it on tops, beyond it in hollows. What is left shows in the
+images still, as residuals that neighbours have in common. W of it is added where it is more than noise (twicing:
+J. W. Tukey, Exploratory Data Analysis, 1977).
 """
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.evidence import window

@@ -21,7 +21,7 @@ BALL = (sphere(660, 250), plane(900))
 
 def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface, Surface]:
     surface = with_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
-    refined = refine(surface, made.prepared, (0.7, 0.4), SIZE.wide[-1:], SIZE.levels_px, load(), 1).surface
+    refined = refine(surface, made.prepared, (0.7, 0.4), SIZE.firm, SIZE.levels_px, load(), 1).surface
     return refined, sharpened(refined, made.prepared, 0.4, SIZE, load(), 1)
 
 

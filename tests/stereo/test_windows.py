@@ -14,8 +14,9 @@ widths = st.integers(1, 20_000)
 @given(widths)
 def test_the_kernels_take_them(width_px):
     size = windows(width_px)
-    assert len(fit_windows(size.narrow)) < len(fit_windows(size.wide))
-    assert size.wide[: len(size.narrow)] == size.narrow
+    for radii in (size.narrow, size.firm, size.wide):
+        assert fit_windows(radii)
+    assert size.narrow[-1] < size.firm[-1] < size.wide[-1] or size.firm[-1][0] == WINDOW_LIMIT
     assert 1 <= size.levels_px <= WINDOW_LIMIT
 
 
@@ -24,4 +25,5 @@ def test_a_wider_grid_has_no_smaller_windows(a, b):
     small, large = windows(min(a, b)), windows(max(a, b))
     assert small.scale <= large.scale
     assert small.levels_px <= large.levels_px
-    assert all(s <= w for s, w in zip(small.wide, large.wide, strict=False))  # the largest may be left out
+    for name in ("narrow", "firm", "wide"):
+        assert all(s <= w for s, w in zip(getattr(small, name), getattr(large, name), strict=True))

@@ -22,9 +22,9 @@ from beltscape.stereo.evidence import light_evidence
 from beltscape.stereo.judge import Verdict, first_look, impressed, judge
 from beltscape.stereo.matched import Match
 from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.prepared import grid_unit, prepare
+from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
 from beltscape.stereo.prior import Prior
-from beltscape.stereo.refine import refine
+from beltscape.stereo.refine import Refined, refine
 from beltscape.stereo.sharpen import sharpened
 from beltscape.stereo.side_by_side import both
 from beltscape.stereo.surface import Surface, finer
@@ -104,12 +104,23 @@ class MultiviewReconstructor:
         surface = discs.surface
         if contested is not None:
             surface = contested.surface.where(discs.inside, discs.surface)
-        refined = refine(surface, prepared, settings.final_px, size.wide, size.levels_px, kernels, threads)
-        if settings.sharpen:
-            sharp = sharpened(refined.surface, prepared, settings.final_px[-1], size, kernels, threads)
-            refined = replace(refined, surface=sharp)
+        refined = self._finished(surface, prepared)
         tell()
         return Match(prepared, chosen, refined, before.light, discs.inside, contested)
+
+    def _finished(self, surface: Surface, prepared: PreparedFrame) -> Refined:
+        """The surface after the last iterations."""
+        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
+        size = windows(prepared.core.shape[1])
+        *before, last = settings.final_px
+        if before:
+            surface = refine(
+                surface, prepared, tuple(before), size.firm, size.levels_px, kernels, threads
+            ).surface
+        refined = refine(surface, prepared, (last,), size.wide, size.levels_px, kernels, threads)
+        if not settings.sharpen:
+            return refined
+        return replace(refined, surface=sharpened(refined.surface, prepared, last, size, kernels, threads))
 
     def _looked_at_again(self, before: Match, scale: float) -> Contested | None:
         """The surface after closer looks at doubtful pixels; None without any."""

@@ -26,7 +26,7 @@ _MOST_PX = 0.1
 def sharpened(
     surface: Surface, prepared: PreparedFrame, tolerance: float, size: Windows, kernels: Kernels, threads: int
 ) -> Surface:
-    """The refined surface with what its largest window has taken off it; NaN stays.
+    """The refined surface with what windows have taken off it; NaN stays.
 
     ``tolerance`` is in px, as that of `beltscape.stereo.refine.refine`.
     """
@@ -36,7 +36,7 @@ def sharpened(
         model_variance=prepared.noise.model, threads=threads,
     )  # fmt: skip
     fit = kernels.local_fit(
-        information, pull, surface.s, surface.slope_u, surface.slope_v, radii=size.wide[-1:], tolerance=tolerance,
+        information, pull, surface.s, surface.slope_u, surface.slope_v, radii=size.firm, tolerance=tolerance,
         flatten=0.0, threads=threads,
     )  # fmt: skip
     left = fit.s - surface.s

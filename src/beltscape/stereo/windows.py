@@ -12,7 +12,7 @@ Radii = tuple[tuple[int, float], ...]
 _WIDTH_PX = 1224
 """The grid for which the sizes below are told."""
 _SCALE = (0.5, 1.8)
-_SIGMAS_PX = (1.5, 2.5, 4.0)
+_NARROW_PX, _FIRM_PX, _WIDE_PX = (1.5, 2.5), (4.0,), (2.5, 5.0)
 _RADIUS = 2.0
 """Of a window, in its Gaussian's sigmas."""
 _LEVELS_PX = 7
@@ -26,8 +26,10 @@ class Windows:
 
     narrow: Radii
     """Of the fits between rounds of propagation."""
+    firm: Radii
+    """Of the last fits but one, and of sharpening."""
     wide: Radii
-    """Of the last fits."""
+    """Of the last fit."""
     levels_px: int
     """Radius of the window in which levels are normalised."""
     scale: float
@@ -37,6 +39,10 @@ class Windows:
 def windows(width_px: int) -> Windows:
     """Windows for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
-    sigmas = [sigma * scale for sigma in _SIGMAS_PX if _RADIUS * sigma * scale <= MOST_PX]
-    radii = tuple((int(np.ceil(_RADIUS * sigma)), sigma) for sigma in sigmas)
-    return Windows(radii[:2], radii, max(3, round(_LEVELS_PX * scale)), scale)
+    radii = (_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
+    return Windows(*radii, max(3, round(_LEVELS_PX * scale)), scale)
+
+
+def _radii(sigmas_px: tuple[float, ...], scale: float) -> Radii:
+    """A window larger than the kernels take is cut."""
+    return tuple((min(MOST_PX, int(np.ceil(_RADIUS * sigma * scale))), sigma * scale) for sigma in sigmas_px)

@@ -23,7 +23,7 @@ from beltscape.stereo.messages import ASKED, addresses, near
 from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.scrutiny import Scrutiny, doubtful, sure
 from beltscape.stereo.windows import windows
-from lessons import ROUGHEST, Lesson, lessons
+from lessons import Lesson, lessons
 from samples import Truth, matcher_of, true, unit_of
 
 TILE_PX, MARGIN_PX = 128, 3
@@ -48,8 +48,6 @@ class Tile(NamedTuple):
     """0 in the margin, where no auxiliary is thought to see the pixel, and off the projector's light."""
     unseen: np.ndarray
     """That no auxiliary truly sees."""
-    even: np.ndarray
-    """() of the scene: stones without much roughness; of joined tiles (N,)."""
 
 
 FIELDS = Tile._fields
@@ -117,7 +115,6 @@ class Doubts:
             (depth * depth * self.unit * around.scale).astype(np.float32),
             weight[at],
             self.truth.unseen[at],
-            np.array(self.lesson.roughness <= ROUGHEST),
         )
 
 
@@ -129,7 +126,6 @@ def joined(some: list[Tile]) -> Tile:
         np.where(each.near >= ASKED, each.near + start, each.near)
         for each, start in zip(some, from_where, strict=False)
     ]
-    parts["even"] = [np.full(len(each.off_px), each.even) for each in some]
     return Tile(
         **{name: np.concatenate(part, axis=-1 if name == "near" else 0) for name, part in parts.items()}
     )

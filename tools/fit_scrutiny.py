@@ -71,7 +71,7 @@ def layered(*sizes: int) -> nn.Sequential:
 
 def loss(told: Tensor, tile: Tile) -> Tensor:
     """Of being right once moved, of sigma then, and of how far to move: a mean over weights."""
-    off, mm_per_px, weight, unseen, even = map(torch.from_numpy, tile[2:])
+    off, mm_per_px, weight, unseen = map(torch.from_numpy, tile[2:])
     logit, log_sigma, shift = told.T
     left = off + shift
     with torch.no_grad():
@@ -79,7 +79,7 @@ def loss(told: Tensor, tile: Tile) -> Tensor:
         right = seen & (left.abs() * mm_per_px <= GROSS_MM)
         near = seen & (left.abs() * mm_per_px <= MOST_MM)
         log_size = torch.log(MAD * torch.where(near, left.abs(), 1.0).clamp(min=1e-4))
-        measured = near & even & (torch.sigmoid(logit) > BELIEVED)
+        measured = near & (torch.sigmoid(logit) > BELIEVED)
         movable = seen & (left.abs() < FARTHEST_PX)
     zero = torch.zeros(())
     judged = functional.binary_cross_entropy_with_logits(logit, right.float(), reduction="none")

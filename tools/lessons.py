@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +18,6 @@ from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.stereo.search import find_depth_range
 
-ROUGHEST = 0.005
-"""Sigma is fitted to stones up to that: what is rougher shows in no evidence, and all others would pay for it."""
 Images = dict[str, np.ndarray]
 Spoil = Callable[[Images], Images]
 ON_FAILURE_MM = (560.0, 800.0)
@@ -48,8 +45,6 @@ class Lesson:
     """How many auxiliaries see a pixel's point."""
     alien: bool
     """The images show nothing, or not the same: what is right is right by chance."""
-    roughness: float
-    """Of its stones, share of their radius; 0 without stones."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +57,6 @@ class Capture:
     label: np.ndarray
     views: np.ndarray
     """How many auxiliaries see a pixel's point."""
-    roughness: float
 
     def lesson(self, names: tuple[str, ...], preset: str, spoil: Spoil) -> Lesson:
         """Seen by these auxiliaries, spoiled in that way."""
@@ -73,7 +67,7 @@ class Capture:
             near_far = ON_FAILURE_MM
         return Lesson(
             self.rig, names, preset, frame, near_far, self.depth_mm, self.label, self.views,
-            spoil in (strangers, blank), self.roughness,
+            spoil in (strangers, blank),
         )  # fmt: skip
 
     def halved(self) -> Capture:
@@ -88,7 +82,7 @@ class Capture:
             for name, image in self.images.items()
         }
         views = self.views.reshape(height, 2, width, 2).max(axis=(1, 3))
-        return Capture(scaled_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views, self.roughness)
+        return Capture(scaled_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views)
 
 
 def captured(folder: Path) -> Capture:
@@ -96,10 +90,8 @@ def captured(folder: Path) -> Capture:
     rig = read_rig(folder / "truth" / "rig.json")
     truth = np.load(next((folder / "truth").glob("*_depth.npz")))
     depth_mm, label, views = (truth[name] for name in ("depth_mm", "label", "views"))
-    scenario = json.loads((folder / "truth" / "scenario.json").read_text("utf-8"))
-    roughness = scenario["heap"]["shapes"]["roughness"] if (label == 2).any() else 0.0
     images = {name: read_image(next((folder / name).glob("000.*"))) for name in rig.cameras}
-    return Capture(rig, images, depth_mm, label, views, roughness)
+    return Capture(rig, images, depth_mm, label, views)
 
 
 def lessons(folder: Path, turn: int) -> Iterator[Lesson]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,8 +90,8 @@ class MultiviewReconstructor:
         self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
     ) -> Match:
         """The surface of one frame before it is judged; told of in steps."""
-        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        grids = settings.grids(self.rig.core_camera.size_px[0])
+        threads = self.settings.threads
+        grids = self.settings.grids(self.rig.core_camera.size_px[0])
         tell = _Steps(reporter, frame_set.frame, grids + 3)
         before = self.approach(frame_set, names, tell, prior)
         chosen, refined, prepared = before.chosen, before.refined, before.prepared
@@ -197,4 +198,8 @@ _EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.floa
 
 
 def _repeated(values: NDArray[Number], step: int) -> NDArray[Number]:
-    return values if step == 1 else np.repeat(np.repeat(values, step, axis=0), step, axis=1)
+    """Every value over its block."""
+    if step == 1:
+        return values
+    height, width = values.shape
+    return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)

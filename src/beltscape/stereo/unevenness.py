@@ -59,4 +59,5 @@ def _tiles(plane: Array, scale: float) -> Array:
     """Means over tiles."""
     side = max(1, int(_TILE_PX * scale))
     height, width = plane.shape
-    return cv2.resize(plane, (max(1, width // side), max(1, height // side)), interpolation=cv2.INTER_AREA)
+    size = max(1, width // side), max(1, height // side)
+    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)

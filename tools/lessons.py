@@ -27,6 +27,7 @@ EVERY = 3
 HALVED_FROM_PX = 1000
 """Smaller images are not halved as well."""
 ONE_SURFACE_MM = 4.0
+"""Within so much the depths of four pixels are of one surface."""
 
 
 @dataclass(frozen=True)

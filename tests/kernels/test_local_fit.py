@@ -43,9 +43,12 @@ def planar(seed: int, size: int) -> tuple[np.ndarray, float, float]:
 
 
 def agree(found, expected, where=True):
-    for name, atol in (("s", 1e-4), ("slope_u", 1e-4), ("slope_v", 1e-4), ("variance", 1e-5)):
+    # A variance is an element of an inverse: few pixels in a corner's window multiply float32's rounding by a thousand.
+    for name, rtol, atol in (
+        ("s", 2e-4, 1e-4), ("slope_u", 2e-4, 1e-4), ("slope_v", 2e-4, 1e-4), ("variance", 1e-3, 1e-5)
+    ):  # fmt: skip
         a, b = (np.where(where, getattr(fit, name), 0) for fit in (found, expected))
-        np.testing.assert_allclose(a, b, rtol=2e-4, atol=atol, err_msg=name)
+        np.testing.assert_allclose(a, b, rtol=rtol, atol=atol, err_msg=name)
 
 
 @every_level
@@ -72,7 +75,7 @@ def test_native_agrees_with_the_reference(level, seed, height, width, radii, tol
     assert (same | on_the_brink(fit[0], radii)).all()
     if len(radii) > 1:  # told by values that are rounded: as far as those may be off
         spread = np.sqrt(fit[0](radii=radii[:-1], confidence_width=1e9).variance)
-        apart = np.sqrt([f.disagreement * 1.0 for f in (found, expected)])
+        apart = np.sqrt([f.disagreement for f in (found, expected)])
         np.testing.assert_array_less(np.abs(apart[0] - apart[1])[there] * spread[there], 3e-4)
 
 

@@ -65,6 +65,8 @@ def continued_discs(surface: Surface, information: Array, prepared: PreparedFram
         rows = slice(max(0, top - reach), top + height + reach)
         columns = slice(max(0, left - reach), left + width + reach)
         inside = labels[rows, columns] == label
+        if inside.all():
+            continue
         told = information[rows, columns]
         if _ranked(told[inside], _QUIET) > _SILENT * _ranked(told[~inside], 0.5):
             continue
@@ -77,7 +79,7 @@ def continued_discs(surface: Surface, information: Array, prepared: PreparedFram
 
 
 def _ranked(values: Array, share: float) -> float:
-    """The value that so many lie below; `numpy.quantile` takes ten times as long for few."""
+    """The value that such a share lies below, without what `numpy.quantile` costs for few values."""
     at = int(share * (values.size - 1))
     return float(np.partition(values, at)[at])
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 from beltscape.stereo.coarse import sweep
 from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.refine import equations
 
 _CLEAR = 0.1
 """Margin of the aggregated dissimilarity by which a plane must win to count."""
@@ -50,12 +51,8 @@ def _agreed(
     s: NDArray[np.float32], prepared: PreparedFrame, kernels: Kernels, threads: int
 ) -> NDArray[np.bool_]:
     """Where an auxiliary sees what the core sees."""
-    found = kernels.normal_equations(
-        s, prepared.core, prepared.coefficients, prepared.views, window=_WINDOW_PX,
-        floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_MISFIT_VARIANCE,
-        threads=threads,
-    )  # fmt: skip
-    return found.used > 0
+    _, _, used = equations(s, prepared, _WINDOW_PX, _MISFIT_VARIANCE, kernels, threads)
+    return used > 0
 
 
 def _common(s: float, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ from beltscape.kernels import Kernels
 from beltscape.stereo.missing import share_about
 from beltscape.stereo.nearness import displaced_row
 from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.refine import equations
 from beltscape.stereo.windows import windows
 
 _FIT_VARIANCE = 0.05
@@ -46,11 +47,7 @@ def moved_nearness(
     view = displaced_row(rig, prior.motion_mm * unit, step)
     (buffer,) = kernels.nearness_buffers(before, view[None], [(width, height)], threads=threads)
     s = np.where(buffer > 0, buffer, np.nan).astype(np.float32)
-    found = kernels.normal_equations(
-        s, prepared.core, prepared.coefficients, prepared.views, window=windows(width).levels_px,
-        floor=prepared.noise.floor, noise_variance=prepared.noise.levels, model_variance=_FIT_VARIANCE,
-        threads=threads,
-    )  # fmt: skip
-    agreed = found.used >= min(2, len(prepared.images))
+    _, _, used = equations(s, prepared, windows(width).levels_px, _FIT_VARIANCE, kernels, threads)
+    agreed = used >= min(2, len(prepared.images))
     fits = np.where(agreed, s, np.nan).astype(np.float32)
     return np.where(share_about(agreed) > _MOST, s, fits)

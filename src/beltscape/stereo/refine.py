@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.kernels.protocol.normal_equations import NormalEquations
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface
 from beltscape.stereo.windows import Radii
@@ -26,11 +27,26 @@ class Refined:
     variance: NDArray[np.float32]
     """(H, W) of s, px², from noise, texture, views and window."""
     disagreement: NDArray[np.float32]
-    """(H, W) of the windows: how far from plane the surface is, in units of that variance."""
+    """(H, W) of the windows: how far from plane the surface is, in units of the smaller window's variance."""
     used: NDArray[np.uint8]
     """(H, W) how many views agreed."""
     information: NDArray[np.float32]
     """(H, W) of this pixel alone, 1/px²."""
+
+
+def equations(
+    s: NDArray[np.float32],
+    prepared: PreparedFrame,
+    levels_px: int,
+    model_variance: float,
+    kernels: Kernels,
+    threads: int,
+) -> NormalEquations:
+    """What a frame's images say of a surface, at the noise that was told of it."""
+    return kernels.normal_equations(
+        s, prepared.core, prepared.coefficients, prepared.views, window=levels_px, floor=prepared.noise.floor,
+        noise_variance=prepared.noise.levels, model_variance=model_variance, threads=threads,
+    )  # fmt: skip
 
 
 def refine(
@@ -48,11 +64,9 @@ def refine(
     """
     fit = used = information = None
     for tolerance in tolerances:
-        information, pull, used = kernels.normal_equations(
-            surface.s, prepared.core, prepared.coefficients, prepared.views,
-            window=levels_px, floor=prepared.noise.floor, noise_variance=prepared.noise.levels,
-            model_variance=prepared.noise.model, threads=threads,
-        )  # fmt: skip
+        information, pull, used = equations(
+            surface.s, prepared, levels_px, prepared.noise.model, kernels, threads
+        )
         fit = kernels.local_fit(
             information, pull, surface.s, surface.slope_u, surface.slope_v, radii=radii, tolerance=tolerance,
             threads=threads,

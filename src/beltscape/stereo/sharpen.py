@@ -14,6 +14,7 @@ from beltscape.kernels import Kernels
 from beltscape.stereo.evidence import window
 from beltscape.stereo.known import known
 from beltscape.stereo.prepared import PreparedFrame
+from beltscape.stereo.refine import equations
 from beltscape.stereo.surface import Surface
 from beltscape.stereo.windows import Windows
 
@@ -30,11 +31,9 @@ def sharpened(
 
     ``tolerance`` is in px, as that of `beltscape.stereo.refine.refine`.
     """
-    information, pull, _ = kernels.normal_equations(
-        surface.s, prepared.core, prepared.coefficients, prepared.views,
-        window=size.levels_px, floor=prepared.noise.floor, noise_variance=prepared.noise.levels,
-        model_variance=prepared.noise.model, threads=threads,
-    )  # fmt: skip
+    information, pull, _ = equations(
+        surface.s, prepared, size.levels_px, prepared.noise.model, kernels, threads
+    )
     fit = kernels.local_fit(
         information, pull, surface.s, surface.slope_u, surface.slope_v, radii=size.firm, tolerance=tolerance,
         flatten=0.0, threads=threads,

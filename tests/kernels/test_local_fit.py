@@ -43,7 +43,7 @@ def planar(seed: int, size: int) -> tuple[np.ndarray, float, float]:
 
 
 def agree(found, expected, where=True):
-    # A variance is an element of an inverse: few pixels in a corner's window multiply float32's rounding by a thousand.
+    # A variance is an element of an inverse: a corner's window of few pixels multiplies float32's rounding.
     for name, rtol, atol in (
         ("s", 2e-4, 1e-4), ("slope_u", 2e-4, 1e-4), ("slope_v", 2e-4, 1e-4), ("variance", 1e-3, 1e-5)
     ):  # fmt: skip

@@ -63,6 +63,7 @@ def test_a_capture_is_a_capture(made, kind):
         assert image.shape[1::-1] == rig.cameras[name].size_px
         assert image.std() > 5
     assert Scenario.model_validate(read_json(folder / "truth" / "scenario.json")) == scene
+    assert read_json(folder / "truth" / "scenario.json")["render"]["engine"] == "scalar"
     assert {"board.toml", "module.toml", "encoder.csv", "tof"} & {p.name for p in folder.iterdir()} == {
         "calibration": {"board.toml"},
         "module": {"module.toml"},

@@ -10,13 +10,19 @@ from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.simulate.optics import Optics
 from beltscape.simulate.render import RenderSettings, render
-from beltscape.simulate.renderer import chosen
+from beltscape.simulate.renderer import resolve_engine
 from beltscape.simulate.world import World
 from synthetic.light import DOWN, camera, plane, projector, station
 
 SCALAR = RenderSettings(engine="scalar")
 FINE = RenderSettings(engine="scalar", oversample=4, passes=5)
+LLVM = pytest.mark.skipif(resolve_engine("auto") != "llvm", reason="optional: needs LLVM 19")
+both_engines = pytest.mark.parametrize("engine", ["scalar", pytest.param("llvm", marks=LLVM)])
 TILTED = Pose.of([np.pi + 0.12, 0.05, 0.06], [15, -10, 690])
+
+
+def by(engine, settings=SCALAR):
+    return settings.model_copy(update={"engine": engine})
 
 
 def picture(world, cam=None, pose=DOWN, settings=SCALAR, optics=None):
@@ -39,10 +45,11 @@ def smooth_noise(rng, shape, sigma=2.0):
     return np.clip(0.5 + 0.2 * blurred / blurred.std(), 0.02, 1)
 
 
-def test_corners_lie_where_the_camera_projects_them():
+@both_engines
+def test_corners_lie_where_the_camera_projects_them(engine):
     board, corners = chessboard()
     cam = camera(360, 300, focal=450.0)
-    image = picture(World((board,), None), cam, TILTED, FINE)
+    image = picture(World((board,), None), cam, TILTED, by(engine, FINE))
     true = cam.project(TILTED.apply(corners))
     grey = np.uint8(np.rint(image[..., 0] * 255))
     start = np.float32(true[:, None])
@@ -61,7 +68,8 @@ def shift_between(first, second):
     return found[:2]
 
 
-def test_what_is_warped_through_true_depth_fits_without_shift(seed=3):
+@both_engines
+def test_what_is_warped_through_true_depth_fits_without_shift(engine, seed=3):
     """An auxiliary's light, fetched through the plane's true depth and both exact distortions."""
     rng = np.random.default_rng(seed)
     texture = np.repeat(smooth_noise(rng, (400, 500))[..., None], 3, axis=-1)
@@ -74,7 +82,7 @@ def test_what_is_warped_through_true_depth_fits_without_shift(seed=3):
         World((surface,), None),
         rig,
         {"cam0": Optics(psf_sigma_px=1.2), "cam1": Optics(psf_sigma_px=1.2)},
-        RenderSettings(engine="scalar", oversample=3, passes=5, texture_filter="bilinear"),
+        RenderSettings(engine=engine, oversample=3, passes=5, texture_filter="bilinear"),
     )
     pixels = np.stack(np.meshgrid(np.arange(60, 190), np.arange(50, 150)), axis=-1)
     rays = core.undistort(pixels)
@@ -86,15 +94,16 @@ def test_what_is_warped_through_true_depth_fits_without_shift(seed=3):
     assert np.abs(shift).max() < 0.001
 
 
+@both_engines
 @pytest.mark.parametrize("center", [None, (95.3, 41.8)])
-def test_a_projected_dot_lands_where_the_projector_aims_it(center):
+def test_a_projected_dot_lands_where_the_projector_aims_it(center, engine):
     pose = Pose.of([np.pi - 0.08, 0.06, 0.03], [20, -15, 720])
     rows, columns = np.mgrid[:100, :160]
     dots = np.array([[40.0, 30.0], [111.4, 27.7], [37.3, 71.6], [118.0, 68.5]])
     pattern = sum(np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 2.0**2)) for u, v in dots)
     light = projector(pattern, focal=(260.0, 264.0), center=center, pose=pose)
     cam = camera(320, 260, focal=340.0, distortion=(0.0,) * 5)
-    image = picture(World((plane(900, 900),), light, ambient=0.0), cam, settings=FINE)[..., 0]
+    image = picture(World((plane(900, 900),), light, ambient=0.0), cam, settings=by(engine, FINE))[..., 0]
     # Each dot's light by where it came from. The camera's pixels are of one size on the plane, so that their
     # light is the projector's light through each part of the pattern.
     v, u = np.mgrid[: image.shape[0], : image.shape[1]]
@@ -107,23 +116,26 @@ def test_a_projected_dot_lands_where_the_projector_aims_it(center):
         assert np.abs(mean - dot).max() < 0.002
 
 
-def test_ambient_light_of_one_makes_white_one():
-    image = picture(World((plane(900, 900, colour=0.5),), None, ambient=1.0))
+@both_engines
+def test_ambient_light_of_one_makes_white_one(engine):
+    image = picture(World((plane(900, 900, colour=0.5),), None, ambient=1.0), settings=by(engine))
     np.testing.assert_allclose(image, 0.5, rtol=1e-4)
 
 
-def test_the_projectors_power_is_that_of_a_white_pixel_at_a_metre():
+@both_engines
+def test_the_projectors_power_is_that_of_a_white_pixel_at_a_metre(engine):
     light = projector(
         np.ones((60, 80)), focal=(100.0, 100.0), pose=Pose.of([np.pi, 0, 0], [0, 0, 1000]), power=2.5
     )
-    image = picture(World((plane(900, 900, colour=0.4),), light, ambient=0.0))
+    image = picture(World((plane(900, 900, colour=0.4),), light, ambient=0.0), settings=by(engine))
     np.testing.assert_allclose(image[60:140, 80:160], 1.0, rtol=2e-3)
 
 
-def test_colours_keep_their_channels_and_sides():
+@both_engines
+def test_colours_keep_their_channels_and_sides(engine):
     texture = np.zeros((2, 2, 3), np.float32)
     texture[0, 0], texture[0, 1], texture[1, 0] = (1, 0, 0), (0, 1, 0), (0, 0, 1)
-    image = picture(World((plane(texture=texture),), None))
+    image = picture(World((plane(texture=texture),), None), settings=by(engine))
     np.testing.assert_allclose(image[60, 90], (1, 0, 0), atol=1e-3)
     np.testing.assert_allclose(image[60, 160], (0, 1, 0), atol=1e-3)
     np.testing.assert_allclose(image[140, 90], (0, 0, 1), atol=1e-3)
@@ -159,10 +171,11 @@ def test_blur_grows_with_the_distance_from_the_plane_in_focus():
     assert variances[1] - variances[0] == pytest.approx(radius**2 / 4, rel=0.05)
 
 
-def test_the_point_spread_is_as_wide_as_asked():
+@both_engines
+def test_the_point_spread_is_as_wide_as_asked(engine):
     cam = camera(distortion=(0.0,) * 5)
     spot = World((plane(7, 7),), None)
-    light = picture(spot, cam, settings=FINE, optics=Optics(psf_sigma_px=0.9))[..., 0].sum(axis=0)
+    light = picture(spot, cam, settings=by(engine, FINE), optics=Optics(psf_sigma_px=0.9))[..., 0].sum(axis=0)
     columns = np.arange(len(light))
     middle = (light * columns).sum() / light.sum()
     side_px = 7 * 300 / 700
@@ -170,9 +183,10 @@ def test_the_point_spread_is_as_wide_as_asked():
     assert variance == pytest.approx(0.9**2 + 1 / 12 + side_px**2 / 12, rel=0.01)
 
 
-def test_vignetting_follows_the_power_of_the_cosine():
+@both_engines
+def test_vignetting_follows_the_power_of_the_cosine(engine):
     cam = camera(distortion=(0.0,) * 5)
-    image = picture(World((plane(900, 900),), None), cam, optics=Optics(falloff=4))
+    image = picture(World((plane(900, 900),), None), cam, settings=by(engine), optics=Optics(falloff=4))
     ray = (np.array([5.0, 7.0]) - cam.center_px) / cam.focal_px
     assert image[7, 5, 0] == pytest.approx((1 + ray @ ray) ** -2, rel=1e-3)
 
@@ -201,7 +215,8 @@ def test_light_that_bounces_fills_a_corner():
     assert 1.05 * once < often < 1.5 * once
 
 
-def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads():
+@both_engines
+def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads(engine):
     rng = np.random.default_rng(0)
     light = projector(smooth_noise(rng, (60, 80)), focal=(60.0, 60.0))
     world = World((plane(900, 900, colour=0.5), plane(60, 60, z_mm=80, colour=0.7)), light)
@@ -209,7 +224,7 @@ def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads():
     try:
         for threads in (1, 2, 3):
             drjit.set_thread_count(threads)
-            images.append(picture(world))
+            images.append(picture(world, settings=by(engine)))
     finally:
         drjit.set_thread_count(before)
     assert images[0].tobytes() == images[1].tobytes() == images[2].tobytes()
@@ -224,7 +239,7 @@ def test_the_seed_matters_only_to_the_halls_light():
     assert 0 < np.abs(first - second).max() < 0.2
 
 
-@pytest.mark.skipif(chosen() != "llvm", reason="optional: needs LLVM 19")
+@LLVM
 def test_both_engines_give_the_same_picture():
     rng = np.random.default_rng(0)
     light = projector(smooth_noise(rng, (60, 80)), focal=(60.0, 60.0))

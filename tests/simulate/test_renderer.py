@@ -4,40 +4,32 @@ import pytest
 
 from beltscape.core.errors import SettingsError
 from beltscape.simulate import renderer
+from beltscape.simulate.render import RenderSettings
 
 
 @pytest.fixture
 def llvm(monkeypatch):
-    """A function that says which LLVM the machine has; no choice comes from the environment."""
-    monkeypatch.delenv(renderer.ENVIRONMENT, raising=False)
+    """A function that sets the LLVM version which the machine seems to have."""
     return lambda version: monkeypatch.setattr(renderer, "_llvm_version", lambda: version)
 
 
 @pytest.mark.parametrize(("version", "engine"), [(-1, "scalar"), (15, "scalar"), (19, "llvm"), (21, "llvm")])
-def test_llvm_is_taken_where_it_is_new_enough(llvm, version, engine):
+def test_auto_takes_llvm_where_it_is_new_enough(llvm, version, engine):
     llvm(version)
-    assert renderer.chosen() == engine
+    assert renderer.resolve_engine("auto") == engine
 
 
-def test_the_environment_decides_what_was_left_open(llvm, monkeypatch):
-    llvm(19)
-    monkeypatch.setenv(renderer.ENVIRONMENT, "scalar")
-    assert renderer.chosen() == "scalar"
-    assert renderer.chosen("llvm") == "llvm"
+def test_the_default_engine_does_not_depend_on_the_machine(llvm):
+    llvm(21)
+    assert renderer.resolve_engine(RenderSettings().engine) == "scalar"
 
 
-def test_an_unknown_engine_in_the_environment_is_named(llvm, monkeypatch):
-    llvm(19)
-    monkeypatch.setenv(renderer.ENVIRONMENT, "cuda")
-    with pytest.raises(SettingsError, match="BELTSCAPE_RENDERER = 'cuda'"):
-        renderer.chosen()
+@pytest.mark.parametrize("version", [-1, 15])
+def test_llvm_that_is_missing_or_too_old_is_refused(llvm, version):
+    llvm(version)
+    with pytest.raises(SettingsError, match=r"needs LLVM.*version 19"):
+        renderer.resolve_engine("llvm")
 
 
-def test_llvm_that_is_not_there_is_refused(llvm):
-    llvm(-1)
-    with pytest.raises(SettingsError, match="needs LLVM"):
-        renderer.chosen("llvm")
-
-
-def test_the_machines_own_llvm_is_asked_without_a_crash():
+def test_the_version_is_read_without_a_crash_on_any_machine():
     assert renderer._llvm_version() >= -1

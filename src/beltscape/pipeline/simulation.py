@@ -24,7 +24,7 @@ from beltscape.report.simulation import simulated_picture
 from beltscape.simulate.laboratory import DOWN
 from beltscape.simulate.load_truth import true_load
 from beltscape.simulate.optics import Lens
-from beltscape.simulate.renderer import chosen
+from beltscape.simulate.renderer import resolve_engine
 from beltscape.simulate.scenario import KINDS, Scenario
 from beltscape.simulate.stage import Stage
 from beltscape.simulate.tof import tof_camera
@@ -80,6 +80,7 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
     OutputError
         When the folder cannot be written to.
     """
+    scenario = _with_engine(scenario)
     stage = Stage(scenario)
     _ready(stage)
     _alone(stage, out)
@@ -113,6 +114,12 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
     }
 
 
+def _with_engine(scenario: Scenario) -> Scenario:
+    """Return the scene with the engine that renders it, so that its truth names the engine."""
+    engine = resolve_engine(scenario.render.engine)
+    return scenario.model_copy(update={"render": scenario.render.model_copy(update={"engine": engine})})
+
+
 def _ready(stage: Stage) -> None:
     """Everything that may be refused, before anything is written."""
     known, scenario = stage.station.rig.cameras, stage.scenario
@@ -121,7 +128,6 @@ def _ready(stage: Stage) -> None:
         if fault.camera not in known:
             raise InputError(f"faults: the rig has no camera {fault.camera}; it has {', '.join(known)}")
     _ = (stage.standing, stage.projector, stage.heap, stage.world_from_module, stage.world_from_board)
-    chosen(scenario.render.engine)
     for camera in known.values():
         Lens(camera, scenario.optics, 1).coarse()  # refuses a distortion that folds
 

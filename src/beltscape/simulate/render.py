@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from beltscape.core.errors import InputError
 from beltscape.simulate.lit_scene import LitScene
 from beltscape.simulate.optics import Lens, Optics
-from beltscape.simulate.renderer import Engine, mitsuba
+from beltscape.simulate.renderer import Engine, load_mitsuba
 from beltscape.simulate.view import View
 from beltscape.simulate.world import Station, World
 
@@ -33,7 +33,8 @@ class RenderSettings(BaseModel):
     noise in the projector's light; more is sampled at random and wants many passes."""
     texture_filter: Literal["nearest", "bilinear"] = "nearest"
     """Of solids' textures: sharp texels, or blended ones."""
-    engine: Engine = "auto"
+    engine: Engine = "scalar"
+    """The same scene gives the same bytes on every machine by one engine; `auto` takes what a machine has."""
 
 
 def render(
@@ -77,7 +78,7 @@ def render(
             raise InputError(
                 f"optics of {name}: the rig has no such camera; it has {', '.join(station.rig.cameras)}"
             )
-    mi = mitsuba(settings.engine)
+    mi = load_mitsuba(settings.engine)
     scene = LitScene(mi, world, texture_filter=settings.texture_filter)
     images = {}
     for name, its_optics in optics.items():

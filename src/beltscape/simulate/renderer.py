@@ -1,56 +1,57 @@
-"""Which of Mitsuba's engines renders: the plain one that is always there, or the one compiled through LLVM."""
+"""Mitsuba's engines: `scalar` is always there; `llvm` compiles the scene and needs LLVM 19 or later."""
 
 from __future__ import annotations
 
-import os
 from typing import Any, Literal
 
 from beltscape.core.errors import SettingsError
 
-Engine = Literal["auto", "scalar", "llvm"]
-ENVIRONMENT = "BELTSCAPE_RENDERER"
+Engine = Literal["scalar", "llvm", "auto"]
 _VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb"}
-_LLVM_THAT_WORKS = (
-    19  # LLVM 15 ends the whole process in the middle of a compilation ("Cannot select fminimum")
-)
+_OLDEST_LLVM = 19
+"""LLVM 15 aborts the process during a compilation ("Cannot select fminimum"); 19 renders the tests' scenes."""
 
 
-def mitsuba(engine: Engine = "auto") -> Any:
-    """Mitsuba with its variant set; the environment's BELTSCAPE_RENDERER decides where ``engine`` is auto.
+def load_mitsuba(engine: Engine) -> Any:
+    """Return Mitsuba with its variant set.
 
     Raises
     ------
     SettingsError
-        If the engine is unknown, or LLVM is asked for and is not there.
+        If LLVM is asked for and is not there.
     """
     import mitsuba as mi
 
-    mi.set_variant(_VARIANTS[chosen(engine)])
+    mi.set_variant(_VARIANTS[resolve_engine(engine)])
     return mi
 
 
-def chosen(engine: Engine = "auto") -> Literal["scalar", "llvm"]:
-    """The engine that will be used."""
-    wanted = os.environ.get(ENVIRONMENT, "auto") if engine == "auto" else engine
-    if wanted == "scalar":
+def resolve_engine(engine: Engine) -> Literal["scalar", "llvm"]:
+    """Return the engine that renders; ``auto`` is `llvm` where it is installed, else `scalar`.
+
+    Raises
+    ------
+    SettingsError
+        If LLVM is asked for and is not there.
+    """
+    if engine == "scalar":
         return "scalar"
-    if wanted not in ("auto", "llvm"):
-        raise SettingsError(f"{ENVIRONMENT} = {wanted!r}: no such engine; choose auto, scalar or llvm")
     version = _llvm_version()
-    if wanted == "llvm" and version < 0:
+    if engine == "llvm" and version < _OLDEST_LLVM:
+        found = f"finds LLVM {version}" if version >= 0 else "finds none"
         raise SettingsError(
-            "the engine llvm needs LLVM's shared library, which is not found; "
-            f"install LLVM {_LLVM_THAT_WORKS}, set DRJIT_LIBLLVM_PATH, or choose scalar"
+            f"the engine llvm needs LLVM's shared library, version {_OLDEST_LLVM} or later, and {found}; "
+            "install it, set DRJIT_LIBLLVM_PATH, or choose scalar"
         )
-    return "llvm" if wanted == "llvm" or version >= _LLVM_THAT_WORKS else "scalar"
+    return "llvm" if version >= _OLDEST_LLVM else "scalar"
 
 
 def _llvm_version() -> int:
-    """Major version of the LLVM that Dr.Jit finds, -1 where it finds none."""
+    """Return the major version of the LLVM that Dr.Jit finds, -1 where it finds none."""
     import drjit
 
     before = drjit.log_level()
-    drjit.set_log_level(drjit.LogLevel.Disable)  # no LLVM is nothing to complain about
+    drjit.set_log_level(drjit.LogLevel.Disable)  # a missing LLVM is no error here
     try:
         return int(drjit.detail.llvm_version()[0])
     finally:

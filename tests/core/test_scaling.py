@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_between, scaled_camera, scaled_rig
+from beltscape.core.scaling import pinhole_scale, scaled_camera, scaled_rig
 
 CAMERA = Camera(
     "cam0",
@@ -35,12 +37,31 @@ def test_what_was_scaled_is_known_again(width):
     scaled = scaled_camera(CAMERA, factor)
     assert scaled.size_px[0] == width
     if width >= 306:
-        assert scale_between(CAMERA, scaled) == pytest.approx(factor)
+        assert pinhole_scale(CAMERA, scaled) == pytest.approx(factor)
+
+
+def test_the_undistorted_grid_of_a_camera_is_its_pinhole():
+    grid = replace(CAMERA, distortion=np.zeros(5))
+    assert pinhole_scale(grid, CAMERA) == 1.0
+    assert pinhole_scale(grid, scaled_camera(CAMERA, 0.5)) == 0.5
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(CAMERA, focal_px=CAMERA.focal_px * 1.004),
+        replace(CAMERA, center_px=CAMERA.center_px + [1.5, 0.0]),
+        replace(CAMERA, size_px=(1224, 900)),
+    ],
+    ids=["focal length", "principal point", "size"],
+)
+def test_another_pinhole_is_not_taken_for_this_one(other):
+    assert pinhole_scale(CAMERA, other) is None
 
 
 def test_another_camera_is_not_taken_for_a_scaled_one():
     other = Camera("cam0", (612, 512), CAMERA.focal_px * 0.6, CAMERA.center_px / 2, CAMERA.distortion)
-    assert scale_between(CAMERA, other) is None
+    assert pinhole_scale(CAMERA, other) is None
 
 
 def test_a_rig_keeps_its_poses():

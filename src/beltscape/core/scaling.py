@@ -28,8 +28,12 @@ def scaled_rig(rig: Rig, factor: float) -> Rig:
     return Rig(rig.core, cameras, rig.cam_from_core)
 
 
-def scale_between(camera: Camera, other: Camera) -> float | None:
-    """By what factor ``other`` is ``camera`` with its images scaled; None if it is another camera."""
+def pinhole_scale(camera: Camera, other: Camera) -> float | None:
+    """Return the factor that scales the pinhole of ``camera`` to that of ``other``; None if they differ otherwise.
+
+    Depth maps lie on the undistorted pinhole grid of the core camera, so the distortion is not compared: a
+    belt.json holds the grid alone.
+    """
     factor = other.size_px[0] / camera.size_px[0]
     expected = scaled_camera(camera, factor)
     # rows that do not divide evenly are cut off: half a pixel is nothing
@@ -37,6 +41,5 @@ def scale_between(camera: Camera, other: Camera) -> float | None:
         abs(expected.size_px[1] - other.size_px[1]) <= 1
         and np.allclose(expected.focal_px, other.focal_px, rtol=2e-3)
         and np.allclose(expected.center_px, other.center_px, atol=0.6)
-        and np.allclose(expected.distortion, other.distortion, atol=1e-9)
     )
     return factor if same else None

@@ -13,7 +13,7 @@ from beltscape.core.flow import FlowRecord
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_between
+from beltscape.core.scaling import pinhole_scale
 from beltscape.measure.flow.foresight import Foresight
 from beltscape.measure.flow.ground import Ground, ground_of
 from beltscape.measure.flow.meter import FlowMeter
@@ -144,7 +144,7 @@ def ground_under(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporte
         When it was reconstructed with another rig, or shows no belt.
     """
     belt, camera = empty_belt(empty, reporter)
-    if camera.name != rig.core or scale_between(camera, rig.core_camera) is None:
+    if camera.name != rig.core or pinhole_scale(camera, rig.core_camera) is None:
         raise InputError(
             f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
         )

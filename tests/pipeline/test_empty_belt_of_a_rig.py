@@ -1,0 +1,53 @@
+"""The empty belt of a rig whose lenses distort: its belt.json fits this rig and no other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flow.moving_belt import CAMERA, depth_map
+
+from beltscape.core.camera import Camera
+from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
+from beltscape.core.progress import Silent
+from beltscape.core.rig import Rig
+from beltscape.core.scaling import scaled_rig
+from beltscape.files.belt_json import write_belt
+from beltscape.measure.belt import learn_belt
+from beltscape.pipeline.flow_chain import ground_under
+
+LENS = replace(CAMERA, distortion=np.array([-0.12, 0.08, 5e-4, -3e-4, 0.0]))
+
+
+def rig(core: Camera) -> Rig:
+    return Rig(core.name, {core.name: core}, {core.name: Pose.identity()})
+
+
+@pytest.fixture(scope="module")
+def belt_json(tmp_path_factory):
+    path = tmp_path_factory.mktemp("belt") / "belt.json"
+    write_belt(path, learn_belt([depth_map(None, 0.0)], LENS), LENS)
+    return path
+
+
+def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json):
+    ground = ground_under(belt_json, rig(LENS), 4.0, Silent())
+    np.testing.assert_array_equal(ground.camera.distortion, LENS.distortion)
+    half = scaled_rig(rig(LENS), 0.5)
+    assert ground_under(belt_json, half, 4.0, Silent()).camera.size_px == half.core_camera.size_px
+
+
+@pytest.mark.parametrize(
+    "core",
+    [
+        replace(LENS, name="cam3"),
+        replace(LENS, focal_px=LENS.focal_px * 1.02),
+        replace(LENS, center_px=LENS.center_px + [3.0, 0.0]),
+    ],
+    ids=["core", "focal length", "principal point"],
+)
+def test_a_belt_of_another_rig_is_refused(belt_json, core):
+    with pytest.raises(InputError, match=r"belt\.json: reconstructed with another rig"):
+        ground_under(belt_json, rig(core), 4.0, Silent())

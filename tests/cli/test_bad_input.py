@@ -381,6 +381,7 @@ def test_a_camera_the_capture_lacks_is_warned_about(run, charuco_capture):
 def test_calibrate_writes_rig_document_and_report_and_nothing_else(calibrate):
     assert calibrate() == (0, [])
     assert sorted(path.name for path in Path("out").iterdir()) == [
+        ".beltscape.json",
         "calibration.json",
         "report.html",
         "rig.json",
@@ -403,6 +404,15 @@ def test_json_is_one_document_on_standard_output_and_nothing_else(capfd, charuco
     assert "warning: capture/cam1: no image for frame 03; going on without" in err
 
 
-def test_an_error_leaves_standard_output_empty(capfd):
+def test_an_error_with_json_is_one_document_and_one_line(capfd):
     assert main(["calibrate", "nowhere", "--board=board.toml", "--out=out", "--json"]) == 2
+    out, err = capfd.readouterr()
+    message = "nowhere: no such folder; a capture is <capture>/<camera>/<frame>.png"
+    assert json.loads(out) == {"error": {"type": "InputError", "message": message, "exit_code": 2}}
+    assert err == f"beltscape: {message}\n"
+    assert not Path("out").exists()
+
+
+def test_an_error_without_json_leaves_standard_output_empty(capfd):
+    assert main(["calibrate", "nowhere", "--board=board.toml", "--out=out"]) == 2
     assert capfd.readouterr().out == ""

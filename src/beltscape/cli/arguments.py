@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from beltscape.core.errors import SettingsError
@@ -11,6 +13,28 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     Model = TypeVar("Model", bound=BaseModel)
+
+
+def add_output_folder(
+    parser: ArgumentParser,
+    text: str,
+    *,
+    required: bool = False,
+    default: Path | None = None,
+    owner: Sequence[str] = (),
+) -> None:
+    """Declare ``--out DIR``: a folder that the command owns, see `beltscape.cli.output`.
+
+    ``owner``: arguments whose values belong to what the folder is of, such as a scene's name.
+    """
+    parser.add_argument("--out", type=Path, metavar="DIR", required=required, default=default, help=text)
+    parser.set_defaults(output="folder", owner=(parser.prog.removeprefix("beltscape "), *owner))
+
+
+def add_output_file(parser: ArgumentParser, text: str, example: str, *, required: bool = False) -> None:
+    """Declare ``--out FILE``; ``example`` is a name such as the file should have."""
+    parser.add_argument("--out", type=Path, metavar="FILE", required=required, help=text)
+    parser.set_defaults(output="file", example=example)
 
 
 def settings(model: type[Model], **options: object) -> Model:

@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument(
-        "--out", type=Path, default=Path("beltscape-demo"), help="folder (default: beltscape-demo)"
-    )
+    add_output_folder(parser, "folder (default: beltscape-demo)", default=Path("beltscape-demo"))
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

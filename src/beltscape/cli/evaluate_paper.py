@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument(
-        "--out", type=Path, default=Path("beltscape-paper"), help="folder (default: beltscape-paper)"
-    )
+    add_output_folder(parser, "folder (default: beltscape-paper)", default=Path("beltscape-paper"))
     parser.add_argument(
         "--size", choices=("full", "half", "quarter"), default="quarter",
         help="of the rendered images: half is 1224 × 1024 (default: quarter)",
@@ -37,12 +36,23 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
     given = arguments.captures and given_laboratory(arguments.captures)
     out = output_folder(arguments.out)
+    if given is None:
+        _keep_captures(arguments.earlier / "captures", out / "captures")
     lab = given or rendered_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
     paper = evaluate_paper(lab, out, arguments.seed, reporter)
     document = {**paper_document(paper), "report": out / "report.html"}
     write_text(out / "report.html", paper_page(paper))
     write_json(out / "paper.json", document)
     return document
+
+
+def _keep_captures(earlier: Path, captures: Path) -> None:
+    """What an earlier run rendered is not rendered again."""
+    import os
+    import shutil
+
+    if earlier.is_dir():
+        shutil.copytree(earlier, captures, copy_function=os.link)
 
 
 def summary(result: Mapping[str, Any]) -> str:

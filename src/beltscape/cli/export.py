@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 from beltscape.files.exchange import FORMATS
 
@@ -15,7 +16,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("rig", type=Path, help="rig.json to export")
     parser.add_argument("--format", choices=list(FORMATS), required=True, help="whose words to use")
-    parser.add_argument("--out", type=Path, required=True, help="file to write; for ros a folder")
+    add_output_folder(parser, "file to write; for ros a folder", required=True)
+    parser.set_defaults(output=_output, example=lambda arguments: EXAMPLES[arguments.format])
+
+
+EXAMPLES = {
+    "opencv": "rig.yaml",
+    "kalibr": "camchain.yaml",
+    "colmap": "rig_config.json",
+    "ros": "camera_info",
+}
+"""Format → a name as ``--out`` may have."""
+
+
+def _output(arguments: argparse.Namespace) -> str:
+    return "folder" if arguments.format == "ros" else "file"
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_file
 from beltscape.core.progress import Reporter
 from beltscape.files.exchange import READABLE
 
@@ -14,7 +15,7 @@ from beltscape.files.exchange import READABLE
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("source", metavar="PATH", type=Path, help="file, or folder of camera files")
-    parser.add_argument("--out", type=Path, required=True, help="rig.json to write")
+    add_output_file(parser, "rig.json to write", "rig.json", required=True)
     parser.add_argument("--format", choices=list(READABLE), help="whose words it is in (default: found out)")
     parser.add_argument("--core", metavar="CAM", help="core camera (default: the file's reference)")
 

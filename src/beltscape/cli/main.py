@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any, NoReturn, Protocol
 
 from beltscape import __version__
-from beltscape.core.errors import BeltscapeError
+from beltscape.cli.failure import UsageError, report_failure
 from beltscape.core.progress import Reporter
 
 COMMANDS = {
@@ -51,17 +51,26 @@ class Command(Protocol):
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A usage error is one line that says the mend."""
+    """Parser whose usage errors are one line that says the fix."""
 
     def error(self, message: str) -> NoReturn:
-        """Print it and leave with 2."""
-        print(f"{self.prog}: {message}; see: {self.prog} --help", file=sys.stderr)
-        raise SystemExit(2)
+        """Raise UsageError with the line."""
+        raise UsageError(f"{self.prog}: {message}; see: {self.prog} --help")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the program; 0 on success, 2 on a usage or input error, 130 when interrupted."""
+    """Run the program; exit codes as `beltscape.cli.failure` gives them, 0 on success."""
     words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _command(words)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (Exception, KeyboardInterrupt) as error:
+        return report_failure(error, as_json="--json" in words)
+
+
+def _command(words: Sequence[str]) -> int:
     name = words[0] if words else ""
     if name not in COMMANDS:
         return _top_level(words)
@@ -69,26 +78,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = OneLineParser(prog=f"beltscape {name}", description=COMMANDS[name])
     command.add_arguments(parser)
     _add_json(parser)
-    arguments = parser.parse_args(words[1:])
-    try:
-        return _run(command, arguments)
-    except BeltscapeError as error:
-        print(f"beltscape: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("beltscape: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    return _run(command, parser.parse_args(words[1:]))
 
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:
+    from beltscape.cli.output import output_of
     from beltscape.cli.terminal import Terminal
     from beltscape.files.json_text import to_json
 
-    with Terminal() as terminal:
-        result = {**command.run(arguments, terminal), "warnings": terminal.warnings}
+    with Terminal() as terminal, output_of(arguments) as output:
+        result = {**output.moved(command.run(arguments, terminal)), "warnings": terminal.warnings}
     text = to_json(result) if arguments.json else command.summary(result) + "\n"
     sys.stdout.write(text)
     sys.stdout.flush()

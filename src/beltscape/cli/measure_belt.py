@@ -8,6 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_file
 from beltscape.core.progress import Reporter
 
 
@@ -15,9 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("reconstruction", type=Path, help="reconstruction DIR of the empty belt")
     parser.add_argument("--frames", nargs="+", metavar="FRAME", help="frames to learn from (default: all)")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="belt.json to write; its report lies beside it"
-    )
+    add_output_file(parser, "belt.json to write; its report lies beside it", "belt.json", required=True)
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

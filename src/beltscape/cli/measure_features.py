@@ -8,6 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 
 
@@ -20,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="the core camera's image of the same still scene with the projector off, as taken: sharper edges",
     )
-    parser.add_argument("--out", type=Path, help="folder for features.json, features.csv, report.html")
+    add_output_folder(parser, "folder for features.json, features.csv, report.html")
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltscape.cli.arguments import settings
+from beltscape.cli.arguments import add_output_folder, settings
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="height that a load may reach (default: looked for in the frames)",
     )
     parser.add_argument("--cell", type=float, metavar="MM", help="edge of a grid cell (default: one pixel)")
-    parser.add_argument("--out", type=Path, required=True, help="folder for flow.csv, flow.json, report.html")
+    add_output_folder(parser, "folder for flow.csv, flow.json, report.html", required=True)
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
@@ -116,8 +116,8 @@ def summary(result: Mapping[str, Any]) -> str:
     totals, encoder = result["totals"], result["encoder"]
     lines = [
         f"volume {totals['volume_mm3'] * 1e-6:.3f} l, σ {totals['sigma_mm3'] * 1e-6:.3f} l, on "
-        f"{totals['length_mm'] / 1000:.3f} m of belt in {result['frame_count']} frames, towards "
-        f"{result['direction'] or 'a direction that nothing told'}"
+        f"{totals['length_mm'] / 1000:.3f} m of belt in {result['frame_count']} frames",
+        f"motion {result['motion_evidence']['statement']}",
     ]
     if totals["mass_t"] is not None:
         lines.append(f"mass   {totals['mass_t'] * 1000:.2f} kg, σ {totals['mass_sigma_t'] * 1000:.2f} kg")

@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import settings
+from beltscape.cli.arguments import add_output_folder, settings
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -23,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sieves", metavar="MM,MM,…", help="apertures of the sieve table (default: R10 series)"
     )
-    parser.add_argument(
-        "--out", type=Path, help="folder for lumps.json, lumps.csv, sieve.csv, labels.png, report.html"
-    )
+    add_output_folder(parser, "folder for lumps.json, lumps.csv, sieve.csv, labels.png, report.html")
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import ordered_range, settings
+from beltscape.cli.arguments import add_output_folder, ordered_range, settings
 from beltscape.core.progress import Reporter
 
 
@@ -32,9 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--surcharge", type=float, default=20.0, metavar="DEG",
         help="angle at which the load of a full belt rises from its sides (20)",
     )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, help="folder for volume.json, load.tiff, meshes, profiles.csv, report.html"
-    )
+    add_output_folder(parser, "folder for volume.json, load.tiff, meshes, profiles.csv, report.html")
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

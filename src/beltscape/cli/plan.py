@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 
 
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar=option.unit,
             help=option.help,
         )
-    parser.add_argument("--out", type=Path, help="folder for plan.json, rig.json, report.html")
+    add_output_folder(parser, "folder for plan.json, rig.json, report.html")
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

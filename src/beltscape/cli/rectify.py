@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import positive_range
+from beltscape.cli.arguments import add_output_folder, positive_range
 from beltscape.core.progress import Reporter
 
 
@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of beltscape calibrate")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the rectified images")
+    add_output_folder(parser, "folder for the rectified images", required=True)
     parser.add_argument(
         "--depth-range", nargs=2, type=float, metavar=("NEAR", "FAR"),
         help="depths the surface lies between, mm (default: found from the images)",

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 
 
@@ -23,9 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="as fast as it can be measured, or as it was taken",
     )
     parser.add_argument("--page", action="store_true", help="serve the operator's page meanwhile")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="folder for its history; the plant's stays as it is"
+    add_output_folder(
+        parser, "folder for its history; the plant's stays as it is", required=True, owner=("capture",)
     )
+    parser.set_defaults(output="history")  # a second replay goes on with it
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

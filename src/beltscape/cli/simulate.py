@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.progress import Reporter
 
 SCENES = ("calibration", "module", "belt_empty", "belt_loaded", "belt_moving")
@@ -17,7 +18,7 @@ SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("scene", metavar="SCENE", help=f"{', '.join(SCENES)}, or a scene's TOML file")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the capture, its truth in truth/")
+    add_output_folder(parser, "folder for the capture, its truth in truth/", required=True, owner=("scene",))
     parser.add_argument("--frames", type=int, help="how many (as the scene needs)")
     parser.add_argument(
         "--seed", type=int, help="of noise, heap and poses of the board, not of the plant (1)"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -19,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_pattern(pattern: argparse.ArgumentParser) -> None:
-    pattern.add_argument("--out", type=Path, required=True, help="folder for pattern.* and quality.*")
+    add_output_folder(pattern, "folder for pattern.* and quality.*", required=True)
     pattern.add_argument(
         "--preset",
         choices=("paper", "fine", "dense"),
@@ -58,9 +59,7 @@ def _add_pattern(pattern: argparse.ArgumentParser) -> None:
 
 
 def _add_board(board: argparse.ArgumentParser) -> None:
-    board.add_argument(
-        "--out", type=Path, required=True, help="folder for board.pdf, .svg, .png and board.toml"
-    )
+    add_output_folder(board, "folder for board.pdf, .svg, .png and board.toml", required=True)
     kind = board.add_mutually_exclusive_group(required=True)
     kind.add_argument("--squares", nargs=2, type=int, metavar=("C", "R"), help="ChArUco: columns and rows")
     kind.add_argument(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_file
 from beltscape.core.progress import Reporter
 
 
@@ -20,9 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rerun", action="store_true", help="in the Rerun viewer (pip install beltscape[viewer])"
     )
-    parser.add_argument(
-        "--out", type=Path, help="write the page (with --rerun: the .rrd) instead of opening it"
-    )
+    add_output_file(parser, "write the page (with --rerun: the .rrd) instead of opening it", "scene.html")
+    parser.set_defaults(example=lambda arguments: "scene.rrd" if arguments.rerun else "scene.html")
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

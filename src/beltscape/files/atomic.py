@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from beltscape.core.errors import OutputError
+
+_LEAST_FREE = 1 << 20
+"""Bytes. NumPy's failed writes carry no error number; on a disk with less than this it was full."""
 
 
 @contextmanager
@@ -19,7 +24,7 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     finally:
         temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
 
@@ -44,12 +49,32 @@ def output_folder(path: Path) -> Path:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     return path
 
 
-def _unwritable(path: Path, error: OSError) -> OutputError:
+def unwritable(path: Path, error: OSError) -> OutputError:
+    """Return the error that says why ``path`` cannot be written, and what to do."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT) or (
+        error.errno is None and _free_bytes(path) < _LEAST_FREE
+    ):
+        free = _free_bytes(path) / 2**20
+        return OutputError(
+            f"{path}: the disk is full ({free:.1f} MiB free there); free some space, or choose an --out elsewhere"
+        )
+    if error.errno == errno.EFBIG:
+        return OutputError(f"{path}: larger than files may be here; choose an --out on another file system")
+    if error.errno == errno.EROFS:
+        return OutputError(f"{path}: the file system is read-only; choose an --out elsewhere")
     reason = error.strerror or str(error)
     if isinstance(error, FileExistsError | NotADirectoryError):
         reason = next((f"{p} is a file, not a folder" for p in (path, *path.parents) if p.is_file()), reason)
+        links = (p for p in (path, *path.parents) if p.is_symlink() and not p.exists())
+        reason = next((f"{p} is a link to nowhere" for p in links), reason)
     return OutputError(f"{path}: cannot be written ({reason}); choose another output folder")
+
+
+def _free_bytes(path: Path) -> int:
+    """Return the space left on the file system of ``path``, or of the nearest folder that is there."""
+    there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    return shutil.disk_usage(there).free

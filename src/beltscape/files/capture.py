@@ -8,6 +8,7 @@ from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.files.images import EXTENSIONS
+from beltscape.files.manifest import require_finished
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,7 @@ def read_capture(folder: Path) -> Capture:
     """Look at a capture folder, or InputError when it holds no camera folder with images."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; a capture is <capture>/<camera>/<frame>.png")
+    require_finished(folder)
     files: dict[str, dict[str, Path]] = {}
     for camera in sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural(p.name)):
         images = _images(camera)

@@ -16,6 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.depth_tiff import read_float_tiff, write_float_tiff
 from beltscape.files.images import read_image, write_image
+from beltscape.files.manifest import require_finished
 from beltscape.files.ply import write_cloud
 from beltscape.files.rig_json import read_rig
 
@@ -51,6 +52,7 @@ def write_frame(
 
 def frame_folders(folder: Path) -> list[Path]:
     """The frame folders of a reconstruction in order, or the folder itself where it is one; empty where neither."""
+    require_finished(folder)
     if (folder / "depth.tiff").is_file():
         return [folder]
     return sorted(path.parent for path in folder.glob("*/depth.tiff")) if folder.is_dir() else []

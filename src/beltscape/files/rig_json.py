@@ -14,6 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.json_text import read_json, write_json
+from beltscape.files.manifest import require_finished
 
 FORMAT = "beltscape-rig/1"
 
@@ -49,6 +50,7 @@ def rig_document(rig: Rig) -> dict[str, Any]:
 
 def read_rig(path: Path) -> Rig:
     """Read rig.json, or InputError naming the key that does not fit."""
+    require_finished(path.parent)
     document = read_json(path)
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:

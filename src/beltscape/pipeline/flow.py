@@ -19,8 +19,9 @@ from beltscape.files.images import read_image
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.picture import BeltPicture
-from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.flow_chain import FlowChain, depths_over, ground_under, reaching
+from beltscape.pipeline.flow_checks import demand_consistent, warn_of_conflicts
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview import MultiviewReconstructor
@@ -52,6 +53,8 @@ class Flow:
     """Of reconstruction and measuring together."""
     by_encoder: bool
     """Whether an encoder was given."""
+    told: Direction | None
+    """The direction that was given; None: found from the material."""
 
 
 def flow_of_capture(
@@ -77,7 +80,8 @@ def flow_of_capture(
     Raises
     ------
     InputError, SettingsError, MeasureError, ReconstructionError
-        With one line that names what is wrong and the mend.
+        With one line that names what is wrong and the fix: also where most frame pairs contradict the told
+        direction or the encoder.
     """
     if preset not in PRESETS:
         raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
@@ -93,17 +97,21 @@ def flow_of_capture(
     picture, steps = BeltPicture(ground), list[Step]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     chain = FlowChain(MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset)), meter)
+    told = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):
         frames = _frames(source, instant)
         records += chain.push(frames, reporter, whole=set(source.cameras) <= set(frames.images)).records
+        demand_consistent(meter, told, encoder, done=False)
         reporter.step("measuring flow", done, len(instants))
     if not chain.done:
         raise chain.failure or ReconstructionError(f"{source.folder}: no frame in it")
     records += chain.finish()
     spent = (perf_counter() - began) / max(len(instants), 1)
-    _warn(meter, records, reporter)
-    return Flow(records, steps, meter, picture, spent, encoder is not None)
+    demand_consistent(meter, told, encoder, done=True)
+    warn_of_conflicts(meter, encoder, reporter)
+    _warn_of_gaps(records, reporter)
+    return Flow(records, steps, meter, picture, spent, encoder is not None, told)
 
 
 def fitted(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
@@ -188,19 +196,8 @@ def _frames(source: FolderSource, instant: Instant) -> FrameSet:
     return FrameSet(instant.frame, source.images(instant.frame), instant.time_ns, instant.position_mm)
 
 
-def _warn(meter: FlowMeter, records: Sequence[FlowRecord], reporter: Reporter) -> None:
-    """What the operator should know."""
-    scale = meter.scale
-    if scale.compared >= 3 and abs(scale.ratio - 1) > max(0.002, 4 * scale.sigma):
-        reporter.warn(
-            f"the encoder says {scale.ratio:.4f} ± {scale.sigma:.4f} of what the material moves: "
-            "mend its scale, or the belt slips; the material's motion was used"
-        )
-    if meter.motion.conflicts:
-        reporter.warn(
-            f"{meter.motion.conflicts} frames in which encoder and material differ by over a quarter; the material's "
-            "motion was used"
-        )
+def _warn_of_gaps(records: Sequence[FlowRecord], reporter: Reporter) -> None:
+    """Name the frames of which nothing was counted."""
     lost = [record.frame for record in records if record.quality == "missing"]
     if lost:
         reporter.warn(

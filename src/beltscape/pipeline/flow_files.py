@@ -15,7 +15,9 @@ from beltscape.files.depth_tiff import write_float_tiff
 from beltscape.files.flow_csv import write_flow
 from beltscape.files.json_text import write_json
 from beltscape.measure.flow.density import Density
+from beltscape.measure.flow.evidence import MotionEvidence
 from beltscape.pipeline.flow import Flow
+from beltscape.pipeline.flow_checks import motion_statement
 from beltscape.report.flow import FlowReport, flow_page
 
 _DIRECTIONS = {1: "+y", -1: "-y", 0: None}
@@ -43,19 +45,21 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
     return {
         "frame_count": len(records),
         "direction": _DIRECTIONS[meter.direction],
+        "direction_told": flow.told,
+        "motion_evidence": {"statement": motion_statement(meter, flow.told), **_evidence(meter.evidence)},
         "motion_from": "encoder and material" if flow.by_encoder else "material",
         "totals": {
             "volume_mm3": totals.volume_mm3,
             "sigma_mm3": totals.sigma_mm3,
-            "mass_t": totals.mass_kg * 1e-3,
-            "mass_sigma_t": totals.mass_sigma_kg * 1e-3,
+            "mass_t": _known(totals.mass_kg * 1e-3),
+            "mass_sigma_t": _known(totals.mass_sigma_kg * 1e-3),
             "length_mm": totals.length_mm,
             "seen_mm": totals.seen_mm,
             "bridged_mm": totals.bridged_mm,
             "not_counted_mm": totals.unseen_mm,
             "coverage": totals.share,
-            "seconds": seconds,
-            "mean_volume_flow_m3_h": mean,
+            "seconds": _known(seconds),
+            "mean_volume_flow_m3_h": _known(mean),
         },
         "first_strip": _strip(records, totals.first_strip_mm),
         "last_strip": _strip(records, totals.last_strip_mm),
@@ -65,7 +69,7 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
             "ratio": scale.ratio if scale.compared else None,
             "sigma": scale.sigma if scale.compared else None,
             "scatter_mm": scale.scatter_mm if scale.compared > 1 else None,
-            "conflicts": meter.motion.conflicts,
+            "conflicts": meter.evidence.conflicting,
         },
         "fusion": {
             "single_coverage": totals.single_share,
@@ -104,6 +108,25 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
             }
             for record in records
         ],
+    }
+
+
+def _known(value: float) -> float | None:
+    """Return ``value``, None for NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _evidence(evidence: MotionEvidence) -> dict[str, Any]:
+    """Return in how many frame pairs the material showed what."""
+    return {
+        "pairs_towards_plus_y": evidence.plus,
+        "pairs_towards_minus_y": evidence.minus,
+        "encoder_pairs": evidence.compared,
+        "encoder_agrees": evidence.agreeing,
+        "encoder_opposite": evidence.opposite,
+        "material_still": evidence.still,
+        "encoder_nearly_still": evidence.encoder_still,
+        "encoder_other_length": evidence.other_scale,
     }
 
 

@@ -110,7 +110,7 @@ def _tiles(flow: FlowReport) -> list[Tile]:
     ]
     if np.isfinite(totals.mass_kg):
         tiles.append(Tile("total mass", f"{totals.mass_kg:.2f}", "kg", f"σ {totals.mass_sigma_kg:.2f} kg"))
-    if np.isfinite(mean):
+    if mean is not None:
         tiles.append(Tile("mean flow", f"{mean:.1f}", "m³/h", f"over {document['totals']['seconds']:.2f} s"))
     if speeds:
         tiles.append(

@@ -11,6 +11,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.flow import FlowRecord
 from beltscape.measure.flow.buffer import Buffer
 from beltscape.measure.flow.density import Density, unknown_density
+from beltscape.measure.flow.evidence import MotionEvidence
 from beltscape.measure.flow.foresight import Foresight
 from beltscape.measure.flow.fusion import Scatter
 from beltscape.measure.flow.ground import Ground
@@ -80,6 +81,7 @@ class FlowMeter:
         self.ground = ground
         self.settings = settings or FlowSettings()
         self.motion = Motion()
+        self.evidence = MotionEvidence()
         told = self.settings.direction
         self._direction = 0 if told is None else 1 if told == "+y" else -1
         self._assumed = False
@@ -98,7 +100,7 @@ class FlowMeter:
     @property
     def direction(self) -> int:
         """+1: towards +y, -1: towards -y, 0: not known yet."""
-        return self._direction
+        return 0 if self._assumed else self._direction
 
     @property
     def totals(self) -> FlowTotals:
@@ -236,18 +238,29 @@ class FlowMeter:
         expected = self.motion.expected_mm(seen.clock, seen.encoder_mm)
         low, high = self.ground.seen_mm
         reach = (1 - self.settings.least_overlap) * (high - low)
-        if seen.encoder_mm is not None and expected is not None and (1 - AGREE) * abs(expected) > reach:
-            return None  # the views have nothing in common: what looks alike is other material
-        near = None if expected is None or self._assumed else self._direction * expected
+        apart = seen.encoder_mm is not None and (1 - AGREE) * abs(expected or 0.0) > reach
+        near = None if expected is None or self._assumed or apart else self._direction * expected
         shift = register(
             self._key_relief, seen.relief, least_overlap=self.settings.least_overlap, near_mm=near
         )
-        if self._assumed and shift is not None and abs(shift.along_mm) > _LEAST_MOTION_MM:
+        if shift is None:
+            return None
+        if self._assumed and not apart and abs(shift.along_mm) > _LEAST_MOTION_MM:
             self._assumed = False
             if self._direction * shift.along_mm < 0:
                 self._direction = -self._direction
                 self._buffer.clear()
-        return shift
+        self._weigh(shift, seen, apart)
+        # by the encoder the views have nothing in common: then what looks alike is other material
+        return None if apart else shift
+
+    def _weigh(self, shift: Shift, seen: _Seen, apart: bool) -> None:
+        """Count the motion since the key frame as evidence, beside what the raw encoder says of it."""
+        key = self.motion.key
+        step = None
+        if key is not None and key.encoder_mm is not None and seen.encoder_mm is not None:
+            step = seen.encoder_mm - key.encoder_mm
+        self.evidence.add(shift, self._direction, step, apart=apart)
 
     def _move_key(self, seen: _Seen, place: Place) -> None:
         """A new key frame once the belt has moved, unless this one tells nothing and the old one still may."""

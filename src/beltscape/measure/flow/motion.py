@@ -57,8 +57,6 @@ class Motion:
         """mm per unit of the clock; None until the material or an encoder told it."""
         self.key: Place | None = None
         self.last: Place | None = None
-        self.conflicts = 0
-        """Frames in which encoder and material told plainly different things."""
 
     def expected_mm(self, clock: float, encoder_mm: float | None) -> float | None:
         """How far the belt should have moved since the key frame."""
@@ -98,11 +96,6 @@ class Motion:
         key = self.key
         if key is None or sighting.shift_mm is None:
             return None
-        expected = self.expected_mm(sighting.clock, sighting.encoder_mm)
-        if sighting.encoder_mm is not None and expected is not None:
-            limit = AGREE * abs(expected) + 10 * _ENCODER_JITTER_MM + 4 * sighting.shift_sigma_mm
-            if abs(sighting.shift_mm - expected) > limit:
-                self.conflicts += 1
         return self._placed(
             key.position_mm + sighting.shift_mm, sighting.shift_sigma_mm, "material", sighting
         )

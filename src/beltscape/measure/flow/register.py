@@ -43,6 +43,8 @@ class Shift:
     """Towards +x."""
     score: float
     """Correlation of the two reliefs, 0..1."""
+    clear: bool = True
+    """Whether no other shift fits nearly as well; else it was selected by the expected motion."""
 
 
 def register(
@@ -59,7 +61,8 @@ def register(
     peak = _peak(shifts * before.cell_mm, score, near_mm)
     if peak is None:
         return None
-    return _refined(before, after, int(shifts[peak]), float(score[peak]))
+    clear = _peak(shifts * before.cell_mm, score, None) is not None
+    return _refined(before, after, int(shifts[peak]), float(score[peak]), clear)
 
 
 def correlation_along(
@@ -111,7 +114,7 @@ def _peak(shifts_mm: NDArray[np.float64], score: NDArray[np.float64], near_mm: f
     return local if score[local] >= max(_LEAST_SCORE, score[best] - _CLEARLY) else None
 
 
-def _refined(before: Relief, after: Relief, shift: int, score: float) -> Shift | None:
+def _refined(before: Relief, after: Relief, shift: int, score: float, clear: bool) -> Shift | None:
     """Robust least squares (Tukey) on the slopes of the heights themselves, warped anew each round.
 
     Not on the bumps: what hides beside a rock changes from place to place, and with it the mean about each cell. σ
@@ -136,7 +139,7 @@ def _refined(before: Relief, after: Relief, shift: int, score: float) -> Shift |
         if np.abs(solved.change[:2]).max() < _SETTLED_CELLS:
             break
     sigma = cell * float(np.hypot(np.sqrt(covariance[0, 0]), _LEAST_SIGMA_CELLS))
-    return Shift(float(step[0]) * cell, sigma, float(step[1]) * cell, score)
+    return Shift(float(step[0]) * cell, sigma, float(step[1]) * cell, score, clear)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

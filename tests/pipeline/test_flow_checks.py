@@ -1,0 +1,111 @@
+"""A told direction or an encoder that the material contradicts is refused with the fix; nothing else is accused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from flow.moving_belt import ground
+
+from beltscape.core.errors import MeasureError
+from beltscape.core.progress import Silent
+from beltscape.measure.flow.evidence import MotionEvidence
+from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.register import Shift
+from beltscape.measure.flow.settings import Direction, FlowSettings
+from beltscape.pipeline.flow_checks import demand_consistent, motion_statement, warn_of_conflicts
+
+ENCODER = Path("encoder.csv")
+STEP_MM = 200.0
+
+
+def meter_with(
+    told: Direction, along_mm: list[float], encoder_mm: list[float] | None, clear: bool = True
+) -> FlowMeter:
+    """A meter that saw these motions of the material, beside these steps of an encoder."""
+    meter = FlowMeter(ground(), FlowSettings(direction=told))
+    steps = encoder_mm or [None] * len(along_mm)
+    for along, step in zip(along_mm, steps, strict=True):
+        meter.evidence.add(Shift(along, 0.05, 0.0, 0.9, clear), meter.direction, step)
+    return meter
+
+
+def refusal(meter: FlowMeter, told: str | None, encoder: Path | None = ENCODER) -> str:
+    with pytest.raises(MeasureError) as refused:
+        demand_consistent(meter, told, encoder, done=True)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("encoder", [None, [STEP_MM] * 7])
+@pytest.mark.parametrize(("told", "way", "other"), [("-y", 1, "+y"), ("+y", -1, "-y")])
+def test_a_direction_against_the_material_is_refused(
+    encoder: list[float] | None, told: Direction, way: int, other: str
+) -> None:
+    meter = meter_with(told, [way * STEP_MM] * 7, encoder)
+    text = refusal(meter, told, None if encoder is None else ENCODER)
+    assert text.startswith(f"--direction {told}: the material moves towards {other} in 7 of 7 frame pairs")
+    assert f"--direction {other}" in text
+
+
+@pytest.mark.parametrize(
+    ("factor", "name"), [(0.001, "metres"), (0.1, "centimetres"), (1000, "micrometres"), (1 / 25.4, "inches")]
+)
+def test_an_encoder_in_other_units_is_refused_with_its_unit(factor: float, name: str) -> None:
+    meter = meter_with("+y", [STEP_MM] * 5, [factor * STEP_MM] * 5)
+    text = refusal(meter, "+y")
+    assert text.startswith("encoder.csv: belt_position_mm grows by")
+    assert name in text
+    assert "5 of 5 frame pairs" in text
+
+
+def test_one_that_stands_still_or_counts_on() -> None:
+    assert "the encoder stands still" in refusal(
+        meter_with("+y", [STEP_MM] * 5, [0.0, 0.1, -0.1, 0, 0]), "+y"
+    )
+    assert "the material stands still" in refusal(meter_with("+y", [0.01] * 5, [STEP_MM] * 5), "+y")
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.9, 1.1, 0.998])
+def test_a_sound_or_slipping_encoder_is_not_refused(factor: float) -> None:
+    meter = meter_with("+y", [STEP_MM] * 9, [factor * STEP_MM] * 9)
+    demand_consistent(meter, "+y", ENCODER, done=True)
+    reporter = Silent()
+    warn_of_conflicts(meter, ENCODER, reporter)
+    assert not reporter.warnings
+
+
+def test_neither_an_empty_belt_nor_an_ambiguous_one_accuses() -> None:
+    demand_consistent(meter_with("-y", [], None), "-y", None, done=True)
+    demand_consistent(meter_with("-y", [STEP_MM] * 9, [STEP_MM] * 9, clear=False), "-y", ENCODER, done=True)
+    demand_consistent(meter_with("-y", [STEP_MM] * 2, [STEP_MM] * 2), "-y", ENCODER, done=True)
+
+
+def test_a_belt_that_rolls_back_at_first_is_not_refused_before_the_end() -> None:
+    meter = meter_with("+y", [-STEP_MM] * 4, None)
+    demand_consistent(meter, "+y", None, done=False)
+    for _ in range(9):
+        meter.evidence.add(Shift(STEP_MM, 0.05, 0.0, 0.9), 1, None)
+    demand_consistent(meter, "+y", None, done=True)
+    reporter = Silent()
+    warn_of_conflicts(meter, None, reporter)
+    assert "against +y in 4 of 13 frame pairs" in reporter.warnings[0]
+
+
+def test_registrations_by_chance_beyond_the_encoders_step_accuse_nobody() -> None:
+    evidence = MotionEvidence()
+    meter = meter_with("+y", [], None)
+    meter.evidence = evidence
+    for along in (90.0, -300.0, 210.0, -50.0, 150.0):
+        evidence.add(Shift(along, 0.05, 0.0, 0.5), 1, 2000.0, apart=True)
+    demand_consistent(meter, "+y", ENCODER, done=True)
+
+
+def test_the_statement_says_what_the_direction_rests_on() -> None:
+    meter = meter_with("+y", [STEP_MM] * 5, None)
+    assert motion_statement(meter, "+y") == (
+        "towards +y as told and as the material moves in 5 of 5 frame pairs"
+    )
+    assert motion_statement(meter, None) == "towards +y: so the material moves in 5 of 5 frame pairs"
+    assert "no frame pair shows it" in motion_statement(meter_with("+y", [], None), "+y")
+    assert "unknown" in motion_statement(FlowMeter(ground(), FlowSettings()), None)

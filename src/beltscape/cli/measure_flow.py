@@ -21,7 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of a moving belt")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of beltscape calibrate")
-    parser.add_argument("--empty", type=Path, required=True, help="frame folder of the empty belt")
+    parser.add_argument(
+        "--empty",
+        type=Path,
+        required=True,
+        help="the empty belt: a frame folder, a reconstruction (all its frames), or a belt.json",
+    )
     parser.add_argument(
         "--encoder", type=Path, help="encoder.csv: frame,timestamp_s,belt_position_mm (default: the material)"
     )

@@ -17,7 +17,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("loaded", type=Path, help="frame folder DIR/<frame> of the loaded belt")
     parser.add_argument(
-        "--empty", type=Path, help="frame folder of the empty belt: places in the belt's frame"
+        "--empty",
+        type=Path,
+        help="the empty belt: a frame folder, a reconstruction (all its frames), or a belt.json; places are then in "
+        "the belt's frame",
     )
     parser.add_argument("--oversize", type=float, metavar="MM", help="alarm above this size")
     parser.add_argument(
@@ -34,7 +37,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     told = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:
         told["sieves_mm"] = _sieves(arguments.sieves)
-    seen = lumps_of_frame(arguments.loaded, settings(LumpSettings, **told), empty=arguments.empty)
+    seen = lumps_of_frame(
+        arguments.loaded, settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
+    )
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
         write_lumps(arguments.out, seen)

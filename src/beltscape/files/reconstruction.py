@@ -58,17 +58,47 @@ def frame_folders(folder: Path) -> list[Path]:
     return sorted(path.parent for path in folder.glob("*/depth.tiff")) if folder.is_dir() else []
 
 
+def one_frame(folder: Path) -> Path:
+    """Return the frame folder that ``folder`` is or, of a reconstruction with a single frame, holds.
+
+    Raises
+    ------
+    InputError
+        When there is no such folder, no frame in it, or a choice of them.
+    """
+    if folder.is_file():
+        raise InputError(
+            f"{folder}: is a file; give the frame folder of beltscape reconstruct that it lies in"
+        )
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give a frame folder of beltscape reconstruct")
+    frames = frame_folders(folder)
+    if not frames:
+        raise InputError(
+            f"{folder}: holds no depth.tiff, nor folders with one; give a frame folder of beltscape reconstruct"
+        )
+    if len(frames) > 1:
+        names = [path.name for path in frames]
+        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+        raise InputError(f"{folder}: holds the frames {shown}; give one of them, such as {frames[0]}")
+    return frames[0]
+
+
 def read_frame(folder: Path) -> FrameResult:
-    """Read a frame folder and the rig beside it.
+    """Read a frame folder, or the only one of a reconstruction, and the rig beside it.
 
     Raises
     ------
     InputError
         When a file is missing, unreadable, or does not fit the rig.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give a frame folder of beltscape reconstruct")
-    rig = read_rig(folder.parent / "rig.json")
+    folder = one_frame(folder)
+    if not (_beside(folder) / "rig.json").is_file():
+        raise InputError(
+            f"{folder}: no rig.json lies beside this frame, in {_beside(folder)}; "
+            "copy the reconstruction as a whole, or reconstruct again"
+        )
+    rig = read_rig(_beside(folder) / "rig.json")
     depth, sigma = read_float_tiff(folder / "depth.tiff"), read_float_tiff(folder / "sigma.tiff")
     confidence = _confidence(folder / "confidence.tiff", depth)
     width, height = rig.core_camera.size_px
@@ -80,6 +110,11 @@ def read_frame(folder: Path) -> FrameResult:
             )
     views, image = _views(folder / "views.png", depth), _image(folder / "image.png", depth)
     return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence), image)
+
+
+def _beside(folder: Path) -> Path:
+    """The reconstruction's folder, also where the frame is given as ``.`` or ``..``."""
+    return folder.resolve().parent if folder.name in ("", "..") else folder.parent
 
 
 def _confidence(path: Path, depth: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -61,6 +61,20 @@ def empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
     return learn_belt([frame.depth], camera), camera
 
 
+def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera) -> None:
+    """Raise InputError where the load and the empty belt were not reconstructed on the same grid."""
+    same = (
+        camera.name == other.name
+        and camera.size_px == other.size_px
+        and np.allclose(camera.focal_px, other.focal_px, rtol=1e-9)
+        and np.allclose(camera.center_px, other.center_px, atol=1e-6)
+    )
+    if not same:
+        raise InputError(
+            f"{loaded} and {empty}: reconstructed with different rigs; reconstruct both with the same rig.json"
+        )
+
+
 def write_belt_files(out: Path, belt: Belt, camera: Camera) -> Path:
     """belt.json and, beside it, its report; returns the report's path."""
     write_belt(out, belt, camera)

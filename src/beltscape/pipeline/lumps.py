@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
+from beltscape.core.progress import Reporter, Silent
 from beltscape.files.atomic import output_folder, write_text
 from beltscape.files.images import write_image
 from beltscape.files.json_text import write_json
 from beltscape.files.ply_points import image_of_cloud
 from beltscape.files.reconstruction import FrameResult, read_frame
-from beltscape.measure.belt import find_belt
 from beltscape.measure.lumps.distribution import SizeDistribution
 from beltscape.measure.lumps.lumps import BIAS, Lumps, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
+from beltscape.pipeline.belt import empty_belt, require_same_camera
 from beltscape.report.lumps import lumps_page
 
 _SHARES = ("d10", "d50", "d80", "d90")
@@ -51,8 +51,12 @@ class SeenLumps:
     """(H, W, 3) RGB on the core's grid, from the frame's cloud; None where it has none."""
 
 
-def lumps_of_frame(loaded: Path, settings: LumpSettings, *, empty: Path | None) -> SeenLumps:
-    """Lumps of a frame folder of beltscape reconstruct, over an empty belt's where one is given.
+def lumps_of_frame(
+    loaded: Path, settings: LumpSettings, *, empty: Path | None, reporter: Reporter | None = None
+) -> SeenLumps:
+    """Lumps of a frame folder of beltscape reconstruct, over the empty belt where it is given.
+
+    ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
 
     Raises
     ------
@@ -63,16 +67,10 @@ def lumps_of_frame(loaded: Path, settings: LumpSettings, *, empty: Path | None) 
     camera = frame.rig.core_camera
     belt = None
     if empty is not None:
-        bare = read_frame(empty)
-        other = bare.rig.core_camera
-        same = camera.size_px == other.size_px and np.allclose(camera.focal_px, other.focal_px, rtol=1e-9)
-        if not same or not np.allclose(camera.center_px, other.center_px, atol=1e-6):
-            raise InputError(
-                f"{loaded} and {empty}: reconstructed with different rigs; reconstruct both with the same rig.json"
-            )
-        belt = find_belt(bare.depth, other)
+        belt, other = empty_belt(empty, reporter or Silent())
+        require_same_camera(loaded, camera, empty, other)
     lumps = measure_lumps(frame.depth, camera, settings, belt)
-    return SeenLumps(frame, lumps, image_of_cloud(loaded / "cloud.ply", frame.depth.measured))
+    return SeenLumps(frame, lumps, image_of_cloud(frame.folder / "cloud.ply", frame.depth.measured))
 
 
 def lumps_document(lumps: Lumps) -> Mapping[str, Any]:

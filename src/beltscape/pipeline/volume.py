@@ -6,10 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from beltscape.core.camera import Camera
-from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.atomic import output_folder, write_text
 from beltscape.files.height_tiff import write_height_tiff
@@ -19,7 +15,7 @@ from beltscape.files.stl import write_stl
 from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.solid import load_mesh, surface_mesh
 from beltscape.measure.volume import Volume, measure_volume
-from beltscape.pipeline.belt import empty_belt
+from beltscape.pipeline.belt import empty_belt, require_same_camera
 from beltscape.report.volume import volume_page
 
 
@@ -43,21 +39,9 @@ def volume_of_frames(
     """
     full = read_frame(loaded)
     belt, camera = empty_belt(empty, reporter or Silent())
-    if not _same_view(full.rig.core_camera, camera):
-        raise InputError(
-            f"{loaded} and {empty}: reconstructed with different rigs; reconstruct both with the same rig.json"
-        )
+    require_same_camera(loaded, full.rig.core_camera, empty, camera)
     return measure_volume(
         full.depth, belt, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
-    )
-
-
-def _same_view(first: Camera, second: Camera) -> bool:
-    return (
-        first.name == second.name
-        and first.size_px == second.size_px
-        and np.allclose(first.focal_px, second.focal_px, rtol=1e-9)
-        and np.allclose(first.center_px, second.center_px, atol=1e-6)
     )
 
 

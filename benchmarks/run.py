@@ -1,74 +1,106 @@
 """Accuracy and speed beside each other, as ratios against OpenCV in the same run; writes RESULTS.md.
 
-    python benchmarks/run.py [RENDERED]
+    python benchmarks/run.py [RENDERED] [--only SECTION ...]
 
 RENDERED is a folder of rendered captures with truth (default: ../shared/data/rendered beside the repository);
-without one the capture that ships with the demo is used. BELTSCAPE_BENCH_FULL=1 adds a capture at the sensor's full
-size, which is simulated once, in minutes, into out/bench-captures.
+without one the capture that ships with the demo is used. ``--only`` measures some sections and keeps the others, each
+with its own commit. BELTSCAPE_BENCH_FULL=1 adds a capture at the sensor's full size, which is simulated once, in
+minutes, into out/bench-captures.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import platform
-import sys
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 
 import cv2
 
 import frames
 import kernels
+from beltscape.core.rig import Rig
 from beltscape.kernels.native import levels
 from calibration import calibration
-from captures import demo_scenes, full_size, rendered_scenes
+from captures import Scene, demo_scenes, full_size, rendered_scenes
 from live import live
 from real import real_pairs
+from results import load_average, measured_section, write_results
 from robustness import NOTES as ROBUSTNESS_NOTES
 from robustness import SCENES, robustness
 
 HERE = Path(__file__).parent
 
 
+class Benchmarks:
+    """The sections of RESULTS.md by title, and the captures that they share."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.sections: dict[str, Callable[[], list[str]]] = {
+            "Calibration": lambda: self.calibrated[0],
+            "Whole frames": self.whole_frames,
+            "Running system": lambda: live(self.folder, self.scenes[0].rig),
+            "Without speckle": lambda: frames.without_speckle(self.folder),
+            "Spoiled frames": self.spoiled_frames,
+            "Real pairs": lambda: real_pairs(self.folder.parent / "real"),
+            "Kernels": self.kernels,
+        }
+
+    @cached_property
+    def scenes(self) -> list[Scene]:
+        """The scenes with exact rigs."""
+        return rendered_scenes(self.folder) if self.folder.is_dir() else demo_scenes()
+
+    @cached_property
+    def calibrated(self) -> tuple[list[str], Rig | None]:
+        """The calibration's lines, and the rig that it found."""
+        return calibration(self.folder)
+
+    def whole_frames(self) -> list[str]:
+        """Depth maps of whole frames, scene by scene and size by size."""
+        full = full_size(HERE.parent / "out" / "bench-captures")
+        return [line for part in frames.frames(self.scenes, full, self.calibrated[1]) for line in part]
+
+    def spoiled_frames(self) -> list[str]:
+        """Frames with faults, at the smallest size."""
+        small = min(scene.true_depth_mm.size for scene in self.scenes)
+        spoiled = [s for s in self.scenes if s.name in SCENES and s.true_depth_mm.size == small]
+        return [ROBUSTNESS_NOTES, "", *robustness(spoiled)]
+
+    def kernels(self) -> list[str]:
+        """Single kernels against OpenCV."""
+        modules = [scene for scene in self.scenes if scene.name == "module"]
+        return [kernels.NOTES, "", *kernels.kernels(modules), "", *kernels.triangulation()]
+
+
 def main() -> None:
-    """Run everything, tell of it section by section, and write RESULTS.md."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE.parents[1] / "shared" / "data" / "rendered"
-    lines: list[str] = []
-    for section in sections(folder):
-        print("\n".join(section), flush=True)
-        lines += section
-    (HERE / "RESULTS.md").write_text("\n".join(lines), encoding="utf-8")
+    """Measure the sections that are asked for, print them, and write RESULTS.md after each."""
+    arguments = _arguments()
+    benchmarks = Benchmarks(arguments.rendered)
+    order = list(benchmarks.sections)
+    head = (
+        f"Written by `make bench` on {os.cpu_count()} cores ({platform.machine()}, kernels {levels()[-1]}), "
+        f"OpenCV {cv2.__version__}. At a load average above 0.5 before a section, its wall times and what two "
+        "threads gain say little; its CPU seconds say more. Rigs are exact where nothing else is stated."
+    )
+    for title in arguments.only or order:
+        load = load_average()
+        section = measured_section(title, benchmarks.sections[title](), load)
+        print("\n".join([f"## {title}", "", *section.lines, ""]), flush=True)
+        write_results(HERE / "RESULTS.md", head, [section], order)
 
 
-def sections(folder: Path) -> Iterator[list[str]]:
-    """Parts of RESULTS.md, each of which takes a while."""
-    scenes = rendered_scenes(folder) if folder.is_dir() else demo_scenes()
-    small = min(scene.true_depth_mm.size for scene in scenes)
-    spoiled = [s for s in scenes if s.name in SCENES and s.true_depth_mm.size == small]
-    yield [
-        "# Results",
-        "",
-        f"`make bench` on {os.cpu_count()} cores ({platform.machine()}, kernels {levels()[-1]}), "
-        f"OpenCV {cv2.__version__}. Load average before: {os.getloadavg()[0]:.1f}; above 0.5, wall times and what "
-        "two threads gain say little, and CPU s more. Rigs exact where nothing else is said.",
-        "",
-    ]
-    rig_lines, found = calibration(folder)
-    yield _section("Calibration", rig_lines)
-    full = full_size(HERE.parent / "out" / "bench-captures")
-    yield _section("Whole frames", [])
-    yield from frames.frames(scenes, full, found)
-    yield [""]
-    yield _section("Running system", live(folder, scenes[0].rig))
-    yield _section("Without speckle", frames.without_speckle(folder))
-    yield _section("Spoiled frames", [ROBUSTNESS_NOTES, "", *robustness(spoiled)])
-    yield _section("Real pairs", real_pairs(folder.parent / "real"))
-    modules = [scene for scene in scenes if scene.name == "module"]
-    yield _section("Kernels", [kernels.NOTES, "", *kernels.kernels(modules), "", *kernels.triangulation()])
-
-
-def _section(title: str, lines: list[str]) -> list[str]:
-    return [f"## {title}", "", *lines, ""]
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    default = HERE.parents[1] / "shared" / "data" / "rendered"
+    parser.add_argument("rendered", nargs="?", type=Path, default=default, help="captures with truth")
+    parser.add_argument(
+        "--only", nargs="+", metavar="SECTION", choices=list(Benchmarks(default).sections), help="sections"
+    )
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -64,3 +65,8 @@ def test_asking_for_help_imports_nothing_heavy(words):
     )
     assert "beltscape" in loaded
     assert loaded.isdisjoint([*HEAVY, "numpy"])
+
+
+def test_the_citation_names_the_same_version():
+    citation = (Path(__file__).resolve().parents[1] / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {beltscape.__version__}\n" in citation

@@ -161,11 +161,13 @@ def test_check_judges_a_rig_on_views_it_has_never_seen(tmp_path, charuco_capture
     fresh = capture(tmp_path, own.rig, own.board, board_poses(own.board, 4, seed=77))
     rig = calibrate(own.folder, own.board, None, Silent()).rig
     reporter = Silent()
-    found, evidence = check(fresh.folder, rig, own.board, reporter)
-    true, _ = check(fresh.folder, own.rig, own.board, reporter)
-    assert (found.frames, found.views) == (4, 12)
-    assert true.rms_px < found.rms_px < 0.15
-    assert set(evidence.residuals) == set(own.rig.cameras)
+    found = check(fresh.folder, rig, own.board, reporter)
+    true = check(fresh.folder, own.rig, own.board, reporter)
+    assert (found.score.frames, found.score.views) == (4, 12)
+    assert true.score.rms_px < found.score.rms_px < 0.15
+    assert set(found.evidence.residuals) == set(own.rig.cameras)
+    assert found.fit.is_sound
+    assert found.scale == 1
     assert reporter.warnings == []
 
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
 from beltscape.calibrate.adjust import adjust
 from beltscape.calibrate.chain import solve
-from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
 from beltscape.evaluate.rig import score_rig_against_truth
 from beltscape.kernels import load
@@ -34,15 +30,3 @@ def test_some_cameras_may_be_known_and_others_not(rig, board, poses):
     found = adjust(solve(own, board, rig.core, Silent(), known={"b": rig.cameras["b"]}), board).rig
     np.testing.assert_array_equal(found.cameras["b"].center_px, rig.cameras["b"].center_px)
     assert (found.cameras["a"].center_px != rig.cameras["a"].center_px).all()
-
-
-def test_intrinsics_of_another_image_size_are_refused(rig, board, poses):
-    other = {"c": replace(rig.cameras["c"], size_px=(960, 800))}
-    reporter = Silent()
-    solve(sightings(rig, board, poses, NOISE_PX), board, rig.core, reporter, known=other)
-    assert reporter.warnings == [
-        "camera c: its images are 480×400 px, the intrinsics given are of 960×800 px; "
-        "give those of this image size; going on without c"
-    ]
-    with pytest.raises(CalibrationError, match="it is the core camera"):
-        solve(sightings(rig, board, poses, NOISE_PX), board, "c", Silent(), known=other)

@@ -74,11 +74,6 @@ def calibrate_camera(
             f"camera {name} sees the board in {len(views)} of {sightings.images[name]} images; "
             f"at least {min_views} tilted views are needed"
         )
-    if known is not None and known.size_px != size:
-        raise CalibrationError(
-            f"camera {name}: its images are {size[0]}×{size[1]} px, the intrinsics given are of "
-            f"{known.size_px[0]}×{known.size_px[1]} px; give those of this image size"
-        )
 
     def solved() -> Monocular:
         return _solve(name, views, size, board_mm) if known is None else _posed(name, views, known, board_mm)

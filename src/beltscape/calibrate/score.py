@@ -44,6 +44,8 @@ class Score:
 class Residuals:
     """Reprojection errors of one view."""
 
+    ids: NDArray[np.int64]
+    """(n,) which corner of the board."""
     pixels: NDArray[np.float64]
     """(n, 2) where the corners were found."""
     errors_px: NDArray[np.float64]
@@ -64,8 +66,20 @@ class Evidence:
     frames: int
     edge_errors_mm: NDArray[np.float64]
     """(e,) triangulated minus true square edges."""
+    edge_frames: NDArray[np.int64]
+    """(e,) number of the frame of each edge."""
     plane_distances_mm: NDArray[np.float64]
     """(p,) triangulated corners off the board, laid on them as a rigid body, square to it."""
+
+    def edge_bias_error_mm(self) -> float:
+        """Standard error of the mean edge error, by the scatter of the frames' means.
+
+        A single frame's is that of its edges: errors within a frame are not independent.
+        """
+        means = [self.edge_errors_mm[self.edge_frames == i].mean() for i in np.unique(self.edge_frames)]
+        if len(means) < 2:
+            return float(np.std(self.edge_errors_mm))
+        return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
     def errors_px(self) -> NDArray[np.float64]:
         """(n, 2) all reprojection errors."""
@@ -100,8 +114,8 @@ def examine(
             continue
         core_from_board = board_pose(rig, views, board_mm)
         for name, corners in views.items():
-            predicted = _project(rig, name, core_from_board, board_mm[corners.ids])
-            residuals[name][frame] = Residuals(corners.pixels, corners.pixels - predicted)
+            predicted = project_board(rig, name, core_from_board, board_mm[corners.ids])
+            residuals[name][frame] = Residuals(corners.ids, corners.pixels, corners.pixels - predicted)
         points = _triangulated(rig, views, len(board_mm), kernels)
         edges.append(_edge_errors(points, board_mm, board))
         heights.append(_form_errors(points, board_mm))
@@ -109,7 +123,8 @@ def examine(
         raise CalibrationError(
             "no frame shows the board to two cameras of the rig; take views that they share"
         )
-    return Evidence(residuals, len(edges), np.concatenate(edges), np.concatenate(heights))
+    numbers = np.repeat(np.arange(len(edges)), [len(e) for e in edges])
+    return Evidence(residuals, len(edges), np.concatenate(edges), numbers, np.concatenate(heights))
 
 
 def score(*evidence: Evidence) -> Score:
@@ -133,9 +148,10 @@ def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt((values**2).mean())) if values.size else float("nan")
 
 
-def _project(
+def project_board(
     rig: Rig, name: str, core_from_board: Pose, points_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
+    """(n, 2) where a camera sees points (n, 3) of a board, px."""
     return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
 
 

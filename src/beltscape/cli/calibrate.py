@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.arguments import add_output_folder
+from beltscape.cli.fit import doubt_lines
 from beltscape.core.progress import Reporter
 
 
@@ -19,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--intrinsics", type=Path, metavar="PATH",
         help="hold these intrinsics: a rig.json, or a file or folder that `beltscape import` reads",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, help="folder for rig.json and the report")
+    add_output_folder(parser, "folder for rig.json and the report", required=True)
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
@@ -28,11 +30,13 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.exchange import read_intrinsics
     from beltscape.pipeline.calibration import calibrate
     from beltscape.pipeline.calibration_files import calibration_document, write_calibration
+    from beltscape.pipeline.known_intrinsics import KnownIntrinsics
     from beltscape.target.board import read_board
 
     board = read_board(arguments.board)
     out = output_folder(arguments.out)
-    known = read_intrinsics(arguments.intrinsics, reporter) if arguments.intrinsics else None
+    given = arguments.intrinsics
+    known = KnownIntrinsics(read_intrinsics(given, reporter), str(given)) if given else None
     calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)
     write_calibration(out, calibration)
     document = calibration_document(calibration)
@@ -40,11 +44,17 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """The result in a few lines: what speaks against the fit first."""
     score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
-    return (
-        f"{len(result['cameras'])} cameras about {result['core']}; {kind}: {score['rms_px']:.3f} px RMS, "
-        f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
-        f"RMS {score['square_rms_mm']:.4f} mm\n"
-        f"rig     {result['rig']}\nreport  {result['report']}"
+    given = [name for name, camera in result["cameras"].items() if camera["intrinsics"] == "given"]
+    return "\n".join(
+        [
+            *doubt_lines(result["fit"]),
+            f"{len(result['cameras'])} cameras about {result['core']}; {kind}: {score['rms_px']:.3f} px RMS, "
+            f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
+            f"RMS {score['square_rms_mm']:.4f} mm",
+            *([f"intrinsics given: {', '.join(given)}"] if given else []),
+            f"rig     {result['rig']}",
+            f"report  {result['report']}",
+        ]
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.cli.fit import doubt_lines
 from beltscape.core.progress import Reporter
 
 
@@ -24,20 +25,23 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.target.board import read_board
 
     board, rig = read_board(arguments.board), read_rig(arguments.rig)
-    score, evidence = check(arguments.capture, rig, board, reporter)
+    found = check(arguments.capture, rig, board, reporter)
     return {
-        "score": score.document(),
+        "fit": found.fit.document(),
+        "scale": found.scale,
+        "score": found.score.document(),
         "cameras": {
             name: {frame: view.rms_px for frame, view in views.items()}
-            for name, views in evidence.residuals.items()
+            for name, views in found.evidence.residuals.items()
         },
     }
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """The result in a few lines: what speaks against the rig first."""
     s = result["score"]
     lines = [
+        *doubt_lines(result["fit"]),
         f"{s['frames']} frames, {s['views']} views, {s['corners']} corners",
         f"reprojection   RMS {s['rms_px']:.3f} px, median {s['median_px']:.3f} px",
         f"square edge    bias {s['square_bias_mm']:+z.4f} mm, RMS {s['square_rms_mm']:.4f} mm",

@@ -10,25 +10,24 @@ from typing import Any
 import numpy as np
 
 from beltscape.calibrate.adjust import Adjusted, adjust
-from beltscape.calibrate.blame import blame
-from beltscape.calibrate.chain import Chain, skewed_pairs, solve
+from beltscape.calibrate.chain import Chain, solve
 from beltscape.calibrate.corners import Sightings
 from beltscape.calibrate.detect import Variant
+from beltscape.calibrate.fit_doubts import calibration_doubts
+from beltscape.calibrate.fit_quality import FitQuality, assess_fit, camera_fits
 from beltscape.calibrate.guidance import NextPose, next_pose
-from beltscape.calibrate.heldout import HeldOut, held_out_score
+from beltscape.calibrate.heldout import held_out_score
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Recording, Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.capture import Capture, read_capture
 from beltscape.kernels import load
+from beltscape.pipeline.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import Board
 
-SPLIT_LIMIT = 2.0
-"""Halves of the views may differ so much more than their covariances say."""
 NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
 """A board outside these distances was hardly meant."""
 
@@ -55,6 +54,10 @@ class Calibration:
     """On the very views the rig was found from: it flatters."""
     held_out: Score | None
     """On views the rig was not found from: the headline. None where half of the views is too little."""
+    fit: FitQuality
+    """The fit, judged by its own figures."""
+    given: tuple[str, ...]
+    """Cameras whose intrinsics were given."""
     warnings: tuple[str, ...]
 
 
@@ -64,9 +67,11 @@ def calibrate(
     core: str | None,
     reporter: Reporter,
     *,
-    known: Mapping[str, Camera] | None = None,
+    known: KnownIntrinsics | None = None,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are held as they are.
+
+    What speaks against the fit comes first among the warnings.
 
     Raises
     ------
@@ -82,9 +87,10 @@ def calibrate(
         )
     if core is not None and core not in capture.cameras:
         raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
+    known = known.matched(capture, reporter) if known else KnownIntrinsics({})
     sightings, variant = find_board(capture, board, reporter)
-    chain = solve(sightings, board, core, reporter, known=known)
-    _warn_of_disagreement(chain, reporter)
+    known.require_sizes(sightings.sizes_px)
+    chain = solve(sightings, board, core, reporter, known=known.cameras)
     kernels = load()
     own = chain.sightings
     reporter.step("adjusting everything together", 0, 1)
@@ -93,14 +99,20 @@ def calibrate(
     reporter.step("adjusting everything together", 1, 1)
     evidence = examine(adjusted.rig, own, board, kernels, corners_mm=adjusted.geometry.points_mm)
     reporter.step("scoring on held-out views", 0, 1)
-    halves = held_out_score(own, board, chain.rig.core, kernels, known=known)
+    halves = held_out_score(own, board, chain.rig.core, kernels, known=known.cameras)
     held_out = halves.score if halves else None
     reporter.step("scoring on held-out views", 1, 1)
-    _warn_of_doubt(board, adjusted, halves, reporter)
+    _warn_of_distance(board, adjusted, reporter)
     training = score(evidence)
+    fits = camera_fits(evidence, board.grid)
+    doubts = [*known.foreign(chain, sightings, board), *calibration_doubts(chain, fits, halves, training)]
+    fit = assess_fit(held_out or training, evidence, board.grid, doubts)
+    others = [line for line in reporter.warnings if line not in fit.doubts]
+    for line in fit.doubts:
+        reporter.warn(line)
     rig = replace(
         adjusted.rig,
-        quality=_quality(board, adjusted, covariance, held_out, training),
+        quality=_quality(board, adjusted, covariance, held_out, training, fit),
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
     return Calibration(
@@ -117,32 +129,14 @@ def calibrate(
         evidence=evidence,
         training=training,
         held_out=held_out,
-        warnings=tuple(reporter.warnings),
+        fit=fit,
+        given=tuple(name for name in adjusted.rig.cameras if name in known.cameras),
+        warnings=(*fit.doubts, *others),
     )
 
 
-def _warn_of_disagreement(chain: Chain, reporter: Reporter) -> None:
-    """Say which pairs fit worse than their cameras alone, and who opens the loops."""
-    skewed = skewed_pairs(chain)
-    if skewed:
-        sizes = ", ".join(f"{pair.first}–{pair.second} {pair.rms_px:.2f} px" for pair in skewed)
-        alone = max(chain.monocular[name].rms_px for pair in skewed for name in (pair.first, pair.second))
-        reporter.warn(
-            f"cameras fit worse together than alone (at most {alone:.2f} px): {sizes}; they are not triggered at the "
-            "same instant, or one of them moved"
-        )
-    guilty = blame(chain.network)
-    if guilty is not None:
-        reporter.warn(guilty)
-
-
-def _warn_of_doubt(board: Board, adjusted: Adjusted, halves: HeldOut | None, reporter: Reporter) -> None:
-    """Say it where the model does not explain the views, or the board's size is not believable."""
-    if halves is not None and halves.split_ratio > SPLIT_LIMIT:
-        reporter.warn(
-            f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
-            "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
-        )
+def _warn_of_distance(board: Board, adjusted: Adjusted, reporter: Reporter) -> None:
+    """State it where the board's size is not believable."""
     distance = float(np.median(adjusted.geometry.board_translation_mm[:, 2]))
     if not NEAREST_MM < distance < FARTHEST_MM:
         factor, unit = (10, "centimetres") if distance < NEAREST_MM else (0.001, "micrometres")
@@ -153,13 +147,19 @@ def _warn_of_doubt(board: Board, adjusted: Adjusted, halves: HeldOut | None, rep
 
 
 def _quality(
-    board: Board, adjusted: Adjusted, covariance: RigCovariance, held_out: Score | None, training: Score
+    board: Board,
+    adjusted: Adjusted,
+    covariance: RigCovariance,
+    held_out: Score | None,
+    training: Score,
+    fit: FitQuality,
 ) -> Mapping[str, Any]:
     """What rig.json says of itself, with the board's own shape, which `check` needs."""
     shaped = bool(np.any(adjusted.shape_mm))
     return {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),
+        "fit": {"sound": fit.is_sound, "doubts": fit.doubts},
         "sigma_inflation": covariance.inflation,
         "board": board.model_dump(),
         "board_corners_mm": adjusted.geometry.points_mm if shaped else None,

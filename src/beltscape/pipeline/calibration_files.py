@@ -39,6 +39,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
         _rejected_images(calibration),
         held_out=calibration.held_out,
         training=calibration.training,
+        fit=calibration.fit,
         warnings=calibration.warnings,
     )
     write_text(out / "report.html", page)
@@ -65,6 +66,7 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
             "off_drawing_rms_mm": np.sqrt((adjusted.shape_mm**2).mean(axis=0)),
         },
+        "fit": calibration.fit.document(),
         "held_out": calibration.held_out.document() if calibration.held_out else None,
         "training": calibration.training.document(),
         "depth_sigma_mm": [
@@ -111,6 +113,7 @@ def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
             if parameter.startswith(f"{name}.")
         },
         "held": camera.held,
+        "intrinsics": "given" if name in calibration.given else "estimated",
         "noise_px": adjusted.sigma_px[index],
         "corners": int(of_camera.sum()),
         "corners_left_out": int((of_camera & ~adjusted.kept).sum()),

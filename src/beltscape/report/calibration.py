@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.adjust import Adjusted
 from beltscape.calibrate.chain import Chain
+from beltscape.calibrate.fit_quality import FitQuality
 from beltscape.calibrate.guidance import NextPose
 from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Evidence, Score
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance
 from beltscape.core.frames import Image
-from beltscape.report.calibration_plots import coverage_plot, depth_sigma_plot, residual_plot
-from beltscape.report.page import Figure, Item, Lines, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import thumbnail
+from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
+from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.pictures import Panel, to_rgb
 from beltscape.report.scene import Scene, rig_scene
 from beltscape.target.board import Board
 
@@ -35,6 +36,7 @@ def calibration_page(
     *,
     held_out: Score | None,
     training: Score,
+    fit: FitQuality,
     warnings: Sequence[str],
 ) -> str:
     """report.html of a calibration."""
@@ -43,7 +45,7 @@ def calibration_page(
         Section(
             "How good it is",
             f"Board: {board.describe()}; {_shape_words(adjusted)}.",
-            [_tiles(score, depth_sigma[1]), _scores(held_out, training)],
+            [_tiles(score, depth_sigma[1]), _scores(held_out, training), _fits(fit)],
         ),
         Section(
             "The rig",
@@ -59,23 +61,24 @@ def calibration_page(
         _network_section(chain),
         *_left_out(chain, rejected_images),
     ]
-    verdict = _verdict(chain, board, score, held_out is not None)
+    verdict = _verdict(chain, board, score, held_out is not None, fit)
     return render("Calibration", verdict, sections, warnings=warnings)
 
 
-def _verdict(chain: Chain, board: Board, score: Score, unseen: bool) -> str:
+def _verdict(chain: Chain, board: Board, score: Score, unseen: bool, fit: FitQuality) -> str:
     views = (
         "views the rig was not found from" if unseen else "the views it was found from (too few for halves)"
     )
+    doubt = "" if fit.is_sound else f"The fit is in doubt: {'; '.join(fit.doubts)}. "
     return (
-        f"{len(chain.rig.cameras)} cameras about {chain.rig.core}. On {views}, corners are met within "
-        f"{score.median_px:.3f} px (median), and a {board.square_mm:g} mm square measures "
-        f"{board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
+        f"{doubt}{len(chain.rig.cameras)} cameras about {chain.rig.core}. On {views}, the reprojection error is "
+        f"{score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, and a {board.square_mm:g} mm square "
+        f"measures {board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
     )
 
 
 def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Section:
-    caption = "By place in the core camera's view; white: two cameras do not see it."
+    caption = "By place in the core camera's view; empty: two cameras do not see it."
     raised = (
         f" The views disagree {inflation:.1f} times more than the noise of single corners explains (a board that "
         "bends, a lens the model does not follow): σ is raised by as much."
@@ -85,7 +88,7 @@ def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Secti
         "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
         "the farthest boards were. Matching adds its own; heights over the belt suffer less: most of it is common."
         + (raised if inflation > 1 else ""),
-        [Figure.png(depth_sigma_plot(depth_sigma), caption)],
+        [depth_sigma_chart(depth_sigma, caption)],
     )
 
 
@@ -96,18 +99,18 @@ def _next_section(adjusted: Adjusted, board: Board, following: NextPose | None) 
 
 
 def _view_sections(adjusted: Adjusted, evidence: Evidence) -> list[Section]:
-    coverage = coverage_plot(adjusted.rig, evidence)
+    coverage = coverage_chart(adjusted.rig, evidence, "Corners by camera.")
     return [
         Section(
             "Coverage",
             "Where the board was seen in each image. Empty corners leave the distortion there to guesswork.",
-            [Figure.png(coverage, "Corners by camera; darker is a larger reprojection error.")],
+            [coverage],
         ),
         Section(
             "Residuals",
             "Arrows from projected to found corners, magnified. A pattern means that the model does not fit; "
             "an even scatter is noise.",
-            [Figure.png(*residual_plot(adjusted.rig, evidence))],
+            [residual_chart(adjusted.rig, evidence)],
         ),
     ]
 
@@ -126,7 +129,7 @@ def _left_out(chain: Chain, images: Sequence[tuple[str, Image]]) -> list[Section
     rejected = _rejected(chain)
     if not rejected:
         return []
-    pictures = [Figure.of(thumbnail(image), why, wide=False) for why, image in images]
+    pictures = [Pictures([Panel(to_rgb(image), why) for why, image in images], columns=2)] if images else []
     intro = "Views that fit far worse than the rest: blur, a finger on the board, a moving board."
     return [Section("Left out", intro, [Lines(rejected), *pictures])]
 
@@ -163,6 +166,19 @@ def _scores(held_out: Score | None, training: Score) -> Table:
         ],
         "Held out: each half of the frames judged by the rig found from the other half; training flatters.",
     )  # fmt: skip
+
+
+def _fits(fit: FitQuality) -> Table:
+    rows = [
+        [name, f"{own.sigma_px:.4f}", f"{own.corner_noise_px:.4f}", f"{own.chi2_per_dof:.1f}"]
+        for name, own in fit.cameras.items()
+    ]
+    return Table(
+        ["camera", "σ of residuals px", "noise of corners px", "χ² / dof"],
+        rows,
+        "Residuals against what neighbouring corners disagree by: about 1 where noise is all there is, far more "
+        "where the model, a camera's place or the board is wrong.",
+    )
 
 
 def _shape_words(adjusted: Adjusted) -> str:

@@ -1,0 +1,135 @@
+"""What speaks against a calibration's fit, each in one line with the likely reason and the fix."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from beltscape.calibrate.blame import blame
+from beltscape.calibrate.chain import Chain, skewed_pairs
+from beltscape.calibrate.fit_quality import CameraFit
+from beltscape.calibrate.heldout import HeldOut
+from beltscape.calibrate.network import Misclosure
+from beltscape.calibrate.score import Score
+from beltscape.core.camera import Camera
+
+OPEN, OPEN_PX = 6.0, 0.25
+"""χ² per degree of freedom of a path or loop, and its angle in the image, from which on it does not close.
+
+Sound sets have at most 1.2 and 0.01 px, blurred or asynchronous views 18 to 440 and 1 to 20 px.
+"""
+OVERFIT, OVERFIT_PX = 1.5, 0.1
+"""RMS held out over RMS in training, and their difference, from which on the views are too few; sound: below 1.12."""
+SPLIT_LIMIT = 2.0
+"""Halves of the views may differ so much more than their covariances say."""
+
+
+def calibration_doubts(
+    chain: Chain, fits: Mapping[str, CameraFit], halves: HeldOut | None, training: Score
+) -> list[str]:
+    """Return what speaks against a calibration, the likeliest cause first; empty for a sound one."""
+    causes = [*_asynchronous(chain), *_contradicted(chain), *_alone(chain, fits)]
+    if not causes:
+        causes = pattern_doubt([name for name, fit in fits.items() if fit.is_pattern()], fits, TOGETHER)
+    return [*causes, *_open(chain), *_overfit(halves, training), *_split(halves)]
+
+
+TOGETHER = (
+    "the cameras do not fit together: they are not triggered at the same instant, or one of them moved between "
+    "views; check trigger and mounts"
+)
+ALONE = (
+    "the lens model or the board does not explain the views: look for a wide-angle lens, a board that bends, views "
+    "out of focus, motion blur or a rolling shutter, and take new views of a rigid board that stands still"
+)
+
+
+def pattern_doubt(names: Sequence[str], fits: Mapping[str, CameraFit], reason: str) -> list[str]:
+    """Return the doubt that residuals of these cameras are more than noise; empty without a camera."""
+    if not names:
+        return []
+    sizes = ", ".join(
+        f"camera {name} {fits[name].sigma_px:.2g} px against {fits[name].corner_noise_px:.2g} px"
+        for name in names
+    )
+    return [f"residuals are a pattern, far larger than the corners' own noise ({sizes}): {reason}"]
+
+
+def _asynchronous(chain: Chain) -> list[str]:
+    """Return which pairs fit worse than their cameras alone."""
+    skewed = skewed_pairs(chain)
+    if not skewed:
+        return []
+    sizes = ", ".join(f"{pair.first}–{pair.second} {pair.rms_px:.2f} px" for pair in skewed)
+    alone = max(chain.monocular[name].rms_px for pair in skewed for name in (pair.first, pair.second))
+    return [
+        f"cameras fit worse together than alone (at most {alone:.2f} px): {sizes}; they are not triggered at the "
+        "same instant, or one of them moved"
+    ]
+
+
+def _contradicted(chain: Chain) -> list[str]:
+    """Return who opens the loops."""
+    found = blame(chain.network)
+    return [] if found is None else [found]
+
+
+def _alone(chain: Chain, fits: Mapping[str, CameraFit]) -> list[str]:
+    """Return which cameras do not fit their own views, whatever the other cameras see."""
+    own = {
+        name: CameraFit(chain.monocular[name].rms_px / np.sqrt(2), fit.corner_noise_px)
+        for name, fit in fits.items()
+    }
+    return pattern_doubt(
+        [name for name in fits if own[name].is_pattern() and fits[name].is_pattern()], own, ALONE
+    )
+
+
+def _open(chain: Chain) -> list[str]:
+    """Return the path or loop that closes worst, where noise does not explain it."""
+    network = chain.network
+    errors = (*network.path_errors, *network.loop_errors)
+    open_ones = [
+        error
+        for error in errors
+        if error.chi2_per_dof > OPEN
+        and _angle_px(error, (chain.rig.cameras[n] for n in error.cameras)) > OPEN_PX
+    ]
+    if not open_ones:
+        return []
+    worst = max(open_ones, key=lambda error: error.chi2_per_dof)
+    return [
+        f"{len(open_ones)} of {len(errors)} paths and loops of the camera network do not close: worst "
+        f"{'–'.join(worst.cameras)} with χ² {worst.chi2_per_dof:.1f} per degree of freedom (1 where noise explains "
+        f"it), {worst.rotation_deg:.2g}° and {worst.translation_mm:.2g} mm"
+    ]
+
+
+def _angle_px(error: Misclosure, cameras: Iterable[Camera]) -> float:
+    """Return a misclosure's rotation as a shift in the images, px."""
+    return float(np.deg2rad(error.rotation_deg) * max(camera.focal_px.mean() for camera in cameras))
+
+
+def _overfit(halves: HeldOut | None, training: Score) -> list[str]:
+    """Return the doubt that views are too few or too alike."""
+    if halves is None:
+        return []
+    rms_px = halves.score.rms_px
+    if rms_px < OVERFIT * training.rms_px or rms_px - training.rms_px < OVERFIT_PX:
+        return []
+    return [
+        f"on held-out views the RMS is {rms_px:.3g} px, {rms_px / training.rms_px:.1f} times the "
+        f"{training.rms_px:.3g} px on the views the rig was found from: these are too few or too alike; add views "
+        "with the board tilted to every side and in every corner of the images"
+    ]
+
+
+def _split(halves: HeldOut | None) -> list[str]:
+    """Return the doubt that the standard deviations are too small."""
+    if halves is None or not halves.split_ratio > SPLIT_LIMIT:
+        return []
+    return [
+        f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
+        "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
+    ]

@@ -1,0 +1,120 @@
+"""A fit is judged by its own figures: what noise does not explain is named, what it does is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltscape.calibrate.adjust import adjust
+from beltscape.calibrate.chain import solve
+from beltscape.calibrate.corner_noise import corner_noise_px
+from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.fit_doubts import calibration_doubts
+from beltscape.calibrate.fit_quality import FitQuality, assess_fit, camera_fits
+from beltscape.calibrate.heldout import held_out_score
+from beltscape.calibrate.score import Residuals, examine, score
+from beltscape.core.progress import Silent
+from beltscape.kernels import load
+from beltscape.target.board import CharucoBoard
+from synthetic.boards import board_poses, row_of_cameras
+from synthetic.sightings import sightings
+
+BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
+
+
+def own_fit(seen: Sightings, core: str = "c0") -> FitQuality:
+    """What calibrating these corners says of its own fit."""
+    chain = solve(seen, BOARD, core, Silent())
+    adjusted = adjust(chain, BOARD)
+    evidence = examine(adjusted.rig, chain.sightings, BOARD, load(), corners_mm=adjusted.geometry.points_mm)
+    halves, training = held_out_score(chain.sightings, BOARD, core, load()), score(evidence)
+    doubts = calibration_doubts(chain, camera_fits(evidence, BOARD.grid), halves, training)
+    return assess_fit(halves.score if halves else training, evidence, BOARD.grid, doubts)
+
+
+def seen_by_row(cameras: int, noise_px: float, frames: int, seed: int) -> Sightings:
+    rig = row_of_cameras([f"c{i}" for i in range(cameras)])
+    return sightings(rig, BOARD, board_poses(BOARD, frames, seed=seed), noise_px, seed=seed)
+
+
+def changed(seen: Sightings, camera: str, change, frames=None) -> Sightings:
+    """The same sightings with ``change(pixels)`` in some views of one camera, in all by default."""
+    views = {name: dict(own) for name, own in seen.views.items()}
+    for frame, corners in views[camera].items():
+        if frames is None or frame in frames:
+            views[camera][frame] = replace(corners, pixels=change(corners.pixels))
+    return replace(seen, views=views)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "noise_px", "frames", "seed"),
+    [(2, 0.02, 8, 1), (2, 0.4, 12, 2), (3, 0.1, 6, 3), (3, 0.3, 10, 4), (4, 0.05, 8, 5), (3, 0.2, 4, 6)],
+)
+def test_noise_alone_raises_no_doubt(cameras, noise_px, frames, seed):
+    fit = own_fit(seen_by_row(cameras, noise_px, frames, seed))
+    assert fit.doubts == ()
+    assert fit.is_sound
+    assert fit.rms_over_median == pytest.approx(np.sqrt(2) / np.sqrt(2 * np.log(2)), rel=0.08)
+    for own in fit.cameras.values():
+        assert own.corner_noise_px == pytest.approx(noise_px, rel=0.25)
+        assert 0.5 < own.chi2_per_dof < 1.5
+
+
+def test_a_lens_that_the_model_does_not_follow_is_named():
+    def waves(pixels):
+        return pixels + 1.5 * np.sin(pixels[:, ::-1] / 25)
+
+    fit = own_fit(changed(seen_by_row(3, 0.05, 12, 7), "c1", waves))
+    assert "camera c1" in fit.doubts[0]
+    assert "camera c0" not in fit.doubts[0]
+    assert "lens model" in fit.doubts[0]
+    assert fit.cameras["c1"].chi2_per_dof > 4 > fit.cameras["c1"].corner_noise_px
+
+
+def test_cameras_of_different_instants_are_named():
+    """The board moves between the triggers: every view of one camera is of another place, each sound by itself."""
+    rng = np.random.default_rng(8)
+    late = changed(seen_by_row(2, 0.05, 10, 8), "c1", lambda pixels: pixels + rng.uniform(-6, 6, 2))
+    fit = own_fit(late)
+    assert not fit.is_sound
+    assert "not triggered at the same instant" in fit.doubts[0]
+    assert "lens model" not in " ".join(fit.doubts)
+
+
+def test_views_that_fit_far_worse_than_the_rest_are_named():
+    """The median hides them: a third of two views' corners lies elsewhere, as with reflections or a finger."""
+    rng = np.random.default_rng(9)
+
+    def disturbed(pixels):
+        return pixels + np.where(rng.random((len(pixels), 1)) < 0.3, rng.normal(0, 4, pixels.shape), 0)
+
+    fit = own_fit(changed(seen_by_row(3, 0.05, 12, 9), "c2", disturbed, frames=("03", "07")))
+    assert not fit.is_sound
+    assert fit.rms_over_median > 2.5
+    assert 0 < fit.far_off_share < 0.1
+    named = fit.doubts[-1]
+    assert "times the median" in named
+    assert "c2 03" in named
+    assert "c2 07" in named
+
+
+@pytest.mark.parametrize("sigma_px", [0.01, 0.2, 3.0])
+def test_corner_noise_is_the_noise_and_not_what_neighbours_share(sigma_px):
+    rng = np.random.default_rng(1)
+    columns, rows = 9, 6
+    ids = np.arange(columns * rows)
+    u, v = ids % columns, ids // columns
+    views = []
+    for _ in range(12):
+        shared = np.stack([5 + 0.8 * u - 0.3 * v, -2 + 0.5 * u + 0.9 * v], axis=1)
+        kept = rng.random(ids.size) < 0.9
+        errors = (shared + rng.normal(0, sigma_px, (ids.size, 2)))[kept]
+        views.append(Residuals(ids[kept], np.zeros_like(errors), errors))
+    assert corner_noise_px(views, (columns, rows)) == pytest.approx(sigma_px, rel=0.08)
+
+
+def test_too_few_neighbours_say_nothing_of_noise():
+    one = Residuals(np.arange(8), np.zeros((8, 2)), np.ones((8, 2)))
+    assert np.isnan(corner_noise_px([one], (9, 6)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -96,6 +97,26 @@ def test_a_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path)
         (a["sigma_mm"], b["sigma_mm"]) for a, b in zip(first, second, strict=True) if a["quantity"] == "edge"
     ]
     assert all(b > 1.5 * a for a, b in sigmas)  # noise shows no edges, and is not believed to
+
+
+def test_the_viewer_draws_what_was_measured(run, frame, tmp_path):
+    out, page = tmp_path / "f", tmp_path / "scene.html"
+    assert run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out)[0] == 0
+    assert run("view", frame, "--features", out / "features.json", "--out", page)[0] == 0
+    held = re.search(r'<script id="scene" type="application/json">(.*?)</script>', page.read_text(), re.S)
+    assert held is not None
+    scene = json.loads(held[1])
+    names = {label["text"] for label in scene["labels"]}
+    assert {"base", "cube100", "cube60", "sphere70", "rod"} <= names
+    drawn = [np.array(line["line"]) for line in scene["lines"] if line["layer"] == "features"]
+    answer = json.loads((out / "features.json").read_text())
+    cube = next(solid for solid in answer["solids"] if solid["name"] == "cube100")
+    assert cube["measured"]
+    assert cube["size_mm"] == pytest.approx([100, 100, 100], abs=0.5)
+    # rings of four edges: the base's and the cubes', each as long as it was measured
+    edges = [np.linalg.norm(np.diff(ring, axis=0), axis=1) for ring in drawn if len(ring) == 5]
+    assert len(edges) == 2 * 3
+    assert edges[2] == pytest.approx(cube["size_mm"][:1] * 4, abs=0.001)
 
 
 def test_the_same_frame_gives_the_same_bytes(run, frame, tmp_path):

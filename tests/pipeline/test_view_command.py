@@ -24,18 +24,25 @@ BELT = {
     "z_mm": [30, 0, 30],
 }
 FEATURES = {
-    "features": [
-        {
-            "name": "cube 1",
-            "kind": "cube",
-            "edge_mm": {"value": 40.0, "sigma": 0.1},
-            "center_mm": [0, 0, 680],
-        },
-        {"name": "ball", "kind": "sphere", "diameter_mm": 50.0, "center_mm": [60, 0, 675]},
-        {"name": "odd", "kind": "torus"},
-        "not a feature",
-    ]
+    "features": [],
+    "pose": {
+        "core_from_module": {"rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "translation_mm": [0, 0, 700]}
+    },
+    "solids": [
+        {"name": "cube 1", "kind": "box", "center_mm": [0, 0, 20], "size_mm": [40, 40, 40]},
+        {"name": "ball", "kind": "sphere", "center_mm": [60, 0, 25], "diameter_mm": 50.0},
+        {"name": "post", "kind": "cylinder", "center_mm": [0, 60, 5], "diameter_mm": 8, "height_mm": 10},
+    ],
 }
+UNFIT = {
+    "unrelated.json": {"a": 1},
+    "list.json": [1],
+    "rig-like.json": {"format": "beltscape-rig/1"},
+    "old.json": {key: value for key, value in FEATURES.items() if key != "solids"},
+    "torus.json": {**FEATURES, "solids": [{"name": "x", "kind": "torus", "center_mm": [0, 0, 0]}]},
+    "short.json": {**FEATURES, "solids": [{"name": "x", "kind": "sphere", "center_mm": [0, 0]}]},
+}
+"""Name → a document that is no features.json, or none that can be drawn."""
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +60,8 @@ def frames(tmp_path_factory):
         write_frame(folder / name, depth, cloud, np.zeros((4, 4, 3), np.uint8))
     write_json(folder / "belt.json", BELT)
     write_json(folder / "features.json", FEATURES)
+    for name, document in UNFIT.items():
+        write_json(folder / name, document)
     return folder
 
 
@@ -91,7 +100,8 @@ def test_a_frame_with_belt_and_primitives_stands_in_the_belts_frame(run, frames,
     cube = np.array([p for line in scene["lines"] if line["layer"] == "features" for p in line["line"]])
     assert cube[:, 2].min() == pytest.approx(0, abs=0.1)
     assert cube[:, 2].max() == pytest.approx(50, abs=0.5)
-    assert {"cube 1", "ball"} <= {label["text"] for label in scene["labels"]}
+    assert len(cube) == 2 * 5 + 4 * 2 + 3 * 49 + 2 * 49 + 4 * 2
+    assert {"cube 1", "ball", "post"} <= {label["text"] for label in scene["labels"]}
 
 
 def test_a_rig_alone(run, frames, tmp_path):
@@ -163,7 +173,13 @@ def test_rerun_is_told_everything(run, frames, tmp_path, monkeypatch):
     [
         (["none"], "holds neither rig.json nor frames"),
         (["{frames}/000", "--belt", "{frames}/features.json"], "no pose belt_from_core"),
-        (["{frames}/000", "--features", "none.json"], "none.json"),
+        (["{frames}/000", "--features", "none.json"], "none.json: no such file"),
+        (["{frames}/000", "--features", "{frames}/unrelated.json"], "unrelated.json: is no features.json"),
+        (["{frames}/000", "--features", "{frames}/list.json"], "list.json: is no features.json"),
+        (["{frames}/000", "--features", "{frames}/rig-like.json"], "rig-like.json: is no features.json"),
+        (["{frames}/000", "--features", "{frames}/old.json"], "old.json: holds no solids to draw"),
+        (["{frames}/000", "--features", "{frames}/torus.json"], "kind 'torus'"),
+        (["{frames}/000", "--features", "{frames}/short.json"], "run beltscape measure features again"),
     ],
 )
 def test_what_is_wrong_is_one_line(run, frames, words, says, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 from collections.abc import Sequence
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -56,6 +57,8 @@ def ordered_range(option: str, values: Sequence[float] | None) -> tuple[float, f
     if values is None:
         return None
     low, high = values
+    if not (isfinite(low) and isfinite(high)):
+        raise SettingsError(f"{option} {low:g} {high:g}: both must be finite numbers")
     if not low < high:
         raise SettingsError(f"{option} {low:g} {high:g}: the first number must be the smaller one")
     return low, high
@@ -71,6 +74,6 @@ def positive_range(option: str, values: Sequence[float] | None) -> tuple[float, 
 
 def positive(option: str, value: float | None) -> float | None:
     """A number that must be positive, or None where the option was not given."""
-    if value is not None and not value > 0:
+    if value is not None and not 0 < value < inf:
         raise SettingsError(f"{option} {value:g}: must be positive")
     return value

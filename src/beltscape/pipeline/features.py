@@ -17,6 +17,7 @@ from beltscape.files.json_text import write_json
 from beltscape.files.reconstruction import FrameResult, read_frame
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
+from beltscape.pipeline.solids import solids_document
 from beltscape.report.features import features_page
 from beltscape.stereo.cloud import undistorted
 from beltscape.target.module import read_module
@@ -72,6 +73,7 @@ def features_document(measured: MeasuredModule) -> Mapping[str, Any]:
             "core_from_module": {"rotation": pose.rotation, "translation_mm": pose.translation_mm},
             "agreement": measured.agreement,
         },
+        "solids": solids_document(measured),
         "warnings": list(measured.warnings),
     }
 

@@ -14,6 +14,7 @@ from beltscape.files.atomic import output_folder
 from beltscape.files.images import write_image
 from beltscape.files.json_text import write_json
 from beltscape.pipeline.reconstruction import depth_range, open_capture
+from beltscape.pipeline.search_range import check_depth_range
 from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.pairs.rectified import RectifiedImages, rectify_images
@@ -41,6 +42,7 @@ def rectify_capture(
     """
     source = open_capture(capture, rig, reporter)
     output_folder(out)
+    check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []
     for frame_set, pairs in rectify(source, rig, near_far, reporter):

@@ -18,8 +18,9 @@ from beltscape.files.json_text import read_json
 from beltscape.files.ply_points import read_cloud
 from beltscape.files.reconstruction import frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.solids import read_outlines
 from beltscape.report.scene import rig_scene
-from beltscape.report.scene_solids import belt_triangles, outlines_of
+from beltscape.report.scene_solids import belt_triangles
 from beltscape.report.viewer import Viewed, ViewedCloud, viewer_page
 
 _POINTS = 300_000
@@ -64,9 +65,11 @@ def viewed_of(source: Path, *, belt: Path | None, features: Path | None) -> View
             raise InputError(f"{belt}: holds no cross-section x_mm, z_mm; give the belt.json of measure belt")
         surfaces.append(("belt", _BELT, triangles))
     if features is not None:
-        for name, outline in outlines_of(_mapping(features)):
-            lines += [("features", _PRIMITIVE, up.apply(line)) for line in outline]
-            labels.append(("features", name, up.apply(np.concatenate(outline)).max(axis=0)))
+        for name, outline in read_outlines(features):
+            upright = [up.apply(line) for line in outline]
+            lines += [("features", _PRIMITIVE, line) for line in upright]
+            corners = np.concatenate(upright)
+            labels.append(("features", name, np.append(corners[:, :2].mean(axis=0), corners[:, 2].max())))
     frame = "core frame, z towards the camera" if belt is None else "belt frame"
     parts = [] if rig is None else [f"{len(rig.cameras)} cameras"]
     shown = sum(len(cloud.points_mm) for cloud in clouds)

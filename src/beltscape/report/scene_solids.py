@@ -1,14 +1,12 @@
-"""Belt surfaces and fitted primitives as triangles and lines, read tolerantly from the measuring commands' files."""
+"""Belt surfaces as triangles, and boxes, spheres and cylinders as lines."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from beltscape.core.pose import Pose
 
 Lines = list[NDArray[np.float64]]
 _ROUND = 49
@@ -32,44 +30,19 @@ def belt_triangles(document: Mapping[str, Any], along_mm: tuple[float, float]) -
     return triangles[np.isfinite(triangles).all(axis=(1, 2))]
 
 
-def outlines_of(document: Mapping[str, Any]) -> Iterator[tuple[str, Lines]]:
-    """(name, polylines (n, 3) in the core frame) of the features of a features.json; what it does not know it skips.
+def outline(solid: Mapping[str, Any]) -> Lines:
+    """Return the polylines, (n, 3) in mm, that draw a box, a sphere or a cylinder about its ``center_mm``.
 
-    A feature is a mapping with its dimensions (``edge_mm``, ``size_mm``, ``diameter_mm``, ``height_mm``; numbers,
-    or mappings with a ``value``) and ``center_mm``: of its footprint with two numbers, of its middle with three.
-    Where the file has ``core_from_module`` places are in the module's frame, else in the core's.
+    KeyError, TypeError or ValueError where the mapping describes none of them.
     """
-    pose = _pose(document.get("core_from_module"))
-    features = document.get("features", [])
-    named = features.items() if isinstance(features, Mapping) else ((None, each) for each in features)
-    for key, feature in named:
-        if not isinstance(feature, Mapping):
-            continue
-        lines = _outline(feature)
-        if lines:
-            name = str(feature.get("name", key or ""))
-            yield name, lines if pose is None else [pose.apply(line) for line in lines]
-
-
-def _outline(feature: Mapping[str, Any]) -> Lines:
-    kind = str(feature.get("kind", feature.get("shape", feature.get("type", "")))).lower()
-    center = _numbers(feature, "center_mm", "centre_mm")
-    if center is None or len(center) not in (2, 3):
-        return []
-    diameter, height = _number(feature, "diameter_mm"), _number(feature, "height_mm")
-    if kind == "sphere" and diameter is not None:
-        middle = center if len(center) == 3 else np.append(center, diameter / 2)
-        return _sphere(middle, diameter / 2)
-    if kind == "cylinder" and diameter is not None and height is not None:
-        return _cylinder(center if len(center) == 3 else np.append(center, height / 2), diameter / 2, height)
-    size = _numbers(feature, "size_mm")
-    edge = _number(feature, "edge_mm")
-    if edge is not None:
-        size = np.array([edge, edge, height or edge])
-    if size is None or len(size) != 3:
-        return []
-    middle = center if len(center) == 3 else np.append(center, size[2] / 2)
-    return _box(middle, size)
+    center = np.array(solid["center_mm"], np.float64).reshape(3)
+    if solid["kind"] == "sphere":
+        return _sphere(center, float(solid["diameter_mm"]) / 2)
+    if solid["kind"] == "cylinder":
+        return _cylinder(center, float(solid["diameter_mm"]) / 2, float(solid["height_mm"]))
+    if solid["kind"] == "box":
+        return _box(center, np.array(solid["size_mm"], np.float64).reshape(3))
+    raise ValueError(f"kind {solid['kind']!r}")
 
 
 def _box(middle: NDArray[np.float64], size: NDArray[np.float64]) -> Lines:
@@ -90,26 +63,3 @@ def _cylinder(middle: NDArray[np.float64], radius: float, height: float) -> Line
     ring = radius * np.column_stack([np.cos(turn), np.sin(turn)])
     ends = [middle + np.column_stack([ring, np.full(_ROUND, end * height)]) for end in (-0.5, 0.5)]
     return [*ends, *(np.stack([ends[0][i], ends[1][i]]) for i in range(0, _ROUND - 1, 12))]
-
-
-def _pose(value: object) -> Pose | None:
-    if not isinstance(value, Mapping) or not {"rotation", "translation_mm"} <= set(value):
-        return None
-    return Pose(np.array(value["rotation"], np.float64), np.array(value["translation_mm"], np.float64))
-
-
-def _number(feature: Mapping[str, Any], name: str) -> float | None:
-    value = feature.get(name)
-    if isinstance(value, Mapping):
-        value = value.get("value", value.get("value_mm"))
-    return float(value) if isinstance(value, int | float) else None
-
-
-def _numbers(feature: Mapping[str, Any], *names: str) -> NDArray[np.float64] | None:
-    for name in names:
-        value = feature.get(name)
-        if isinstance(value, Mapping):
-            value = value.get("value")
-        if isinstance(value, list) and all(isinstance(part, int | float) for part in value):
-            return np.array(value, np.float64)
-    return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import beltscape
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
 from beltscape.core.pose import Pose
-from beltscape.core.progress import Reporter
+from beltscape.core.progress import Reporter, Silent
 from beltscape.core.rig import Rig
 from beltscape.evaluate.depth import DepthScore, score_depth
 from beltscape.evaluate.rig import RigScore, score_rig_against_truth
@@ -28,9 +28,11 @@ from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.volume import Volume
 from beltscape.pipeline.calibration import Calibration, calibrate
 from beltscape.pipeline.calibration_files import write_calibration
-from beltscape.pipeline.reconstruction import reconstruct_capture
-from beltscape.pipeline.rectification import rectify_capture
+from beltscape.pipeline.reconstruction import open_capture, reconstruct_capture
+from beltscape.pipeline.rectification import rectify, rectify_capture
 from beltscape.pipeline.volume import volume_of_frames, write_volume
+from beltscape.report.pictures import Panel
+from beltscape.report.rectification import check_panels
 from beltscape.stereo.cloud import undistorted
 from beltscape.target.board import read_board
 
@@ -79,6 +81,8 @@ class Demo:
     out: Path
     calibration: Calibration
     rig: RigScore
+    rectified: Sequence[Panel]
+    """Four a pair: core and auxiliary before, core and auxiliary after."""
     scenes: Mapping[str, SceneResult]
     volumes: Mapping[str, VolumeResult]
     warnings: tuple[str, ...]
@@ -91,12 +95,20 @@ def run_demo(out: Path, reporter: Reporter) -> Demo:
     calibration = calibrate(data / "calibration", read_board(data / "board.toml"), "cam0", reporter)
     write_calibration(out / "calibration", calibration)
     rig = calibration.rig
-    rectify_capture(data / "belt_loaded", rig, out / "rectified", reporter)
+    near_far, _ = rectify_capture(data / "belt_loaded", rig, out / "rectified", reporter)
     scenes = {scene: _scene(data, scene, rig, truth, out, reporter) for scene in SCENES}
     volumes = {scene: _volume(data, scene, out, reporter) for scene in SCENES if scene != "belt_empty"}
     return Demo(
-        out, calibration, score_rig_against_truth(rig, truth, load()), scenes, volumes, calibration.warnings
-    )
+        out, calibration, score_rig_against_truth(rig, truth, load()), _rectified(data, rig, near_far), scenes,
+        volumes, calibration.warnings,
+    )  # fmt: skip
+
+
+def _rectified(data: Path, rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
+    """Return the pictures of the loaded belt's pairs before and after rectification."""
+    source = open_capture(data / "belt_loaded", rig, Silent())
+    frame_set, pairs = next(rectify(source, rig, near_far, Silent()))
+    return check_panels(rig, frame_set, pairs)
 
 
 def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter) -> SceneResult:

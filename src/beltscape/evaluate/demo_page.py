@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from beltscape.core.rig import Rig
 from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, MAIN, METHODS, Demo
 from beltscape.evaluate.depth import DepthScore
-from beltscape.files.images import read_image
 from beltscape.files.ply import read_cloud
-from beltscape.report.depth_picture import depth_panel, error_picture, sigma_panel
+from beltscape.report.depth_picture import depth_panel, error_panel, sigma_panel
 from beltscape.report.legend import NEAR_TO_FAR, Scale
-from beltscape.report.page import Figure, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import panel, sheet, to_rgb
+from beltscape.report.page import Pictures, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.pictures import Panel, to_rgb
 from beltscape.report.scene import Scene, rig_scene
-from beltscape.report.volume import height_plot, litres, profiles_plot
+from beltscape.report.volume import height_chart, litres, profiles_chart
 
 TITLES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
 CLOUD_POINTS = 30_000
@@ -45,7 +43,7 @@ def demo_page(demo: Demo) -> str:
         Section(
             "Epipolar rectification",
             "About the core camera, each auxiliary in turn; corresponding points lie on lines of one colour.",
-            [_rectification(demo)],
+            [Pictures(demo.rectified, "Before and after, one row per pair.", columns=4)],
         ),
         Section(
             "Depth against truth",
@@ -63,11 +61,8 @@ def demo_page(demo: Demo) -> str:
             f"{litres(module.volume.sigma_mm3)} l measured, {litres(module.true_mm3)} l true.",
             [
                 _volume_table(demo),
-                Figure.png(
-                    height_plot(loaded.volume),
-                    "Load above the empty belt; box in white, interpolated cells grey.",
-                ),
-                Figure.png(profiles_plot(loaded.volume), "Cross-sections along the belt."),
+                height_chart(loaded.volume),
+                profiles_chart(loaded.volume),
             ],
         ),
     ]
@@ -113,11 +108,6 @@ def _scene(demo: Demo) -> Scene:
     return Scene(cameras.lines, cameras.labels, points, scale.colored(depth))
 
 
-def _rectification(demo: Demo) -> Figure:
-    picture = read_image(demo.out / "rectified" / "000" / "rectification.png")
-    return Figure.of(_smaller(picture), "Before and after, one row per pair.")
-
-
 def _depth_table(demo: Demo) -> Table:
     return Table(
         [
@@ -147,24 +137,20 @@ def _depth_row(score: DepthScore) -> list[str]:
     ]  # fmt: skip
 
 
-def _scene_figure(demo: Demo, scene: str) -> Figure:
+def _scene_figure(demo: Demo, scene: str) -> Pictures:
     result = demo.scenes[scene]
     depth = result.depth_map
     panels = [
-        panel(to_rgb(result.core_image), "core camera, undistorted"),
+        Panel(to_rgb(result.core_image), "core camera, undistorted"),
         depth_panel(depth),
         sigma_panel(depth),
-        error_picture(depth, result.true_mm, limit_mm=ERROR_MM),
+        error_panel(depth, result.true_mm, limit_mm=ERROR_MM),
     ]
-    return Figure.of(
-        sheet(panels, 2),
+    return Pictures(
+        panels,
         f"{TITLES[scene].capitalize()}: image, depth, its σ, and the error against the truth.",
+        columns=2,
     )
-
-
-def _smaller(image: np.ndarray, width_px: int = 2000) -> np.ndarray:
-    factor = min(1.0, width_px / image.shape[1])
-    return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
 
 
 def _volume_table(demo: Demo) -> Table:

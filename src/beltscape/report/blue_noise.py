@@ -8,18 +8,20 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.report.plots import STYLE, panels, to_png
+from beltscape.report.palette import light
+from beltscape.report.plots import STYLE, Form, panels, to_png
 from beltscape.target.blue_noise import LOW, BlueNoise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BLUE, ORANGE = "#1c7ed6", "#e8590c"
+BLUE, ORANGE = light("first"), light("second")
+_SHEET = Form(1080.0, narrow=False)
 
 
 def quality_picture(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:
     """PNG of the quality; ``image`` (H, W, 3) is the drawn pattern. The same input gives the same bytes."""
-    figure, (piece, nearest, spectrum) = panels(3, columns=3, height=3.8)
+    figure, (piece, nearest, spectrum) = panels(3, _SHEET, columns=3, height=275)
     with mpl.rc_context(dict(STYLE)):
         _piece(piece, image, quality.d_min_px)
         _nearest(nearest, quality)
@@ -53,11 +55,11 @@ def _nearest(axes: Axes, quality: BlueNoise) -> None:
 
 def _spectrum(axes: Axes, quality: BlueNoise) -> None:
     frequency = quality.frequency_per_px
-    axes.axvspan(0, LOW / quality.d_min_px, color="#e7f5ff", linewidth=0)
-    axes.axhline(1, color="#868e96", linewidth=0.8, linestyle="--")
+    axes.axvspan(0, LOW / quality.d_min_px, color=light("grid"), linewidth=0)
+    axes.axhline(1, color=light("reference"), linewidth=0.8, linestyle="--")
     axes.plot(frequency, quality.power, color=BLUE)
     axes.set_xlim(0, frequency[-1])
     axes.set_ylim(bottom=0)
-    axes.text(frequency[0], 1.02, "independent dots", va="bottom", color="#868e96")
+    axes.text(frequency[0], 1.02, "independent dots", va="bottom", color=light("reference"))
     axes.set_title(f"power spectrum: {quality.low_frequency_power:.3f} at low frequencies (shaded)")
     axes.set_xlabel("cycles per px")

@@ -3,81 +3,129 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from beltscape.calibrate.score import Evidence
 from beltscape.calibrate.uncertainty import DepthSigma
 from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
-from beltscape.report.plots import panels, to_png
+from beltscape.report.charts import Chart
+from beltscape.report.legend import DARK_IS_SURE, DOUBT, Scale
+from beltscape.report.palette import light
+from beltscape.report.plots import Form, faded, map_height, panels, show_map
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
-def depth_sigma_plot(maps: Sequence[DepthSigma]) -> bytes:
-    """σ of depth over the core camera's view, at each distance."""
+_COLORS = 12
+"""Steps of colour of the corners' errors: as many as dots of this size show."""
+_MOST_ARROWS = 400
+"""Residuals of a camera that are drawn; more cover one another."""
+
+
+def depth_sigma_chart(maps: Sequence[DepthSigma], caption: str) -> Chart:
+    """Return σ of depth over the core camera's view, at each distance, on one scale."""
     top = max(float(np.nanquantile(m.sigma_mm, 0.98)) for m in maps)
-    figure, axes = panels(len(maps), columns=3, width=3.9, height=3.1)
-    image = None
+    scale = Scale(0.0, top, DOUBT, label=f"σ of depth, mm; {DARK_IS_SURE}")
+    return Chart.draw(partial(_depth_sigma, maps, scale), caption, scale)
+
+
+def _depth_sigma(maps: Sequence[DepthSigma], scale: Scale, form: Form) -> Figure:
+    widest = max(maps, key=lambda m: np.ptp(m.y_mm) / np.ptp(m.x_mm))
+    height = map_height(form, float(np.ptp(widest.x_mm)), float(np.ptp(widest.y_mm)), columns=3)
+    figure, axes = panels(len(maps), form, columns=3, height=height + 14)
     for axis, m in zip(axes, maps, strict=True):
         extent = (m.x_mm[0], m.x_mm[-1], m.y_mm[-1], m.y_mm[0])
-        image = axis.imshow(m.sigma_mm, extent=extent, cmap="viridis", vmin=0, vmax=top)
-        axis.set(
-            title=f"{m.depth_mm:.0f} mm: median {np.nanmedian(m.sigma_mm):.3f} mm",
-            xlabel="x, mm",
-            ylabel="y, mm",
+        show_map(
+            axis,
+            faded(scale.colored(m.sigma_mm), m.sigma_mm, np.ones(m.sigma_mm.shape)),
+            extent,
+            first_row_below=False,
         )
-    if image is not None:
-        figure.colorbar(image, ax=axes, label="σ of depth, mm", shrink=0.75)
-    return to_png(figure)
+        title = f"{m.depth_mm:.0f} mm: median {np.nanmedian(m.sigma_mm):.3f} mm"
+        axis.set(title=title, xlabel="x, mm", ylabel="y, mm")
+    return figure
 
 
-def _frame_axes(axis, camera: Camera, title: str) -> None:
-    width, height = camera.size_px
-    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
-    axis.spines[["top", "right"]].set_visible(True)
-    axis.set_xticks([0, width - 1])
-    axis.set_yticks([0, height - 1])
-
-
-def coverage_plot(rig: Rig, evidence: Evidence) -> bytes:
-    """Corners in each camera's image, coloured by their reprojection error."""
-    cameras = rig.cameras
+def coverage_chart(rig: Rig, evidence: Evidence, caption: str) -> Chart:
+    """Return the corners in each camera's image, coloured by their reprojection error."""
     top = float(np.quantile(np.linalg.norm(evidence.errors_px(), axis=1), 0.98))
-    figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
-    scatter = None
-    for axis, (name, camera) in zip(axes, cameras.items(), strict=True):
-        views = evidence.residuals[name].values()
-        pixels = np.concatenate([np.empty((0, 2)), *(v.pixels for v in views)])
-        errors = np.concatenate([np.empty((0, 2)), *(v.errors_px for v in views)])
-        scatter = axis.scatter(
-            pixels[:, 0],
-            pixels[:, 1],
-            c=np.linalg.norm(errors, axis=1),
-            s=4,
-            cmap="viridis_r",
-            vmin=0,
-            vmax=top,
-        )
+    scale = Scale(0.0, top, DOUBT, label=f"reprojection error, px; {DARK_IS_SURE}")
+    return Chart.draw(partial(_coverage, rig, evidence, scale), caption, scale)
+
+
+def _coverage(rig: Rig, evidence: Evidence, scale: Scale, form: Form) -> Figure:
+    figure, axes = _image_panels(rig, form)
+    for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
+        pixels, errors = _residuals(evidence, name)
+        size = np.linalg.norm(errors, axis=1)
+        step = np.clip(size / scale.high * _COLORS, 0, _COLORS - 1).astype(int)
+        for k in np.unique(step):
+            color = tuple(scale.colored(np.array((k + 0.5) / _COLORS * scale.high)) / 255.0)
+            _draw_lines(axis, np.stack([pixels[step == k]] * 2, axis=1), color=color, linewidth=2.4)
         _frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
-    if scatter is not None:
-        figure.colorbar(scatter, ax=axes, label="reprojection error, px", shrink=0.6)
-    return to_png(figure)
+    return figure
 
 
-def residual_plot(rig: Rig, evidence: Evidence) -> tuple[bytes, str]:
-    """Residual arrows in each camera's image, and the caption that says how far they are magnified."""
-    cameras = rig.cameras
+def residual_chart(rig: Rig, evidence: Evidence) -> Chart:
+    """Return residual arrows in each camera's image, and the caption that says how far they are magnified."""
     median = float(np.median(np.linalg.norm(evidence.errors_px(), axis=1)))
-    magnify = 0.02 * max(max(c.size_px) for c in cameras.values()) / max(median, 1e-6)
-    figure, axes = panels(len(cameras), columns=3, width=3.7, height=3.2)
-    for axis, (name, camera) in zip(axes, cameras.items(), strict=True):
-        views = evidence.residuals[name].values()
-        pixels = np.concatenate([np.empty((0, 2)), *(v.pixels for v in views)])
-        errors = np.concatenate([np.empty((0, 2)), *(v.errors_px for v in views)])
-        axis.quiver(
-            pixels[:, 0], pixels[:, 1], errors[:, 0], errors[:, 1], angles="xy", scale_units="xy",
-            scale=1 / magnify, width=0.0022, color="#1864ab",
+    magnify = 0.02 * max(max(c.size_px) for c in rig.cameras.values()) / max(median, 1e-6)
+    most = max(len(_residuals(evidence, name)[0]) for name in rig.cameras)
+    every = -(-most // _MOST_ARROWS)
+    which = "" if every == 1 else f" One corner of {every} is drawn."
+    caption = f"Residuals, magnified {magnify:.0f} times.{which}"
+    return Chart.draw(partial(_residual_arrows, rig, evidence, magnify, every), caption)
+
+
+def _residual_arrows(rig: Rig, evidence: Evidence, magnify: float, every: int, form: Form) -> Figure:
+    figure, axes = _image_panels(rig, form)
+    for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
+        pixels, errors = _residuals(evidence, name)
+        start, arrow = pixels[::every], magnify * errors[::every]
+        left, right = (arrow @ np.array([[-0.3, 0.16 * way], [-0.16 * way, -0.3]]) for way in (1, -1))
+        tip = start + arrow
+        _draw_lines(
+            axis, np.stack([start, tip, tip + left, tip, tip + right], axis=1),
+            color=light("first"), linewidth=0.9,
         )  # fmt: skip
         rms = float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")
         _frame_axes(axis, camera, f"{name}: RMS {rms:.3f} px")
-    return to_png(figure), f"Residuals, magnified {magnify:.0f} times."
+    return figure
+
+
+def _draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
+    """Draw polylines (n, k, 2) as one path, which keeps the page small; one without length is a dot."""
+    parted = np.concatenate([lines, np.full((len(lines), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+    axis.plot(*parted.T, solid_capstyle="round", solid_joinstyle="round", **style)
+
+
+def _residuals(evidence: Evidence, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 2) places of a camera's corners and (n, 2) their residuals, px."""
+    views = evidence.residuals[name].values()
+    none = np.empty((0, 2))
+    return (
+        np.concatenate([none, *(v.pixels for v in views)]),
+        np.concatenate([none, *(v.errors_px for v in views)]),
+    )
+
+
+def _image_panels(rig: Rig, form: Form) -> tuple[Figure, list[Axes]]:
+    tallest = max(rig.cameras.values(), key=lambda camera: camera.size_px[1] / camera.size_px[0])
+    height = map_height(form, *tallest.size_px, columns=3)
+    return panels(len(rig.cameras), form, columns=3, height=height)
+
+
+def _frame_axes(axis: Axes, camera: Camera, title: str) -> None:
+    width, height = camera.size_px
+    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
+    axis.spines[["top", "right"]].set_visible(True)
+    axis.spines[:].set_edgecolor(light("quiet"))
+    axis.set_xticks([0, width - 1])
+    axis.set_yticks([0, height - 1])

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.report.legend import (
+    DARK_IS_SURE,
     DIFFERENCE,
+    DOUBT,
     NEAR_TO_FAR,
     QUIET,
     TRUST,
-    VIRIDIS,
     Color,
     Rgb,
     Scale,
@@ -22,7 +23,7 @@ from beltscape.report.legend import (
     round_above,
     round_below,
 )
-from beltscape.report.pictures import PANEL_PX, panel, sheet, span
+from beltscape.report.pictures import PANEL_PX, Panel, sheet, span
 
 NO_TRUTH: Color = (0, 0, 0)
 _UNMEASURED = ("not measured", QUIET)
@@ -48,46 +49,46 @@ def frame_picture(depth: DepthMap, true_depth_mm: NDArray[np.floating] | None = 
     four = [depth_panel(depth), sigma_panel(depth), views_panel(depth), confidence_panel(depth)]
     if true_depth_mm is None:
         return sheet(four, 2)
-    errors = [error_picture(depth, true_depth_mm), honesty_panel(depth, true_depth_mm)]
+    errors = [error_panel(depth, true_depth_mm), honesty_panel(depth, true_depth_mm)]
     return sheet([*four[:2], errors[0], *four[2:], errors[1]], 3)
 
 
-def depth_panel(depth: DepthMap) -> Rgb:
-    """Depth, near in red, with the relief that light from above left would show."""
+def depth_panel(depth: DepthMap) -> Panel:
+    """Depth, near bright, with the relief that light from above left would show."""
     z = _thinned(depth.depth_mm)
     near, far = span(z)
     scale = Scale(near, max(far, near + _FLAT_MM), NEAR_TO_FAR)
-    return panel(relief(z, scale), "depth, mm", scale, key=GAPS, note=f"{depth.coverage:.1%} measured")
+    return Panel(relief(z, scale), "depth, mm", scale, key=GAPS, note=f"{depth.coverage:.1%} measured")
 
 
-def sigma_panel(depth: DepthMap) -> Rgb:
+def sigma_panel(depth: DepthMap) -> Panel:
     """One standard deviation of the depth, on a logarithmic scale between round ends."""
     sigma = _thinned(depth.sigma_mm)
     positive = sigma[sigma > 0]
     low, high = span(positive, 0.01) if positive.size else (0.1, 1.0)
     low, high = round_below(low), round_above(high)
-    scale = Scale(low, high if high > low else 10 * low, VIRIDIS, log=True)
+    scale = Scale(low, high if high > low else 10 * low, DOUBT, log=True, label=DARK_IS_SURE)
     note = f"median {np.median(positive):.2g}" if positive.size else ""
-    return panel(scale.colored(sigma), "one standard deviation of the depth, mm", scale, key=GAPS, note=note)
+    return Panel(scale.colored(sigma), "one standard deviation of the depth, mm", scale, key=GAPS, note=note)
 
 
-def views_panel(depth: DepthMap) -> Rgb:
+def views_panel(depth: DepthMap) -> Panel:
     """How many auxiliaries measured each pixel, a colour for each number."""
     most = max(int(depth.views.max(initial=0)), 1)
     steps = np.rint(np.linspace(0, 255, most)) if most > 1 else np.array([255])
     colors = np.vstack([QUIET, TRUST[steps.astype(int)]]).astype(np.uint8)
     entries = [(str(n), _color(colors[n])) for n in range(1, most + 1)]
     image = colors.take(_thinned(depth.views), axis=0)
-    return panel(image, "views used", Swatches([*entries, _UNMEASURED]))
+    return Panel(image, "views used", Swatches([*entries, _UNMEASURED]))
 
 
-def confidence_panel(depth: DepthMap) -> Rgb:
+def confidence_panel(depth: DepthMap) -> Panel:
     """Trust that a pixel is no false surface; grey where not measured."""
     confidence = np.where(np.isfinite(depth.depth_mm), depth.confidence, np.float32(np.nan))
-    scale = Scale(0.0, 1.0, TRUST)
+    scale = Scale(0.0, 1.0, TRUST, label=DARK_IS_SURE)
     mean = float(depth.confidence[depth.measured].mean()) if depth.measured.any() else 0.0
     note = f"mean {mean:.2f}"
-    return panel(
+    return Panel(
         scale.colored(_thinned(confidence)),
         "confidence that it is no false surface",
         scale,
@@ -96,9 +97,9 @@ def confidence_panel(depth: DepthMap) -> Rgb:
     )
 
 
-def error_picture(
+def error_panel(
     depth: DepthMap, true_depth_mm: NDArray[np.floating], *, limit_mm: float | None = None
-) -> Rgb:
+) -> Panel:
     """Measured minus true depth: blue nearer, red farther, grey not measured, black where no truth is known.
 
     Parameters
@@ -122,7 +123,7 @@ def error_picture(
     return _against_truth(error, true_depth_mm, limit, "measured minus true depth, mm", note)
 
 
-def honesty_panel(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> Rgb:
+def honesty_panel(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> Panel:
     """The error in its own standard deviations: pale where σ is honest or too large."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = _error_mm(depth, true_depth_mm) / depth.sigma_mm
@@ -139,10 +140,10 @@ def _error_mm(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> NDArray[n
 
 def _against_truth(
     values: NDArray[np.float32], true_depth_mm: NDArray[np.floating], limit: float, title: str, note: str
-) -> Rgb:
+) -> Panel:
     scale = Scale(-limit, limit, DIFFERENCE)
     image = error_colors(_thinned(values), _thinned(true_depth_mm), scale)
-    return panel(image, title, scale, key=NO_ERROR, note=note)
+    return Panel(image, title, scale, key=NO_ERROR, note=note)
 
 
 def relief(depth_mm: NDArray[np.float32], scale: Scale) -> Rgb:

@@ -9,28 +9,25 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
 from beltscape.measure.features.result import MeasuredModule, Quantity
 from beltscape.report.features_pictures import (
-    deviation_picture,
-    edge_pictures,
-    feature_picture,
+    deviation_panel,
+    edge_panels,
+    feature_panel,
     feature_scene,
 )
-from beltscape.report.page import Figure, Item, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.page import Pictures, Section, Table, Tile, Tiles, Turnable, render
 
 
 def features_page(depth: DepthMap, camera: Camera, image: Image | None, measured: MeasuredModule) -> str:
     """report.html of a module's dimensions."""
-    edges: list[Item] = [
-        Figure.of(picture, caption, wide=False)
-        for picture, caption in edge_pictures(image, depth, camera, measured)
-    ]
+    edges = list(edge_panels(image, depth, camera, measured))
     sections = [
         Section("Dimensions", "Each feature measured by itself.", [_tiles(measured), _table(measured)]),
         Section(
             "What was fitted",
             "The pixels that planes and spheres were fitted to, by feature; edges in white.",
             [
-                Figure.of(
-                    feature_picture(depth, camera, measured), "Faces, caps and edges in the core's view."
+                Pictures(
+                    [feature_panel(depth, camera, measured)], "Faces, caps and edges in the core's view."
                 ),
                 Turnable(
                     feature_scene(depth, camera, measured), "The cloud by feature, with fitted primitives."
@@ -40,12 +37,12 @@ def features_page(depth: DepthMap, camera: Camera, image: Image | None, measured
         Section(
             "Against the perfect module",
             "Measured depth minus that of the perfect module at the pose found: blue nearer, red farther.",
-            [Figure.of(deviation_picture(depth, measured), "Signed deviation, mm; grey: not measured.")],
+            [Pictures([deviation_panel(depth, measured)])],
         ),
         Section(
             "Edges",
-            "Upper faces from close by: green as located, red as the perfect module has them.",
-            edges,
+            "Upper faces from close by, with their edges as located and as the perfect module has them.",
+            [Pictures(edges, columns=2)] if edges else [],
         ),
     ]
     return render(
@@ -87,8 +84,8 @@ def _tiles(measured: MeasuredModule) -> Tiles:
         off = [(value, q) for value, q in off if np.isfinite(value)]
         if off:
             value, quantity = max(off, key=lambda pair: pair[0])
-            note = f"largest of {len(off)}, σ {quantity.sigma_mm:.3f}"
-            tiles.append(Tile(title, f"{value:.3f}", "mm off nominal", note))
+            note = f"off nominal, the largest of {len(off)}; σ {quantity.sigma_mm:.3f} mm"
+            tiles.append(Tile(title, f"{value:.3f}", "mm", note))
     return Tiles(tiles)
 
 

@@ -13,6 +13,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
 from beltscape.measure.features.nominal import NOTHING
 from beltscape.measure.features.result import EdgeLine, MeasuredModule
+from beltscape.report.depth_picture import NO_TRUTH
 from beltscape.report.legend import (
     DIFFERENCE,
     QUIET,
@@ -21,22 +22,21 @@ from beltscape.report.legend import (
     Scale,
     Swatches,
     round_above,
-    text_width,
-    write,
 )
-from beltscape.report.pictures import panel, to_rgb
+from beltscape.report.pictures import Mark, Panel, to_rgb
 from beltscape.report.scene import Scene
 
 _COLORS: tuple[Color, ...] = (
     (134, 142, 150), (25, 113, 194), (232, 89, 12), (47, 158, 68), (156, 54, 181), (224, 49, 49), (240, 140, 0),
     (12, 133, 153), (92, 64, 51), (194, 37, 92),
 )  # fmt: skip
-_FOUND, _PERFECT = (64, 230, 90), (255, 70, 70)
+FOUND, PERFECT = (0, 225, 255), (255, 140, 0)
+"""Edges as located and as the perfect module has them; cyan and orange are told apart by every eye."""
 _MARGIN_PX = 12
 _SCENE_POINTS = 12_000
 
 
-def feature_picture(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Rgb:
+def feature_panel(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Panel:
     """Pixels that were fitted, in their feature's colour over the depth in grey, with the located edges."""
     rows, columns = _around(measured)
     z = depth.depth_mm[rows, columns]
@@ -50,13 +50,14 @@ def feature_picture(depth: DepthMap, camera: Camera, measured: MeasuredModule) -
     big, zoom = _enlarged(image.astype(np.uint8), 1400)
     for line in measured.edges:
         _draw(big, line.line_mm, camera, (rows.start, columns.start), zoom, (255, 255, 255))
+    marks: list[Mark] = []
     for name, where in _middles(measured):
-        u, v = (_pixels(where[None], camera)[0] - [columns.start, rows.start]) * zoom
-        write(big, name, (int(u) - text_width(name, 24) // 2, int(v) + 8), 24, (255, 255, 255))
-    return panel(big, "what was fitted")
+        u, v = _pixels(where[None], camera)[0] - [columns.start, rows.start]
+        marks.append(Mark(name, (float(u + 0.5) / z.shape[1], float(v + 0.5) / z.shape[0])))
+    return Panel(big, "what was fitted", Swatches([("located edge", (255, 255, 255))]), marks=marks)
 
 
-def deviation_picture(depth: DepthMap, measured: MeasuredModule) -> Rgb:
+def deviation_panel(depth: DepthMap, measured: MeasuredModule) -> Panel:
     """Measured minus perfect depth on the module, mm."""
     rows, columns = _around(measured)
     on = measured.view.label[rows, columns] != NOTHING
@@ -64,17 +65,19 @@ def deviation_picture(depth: DepthMap, measured: MeasuredModule) -> Rgb:
     known = np.abs(off[np.isfinite(off)])
     limit = round_above(max(float(np.quantile(known, 0.9)), 0.01)) if known.size else 1.0
     scale = Scale(-limit, limit, DIFFERENCE)
+    key = Swatches([("not measured", QUIET), ("not the module", NO_TRUTH)])
     image = scale.colored(off)
-    image[~on] = (255, 255, 255)
+    image[~on] = NO_TRUTH
     note = f"median {np.median(known):.3f}" if known.size else ""
     big, _ = _enlarged(image, 1400)
-    return panel(big, "measured minus perfect, mm", scale, key=Swatches([("not measured", QUIET)]), note=note)
+    return Panel(big, "measured minus perfect, mm", scale, key, note)
 
 
-def edge_pictures(
+def edge_panels(
     image: Image | None, depth: DepthMap, camera: Camera, measured: MeasuredModule
-) -> Iterator[tuple[Rgb, str]]:
-    """Each feature's upper face from close by, with its edges as found and as they should be; and a caption."""
+) -> Iterator[Panel]:
+    """Each feature's upper face from close by, with its edges as found and as they should be."""
+    key = Swatches([("located", FOUND), ("perfect module", PERFECT)])
     ground = to_rgb(image) if image is not None else _relief(depth)
     for name in dict.fromkeys(line.name for line in measured.edges):
         lines = [line for line in measured.edges if line.name == name]
@@ -84,9 +87,9 @@ def edge_pictures(
         high = np.clip(np.ceil(points.max(axis=0)).astype(int) + _MARGIN_PX, low + 2, size)
         big, zoom = _enlarged(ground[low[1] : high[1], low[0] : high[0]], 900)
         for line in lines:
-            for way, color in ((line.nominal_mm, _PERFECT), (line.line_mm, _FOUND)):
+            for way, color in ((line.nominal_mm, PERFECT), (line.line_mm, FOUND)):
                 _draw(big, way, camera, (int(low[1]), int(low[0])), zoom, color)
-        yield big, f"{name}: {_sigmas(lines)}"
+        yield Panel(big, name, key, note=_sigmas(lines))
 
 
 def feature_scene(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Scene:

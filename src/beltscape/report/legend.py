@@ -40,14 +40,21 @@ def _of_opencv(name: int) -> Rgb:
     return np.ascontiguousarray(np.asarray(cv2.applyColorMap(ramp, name))[:, 0, ::-1], np.uint8)
 
 
-TURBO, VIRIDIS = _of_opencv(cv2.COLORMAP_TURBO), _of_opencv(cv2.COLORMAP_VIRIDIS)
-"""(256, 3) for heights and for magnitudes."""
-NEAR_TO_FAR = TURBO[235:14:-1]
-"""(221, 3) for depths, near in red; its ends are not too dark to be shaded."""
+HEIGHT = _through(
+    (1, 25, 89), (16, 63, 96), (28, 90, 98), (60, 109, 86), (104, 123, 62), (157, 137, 43), (210, 147, 67),
+    (248, 161, 123), (253, 183, 188), (250, 204, 250),
+)  # fmt: skip
+"""(256, 3) for heights and sizes: low dark, high bright. The batlow map of Crameri (doi:10.5281/zenodo.1243862),
+even to the eye and to colour-blind eyes."""
+NEAR_TO_FAR = HEIGHT[:24:-1]
+"""(231, 3) for depths, near bright; its far end is not too dark to be shaded."""
 DIFFERENCE = _through((23, 78, 166), (250, 250, 250), (178, 24, 43))
 """(256, 3) blue below, white at and red above the middle."""
-TRUST = _through((217, 72, 15), (253, 174, 97), (255, 248, 196), (130, 190, 230), (24, 100, 171))
-"""(256, 3) from doubt, orange, to trust, blue."""
+DOUBT = _of_opencv(cv2.COLORMAP_VIRIDIS)
+"""(256, 3) for σ and sizes of errors, from small to large: dark is sure, bright is unsure."""
+TRUST = np.ascontiguousarray(DOUBT[::-1])
+"""(256, 3) for confidence, views and coverage, from little to much: the same colours mean the same trust."""
+DARK_IS_SURE = "dark: sure, bright: unsure"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +66,9 @@ class Scale:
     colormap: Rgb
     """(n, 3) RGB, n up to 256."""
     log: bool = False
+    label: str = ""
+    """What the legend says about the colours."""
+    kind: str = "scale"
 
     def colored(self, values: NDArray[np.floating]) -> Rgb:
         """(...) values → (..., 3) RGB; NaN grey."""
@@ -74,25 +84,33 @@ class Scale:
         """(LEGEND_PX, width, 3): a ramp with ticks at round values."""
         image = _paper(width_px)
         image[_BAR] = self.colormap[np.linspace(0, len(self.colormap) - 1, width_px).astype(int)]
-        for value in self.ticks():
-            u = round(float(self._share(np.array([value], np.float32))[0]) * (width_px - 1))
+        for share, text in self.marks():
+            u = round(share * (width_px - 1))
             image[_BAR.stop : _BAR.stop + 5, max(u - 1, 0) : u + 1] = QUIET
-            text = f"{value:.6g}".replace("-", "−")
             left = min(max(u - text_width(text, 13) // 2, 0), width_px - text_width(text, 13))
             write(image, text, (left, _BAR.stop + 20), 13)
         return image
 
-    def ticks(self) -> list[float]:
-        """Round values within the scale."""
+    def marks(self, steps: int = _STEPS) -> list[tuple[float, str]]:
+        """Ticks as shares of the scale, with their texts."""
+        ticks = self.ticks(steps)
+        shares = self._share(np.array(ticks, np.float32))
+        return [
+            (float(np.clip(share, 0, 1)), f"{value:.6g}".replace("-", "−"))
+            for share, value in zip(shares, ticks, strict=True)
+        ]
+
+    def ticks(self, steps: int = _STEPS) -> list[float]:
+        """Round values within the scale, at least ``steps`` apart and at most three times as many."""
         if not self.log:
-            step = round_below((self.high - self.low) / _STEPS)
+            step = round_below((self.high - self.low) / steps)
             first, last = np.ceil(self.low / step - 1e-6), np.floor(self.high / step + 1e-6)
             return [float(np.round(n * step, 9) + 0.0) for n in np.arange(first, last + 1)]
         decades = range(int(np.floor(np.log10(self.low))), int(np.ceil(np.log10(self.high))) + 1)
         for digits in ((1, 2, 5), (1,)):
             ticks = [d * 10.0**n for n in decades for d in digits]
             ticks = [t for t in ticks if self.low * 0.999 <= t <= self.high * 1.001]
-            if len(ticks) <= 3 * _STEPS:
+            if len(ticks) <= 3 * steps:
                 break
         return ticks
 
@@ -106,6 +124,7 @@ class Swatches:
     """One colour for each of a few words."""
 
     entries: Sequence[tuple[str, Color]]
+    kind: str = "swatches"
 
     def legend(self, width_px: int) -> Rgb:
         """(LEGEND_PX, width, 3): a patch before each word."""

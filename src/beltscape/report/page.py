@@ -1,15 +1,15 @@
-"""A self-contained HTML page: tiles, pictures, tables and turnable scenes in sections; works offline."""
+"""A self-contained HTML page: tiles, charts, pictures, tables and turnable scenes in sections; works offline."""
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-from beltscape.core.frames import Image
-from beltscape.files.images import encode_image
+from beltscape.report import markup, palette
+from beltscape.report.charts import Chart, Entry, Key
+from beltscape.report.pictures import Panel
 from beltscape.report.scene import Scene
 
 
@@ -33,24 +33,13 @@ class Tiles:
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
-    """A picture with its caption."""
+class Pictures:
+    """Pictures side by side, in rows of ``columns`` where the screen is wide enough."""
 
-    source: str
-    """A data URI."""
-    caption: str
-    wide: bool = True
-    kind: str = "figure"
-
-    @classmethod
-    def of(cls, image: Image, caption: str, *, wide: bool = True) -> Figure:
-        """From pixels: JPEG where it looks like a photograph, so that pages stay small."""
-        return cls("data:image/jpeg;base64," + b64encode(encode_image(image, ".jpg")).decode(), caption, wide)
-
-    @classmethod
-    def png(cls, data: bytes, caption: str, *, wide: bool = True) -> Figure:
-        """From an encoded PNG."""
-        return cls("data:image/png;base64," + b64encode(data).decode(), caption, wide)
+    panels: Sequence[Panel]
+    caption: str = ""
+    columns: int = 1
+    kind: str = "pictures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +47,7 @@ class Table:
     """Rows of text under headings; the first column names, the others are numbers."""
 
     columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | Entry]]
     caption: str = ""
     kind: str = "table"
 
@@ -73,14 +62,14 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class Turnable:
-    """A scene that one turns with the mouse."""
+    """A scene that one turns with the mouse or a finger."""
 
     scene: Scene
     caption: str
     kind: str = "scene"
 
 
-Item = Tiles | Figure | Table | Lines | Turnable
+Item = Tiles | Chart | Key | Pictures | Table | Lines | Turnable
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +82,7 @@ class Section:
 
 
 def render(title: str, verdict: str, sections: Sequence[Section], *, warnings: Sequence[str] = ()) -> str:
-    """The page as text."""
+    """Return the page as text."""
     return _template().render(title=title, verdict=verdict, sections=sections, warnings=warnings)
 
 
@@ -109,4 +98,5 @@ def _template():
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals.update(markup=markup, palette=palette)
     return environment.get_template("page.html")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
+from functools import partial
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from beltscape.plan.plan import Plan
-from beltscape.report.page import Figure, Item, Section, Tile, Tiles, Turnable, render
-from beltscape.report.plan_drawing import side_view, top_view
+from beltscape.report.charts import Chart
+from beltscape.report.legend import DARK_IS_SURE, DOUBT, Scale
+from beltscape.report.page import Section, Tile, Tiles, Turnable, render
+from beltscape.report.plan_drawing import side_charts, top_chart
 from beltscape.report.plan_tables import (
     alternatives_table,
     coverage_table,
@@ -17,27 +20,22 @@ from beltscape.report.plan_tables import (
     pixels_table,
     poses_table,
 )
-from beltscape.report.plots import panels, to_png
+from beltscape.report.plots import Form, faded, map_height, panels, show_map
 from beltscape.report.scene import rig_scene
-
-TOP_VIEW = (
-    "From above, images' rims at the height of the belt's edges: green where all cameras see it, dashed what a frame "
-    "gives over the full width at every height."
-)
 
 
 def plan_page(plan: Plan) -> str:
     """report.html of a plan."""
     sections = [
         Section("The plan", "", [_tiles(plan)]),
-        Section("Where everything goes", _mounting_words(plan), [*_drawings(plan), poses_table(plan), _scene(plan)]),
+        Section("Where everything goes", _mounting_words(plan), [*side_charts(plan), top_chart(plan), poses_table(plan), _scene(plan)]),
         Section("Baseline", _baseline_words(plan), [alternatives_table(plan)]),
         Section(
             "What is seen",
             "Shares of the strip of belt that the core sees. Seen: in the image; what lumps hide is told above.",
             [coverage_table(plan), pixels_table(plan)],
         ),
-        Section("Depth", _sigma_words(plan), [Figure.png(sigma_plot(plan), "White: fewer than two cameras.")]),
+        Section("Depth", _sigma_words(plan), [sigma_chart(plan)]),
         Section("A moving belt", _motion_words(plan), [motion_table(plan)]),
         Section("Light", _light_words(plan), [light_table(plan)]),
     ]  # fmt: skip
@@ -98,20 +96,6 @@ def _mounting_words(plan: Plan) -> str:
     )
 
 
-def _drawings(plan: Plan) -> list[Item]:
-    def figure(svg: str, caption: str, *, wide: bool = False) -> Figure:
-        return Figure("data:image/svg+xml;base64," + b64encode(svg.encode()).decode(), caption, wide)
-
-    return [
-        figure(
-            side_view(plan),
-            "Across the belt: the core's view in orange, auxiliaries' in blue, the load in sand.",
-        ),
-        figure(side_view(plan, along=True), "Along the belt."),
-        figure(top_view(plan), TOP_VIEW, wide=True),
-    ]
-
-
 def _scene(plan: Plan) -> Turnable:
     boards = {}
     for plane in plan.planes:
@@ -149,27 +133,28 @@ def _sigma_words(plan: Plan) -> str:
     )
 
 
-def sigma_plot(plan: Plan) -> bytes:
-    """The σ maps, one scale for all."""
+def sigma_chart(plan: Plan) -> Chart:
+    """Return the σ maps as a chart, one scale for all."""
     known = np.concatenate([each.sigma_mm[np.isfinite(each.sigma_mm)] for each in plan.sigma])
     low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.0, 1.0)
-    figure, axes = panels(len(plan.sigma), columns=3, width=3.9, height=3.6)
-    image = None
+    label = f"depth σ, mm; {DARK_IS_SURE}"
+    scale = Scale(low, max(high, low + 1e-6), DOUBT, label=label)
+    return Chart.draw(partial(_sigma_maps, plan, scale), "Empty: fewer than two cameras.", scale)
+
+
+def _sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
+    width, length = (
+        max(float(np.ptp(getattr(each, name))) for each in plan.sigma) for name in ("x_mm", "y_mm")
+    )
+    height = map_height(form, width, length, columns=3)
+    figure, axes = panels(len(plan.sigma), form, columns=3, height=height + 14)
     for axis, each, plane in zip(axes, plan.sigma, plan.planes, strict=True):
         extent = (each.x_mm[0], each.x_mm[-1], each.y_mm[0], each.y_mm[-1])
-        image = axis.imshow(
-            each.sigma_mm,
-            origin="lower",
-            extent=extent,
-            cmap="viridis",
-            vmin=low,
-            vmax=high,
-            interpolation="nearest",
+        show_map(
+            axis, faded(scale.colored(each.sigma_mm), each.sigma_mm, np.ones(each.sigma_mm.shape)), extent
         )
         axis.set(title=f"{plane.name}, {each.height_mm:.0f} mm", xlabel="x across, mm", ylabel="y along, mm")
-    if image is not None:
-        figure.colorbar(image, ax=axes, label="depth σ, mm", shrink=0.7, extend="max")
-    return to_png(figure)
+    return figure
 
 
 def _motion_words(plan: Plan) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -10,25 +12,40 @@ from numpy.typing import NDArray
 
 from beltscape.plan.footprint import Polygon
 from beltscape.plan.plan import Plan
+from beltscape.report.charts import Chart, Entry, Key
+from beltscape.report.palette import css_color, light
+from beltscape.report.plots import FONT_PT, NARROW, WIDE, Form
 from beltscape.report.scene import AUXILIARY, CORE
 
-_BELT, _LOAD, _INK, _ALL = "#ced4da", "#f3d9b1", "#495057", "#2b8a3e"
+_HEX = re.compile(r"#[0-9a-f]{6}\b")
+_BELT, _LOAD, _INK, _PAPER, _ALL = (light(role) for role in ("belt", "load", "ink", "paper", "common"))
+_ROOM = 22.0
+"""About a drawing, for a line of text."""
+_TALLEST = 560.0
+"""Height of a drawing at most: it is seen whole on a screen."""
+_WIDE_SIDE = 390.0
+"""Width of a side view of which two share a wide screen."""
 
 
-class _Drawing:
-    """Millimetres, second axis upwards → SVG."""
+class Drawing:
+    """Millimetres, second axis upwards → SVG; its unit is the charts'."""
 
-    def __init__(self, low: Sequence[float], high: Sequence[float], width_px: float) -> None:
-        margin = 0.03 * max(high[0] - low[0], high[1] - low[1])
-        self.left, self.top = low[0] - margin, high[1] + margin
-        self.width = width_px
-        self.scale = width_px / (high[0] - low[0] + 2 * margin)
-        self.height = (high[1] - low[1] + 2 * margin) * self.scale
+    def __init__(
+        self, low: Sequence[float], high: Sequence[float], width: float, *,
+        above: float = _ROOM, below: float = _ROOM,
+    ) -> None:  # fmt: skip
+        """``width``, and the room ``above`` and ``below`` what lies between the corners, are in the charts' unit."""
+        tall = (_TALLEST - above - below) / (high[1] - low[1])
+        self.width = width
+        self.px_per_mm = min((width - 2 * _ROOM) / (high[0] - low[0]), tall)
+        self.left = (low[0] + high[0] - width / self.px_per_mm) / 2
+        self.top = high[1] + above / self.px_per_mm
+        self.height = (high[1] - low[1]) * self.px_per_mm + above + below
         self.parts: list[str] = []
 
     def at(self, point: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
         """Where a point in mm lies in the picture."""
-        return (float(point[0]) - self.left) * self.scale, (self.top - float(point[1])) * self.scale
+        return (float(point[0]) - self.left) * self.px_per_mm, (self.top - float(point[1])) * self.px_per_mm
 
     def shape(
         self, points: Sequence[Sequence[float]] | Polygon, *, fill: str = "none", stroke: str = "none",
@@ -55,11 +72,12 @@ class _Drawing:
         x, y = self.at(point)
         self.parts.append(
             f'<text x="{x + shift[0]:.1f}" y="{y + shift[1]:.1f}" fill="{color}" text-anchor="{anchor}" '
-            f'stroke="#fff" stroke-width="4" paint-order="stroke">{escape(words)}</text>'
+            f'stroke="{_PAPER}" stroke-width="4" paint-order="stroke">{escape(words)}</text>'
         )
 
-    def measure(self, a: Sequence[float], b: Sequence[float], words: str) -> None:
-        """A dimension line with its length."""
+    def measure(self, a: Sequence[float], b: Sequence[float], words: str, *, up: float = 0.0) -> None:
+        """A dimension line with its length, so far above its place."""
+        a, b = ((end[0], end[1] + up / self.px_per_mm) for end in (a, b))
         self.shape([a, b], stroke=_INK, width=1, closed=False)
         for end in (a, b):
             self.dot(end, _INK, 2.5)
@@ -72,80 +90,105 @@ class _Drawing:
     def svg(self) -> str:
         """The picture."""
         return (
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width:.0f} {self.height:.0f}" '
-            f'width="{self.width:.0f}" height="{self.height:.0f}" '
-            'font-family="system-ui, Liberation Sans, sans-serif" '
-            f'font-size="16">{"".join(self.parts)}</svg>'
+            f'<svg viewBox="0 0 {self.width:.0f} {self.height:.0f}" data-px-per-mm="{self.px_per_mm:.5f}" '
+            f'font-size="{FONT_PT:g}">{re.sub(_HEX, lambda found: css_color(found[0]), "".join(self.parts))}</svg>'
         )
 
 
-def top_view(plan: Plan) -> str:
+def side_charts(plan: Plan) -> tuple[Chart, Chart]:
+    """Return the views across and along the belt, both on the same scale."""
+    key = (Entry("core's view", "core", "outline"), Entry("auxiliaries' views", "auxiliary", "outline"))
+    load = Entry("load", "load", "area")
+    across = _chart(partial(side_view, plan), "Across the belt.", *key, load)
+    caption = "Along the belt, on the same scale."
+    return across, _chart(partial(side_view, plan, along=True), caption, *key, load)
+
+
+def top_chart(plan: Plan) -> Chart:
+    """Return the view from above."""
+    return _chart(
+        partial(top_view, plan),
+        "From above; images' rims at the height of the belt's edges.",
+        Entry("core's image", "core", "outline"), Entry("auxiliaries' images", "auxiliary", "outline"),
+        Entry("seen by all cameras", "common", "area"),
+        Entry("what a frame gives over the full width at every height", "common", "dashed"),
+        half=False,
+    )  # fmt: skip
+
+
+def _chart(view: Callable[[Form], str], caption: str, *entries: Entry, half: bool = True) -> Chart:
+    return Chart(view(WIDE), view(NARROW), caption, [Key(entries)], half)
+
+
+def top_view(plan: Plan, form: Form) -> str:
     """Belt, image rectangles at the belt's edges, cameras; x to the right, y upwards."""
     plane, planned = plan.planes[1], plan.planned
     positions = {name: planned.position_mm(name) for name in planned.rig.cameras}
     corners = np.vstack([*plane.polygons.values(), *(p[None, :2] for p in positions.values())])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    half = plane.width_mm / 2
-    drawing = _Drawing(low, high, 1080)
-    drawing.shape(
-        [(-half, low[1]), (half, low[1]), (half, high[1]), (-half, high[1])], fill=_BELT, opacity=0.6
-    )
-    flat = plan.settings.belt.flat_mm / 2
-    for x in (-flat, flat):
-        drawing.shape([(x, low[1]), (x, high[1])], stroke="#fff", width=2, closed=False)
+    drawing = Drawing(low, high, form.width)
+    _draw_belt(drawing, plan, float(low[1]), float(high[1]))
     drawing.shape(plane.all_cameras, fill=_ALL, opacity=0.25)
     for name, polygon in plane.polygons.items():
         core = name == planned.rig.core
-        drawing.shape(polygon, stroke=CORE if core else AUXILIARY, width=3 if core else 1.5)
-    length = plan.motion.frame_length_mm / 2
-    drawing.shape(
-        [(-half, -length), (half, -length), (half, length), (-half, length)],
-        stroke=_ALL,
-        width=2,
-        dashed=True,
-    )
+        drawing.shape(polygon, stroke=CORE if core else AUXILIARY, width=2.5 if core else 1.2)
+    half, length = plane.width_mm / 2, plan.motion.frame_length_mm / 2
+    frame = [(-half, -length), (half, -length), (half, length), (-half, length)]
+    drawing.shape(frame, stroke=_ALL, width=2, dashed=True)
     for name, position in positions.items():
         core = name == planned.rig.core
+        color = CORE if core else AUXILIARY
         drawing.shape([position[:2], (0, 0)], stroke=AUXILIARY, width=1, closed=False)
-        drawing.dot(position, CORE if core else AUXILIARY)
-        drawing.text(position, name, color=CORE if core else AUXILIARY, shift=(0, -12))
+        drawing.dot(position, color, 5)
+        drawing.text(position, name, color=color, shift=(0, -9))
     drawing.measure((-half, low[1]), (half, low[1]), f"span {plane.width_mm:.0f} mm")
-    drawing.text((-half, high[1]), "belt runs ↕", shift=(10, 20), anchor="start")
+    drawing.text((-half, high[1]), "belt runs ↕", shift=(6, 14), anchor="start")
     return drawing.svg()
 
 
-def side_view(plan: Plan, *, along: bool = False) -> str:
-    """Cameras, their views and the trough; across the belt, or along it."""
+def _draw_belt(drawing: Drawing, plan: Plan, low: float, high: float) -> None:
+    """The belt from above, with the ends of its level middle."""
+    half, flat = plan.planes[1].width_mm / 2, plan.settings.belt.flat_mm / 2
+    drawing.shape([(-half, low), (half, low), (half, high), (-half, high)], fill=_BELT, opacity=0.6)
+    for x in (-flat, flat):
+        drawing.shape([(x, low), (x, high)], stroke=_PAPER, width=2, closed=False)
+
+
+def side_view(plan: Plan, form: Form, *, along: bool = False) -> str:
+    """Cameras, their views and the trough; across the belt, or along it, on one scale."""
     belt, planned = plan.settings.belt, plan.planned
-    axis = 1 if along else 0
     half, flat, edge, top = belt.span_mm / 2, belt.flat_mm / 2, belt.edge_mm, belt.top_mm
-    positions = {name: planned.position_mm(name)[[axis, 2]] for name in planned.rig.cameras}
-    grounds = np.vstack([p[:, axis] for p in plan.planes[0].polygons.values()])
-    reach = max(half, float(np.abs(grounds).max()), *(float(abs(p[0])) for p in positions.values()))
-    drawing = _Drawing((-reach, -70), (reach, plan.mounting.above_belt_mm + 110), 720)
+    positions = {name: planned.position_mm(name)[[int(along), 2]] for name in planned.rig.cameras}
+    reach = _side_reach_mm(plan)
+    width = form.width if form.narrow else _WIDE_SIDE
+    highest = plan.mounting.above_belt_mm
+    drawing = Drawing((-reach, 0), (reach, highest), width, above=62, below=38)
     trough = [(-reach, 0), (reach, 0)] if along else [(-half, edge), (-flat, 0), (flat, 0), (half, edge)]
-    width = (belt.top_width_mm or belt.span_mm) / 2
-    load = (
-        [(-reach, 0), (reach, 0), (reach, top), (-reach, top)]
-        if along
-        else [*trough, (width, top), (-width, top)]
-    )
+    heap = (belt.top_width_mm or belt.span_mm) / 2
+    load = [*trough, (reach, top), (-reach, top)] if along else [*trough, (heap, top), (-heap, top)]
     drawing.shape(load, fill=_LOAD, opacity=0.55)
     for name in [*planned.rig.auxiliaries, planned.rig.core]:
         core = name == planned.rig.core
-        ends = plan.planes[0].polygons[name][:, axis]
+        ends = plan.planes[0].polygons[name][:, int(along)]
         color = CORE if core else AUXILIARY
         view = [positions[name], (float(ends.min()), 0.0), (float(ends.max()), 0.0)]
-        drawing.shape(view, fill=color, opacity=0.06, stroke=color, width=2.5 if core else 1)
-    drawing.shape(trough, stroke="#212529", width=5, closed=False)
+        drawing.shape(view, fill=color, opacity=0.06, stroke=color, width=2 if core else 1)
+    drawing.shape(trough, stroke=_INK, width=3.5, closed=False)
     for name, position in positions.items():
-        color = CORE if name == planned.rig.core else AUXILIARY
-        drawing.dot(position, color, 7)
+        drawing.dot(position, CORE if name == planned.rig.core else AUXILIARY, 5)
     for place, names in _together(positions).items():
-        color = CORE if planned.rig.core in names else AUXILIARY
-        drawing.text((place, plan.mounting.above_belt_mm), ", ".join(names), color=color, shift=(0, -14))
+        core = planned.rig.core in names  # its row is above the others': on a phone they would meet
+        color, lift = (CORE, -26) if core else (AUXILIARY, -10)
+        drawing.text((place, highest), ", ".join(names), color=color, shift=(0, lift))
     _dimensions(drawing, plan, along)
     return drawing.svg()
+
+
+def _side_reach_mm(plan: Plan) -> float:
+    """Half the length that both side views show, so that they have one scale."""
+    grounds = np.abs(np.vstack(list(plan.planes[0].polygons.values())))
+    lenses = [np.abs(plan.planned.position_mm(name)[:2]).max() for name in plan.planned.rig.cameras]
+    return max(plan.settings.belt.span_mm / 2, float(grounds.max()), *map(float, lenses))
 
 
 def _together(positions: Mapping[str, NDArray[np.float64]]) -> dict[float, list[str]]:
@@ -156,7 +199,7 @@ def _together(positions: Mapping[str, NDArray[np.float64]]) -> dict[float, list[
     return found
 
 
-def _dimensions(drawing: _Drawing, plan: Plan, along: bool) -> None:
+def _dimensions(drawing: Drawing, plan: Plan, along: bool) -> None:
     belt, height = plan.settings.belt, plan.mounting.above_belt_mm
     if along:
         length = plan.motion.frame_length_mm / 2
@@ -164,9 +207,8 @@ def _dimensions(drawing: _Drawing, plan: Plan, along: bool) -> None:
         drawing.measure((-length, top), (length, top), f"full width over {2 * length:.0f} mm")
         return
     drawing.measure((0, 0), (0, height), f"{height:.0f} mm")
-    drawing.measure(
-        (0, height + 85), (plan.planned.baseline_mm, height + 85), f"{plan.planned.baseline_mm:.0f} mm"
-    )
+    baseline = plan.planned.baseline_mm
+    drawing.measure((0, height), (baseline, height), f"{baseline:.0f} mm", up=44)
     half = belt.span_mm / 2
-    drawing.measure((-half, -60), (half, -60), f"span {belt.span_mm:.0f} mm")
+    drawing.measure((-half, 0), (half, 0), f"span {belt.span_mm:.0f} mm", up=-28)
     drawing.text((half, belt.top_mm), f"load up to {belt.top_mm:.0f} mm", shift=(-8, -8), anchor="end")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.report.legend import Rgb
-from beltscape.report.pictures import panel, sheet, to_rgb
+from beltscape.report.pictures import Panel, sheet, to_rgb
 from beltscape.stereo.pairs.rectified import RectifiedImages
 from beltscape.stereo.pairs.rectify import upright_turns
 
@@ -23,7 +23,12 @@ def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -
     Corresponding points lie on lines of one colour. Pairs about a vertical baseline are shown upright, so that
     their rows stand on end.
     """
-    panels = []
+    return sheet(check_panels(rig, frame_set, pairs), 4)
+
+
+def check_panels(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> list[Panel]:
+    """Return the four pictures of each pair: core and auxiliary before, core and auxiliary after."""
+    panels: list[Panel] = []
     for images in pairs:
         name, pair = images.pair.auxiliary, images.pair
         before_core, before_aux = _before(rig, frame_set, images)
@@ -34,12 +39,12 @@ def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -
             else "rows not measured"
         )
         panels += [
-            panel(before_core, f"before: {pair.core}"),
-            panel(before_aux, f"before: {name}"),
-            panel(after_core, f"after: {pair.core}"),
-            panel(after_aux, f"after: {name}, {off} ({images.rows.points} points)"),
+            Panel(before_core, f"before: {pair.core}"),
+            Panel(before_aux, f"before: {name}"),
+            Panel(after_core, f"after: {pair.core}"),
+            Panel(after_aux, f"after: {name}", note=f"{off} ({images.rows.points} points)"),
         ]
-    return sheet(panels, 4)
+    return panels
 
 
 def _after(images: RectifiedImages) -> tuple[Rgb, Rgb]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet, Image
 from beltscape.report.legend import Rgb
-from beltscape.report.pictures import panel, sheet, to_rgb
+from beltscape.report.pictures import Panel, sheet, to_rgb
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.markers.regions import region_outline
 
@@ -26,7 +26,7 @@ def regions_picture(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], column
     for name, image in frame_set.images.items():
         grid = grids.get(name)
         said = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"
-        panels.append(panel(to_rgb(image) if grid is None else regions_drawn(image, grid), f"{name}: {said}"))
+        panels.append(Panel(to_rgb(image) if grid is None else regions_drawn(image, grid), f"{name}: {said}"))
     return sheet(panels, columns)
 
 

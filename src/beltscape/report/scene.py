@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
+from beltscape.report.palette import css_color, light
 
-CORE, AUXILIARY, QUIET = "#d9480f", "#1864ab", "#adb5bd"
+CORE, AUXILIARY, QUIET = light("core"), light("auxiliary"), light("board")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class Scene:
         colors = np.empty((0, 3), np.uint8) if self.colors is None else self.colors
         return json.dumps(
             {
-                "lines": [[color, np.round(line, 1).tolist()] for color, line in self.lines],
+                "lines": [[css_color(color), np.round(line, 1).tolist()] for color, line in self.lines],
                 "labels": [[text, np.round(where, 1).tolist()] for text, where in self.labels],
                 "points": np.round(points, 1).tolist(),
                 "colors": colors.tolist(),

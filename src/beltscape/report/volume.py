@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from beltscape.measure.volume import Volume
-from beltscape.report.page import Figure, Item, Section, Table, Tile, Tiles, render
+from beltscape.report.charts import Chart, Entry, Key
+from beltscape.report.legend import HEIGHT, Scale
+from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
+from beltscape.report.palette import light
 from beltscape.report.pictures import span
-from beltscape.report.plots import panels, to_png
+from beltscape.report.plots import Form, faded, map_height, panels, show_map
 
 
 def volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
@@ -25,7 +30,7 @@ def volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
         Section(
             "Cross-sections",
             "Each is the mean over its stretch of belt; area times length adds up to the volume.",
-            [Figure.png(profiles_plot(volume), "Load above the empty belt."), _profile_table(volume)],
+            [profiles_chart(volume), _profile_table(volume)],
         ),
     ]
     return render("Volume on the belt", verdict(volume), sections, warnings=warnings)
@@ -62,10 +67,7 @@ def volume_items(volume: Volume) -> list[Item]:
                 *_load_tiles(volume),
             ]
         ),
-        Figure.png(
-            height_plot(volume),
-            "Height of the load; the box and the centre of gravity in white, interpolated cells veiled grey.",
-        ),
+        height_chart(volume),
     ]
 
 
@@ -110,46 +112,50 @@ def centre_table(volume: Volume) -> Table:
     return Table(["centre of gravity", "mm", "σ"], [*rows, ["off the belt's middle", *off]])
 
 
-def height_plot(volume: Volume) -> bytes:
-    """The load's height map with the box and what was interpolated."""
+def height_chart(volume: Volume) -> Chart:
+    """Return the load's height map as a chart."""
+    low, high = span(volume.load.height_mm, 0.002)
+    scale = Scale(min(low, 0.0), high, HEIGHT, label="height, mm")
+    signs = [Entry("stretch that is measured", "limit", "outline")]
+    if volume.centre is not None:
+        signs.append(Entry("centre of gravity", "limit", "cross"))
+    caption = "Height of the load above the empty belt; interpolated cells are faded, unknown ones empty."
+    return Chart.draw(partial(height_plot, volume, scale), caption, scale, Key(signs))
+
+
+def height_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
+    """Plot the load's height map with the box and what was interpolated."""
     load = volume.load
     half = load.cell_mm / 2
     extent = (load.x_mm[0] - half, load.x_mm[-1] + half, load.y_mm[0] - half, load.y_mm[-1] + half)
-    figure, (axis,) = panels(1, columns=1, width=9.5, height=5.6)
-    low, high = span(load.height_mm, 0.002)
-    image = axis.imshow(
-        load.height_mm,
-        origin="lower",
-        extent=extent,
-        cmap="turbo",
-        vmin=min(low, 0),
-        vmax=high,
-        interpolation="nearest",
-    )
-    veil = np.zeros((*volume.interpolated.shape, 4))
-    veil[volume.interpolated] = (0.5, 0.5, 0.5, 0.55)
-    axis.imshow(veil, origin="lower", extent=extent, interpolation="nearest")
+    height = map_height(form, extent[1] - extent[0], extent[3] - extent[2])
+    figure, (axis,) = panels(1, form, height=height)
+    show_map(axis, faded(scale.colored(load.height_mm), load.height_mm, ~volume.interpolated), extent)
     (x0, x1), (y0, y1) = volume.across_mm, volume.along_mm
-    axis.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor="white", linewidth=1.6))
+    box = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=light("limit"), linewidth=1.8)
+    axis.add_patch(box)
     if volume.centre is not None:
-        axis.plot(*volume.centre.place_mm[:2], "+", color="white", markersize=14, markeredgewidth=2)
+        axis.plot(*volume.centre.place_mm[:2], "x", color=light("limit"), markersize=11, markeredgewidth=2.5)
     axis.set(xlabel="x across, mm", ylabel="y along, mm", xlim=extent[:2], ylim=extent[2:])
-    figure.colorbar(image, ax=axis, label="height, mm", shrink=0.85)
-    return to_png(figure)
+    return figure
 
 
-def profiles_plot(volume: Volume) -> bytes:
-    """All cross-sections over one another, coloured along the belt."""
-    import matplotlib as mpl
+def profiles_chart(volume: Volume) -> Chart:
+    """Return all cross-sections as a chart."""
+    scale = Scale(volume.along_mm[0], volume.along_mm[1], HEIGHT[85:205], label="y along the belt, mm")
+    caption = "Cross-sections of the load above the empty belt."
+    return Chart.draw(partial(profiles_plot, volume, scale), caption, scale)
 
-    figure, (axis,) = panels(1, columns=1, width=9.5, height=3.4)
-    colors = mpl.colormaps["viridis"](np.linspace(0.05, 0.92, max(len(volume.profiles), 1)))
-    for color, profile in zip(colors, volume.profiles, strict=False):
-        axis.plot(profile.x_mm, profile.height_mm, color=color, linewidth=1.3, label=f"{profile.y_mm:.0f}")
+
+def profiles_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
+    """Plot all cross-sections over one another, coloured along the belt."""
+    figure, (axis,) = panels(1, form, height=270, narrow_height=200)
+    for profile in volume.profiles:
+        color = tuple(scale.colored(np.array(profile.y_mm)) / 255.0)
+        axis.plot(profile.x_mm, profile.height_mm, color=color, linewidth=1.4)
     axis.set(xlabel="x across, mm", ylabel="height, mm")
-    axis.grid(color="#e9ecef")
-    axis.legend(title="y, mm", ncols=2, fontsize=7, title_fontsize=8, frameon=False, loc="upper right")
-    return to_png(figure)
+    axis.grid()
+    return figure
 
 
 def _profile_table(volume: Volume) -> Table:

@@ -9,11 +9,11 @@ import numpy as np
 from beltscape.evaluate.paper.dimensions import Row
 from beltscape.evaluate.paper.experiments import Paper
 from beltscape.evaluate.paper.features import PLAIN
-from beltscape.evaluate.paper.pictures import dimension_plot, side_by_side
+from beltscape.evaluate.paper.pictures import depth_panels, dimension_chart, error_panels
 from beltscape.evaluate.paper.surfaces import TITLES
 from beltscape.evaluate.paper.tof import SMOOTHED_PX, TOF
 from beltscape.evaluate.paper.words import METRICS, metrics, number, signed
-from beltscape.report.page import Figure, Item, Section, Table
+from beltscape.report.page import Item, Pictures, Section, Table
 
 TOF_ERROR_MM = 10.0
 """Fullest colour of the time-of-flight camera's errors."""
@@ -35,11 +35,8 @@ def table2_section(paper: Paper) -> list[Section]:
     )
     items: list[Item] = [
         Table(columns, rows),
-        Figure.png(
-            dimension_plot(
-                paper.dimensions, {"pairwise": TITLES["pairwise"] + ", here", "multiview": "Beltscape"}
-            ),
-            "Absolute errors; bars to the left are better, each line is a factor of ten.",
+        dimension_chart(
+            paper.dimensions, {"pairwise": TITLES["pairwise"] + ", here", "multiview": "Beltscape"}
         ),
     ]
     return [Section("Table 2: dimensions of the calibration module", intro, items)]
@@ -75,9 +72,10 @@ def table3_section(paper: Paper) -> list[Section]:
     if rows:
         items.append(Table(columns, rows))
     items += [
-        Figure.of(
-            side_by_side([tof], {TOF: TOF}, limit_mm=TOF_ERROR_MM),
+        Pictures(
+            [*depth_panels([tof], {TOF: TOF}), *error_panels([tof], {TOF: TOF}, limit_mm=TOF_ERROR_MM)],
             "Fig. 17: what the camera gives, the truth on its grid, and its error: edges fly, the belt is noisy.",
+            columns=3,
         ),
         Table(["surface", *METRICS], [[f"module, {TOF}", *metrics(tof)]]),
     ]

@@ -7,9 +7,9 @@ import numpy as np
 from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper
 from beltscape.evaluate.paper.page_dimensions import peer_dimensions
 from beltscape.evaluate.paper.peers import PEERS, SPEED_MM_S
-from beltscape.evaluate.paper.pictures import errors, motion_plot
+from beltscape.evaluate.paper.pictures import error_panels, motion_chart
 from beltscape.evaluate.paper.words import ERROR_MM, METRICS, SCENES, UNITS, metrics
-from beltscape.report.page import Figure, Item, Lines, Section, Table
+from beltscape.report.page import Item, Lines, Pictures, Section, Table
 
 
 def peers_section(paper: Paper) -> list[Section]:
@@ -26,9 +26,10 @@ def peers_section(paper: Paper) -> list[Section]:
         titles = {**names, "multiview": "Beltscape"}
         rows += [[f"{SCENES[scene]}, {titles[one.by]}", *metrics(one)] for one in found]
         figures.append(
-            Figure.of(
-                errors(found, titles, limit_mm=ERROR_MM, columns=3),
-                f"{SCENES[scene].capitalize()}: errors, full colour at {ERROR_MM:g} mm; grey: not measured.",
+            Pictures(
+                error_panels(found, titles, limit_mm=ERROR_MM),
+                f"{SCENES[scene].capitalize()}: errors, full colour at {ERROR_MM:g} mm.",
+                columns=3,
             )
         )
     items: list[Item] = [
@@ -71,10 +72,7 @@ def moving_section(paper: Paper) -> list[Section]:
         "instant, so that the belt's speed does not matter (but for blur within the exposure)."
     )
     items: list[Item] = [
-        Figure.png(
-            motion_plot(TRAVELS_MM, paper.moving, ours),
-            "Structured light on a moving belt; the blue line is Beltscape on the same rocks.",
-        ),
+        motion_chart(TRAVELS_MM, paper.moving, ours),
         Table(["belt between pictures", "pictures / s at 1 m/s", *METRICS], rows),
     ]
     return [Section("Structured light on a moving belt", intro, items)]

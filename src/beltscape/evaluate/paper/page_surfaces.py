@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from beltscape.evaluate.paper.density import Density
 from beltscape.evaluate.paper.experiments import Paper
-from beltscape.evaluate.paper.pictures import errors, side_by_side
+from beltscape.evaluate.paper.pictures import depth_panels, error_panels
 from beltscape.evaluate.paper.surfaces import METHODS, TITLES, Found
 from beltscape.evaluate.paper.words import ERROR_MM, METRICS, SCENES, UNITS, metrics, percent, ratio
-from beltscape.report.legend import Rgb
-from beltscape.report.page import Figure, Item, Section, Table
+from beltscape.report.page import Item, Pictures, Section, Table
+from beltscape.report.pictures import Panel
 
 FIGURES = {"belt_empty": 13, "belt_loaded": 14, "module": 15}
 
@@ -27,9 +27,12 @@ def completeness_section(paper: Paper) -> list[Section]:
         ]
         caption = (
             f"Fig. {FIGURES[scene]}, {SCENES[scene]}: depth above, error below (full colour at {ERROR_MM:g} "
-            "mm; grey: not measured). The same colours are the same millimetres."
+            "mm). The same colours are the same millimetres."
         )
-        figures.append(Figure.of(side_by_side(found, TITLES, limit_mm=ERROR_MM), caption))
+        figures.append(Pictures(depth_panels(found, TITLES), columns=len(found) + 1))
+        figures.append(
+            Pictures(error_panels(found, TITLES, limit_mm=ERROR_MM), caption, columns=len(found) + 1)
+        )
     intro = (
         "The surface that each scene is about, within 240 mm of the rig along the belt. Shares within 1 and "
         "0.25 mm are of all its true pixels, measured or not; false fill: of the pixels that no other camera "
@@ -70,9 +73,10 @@ def density_section(paper: Paper) -> list[Section]:
                 f"{TITLES[one.speckle.by]}, {'no ' if on is one.dark else ''}speckle" for one, on in shown
             ]
             items.append(
-                Figure.of(
+                Pictures(
                     _errors([on for _, on in shown], titles),
                     f"Fig. 16, {SCENES[scene]}: error without and with speckle, full colour at {ERROR_MM:g} mm.",
+                    columns=len(shown),
                 )
             )
     intro = (
@@ -83,9 +87,9 @@ def density_section(paper: Paper) -> list[Section]:
     return [Section("Fig. 16: with and without speckle", intro, items)]
 
 
-def _errors(found: Sequence[Found], titles: Sequence[str]) -> Rgb:
+def _errors(found: Sequence[Found], titles: Sequence[str]) -> list[Panel]:
     named = [replace(one, by=title) for one, title in zip(found, titles, strict=True)]
-    return errors(named, {t: t for t in titles}, limit_mm=ERROR_MM, columns=len(named))
+    return error_panels(named, {t: t for t in titles}, limit_mm=ERROR_MM)
 
 
 def _density_row(one: Density, published: float) -> list[str]:

@@ -24,6 +24,9 @@ for (const canvas of document.querySelectorAll("canvas.scene")) {
     const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio;
     const g = canvas.getContext("2d");
+    // the palette's colours are the page's variables, which follow its colour scheme
+    const style = getComputedStyle(canvas);
+    const ink = color => color.startsWith("var(") ? style.getPropertyValue(color.slice(4, -1)).trim() : color;
     g.scale(ratio, ratio);
     if (!zoom) zoom = fit(width, height);
     const scale = zoom * Math.min(width, height) / 2 / reach;
@@ -42,12 +45,12 @@ for (const canvas of document.querySelectorAll("canvas.scene")) {
     }
     g.lineWidth = 1.4;
     for (const [color, line] of scene.lines) {
-      g.strokeStyle = color;
+      g.strokeStyle = ink(color);
       g.beginPath();
       line.map(place).forEach(([x, y], i) => i ? g.lineTo(x, y) : g.moveTo(x, y));
       g.stroke();
     }
-    g.fillStyle = "#1b1f24";
+    g.fillStyle = ink("var(--c-ink)");
     g.font = "600 13px system-ui, sans-serif";
     for (const [text, where] of scene.labels) {
       const [x, y] = place(where);
@@ -66,5 +69,6 @@ for (const canvas of document.querySelectorAll("canvas.scene")) {
     draw();
   }, { passive: false });
   window.addEventListener("resize", draw);
+  for (const query of ["print", "(prefers-color-scheme: dark)"]) matchMedia(query).addEventListener("change", draw);
   draw();
 }

@@ -15,24 +15,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("project", type=Path, help="project.toml: cameras, rig, belt, alarms, page")
     parser.add_argument("--no-page", action="store_true", help="measure and record only")
     parser.add_argument(
-        "--check", action="store_true", help="read the settings, say what they amount to, and stop"
+        "--check",
+        action="store_true",
+        help="open all that a run would open but the cameras, say what fits, and stop",
     )
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM, or the end of a capture."""
     from beltscape.pipeline.live.assembly import Ways
+    from beltscape.service.check import check_plant
     from beltscape.service.plant import days_left, run_plant
     from beltscape.service.project import open_project
     from beltscape.service.until import log_to_stderr, stop_signal, watchdog
 
     project = open_project(arguments.project)
     if arguments.check:
-        return {
-            "project": project.path,
-            "settings": project.settings.model_dump(mode="json"),
-            "checked": True,
-        }
+        parts = check_plant(project, reporter, page=not arguments.no_page)
+        settings = project.settings.model_dump(mode="json")
+        return {"project": project.path, "settings": settings, "checked": True, "parts": parts}
     log_to_stderr()
     web = project.settings.web
     ways = Ways(
@@ -46,7 +47,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 def summary(result: Mapping[str, Any]) -> str:
     """The result in a few lines."""
     if result.get("checked"):
-        return f"{result['project']}: the settings fit"
+        parts = (f"{name:<8} {line}" for name, line in result["parts"].items())
+        return "\n".join([f"{result['project']}: the settings fit", *parts])
     from beltscape.service.until import counted
 
     return counted(result)

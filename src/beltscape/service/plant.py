@@ -21,7 +21,7 @@ from beltscape.service.app import create_app
 from beltscape.service.hub import Hub
 from beltscape.service.log import Log
 from beltscape.service.project import ProjectSettings
-from beltscape.service.server import Running, serve
+from beltscape.service.server import Running, check_listening, serve
 from beltscape.service.until import announce
 
 _DAY_S = 86_400.0
@@ -45,6 +45,8 @@ def run_plant(
     InputError, SettingsError, MeasureError, OutputError
         With one line that names what is wrong and the mend.
     """
+    if page:
+        check_listening(project.settings.web)  # before the history is opened
     hub = Hub(project.settings.web)
     assembled = assemble(project, ways, Observers([hub, Log()]))
     before = assembled.historian.totals

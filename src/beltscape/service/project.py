@@ -19,7 +19,12 @@ class ProjectSettings(RunSettings):
 
 def open_project(path: Path) -> Project[ProjectSettings]:
     """Read and check project.toml; InputError with one line that names the key, its value and the mend."""
-    return read_project(path, ProjectSettings)
+    project = read_project(path, ProjectSettings)
+    web = project.settings.web
+    files = {key: getattr(web, key) for key in ("tls_certificate", "tls_key")}
+    places = {key: file and project.place(file) for key, file in files.items()}
+    settings = project.settings.model_copy(update={"web": web.model_copy(update=places)})
+    return Project(project.path, settings)
 
 
 def replaying(project: Project[ProjectSettings], capture: Path | None) -> Project[ProjectSettings]:

@@ -80,6 +80,14 @@ class Running:
             self._thread.join(STOP_S * 0.25)
 
 
+def check_listening(settings: Listening) -> None:
+    """Raise what `serve` would where the page cannot be served as ``settings`` say; nothing is left open."""
+    _judged(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
+    if settings.tls_certificate and settings.tls_key:
+        tls_context(settings.tls_certificate, settings.tls_key)
+    _listener(settings.host, settings.port).close()
+
+
 def serve(app: ASGIApp, settings: Listening) -> Running:
     """Serve ``app`` from now on. InputError, SettingsError or OutputError in one line where that cannot be."""
     limits, tls = settings.limits, None

@@ -85,7 +85,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
     if settings.capture is not None:
         rig = fitted(rig, project.place(settings.capture.folder), reporter)
     bench = bench_of(project, rig, reporter)
-    source = _source(project, rig, reporter, paced=ways.paced)
+    source = open_source(project, rig, reporter, paced=ways.paced)
     historian = Historian(output_folder(ways.data), settings.history)
     resume = historian.resume
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
@@ -149,7 +149,8 @@ def _encoder(project: Project[RunSettings], ways: Ways, ended_mm: float | None) 
     )
 
 
-def _source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, paced: bool) -> LiveSource:
+def open_source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, paced: bool) -> LiveSource:
+    """Return the project's cameras, or its recorded capture in their place; ``paced``: at the pace of its times."""
     settings = project.settings
     if settings.cameras is not None:
         return open_cameras(

@@ -147,6 +147,7 @@ def read_project(path: Path, model: type[Settings]) -> Project[Settings]:
             raise InputError(
                 f"{path}: {key} = {str(place)!r}: no such file; see beltscape calibrate, beltscape measure belt"
             )
+    _require_encoder(project)
     told = settings.density
     if settings.alarms.overload.mass_flow_t_h is not None and told == DensitySettings():
         raise InputError(
@@ -154,6 +155,23 @@ def read_project(path: Path, model: type[Settings]) -> Project[Settings]:
             "density; give [density] kg_m3, table or product"
         )
     return project
+
+
+def _require_encoder(project: Project[Settings]) -> None:
+    """The core camera counts the encoder if, and only if, both tables say so."""
+    cameras, kind = project.settings.cameras, project.settings.encoder.kind
+    if cameras is None:
+        return
+    if kind == "camera" and cameras.encoder is None:
+        raise InputError(
+            f'{project.path}: [encoder] kind = "camera" needs a table [cameras.encoder] with chunk or feature, '
+            "and mm_per_count"
+        )
+    if kind == "none" and cameras.encoder is not None:
+        raise InputError(
+            f'{project.path}: [cameras.encoder] is given, but [encoder] kind = "none" leaves it unread; '
+            'give [encoder] kind = "camera"'
+        )
 
 
 def density_of(project: Project[RunSettings]) -> Density:

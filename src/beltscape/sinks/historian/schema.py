@@ -159,7 +159,8 @@ def open_reader(path: Path) -> sqlite3.Connection:
     return connection
 
 
-def _migrate(connection: sqlite3.Connection, path: Path) -> None:
+def require_known(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the version of a history; InputError where it is a newer one, or another program's database."""
     version = connection.execute("PRAGMA user_version").fetchone()[0]
     if connection.execute("PRAGMA application_id").fetchone()[0] not in (0, APPLICATION_ID):
         raise InputError(f"{path}: another program's database; give beltscape a data folder of its own")
@@ -168,6 +169,11 @@ def _migrate(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: its version is {version}, this program knows up to {len(MIGRATIONS)}; "
             "install the version that wrote it"
         )
+    return version
+
+
+def _migrate(connection: sqlite3.Connection, path: Path) -> None:
+    version = require_known(connection, path)
     for step in range(version, len(MIGRATIONS)):
         # a script is one transaction: a crash in between leaves the version it had
         connection.executescript(

@@ -1,0 +1,45 @@
+"""A project checked as a whole, its page included, before it runs."""
+
+from __future__ import annotations
+
+from beltscape.core.errors import BeltscapeError
+from beltscape.core.progress import Reporter
+from beltscape.pipeline.live.check import checks_of, is_running
+from beltscape.pipeline.live.project import Project
+from beltscape.service.project import ProjectSettings
+from beltscape.service.server import check_listening
+
+
+def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: bool) -> dict[str, str]:
+    """Return a line for each part that a run would open.
+
+    Raises
+    ------
+    BeltscapeError
+        The first thing that does not fit, with the names of the other parts that do not.
+    """
+    lines: dict[str, str] = {}
+    faults: dict[str, BeltscapeError] = {}
+    checks = list(checks_of(project, reporter))
+    if page:
+        checks.append(("page", lambda: _page_line(project)))
+    for name, check in checks:
+        try:
+            lines[name] = check()
+        except BeltscapeError as error:
+            if all(str(error) != str(other) for other in faults.values()):  # one rig, three readers
+                faults[name] = error
+        reporter.step("checking", len(lines) + len(faults), len(checks))
+    if faults:
+        first, *others = faults.items()
+        more = f"; further faults in {', '.join(name for name, _ in others)}" if others else ""
+        raise type(first[1])(f"{first[1]}{more}") from first[1]
+    return lines
+
+
+def _page_line(project: Project[ProjectSettings]) -> str:
+    web = project.settings.web
+    if is_running(project.place(project.settings.data)):
+        return f"{web.host} port {web.port}, not tried while a run uses it"
+    check_listening(web)
+    return f"{web.host} port {web.port}, {'TLS' if web.tls_certificate else 'without TLS'}"

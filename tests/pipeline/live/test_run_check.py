@@ -1,0 +1,181 @@
+"""``beltscape run --check`` and ``run``: what cannot be opened is one line, before anything is written."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import socket
+from pathlib import Path
+
+import pytest
+
+from synthetic.demo import DEMO, TRUE_RIG, only_json
+
+PROJECT = """rig = "rig.json"
+empty = "belt.json"
+[capture]
+folder = "belt"
+frames_per_s = 5
+[history]
+reserve_mib = 1
+[web]
+port = 0
+"""
+CAMERAS = """rig = "rig.json"
+empty = "belt.json"
+[cameras.devices]
+cam0 = "a"
+cam1 = "b"
+"""
+
+
+@pytest.fixture(scope="module")
+def plant_parts(tmp_path_factory, small_frames) -> Path:
+    """rig.json and belt.json of the demo's rig, and a capture of the loaded belt."""
+    from beltscape.core.progress import Silent
+    from beltscape.pipeline.belt import learn_from_reconstruction, write_belt_files
+
+    folder = tmp_path_factory.mktemp("plant")
+    shutil.copy(TRUE_RIG, folder / "rig.json")
+    belt, camera = learn_from_reconstruction(small_frames / "belt_empty", None, Silent())
+    write_belt_files(folder / "belt.json", belt, camera)
+    shutil.copytree(DEMO / "belt_loaded", folder / "belt")
+    return folder
+
+
+@pytest.fixture
+def plant(tmp_path, plant_parts, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(plant_parts, tmp_path, dirs_exist_ok=True)
+    Path("project.toml").write_text(PROJECT)
+    return tmp_path
+
+
+def test_a_sound_project_has_a_line_for_every_part(run, plant):
+    code, out, _ = run("run", "--check", "project.toml", "--json")
+    assert code == 0
+    parts = only_json(out)["parts"]
+    assert list(parts) == ["rig", "density", "empty", "source", "encoder", "data", "page"]
+    assert parts["rig"].startswith("5 cameras about cam0")
+    assert not Path("data").exists()
+
+
+def edited(old: str, new: str) -> None:
+    path = Path("project.toml")
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+
+def changed(path: str, change) -> None:
+    document = json.loads(Path(path).read_text())
+    change(document)
+    Path(path).write_text(json.dumps(document))
+
+
+def listening() -> int:
+    """A port of this machine that is taken until the process ends."""
+    taken = socket.socket()
+    taken.bind(("127.0.0.1", 0))
+    taken.listen()
+    _KEPT.append(taken)
+    return taken.getsockname()[1]
+
+
+_KEPT: list[socket.socket] = []
+
+FAULTS = {
+    "no capture": (lambda: shutil.rmtree("belt"), "belt: no such folder; a capture is"),
+    "no core": (lambda: shutil.rmtree("belt/cam0"), "no images of the core camera cam0"),
+    "a file": (lambda: edited('"belt"', '"rig.json"'), "rig.json: no such folder"),
+    "no times": (lambda: edited("frames_per_s = 5\n", ""), "give frames_per_s"),
+    "no rig": (lambda: Path("rig.json").unlink(), "rig.json': no such file"),
+    "rig cut short": (lambda: Path("rig.json").write_text('{"format"'), "rig.json: not JSON"),
+    "rig a folder": (lambda: edited('"rig.json"', '"belt"'), "belt: cannot be read (Is a directory)"),
+    "no belt": (lambda: Path("belt.json").unlink(), "belt.json': no such file"),
+    "belt not JSON": (lambda: Path("belt.json").write_text("x"), "belt.json: not JSON"),
+    "belt a rig": (lambda: shutil.copy("rig.json", "belt.json"), "belt.json: format is 'beltscape-rig/1'"),
+    "belt of another rig": (
+        lambda: changed("belt.json", lambda d: d["camera"].update(focal_px=[9e2, 9e2])),
+        "belt.json: reconstructed with another rig",
+    ),
+    "density table": (lambda: edited("[web]", '[density]\ntable = "d.csv"\n[web]'), "d.csv: no such file"),
+    "density product": (
+        lambda: edited("[web]", '[density]\nproducts = "p.toml"\nproduct = "coal"\n[web]'),
+        "p.toml: no such file",
+    ),
+    "density twice": (
+        lambda: edited("[web]", '[density]\nkg_m3 = 900\ntable = "d.csv"\n[web]'),
+        "in one way only",
+    ),
+    "encoder table": (
+        lambda: edited("[web]", '[encoder]\nkind = "capture"\n[web]'),
+        "encoder.csv: no such file",
+    ),
+    "encoder folder": (
+        lambda: edited("[web]", '[encoder]\nkind = "file"\npath = "belt"\n[web]'),
+        "belt: ",
+    ),
+    "encoder host": (
+        lambda: edited("[web]", '[encoder]\nkind = "udp"\nhost = "203.0.113.9"\n[web]'),
+        "cannot listen at 203.0.113.9",
+    ),
+    "no TLS": (lambda: edited("port = 0", 'port = 0\nhost = "0.0.0.0"'), "host = '0.0.0.0': without TLS"),
+    "certificate": (
+        lambda: edited("port = 0", 'port = 0\ntls_certificate = "c.pem"\ntls_key = "k.pem"'),
+        "c.pem: the TLS certificate cannot be read",
+    ),
+    "no such host": (lambda: edited("port = 0", 'port = 0\nhost = "203.0.113.9"'), "host = '203.0.113.9'"),
+    "port in use": (lambda: edited("port = 0", f"port = {listening()}"), "another program listens there"),
+    "data a file": (lambda: edited("[capture]", 'data = "rig.json/data"\n[capture]'), "rig.json is a file"),
+    "data read-only": (
+        lambda: edited("[capture]", 'data = "/proc/data"\n[capture]'),
+        "/proc/data: cannot be",
+    ),
+    "camera encoder": (
+        lambda: Path("project.toml").write_text(CAMERAS + '[encoder]\nkind = "camera"\n'),
+        'kind = "camera" needs a table [cameras.encoder]',
+    ),
+    "unread encoder": (
+        lambda: Path("project.toml").write_text(
+            CAMERAS + '[cameras.encoder]\nmm_per_count = 0.1\nchunk = "CounterValue"\n'
+        ),
+        'give [encoder] kind = "camera"',
+    ),
+    "camera without device": (lambda: Path("project.toml").write_text(CAMERAS), "cam2 has no device"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("check", [True, False], ids=["check", "run"])
+def test_what_cannot_be_opened_is_one_line(run, plant, fault, check):
+    break_it, says = FAULTS[fault]
+    break_it()
+    if not check and fault == "camera without device":
+        says = "cameras"  # where Aravis is missing, that is said first
+    code, out, err = run("run", "project.toml", *(["--check"] if check else []))
+    assert code == 2, (out, err)
+    assert out == ""
+    (line,) = [line for line in err if not line.endswith(" done")]
+    assert says in line
+    assert not Path("data").exists() or not any(Path("data").iterdir())
+
+
+def test_several_faults_are_named_in_one_line(run, plant):
+    shutil.rmtree("belt")
+    edited("port = 0", 'port = 0\nhost = "0.0.0.0"')
+    edited("[web]", '[density]\ntable = "d.csv"\n[web]')
+    code, _, err = run("run", "--check", "project.toml")
+    assert code == 2
+    assert err[-1].startswith("beltscape: belt: no such folder")
+    assert err[-1].endswith("further faults in density, page")
+
+
+def test_certificates_are_looked_for_beside_the_project(run, plant, monkeypatch, tmp_path_factory):
+    edited("port = 0", 'port = 0\ntls_certificate = "c.pem"\ntls_key = "k.pem"')
+    Path("c.pem").write_text("nothing")
+    Path("k.pem").write_text("nothing")
+    project = Path("project.toml").resolve()
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    code, _, err = run("run", "--check", project)
+    assert code == 2
+    assert f"{project.parent}/c.pem: holds no PEM certificate" in err[-1]

@@ -39,6 +39,7 @@ def test_writes_what_the_contract_says(run, tmp_path, options, method, auxiliari
     assert set(document) == {"method", "auxiliaries", "depth_range_mm", "regions", "frames", "warnings"}
     assert set(document["frames"][0]) == {
         "frame", "folder", "coverage", "median_depth_mm", "median_sigma_mm",
+        "auxiliaries", "systematic_mm", "doubts", "consistency",
     }  # fmt: skip
     frame = tmp_path / "r" / "000"
     assert document["frames"][0]["folder"] == str(frame)

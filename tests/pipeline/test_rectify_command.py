@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
+
 from beltscape.core.pose import Pose
-from beltscape.files.images import read_image
+from beltscape.files.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 
@@ -42,7 +44,19 @@ def test_a_camera_that_moved_is_named(run, tmp_path):
     assert code == 0
     warned = [line for line in err if line.startswith("warning")]
     assert len(warned) == 1
-    assert warned[0].startswith("warning: frame 000: cam0 and cam1 are ")
-    assert warned[0].endswith(
-        "px off their common rows; the camera moved or the rig is another's: calibrate again"
-    )
+    assert warned[0].startswith("warning: frame 000: cam1 is ")
+    assert warned[0].endswith("or is not the rig's camera; calibrate again")
+
+
+def test_rows_that_were_not_found_are_flagged(run, capture, tmp_path):
+    folder = capture("belt_loaded")
+    path = folder / "cam3" / "000.png"
+    write_image(path, np.ascontiguousarray(read_image(path)[::-1, ::-1]))
+    code, out, err = run("rectify", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
+    assert code == 0
+    assert any("cam3: no correspondence found" in line for line in err)
+    frame = only_json(out)["frames"][0]
+    states = {each["camera"]: each["state"] for each in frame["consistency"]["cameras"]}
+    assert states["cam3"] == "unmatched"
+    assert frame["doubts"]
+    assert frame["pairs"][2]["row_error"]["median_px"] is None

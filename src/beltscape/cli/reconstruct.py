@@ -65,4 +65,16 @@ def summary(result: Mapping[str, Any]) -> str:
         f"σ {f['median_sigma_mm']:.3f} mm"
         for f in result["frames"]
     ]
+    lines += _cameras(result["frames"][0]["consistency"])
     return "\n".join(lines)
+
+
+def _cameras(consistency: Mapping[str, Any] | None) -> list[str]:
+    """How the cameras agree with the rig in the first frame, a line each."""
+    if consistency is None:
+        return []
+    return [
+        f"  {each['camera']}  {each['state']}: {each['epipolar_px']:.2f} ± {each['epipolar_sigma_px']:.2f} px off its "
+        f"epipolar lines, {each['agreement']:.0%} of {each['searched']} points agree"
+        for each in consistency["cameras"]
+    ]

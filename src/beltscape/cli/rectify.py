@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,14 @@ def summary(result: Mapping[str, Any]) -> str:
         lines.append(f"{frame['folder'] / 'rectification.png'}")
         for pair in frame["pairs"]:
             rows = pair["row_error"]
-            lines.append(
-                f"  {pair['core']} – {pair['auxiliary']}: baseline {pair['baseline_mm']:.2f} mm, rows met within "
-                f"{rows['rms_px']:.3f} px (median offset {rows['median_px']:+.3f} px, {rows['points']} points)"
-            )
+            start = f"  {pair['core']} – {pair['auxiliary']}: baseline {pair['baseline_mm']:.2f} mm, "
+            if isnan(rows["rms_px"]):
+                lines.append(
+                    f"{start}no correspondence found ({rows['points']} of {rows['searched']} points)"
+                )
+            else:
+                lines.append(
+                    f"{start}rows met within {rows['rms_px']:.3f} px (median offset {rows['median_px']:+.3f} ± "
+                    f"{rows['sigma_px']:.3f} px, {rows['points']} of {rows['searched']} points)"
+                )
     return "\n".join(lines)

@@ -22,6 +22,8 @@ class DepthMap:
     """(H, W) uint8: how many auxiliary cameras measured the pixel."""
     confidence: NDArray[np.float32]
     """(H, W) float32, 0..1: probability-like trust that the pixel is not a false surface; 0 where not measured."""
+    systematic_mm: float = 0.0
+    """One standard deviation that all pixels share, included in ``sigma_mm``: of cameras that contradict the rig."""
 
     @property
     def measured(self) -> NDArray[np.bool_]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +18,13 @@ from beltscape.core.rig import Rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.depth_tiff import read_float_tiff, write_float_tiff
 from beltscape.files.images import read_image, write_image
+from beltscape.files.json_text import read_json, write_json
 from beltscape.files.manifest import require_finished
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.ply import write_cloud
 from beltscape.files.rig_json import read_rig
+
+FORMAT, DOCUMENT = "beltscape-reconstruction/1", "reconstruction.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +36,8 @@ class FrameResult:
     depth: DepthMap
     image: Image | None = None
     """(H, W) or (H, W, 3) what the core camera saw, on the same grid; None where it was not kept."""
+    doubts: tuple[str, ...] = ()
+    """What the frame said against the cameras, a line each."""
 
 
 def write_frame(
@@ -48,6 +56,12 @@ def write_frame(
     write_image(folder / "preview.png", preview)
     if image is not None:
         write_image(folder / "image.png", image)
+
+
+def write_reconstruction(folder: Path, how: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
+    """reconstruction.json: how frames were matched; per frame its coverage and what it says of the cameras."""
+    frames = [{key: value for key, value in frame.items() if key != "folder"} for frame in frames]
+    write_json(folder / DOCUMENT, {"format": FORMAT, **how, "frames": frames})
 
 
 def frame_folders(folder: Path) -> list[Path]:
@@ -84,7 +98,7 @@ def one_frame(folder: Path) -> Path:
     return frames[0]
 
 
-def read_frame(folder: Path) -> FrameResult:
+def read_frame(folder: AnyPath) -> FrameResult:
     """Read a frame folder, or the only one of a reconstruction, and the rig beside it.
 
     Raises
@@ -92,6 +106,7 @@ def read_frame(folder: Path) -> FrameResult:
     InputError
         When a file is missing, unreadable, or does not fit the rig.
     """
+    folder = as_path(folder, "folder")
     folder = one_frame(folder)
     if not (_beside(folder) / "rig.json").is_file():
         raise InputError(
@@ -109,7 +124,22 @@ def read_frame(folder: Path) -> FrameResult:
                 f"has {width}×{height}; the rig.json beside the frame is another rig's"
             )
     views, image = _views(folder / "views.png", depth), _image(folder / "image.png", depth)
-    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence), image)
+    systematic_mm, doubts = _doubts(folder)
+    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence, systematic_mm), image, doubts)
+
+
+def _doubts(folder: Path) -> tuple[float, tuple[str, ...]]:
+    """Return the systematic σ (mm) and the doubts of a frame by reconstruction.json; none without the file."""
+    path = folder.parent / DOCUMENT
+    if not path.is_file():
+        return 0.0, ()
+    document = read_json(path)
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"{path}: format is not {FORMAT!r}; reconstruct the capture again")
+    for frame in document.get("frames") or ():
+        if frame.get("frame") == folder.name:
+            return float(frame.get("systematic_mm") or 0.0), tuple(frame.get("doubts") or ())
+    return 0.0, ()
 
 
 def _beside(folder: Path) -> Path:

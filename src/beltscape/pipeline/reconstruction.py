@@ -5,33 +5,37 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.capture import read_capture
-from beltscape.files.reconstruction import write_frame
+from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
+from beltscape.pipeline.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.regions import write_regions
+from beltscape.pipeline.search_range import check_depth_range
 from beltscape.report.depth_picture import frame_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cloud import CloudBuilder
+from beltscape.stereo.consistency.check import camera_consistency, consistency_document
+from beltscape.stereo.consistency.exchange import exchange_of_frame
+from beltscape.stereo.consistency.sparse import sparse_cause
+from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairs.pairwise import PairwiseReconstructor, horizontal_auxiliary
 from beltscape.stereo.pairs.settings import PairwiseSettings
-from beltscape.stereo.search import find_depth_range
+from beltscape.stereo.search import find_depth_range, search_range
 
 METHODS = ("multiview", "pairwise", "binocular")
 """What `reconstruct` can do: all auxiliaries at once, or the paper's methods."""
-SPARSE = 0.3
-"""A frame of which less was measured is worth a word."""
 LOOKS = 5
 """Frames of a sequence in which the depth range is looked for."""
 
@@ -41,7 +45,7 @@ class Frame:
     """One reconstructed frame."""
 
     frame_set: FrameSet
-    depth: DepthMap
+    checked: CheckedDepth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,9 +61,9 @@ class Reconstruction:
 
 
 def reconstruct_capture(
-    capture: Path,
+    capture: AnyPath,
     rig: Rig,
-    out: Path,
+    out: AnyPath,
     reporter: Reporter,
     *,
     method: str = "multiview",
@@ -67,7 +71,7 @@ def reconstruct_capture(
     preset: str = "standard",
     depth_range_mm: tuple[float, float] | None = None,
 ) -> Reconstruction:
-    """Reconstruct every frame of a capture into ``out``: rig.json and a folder per frame.
+    """Reconstruct every frame of a capture into ``out``: rig.json, reconstruction.json and a folder per frame.
 
     The markers of the first frame that can be measured, where it shows any, are drawn in regions.png.
 
@@ -76,6 +80,7 @@ def reconstruct_capture(
     InputError, SettingsError, ReconstructionError, OutputError
         With one line that names what is wrong and the mend.
     """
+    capture, out = as_path(capture, "capture"), as_path(out, "out")
     wanted = auxiliaries_for(method, rig, pair)
     if preset not in PRESETS:
         raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
@@ -86,22 +91,29 @@ def reconstruct_capture(
             f"{capture}: no images of {', '.join(wanted)}; --method binocular needs them (see --pair)"
         )
     output_folder(out)
+    check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or depth_range(source, rig, reporter)
-    write_rig(out / "rig.json", rig)
     matcher = _matcher(method, preset, rig, near_far, auxiliaries)
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
     builder = CloudBuilder(rig.core_camera)
     for frame in reconstruct(source, matcher, reporter):
         if not documents:
+            write_rig(out / "rig.json", rig)
             regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
         documents.append(_write(out / frame.frame_set.frame, frame, builder))
         reporter.step("reconstructing", len(documents), len(source))
+    write_reconstruction(
+        out,
+        {"method": method, "preset": preset if method == "multiview" else None, "depth_range_mm": near_far},
+        documents,
+    )
     return Reconstruction(auxiliaries, near_far, tuple(documents), regions)
 
 
 def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
-    depth, image = frame.depth, frame.frame_set.images[builder.camera.name]
+    checked, image = frame.checked, frame.frame_set.images[builder.camera.name]
+    depth = checked.depth
     write_frame(folder, depth, builder.cloud(depth, image), frame_picture(depth), builder.undistorted(image))
     measured = depth.measured.any()
     return {
@@ -110,6 +122,10 @@ def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, An
         "coverage": depth.coverage,
         "median_depth_mm": float(np.nanmedian(depth.depth_mm)) if measured else float("nan"),
         "median_sigma_mm": float(np.nanmedian(depth.sigma_mm)) if measured else float("nan"),
+        "auxiliaries": checked.auxiliaries,
+        "systematic_mm": depth.systematic_mm,
+        "doubts": checked.doubts,
+        "consistency": checked.consistency and consistency_document(checked.consistency),
     }
 
 
@@ -163,28 +179,44 @@ def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[flo
         except ReconstructionError as error:
             failure = error
     if not ranges:
+        _raise_cause(source, rig, min(chosen))
         raise failure or ReconstructionError(f"{source.folder}: no frame in it")
     return min(near for near, _ in ranges), max(far for _, far in ranges)
 
 
-class Matcher(Protocol):
-    """What makes depth of one frame."""
+def _raise_cause(source: FolderSource, rig: Rig, frame: str) -> None:
+    """Raise a ReconstructionError that names the likeliest cause why a frame shows no surface."""
+    for frame_set in source.only({frame}):
+        if rig.core in frame_set.images and len(frame_set.images) > 1:
+            raise ReconstructionError(_no_surface(frame_set, rig))
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Depth of one frame, or ReconstructionError where its images do not suffice."""
-        ...
+
+def _no_surface(frame_set: FrameSet, rig: Rig) -> str:
+    """Return why a frame shows no surface, as its images have it."""
+    consistency = camera_consistency(frame_set, rig, None)
+    names = tuple(each.camera for each in consistency.cameras)
+    exchanged = (
+        exchange_of_frame(frame_set, rig, names) if consistency.motion is None and len(names) > 1 else None
+    )
+    doubts = doubts_of(consistency, rig, exchanged)
+    if doubts:
+        return f"frame {frame_set.frame}: {'; '.join(doubts)}"
+    return sparse_cause(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
 
 
 def _matcher(
     method: str, preset: str, rig: Rig, near_far: tuple[float, float], auxiliaries: tuple[str, ...]
-) -> Matcher:
-    if method != "multiview":
-        return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=auxiliaries)
-    return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=auxiliaries)
+) -> CheckedMatcher:
+    def matcher_of(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
+        if method != "multiview":
+            return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=names)
+        return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=names)
+
+    return CheckedMatcher(rig, auxiliaries, near_far, matcher_of)
 
 
-def reconstruct(source: FolderSource, matcher: Matcher, reporter: Reporter) -> Iterator[Frame]:
-    """Depth of every frame that can be measured; the others are named.
+def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:
+    """Depth of every frame that can be measured; the others are named, and so are cameras that contradict the rig.
 
     Raises
     ------
@@ -194,17 +226,15 @@ def reconstruct(source: FolderSource, matcher: Matcher, reporter: Reporter) -> I
     done, failure = 0, None
     for frame_set in source:
         try:
-            depth = matcher.reconstruct(frame_set, reporter)
+            checked = matcher.measure(frame_set, reporter)
         except ReconstructionError as error:
             failure = error
-            reporter.warn(f"{error}; going on without this frame")
+            if len(source) > 1:
+                reporter.warn(f"{error}; going on without this frame")
             continue
         done += 1
-        if depth.coverage < SPARSE:
-            reporter.warn(
-                f"frame {frame_set.frame}: only {depth.coverage:.0%} of the pixels are measured; "
-                "is the speckle projector on, and the exposure long enough?"
-            )
-        yield Frame(frame_set, depth)
+        for line in checked.doubts:
+            reporter.warn(line)
+        yield Frame(frame_set, checked)
     if not done:
         raise failure or ReconstructionError(f"{source.folder}: no frame in it")

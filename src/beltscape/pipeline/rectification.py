@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from beltscape.core.errors import ReconstructionError
@@ -13,12 +12,17 @@ from beltscape.core.rig import Rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.images import write_image
 from beltscape.files.json_text import write_json
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.pipeline.search_range import check_depth_range
 from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
+from beltscape.stereo.consistency.check import RigConsistency, camera_consistency, consistency_document
+from beltscape.stereo.consistency.exchange import exchange_of_frame
+from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.pairs.rectified import RectifiedImages, rectify_images
 from beltscape.stereo.pairs.rectify import rectify_pair
+from beltscape.stereo.pairs.rows import LEAST_MATCHES
 from beltscape.stereo.views import usable_auxiliaries
 
 WARN_ROWS_PX = 0.5
@@ -26,9 +30,9 @@ WARN_ROWS_PX = 0.5
 
 
 def rectify_capture(
-    capture: Path,
+    capture: AnyPath,
     rig: Rig,
-    out: Path,
+    out: AnyPath,
     reporter: Reporter,
     *,
     depth_range_mm: tuple[float, float] | None = None,
@@ -40,18 +44,24 @@ def rectify_capture(
     InputError, ReconstructionError, OutputError
         With one line that names what is wrong and the mend.
     """
+    capture, out = as_path(capture, "capture"), as_path(out, "out")
     source = open_capture(capture, rig, reporter)
     output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []
-    for frame_set, pairs in rectify(source, rig, near_far, reporter):
+    for frame_set, pairs, consistency, doubts in rectify(source, rig, near_far, reporter):
         folder = out / frame_set.frame
         for images in pairs:
             write_image(folder / images.pair.auxiliary / "core.png", images.core)
             write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
         write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs))
-        document = {"frame": frame_set.frame, "pairs": [_document(images) for images in pairs]}
+        document = {
+            "frame": frame_set.frame,
+            "pairs": [_document(images) for images in pairs],
+            "doubts": doubts,
+            "consistency": consistency_document(consistency),
+        }
         write_json(folder / "rectification.json", document)
         frames.append({**document, "folder": folder})
     return near_far, frames
@@ -70,14 +80,20 @@ def _document(images: RectifiedImages) -> Mapping[str, Any]:
         "disparities": pair.disparities,
         "rectified_from_core": pair.rectified_from_core.rotation,
         "rectified_from_auxiliary": pair.rectified_from_aux.rotation,
-        "row_error": {"points": rows.points, "median_px": rows.median_px, "rms_px": rows.rms_px},
+        "row_error": {
+            "points": rows.points,
+            "searched": rows.searched,
+            "median_px": rows.median_px,
+            "sigma_px": rows.sigma_px,
+            "rms_px": rows.rms_px,
+        },
     }
 
 
 def rectify(
     source: FolderSource, rig: Rig, depth_range_mm: tuple[float, float], reporter: Reporter
-) -> Iterator[tuple[FrameSet, list[RectifiedImages]]]:
-    """Every frame's pairs about the core camera (the paper's Section 2.3.1)."""
+) -> Iterator[tuple[FrameSet, list[RectifiedImages], RigConsistency, list[str]]]:
+    """Every frame's pairs about the core camera (the paper's Section 2.3.1), and what is wrong with its cameras."""
     pairs = {
         name: rectify_pair(rig, name, depth_range_mm) for name in rig.auxiliaries if name in source.cameras
     }
@@ -88,12 +104,39 @@ def rectify(
             reporter.warn(f"{error}; going on without this frame")
             continue
         images = [rectify_images(frame_set, pairs[name]) for name in names]
-        for each in images:
-            if each.rows.rms_px > WARN_ROWS_PX:
-                reporter.warn(
-                    f"frame {frame_set.frame}: {rig.core} and {each.pair.auxiliary} are "
-                    f"{each.rows.rms_px:.2f} px off their common rows; "
-                    "the camera moved or the rig is another's: calibrate again"
-                )
+        consistency = camera_consistency(frame_set, rig, None, names)
+        doubts = [
+            *doubts_of(consistency, rig, _exchange(frame_set, rig, consistency)),
+            *_off_rows(images, consistency),
+        ]
+        for line in doubts:
+            reporter.warn(f"frame {frame_set.frame}: {line}")
         reporter.step("rectifying", done, len(source))
-        yield frame_set, images
+        yield frame_set, images, consistency, doubts
+
+
+def _off_rows(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
+    """Return a line for every pair whose rows do not meet, but for those in doubt already."""
+    lines = []
+    for each in pairs:
+        core, name, rows = each.pair.core, each.pair.auxiliary, each.rows
+        if name in consistency.doubtful:
+            continue
+        if rows.rms_px > WARN_ROWS_PX:
+            lines.append(
+                f"{core} and {name} are {rows.rms_px:.2f} px off their common rows; the camera moved or the rig is "
+                "another's: calibrate again"
+            )
+        elif not rows.found and rows.searched >= 4 * LEAST_MATCHES:
+            lines.append(
+                f"{core} and {name}: no correspondence found ({rows.points} of {rows.searched} points); the images "
+                "have no texture in common, or the rig is another's"
+            )
+    return lines
+
+
+def _exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> tuple[str, str] | None:
+    """Two cameras exchanged, where at least two are in doubt and no movement explains it."""
+    if len(consistency.doubtful) < 2 or consistency.motion is not None:
+        return None
+    return exchange_of_frame(frame_set, rig, consistency.doubtful)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.core.errors import ReconstructionError
+from beltscape.core.errors import InputError, ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 
@@ -20,7 +20,19 @@ def known_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ..
 def usable_auxiliaries(
     rig: Rig, frame_set: FrameSet, wanted: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
-    """The auxiliaries that have an image in this frame, or ReconstructionError when no pair is left."""
+    """The auxiliaries that have an image in this frame, or ReconstructionError when no pair is left.
+
+    Raises
+    ------
+    InputError
+        When an image is of another size than its camera's.
+    """
+    unknown = [name for name in frame_set.images if name not in rig.cameras]
+    if unknown:
+        raise ReconstructionError(
+            f"frame {frame_set.frame}: images of {', '.join(unknown)}, which the rig does not have; its cameras are "
+            f"{', '.join(rig.cameras)}"
+        )
     if rig.core not in frame_set.images:
         raise ReconstructionError(
             f"frame {frame_set.frame}: no usable image of the core camera {rig.core}; depth is measured in its view"
@@ -32,4 +44,12 @@ def usable_auxiliaries(
             f"frame {frame_set.frame}: no usable image of an auxiliary camera "
             f"({', '.join(names) or 'none in the rig'}); depth needs a second view"
         )
+    for name in (rig.core, *usable):
+        width, height = rig.cameras[name].size_px
+        shape = frame_set.images[name].shape
+        if tuple(shape[:2]) != (height, width):
+            raise InputError(
+                f"frame {frame_set.frame}: the image of {name} has {shape[1]}×{shape[0]} px, its camera in the rig "
+                f"{width}×{height}; give images of that size, or scale the rig"
+            )
     return usable

@@ -29,3 +29,9 @@ def equal_contrast(root: NDArray[np.float32], radius_px: float) -> NDArray[np.ui
     variance = cv2.GaussianBlur(root * root, (0, 0), radius_px) - mean * mean
     scale = _GAIN / (np.sqrt(np.maximum(variance, 0)) + _FLOOR)
     return np.clip(128.5 + scale * (root - mean), 0, 255).astype(np.uint8)
+
+
+def eight_bit_root(image: Image) -> NDArray[np.uint8]:
+    """(H, W) uint8: the square root of the counts, stretched to the full range."""
+    root = square_root(image)
+    return np.rint(np.clip(root * (255 / max(float(root.max()), 1e-6)), 0, 255)).astype(np.uint8)

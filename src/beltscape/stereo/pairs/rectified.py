@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import cast
 
 import cv2
-import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.stereo.pairs.contrast import square_root
+from beltscape.stereo.pairs.contrast import eight_bit_root
 from beltscape.stereo.pairs.rectify import RectifiedPair
 from beltscape.stereo.pairs.rows import RowError, row_error
 
@@ -28,12 +27,7 @@ def rectify_images(frame_set: FrameSet, pair: RectifiedPair) -> RectifiedImages:
     """Both images of a pair on their common rows, interpolated once from the images as they were taken."""
     core = cv2.remap(frame_set.images[pair.core], pair.core_map, None, cv2.INTER_CUBIC)
     auxiliary = cv2.remap(frame_set.images[pair.auxiliary], pair.aux_map, None, cv2.INTER_CUBIC)
-    left, right = (_eight_bit(cast(Image, image)) for image in (core, auxiliary))
+    left, right = (eight_bit_root(cast(Image, image)) for image in (core, auxiliary))
     return RectifiedImages(
         pair, cast(Image, core), cast(Image, auxiliary), row_error(left, right, pair.disparities)
     )
-
-
-def _eight_bit(image: Image) -> np.ndarray:
-    root = square_root(image)
-    return np.rint(np.clip(root * (255 / max(float(root.max()), 1e-6)), 0, 255)).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""What the manual tells its readers to type, typed."""

@@ -1,0 +1,201 @@
+"""A reader who types what a page says, block by block, in one folder."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import re
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from unittest.mock import patch
+
+import yaml
+
+from beltscape.cli.main import COMMANDS
+from docs.blocks import Block, read_blocks, read_spans, split_commands
+from docs.program import call, narrowed, parser_of, unknown_options
+from docs.system import ROOT, RULES, Wrong, demand, run_system
+from docs.tables import check_table
+
+RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py"}
+"""Commands that take minutes at any size: parsed here, run by the tests named."""
+SCENES = {"calibration", "module", "belt_empty", "belt_loaded", "belt_moving"}
+"""A scene's name is rendered from ``scenes/NAME.toml``, the same scene seen by fewer cameras with fewer rocks."""
+
+
+class _Keyboard(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@dataclass(slots=True)
+class Reader:
+    """Follows pages in a folder; what does not hold is collected."""
+
+    folder: Path
+    wrong: list[str] = field(default_factory=list)
+    """One line per command or block that does not hold, with its place."""
+    done: list[str] = field(default_factory=list)
+    """Commands of the program that were run."""
+    names: dict[str, object] = field(default_factory=dict)
+    """What the page's Python blocks have defined."""
+
+    def follow(self, page: str, text: str) -> None:
+        """Do what the page says."""
+        for block in read_blocks(page, text):
+            self.do(block)
+        for line, span in read_spans(text):
+            self.attempt(f"{page}:{line}", lambda span=span: self._mention(span))
+
+    def do(self, block: Block) -> None:
+        """Do what a block says."""
+        ways = {
+            "sh": self._shell, "toml": self._toml, "python": self._python, "json": self._json, "yaml": self._yaml,
+            "text": self._text, "indented": self._text,
+        }  # fmt: skip
+        way = ways.get(block.kind)
+        if way is None:
+            self.wrong.append(
+                f"{block.place}: no rule for a block of kind {block.kind!r}; there are {[*ways]}"
+            )
+            return
+        way(block)
+
+    def attempt(self, place: str, what: Callable[[], None]) -> None:
+        try:
+            what()
+        except Wrong as error:
+            self.wrong.append(f"{place}: {error}")
+        except Exception as error:
+            self.wrong.append(f"{place}: {type(error).__name__}: {error}")
+
+    def _shell(self, block: Block) -> None:
+        for words in split_commands(block.text):
+            self.attempt(f"{block.place}: {' '.join(words)}", lambda words=words: self.command(words))
+
+    def command(self, words: Sequence[str]) -> None:
+        if Path(words[0]).name == "beltscape":
+            self._beltscape(list(words[1:]))
+        else:
+            run_system(words, self.folder)
+
+    def _beltscape(self, words: list[str]) -> None:
+        """Run the program as it is told to, but for what has a rule: see the constants of this module."""
+        if words == ["--version"]:
+            demand(call(words, self.folder).code == 0, "fails")
+            return
+        unknown = unknown_options(words)
+        demand(not unknown, f"no option {unknown}")
+        asked = " ".join(words)
+        if any(asked.startswith(name) for name in RUN_ELSEWHERE) or "--rerun" in words:
+            parser_of(words[0]).parse_args(words[1:])
+            return
+        words = self._on_small_material(words)
+        keyboard = (
+            patch("getpass.getpass", lambda *_: "long enough, of 5 kinds"),
+            patch("sys.stdin", _Keyboard()),
+        )
+        with patch("webbrowser.open", lambda *_: True), keyboard[0], keyboard[1]:
+            answer = call(words, self.folder)
+        if words[0] == "cameras" and answer.code == 2:  # without the library or without the network's cameras
+            demand("ravis" in answer.err or "camera" in answer.err, answer.err)
+            return
+        demand(answer.code == 0, f"exit code {answer.code}: {answer.err.strip().splitlines()[-1:]}")
+        self.done.append(asked)
+
+    def _on_small_material(self, words: list[str]) -> list[str]:
+        """The same command, on scenes that render in seconds and with the page's project of a recorded capture."""
+        small = list(words)
+        if words[0] == "simulate" and words[1] in SCENES:
+            small[1] = f"scenes/{words[1]}.toml"
+        if words[0] == "run" and "--check" not in words:
+            return [word.replace("project.toml", "recorded.toml") for word in small]
+        if words[0] in ("run", "users"):
+            return [word.removeprefix("/etc/beltscape/") for word in small]
+        return small
+
+    def _toml(self, block: Block) -> None:
+        self.attempt(block.place, lambda: check_table(block, self.folder))
+
+    def _python(self, block: Block) -> None:
+        def execute() -> None:
+            code = compile(block.text, block.place, "exec")
+            with contextlib.chdir(self.folder), contextlib.redirect_stdout(io.StringIO()):
+                exec(code, self.names)
+
+        self.attempt(block.place, execute)
+
+    def _json(self, block: Block) -> None:
+        """JSON lines; those of the audit log have the keys that the log writes."""
+
+        def check() -> None:
+            source = (ROOT / "src/beltscape/service/access/audit.py").read_text()
+            for line in block.text.splitlines():
+                for key in json.loads(line):
+                    demand(
+                        f'"{key}"' in source or key in ("request", "status"), f"the audit log has no {key!r}"
+                    )
+
+        self.attempt(block.place, check)
+
+    def _yaml(self, block: Block) -> None:
+        """Prometheus' configuration: it scrapes the address that the page has by default."""
+
+        def check() -> None:
+            from beltscape.service.settings import WebSettings
+
+            jobs = yaml.safe_load(block.text)["scrape_configs"]
+            web = WebSettings()
+            demand(
+                jobs[0]["static_configs"] == [{"targets": [f"{web.host}:{web.port}"]}],
+                "scrapes another address than the page's",
+            )
+
+        self.attempt(block.place, check)
+
+    def _text(self, block: Block) -> None:
+        """Drawings, formulas and what the program prints: no line of it is a command."""
+        for line in block.text.splitlines():
+            word = (line.split() or [""])[0]
+            if word == "beltscape" or word in RULES:
+                self.wrong.append(f"{block.place}: a command in a block that nobody runs: {line.strip()}")
+
+    def _mention(self, span: str) -> None:
+        """A command within a sentence or a table: its options exist, its subcommands and choices, too."""
+        text = span.replace("…", "")
+        words = [word.strip("[]") for word in (shlex.split(text) if text.count("'") != 1 else text.split())]
+        if not words or words[0] not in {"beltscape", *RULES}:
+            return
+        if words[0] == "beltscape":
+            if len(words) > 1 and words[1] not in ("COMMAND", "--help"):
+                _check_mention([word for word in words[1:] if word])
+        elif len(words) > 1:
+            run_system(words, self.folder)
+
+
+def _check_mention(words: list[str]) -> None:
+    """The words may be alternatives, a|b, and values may be names in capitals."""
+    for first in words[0].split("|"):
+        for second in words[1].split("|") if len(words) > 1 else [""]:
+            chosen = [first, *([second] if second else []), *words[2:]]
+            demand(first in COMMANDS, f"no command {first!r}")
+            parser = narrowed(chosen) if _has_children(first) and second else parser_of(first)
+            actions = parser._option_string_actions
+            for option, value in zip(words, [*words[1:], ""], strict=True):
+                if not option.startswith("--"):
+                    continue
+                demand(
+                    option in {*actions, "--json", "--help"},
+                    f"beltscape {first} {second}: no option {option}",
+                )
+                choices = actions[option].choices if option in actions else None
+                if choices and re.fullmatch(r"[a-z0-9|_]+", value):
+                    demand(set(value.split("|")) <= set(choices), f"{option} takes {choices}, not {value}")
+
+
+def _has_children(command: str) -> bool:
+    return any(isinstance(one, argparse._SubParsersAction) for one in parser_of(command)._actions)

@@ -1,0 +1,79 @@
+"""TOML blocks of the manual, read by the reader that the product has for them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.files.toml_text import validated
+from beltscape.pipeline.density import density_of_product
+from beltscape.pipeline.plan import plan_settings
+from beltscape.pipeline.simulation import read_scenario
+from beltscape.service.project import ProjectSettings
+from beltscape.target.board import read_board
+from beltscape.target.module import read_module
+from docs.blocks import Block
+from docs.system import Wrong, demand
+
+
+def check_table(block: Block, folder: Path) -> None:
+    """Read the block as the file that it is.
+
+    Raises
+    ------
+    Wrong, BeltscapeError
+        Where it is none that the product reads.
+    """
+    values = tomllib.loads(block.text)
+    path = folder / "block.toml"
+    path.write_text(block.text)
+    if "squares" in values or "corners" in values:
+        read_board(path)
+    elif "rig" in values and "empty" in values:
+        (folder / "project.toml").write_text(block.text)
+        (folder / "recorded.toml").write_text(recorded_project(block.text))
+        validated(path, ProjectSettings, values)
+    elif set(values) <= set(ProjectSettings.model_fields):
+        check_project_tables(path, values, defaults="# defaults" in block.text)
+    elif "belt" in values and "camera" in values:
+        plan_settings(path, {})
+    elif "kind" in values:
+        read_scenario(str(path), {})
+        (folder / "my_plant.toml").write_text(block.text)
+    elif "base" in values:
+        read_module(path)
+    elif "coal" in values:
+        (folder / "products.toml").write_text(block.text)
+        density_of_product(folder / "products.toml", "coal")
+    else:
+        raise Wrong(f"no rule of tests/docs/tables.py knows a table with {[*values]}: write one")
+
+
+def check_project_tables(path: Path, values: Mapping[str, Any], *, defaults: bool) -> None:
+    """Some tables of a project.toml, beside a camera that any project needs; told as defaults they are these."""
+    least = {"cameras": {"devices": {"cam0": "192.168.10.11"}}}
+    settings = validated(path, ProjectSettings, {**least, **values})
+    if defaults:
+        own = ProjectSettings().model_dump()
+        told = settings.model_dump()
+        for name in values:
+            if name != "cameras":
+                demand(
+                    told[name] == own[name],
+                    f"[{name}] says to hold defaults: {told[name]} against {own[name]}",
+                )
+
+
+def recorded_project(text: str) -> str:
+    """The manual's project with its recorded capture in place of cameras, as its comment says, on any free port."""
+    lines = text.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("[cameras"))
+    while not lines[start].startswith("# [capture]"):
+        del lines[start]
+    while lines[start].startswith("# "):
+        lines[start] = lines[start].removeprefix("# ")
+        start += 1
+    told = [line for line in lines if not line.startswith("loop = ")]
+    return "\n".join(told).replace("[web]", "[web]\nport = 0")

@@ -73,15 +73,20 @@ def changed(path: str, change) -> None:
 
 
 def listening() -> int:
-    """A port of this machine that is taken until the process ends."""
-    taken = socket.socket()
-    taken.bind(("127.0.0.1", 0))
-    taken.listen()
-    _KEPT.append(taken)
-    return taken.getsockname()[1]
+    """A port of this machine that is taken while `taken_ports` lives."""
+    _TAKEN.append(socket.create_server(("127.0.0.1", 0)))
+    return _TAKEN[-1].getsockname()[1]
 
 
-_KEPT: list[socket.socket] = []
+_TAKEN: list[socket.socket] = []
+
+
+@pytest.fixture(autouse=True)
+def taken_ports():
+    yield
+    while _TAKEN:
+        _TAKEN.pop().close()
+
 
 FAULTS = {
     "no capture": (lambda: shutil.rmtree("belt"), "belt: no such folder; a capture is"),
@@ -95,7 +100,7 @@ FAULTS = {
     "belt not JSON": (lambda: Path("belt.json").write_text("x"), "belt.json: not JSON"),
     "belt a rig": (lambda: shutil.copy("rig.json", "belt.json"), "belt.json: format is 'beltscape-rig/1'"),
     "belt of another rig": (
-        lambda: changed("belt.json", lambda d: d["camera"].update(focal_px=[9e2, 9e2])),
+        lambda: changed("belt.json", lambda d: d["core"].update(focal_px=[9e2, 9e2])),
         "belt.json: reconstructed with another rig",
     ),
     "density table": (lambda: edited("[web]", '[density]\ntable = "d.csv"\n[web]'), "d.csv: no such file"),
@@ -155,7 +160,8 @@ def test_what_cannot_be_opened_is_one_line(run, plant, fault, check):
     code, out, err = run("run", "project.toml", *(["--check"] if check else []))
     assert code == 2, (out, err)
     assert out == ""
-    (line,) = [line for line in err if not line.endswith(" done")]
+    (line,) = [line for line in err if line.startswith("beltscape: ")]
+    assert err[-1] == line
     assert says in line
     assert not Path("data").exists() or not any(Path("data").iterdir())
 

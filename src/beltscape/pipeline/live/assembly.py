@@ -86,6 +86,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
         rig = fitted(rig, project.place(settings.capture.folder), reporter)
     bench = bench_of(project, rig, reporter)
     source = open_source(project, rig, reporter, paced=ways.paced)
+    check_encoder(project)
     historian = Historian(output_folder(ways.data), settings.history)
     resume = historian.resume
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
@@ -136,6 +137,18 @@ def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Ben
     ground = ground_under(project.place(settings.empty), rig, settings.flow.cell_mm, reporter)
     matcher = MultiviewReconstructor(rig, depths_over(ground, matching.load_mm), matching.multiview())
     return Bench(rig, ground, matcher, settings.flow, density_of(project))
+
+
+def check_encoder(project: Project[RunSettings]) -> None:
+    """Open the encoder and close it again: InputError where its file cannot be read or its port is taken."""
+    capture = project.settings.capture
+    folder = None if capture is None else project.place(capture.folder)
+    settings = project.settings.encoder
+    if settings.kind == "file" and project.place(Path(settings.path)).is_dir():
+        raise InputError(f"{project.place(Path(settings.path))}: is a folder; give the CSV file that grows")
+    opened = open_encoder(settings, project.path.parent, capture=folder)
+    if opened is not None:
+        opened.close()
 
 
 def _encoder(project: Project[RunSettings], ways: Ways, ended_mm: float | None) -> Encoder | None:

@@ -13,12 +13,11 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.flow import fitted
-from beltscape.pipeline.live.assembly import bench_of, open_source
+from beltscape.pipeline.live.assembly import bench_of, check_encoder, open_source
 from beltscape.pipeline.live.project import Project, RunSettings, density_of
 from beltscape.sinks.historian.recovery import DATABASE
 from beltscape.sinks.historian.schema import open_reader, require_known
 from beltscape.sinks.settings import RecordingSettings
-from beltscape.sources.encoder.opening import open_encoder
 
 Check = tuple[str, Callable[[], str]]
 """What is checked, and what does so: it returns a line, or raises a BeltscapeError."""
@@ -134,7 +133,5 @@ def _encoder_line(project: Project[RunSettings]) -> str:
                 f'{table}: no such file; encoder kind = "capture" reads it, or choose another kind'
             )
         return f"{table}"
-    opened = open_encoder(encoder, project.path.parent, capture=folder)
-    if opened is not None:
-        opened.close()
+    check_encoder(project)
     return encoder.kind

@@ -35,13 +35,14 @@ def certificate_ends(certificate: Path, key: Path) -> float:
     nothing else shake hands in memory. InputError where they do not: what no browser would take either. One that has
     ended, or does not hold yet, is no error.
     """
+    server = tls_context(certificate, key)  # says what is wrong with the files
     client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     client.check_hostname = False
     # one that has ended is read as well: the service must start with it after a power failure, and say so
     client.verify_flags |= ssl.VerifyFlags(ssl.VERIFY_X509_PARTIAL_CHAIN | _NO_CHECK_TIME)
     client.load_verify_locations(certificate)
     to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
-    server_end = tls_context(certificate, key).wrap_bio(to_server, to_client, server_side=True)
+    server_end = server.wrap_bio(to_server, to_client, server_side=True)
     client_end = client.wrap_bio(to_client, to_server)
     for _ in range(4):
         for end in (client_end, server_end):

@@ -16,6 +16,7 @@ from unittest.mock import patch
 import yaml
 
 from beltscape.cli.main import COMMANDS
+from beltscape.files.encoder_csv import read_encoder
 from docs.blocks import Block, read_blocks, read_spans, split_commands
 from docs.program import call, narrowed, parser_of, unknown_options
 from docs.system import ROOT, RULES, Wrong, demand, run_system
@@ -54,7 +55,7 @@ class Reader:
     def do(self, block: Block) -> None:
         """Do what a block says."""
         ways = {
-            "sh": self._shell, "toml": self._toml, "python": self._python, "json": self._json, "yaml": self._yaml,
+            "sh": self._shell, "toml": self._toml, "python": self._python, "json": self._json, "yaml": self._yaml, "csv": self._csv,
             "text": self._text, "indented": self._text,
         }  # fmt: skip
         way = ways.get(block.kind)
@@ -156,6 +157,12 @@ class Reader:
             )
 
         self.attempt(block.place, check)
+
+    def _csv(self, block: Block) -> None:
+        """The columns of encoder.csv."""
+        path = self.folder / "block.csv"
+        path.write_text(block.text)
+        self.attempt(block.place, lambda: demand(read_encoder(path), "holds no row"))
 
     def _text(self, block: Block) -> None:
         """Drawings, formulas and what the program prints: no line of it is a command."""

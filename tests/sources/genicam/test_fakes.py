@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
+import PIL.Image
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from beltscape.alarms.settings import CameraSkew
 from beltscape.core.errors import InputError
 from beltscape.files.images import write_image
+from beltscape.sources.genicam.fake.__main__ import project_tables
 from beltscape.sources.genicam.fake.album import pixel_format, read_album, write_album
+from beltscape.sources.genicam.fake.bench import Bench
 from beltscape.sources.genicam.fake.capture import pictures_of
 from beltscape.sources.genicam.fake.instants import Instants
+from beltscape.sources.genicam.settings import CamerasSettings
 
 PERIOD_NS = 100_000_000
 
@@ -71,3 +78,45 @@ def test_a_capture_s_frames_that_all_cameras_have_with_the_belt_s_counts(tmp_pat
     (tmp_path / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\n0,0,0\n")
     with pytest.raises(InputError, match="no row for frame 1"):
         pictures_of(tmp_path, 0.5)
+
+
+@pytest.mark.parametrize("frames_per_s", [2.0, 10.0, 60.0])
+@pytest.mark.parametrize("mm_per_count", [None, 0.01])
+def test_the_printed_tables_are_a_project_that_reads_the_encoder(tmp_path, frames_per_s, mm_per_count):
+    images = [np.zeros((3, 4), np.uint8)] * 2
+    bench = Bench(tmp_path / "bench", {"cam0": images, "cam1": images}, frames_per_s)
+    told = tomllib.loads(project_tables(bench, frames_per_s, mm_per_count))
+    cameras = CamerasSettings.model_validate(told["cameras"])
+    assert cameras.allowed_skew_ms == pytest.approx(300 / frames_per_s)
+    assert CameraSkew.model_validate(told["alarms"]["camera_skew"]).skew_ms == cameras.allowed_skew_ms
+    assert told.get("encoder", {}).get("kind") == (None if mm_per_count is None else "camera")
+    assert (cameras.encoder is None) == (mm_per_count is None)
+
+
+def save(path, levels, mode: str) -> None:
+    """An image of a mode of Pillow's: P has a palette, L is grey, RGB colour."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    PIL.Image.fromarray(np.asarray(levels, np.uint8)).convert(mode).save(path)
+
+
+def test_grey_pictures_with_a_palette_or_three_channels_are_grey(tmp_path):
+    levels = np.random.default_rng(3).integers(0, 255, (9, 7))
+    for frame, mode in (("0", "L"), ("1", "P"), ("2", "RGB")):
+        save(tmp_path / "cam0" / f"{frame}.png", levels + int(frame), mode)
+    pictures, _, _ = pictures_of(tmp_path, 1.0)
+    for shift, picture in enumerate(pictures["cam0"]):
+        np.testing.assert_array_equal(picture, (levels + shift).astype(np.uint8))
+
+
+def test_a_picture_of_another_form_is_named(tmp_path):
+    save(tmp_path / "cam0" / "0.png", np.zeros((9, 7)), "L")
+    color = np.zeros((9, 7, 3), np.uint8)
+    color[..., 0] = 200
+    write_image(tmp_path / "cam0" / "1.png", color)
+    with pytest.raises(
+        InputError, match=r"cam0/1\.png: 7×9 px RGB 8 bit, but .*cam0/0\.png is 7×9 px grey 8 bit"
+    ):
+        pictures_of(tmp_path, 1.0)
+    write_image(tmp_path / "cam0" / "1.png", np.zeros((9, 8), np.uint8))
+    with pytest.raises(InputError, match=r"cam0/1\.png: 8×9 px grey"):
+        pictures_of(tmp_path, 1.0)

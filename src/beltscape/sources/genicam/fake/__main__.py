@@ -19,6 +19,8 @@ from beltscape.sources.genicam.fake.capture import pictures_of
 from beltscape.sources.genicam.fake.instants import Instants
 from beltscape.sources.genicam.fake.network import add_addresses
 
+_SKEW = 0.3
+"""Allowed skew as a share of the time between frames; [cameras] takes less than `settings.WINDOW` = 0.4."""
 STOP = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -47,25 +49,32 @@ def every(words: Sequence[str]) -> int:
         add_addresses(bench.devices.values())
         with bench:
             print(
-                _settings(bench, arguments.frames_per_s, arguments.mm_per_count if counts else None),
+                project_tables(bench, arguments.frames_per_s, arguments.mm_per_count if counts else None),
                 flush=True,
             )
             signal.sigwait(STOP)
     return 0
 
 
-def _settings(bench: Bench, frames_per_s: float, mm_per_count: float | None) -> str:
-    """The [cameras] table that fits: all clocks are this machine's, and its loopback interface has large packets."""
+def project_tables(bench: Bench, frames_per_s: float, mm_per_count: float | None) -> str:
+    """The tables of project.toml that fit these cameras.
+
+    All clocks are this machine's, and its loopback interface has large packets. The cameras are processes that a
+    busy machine holds up, so both the limit of skew and the alarm's are wider than for real ones.
+    """
+    skew_ms = f"{_SKEW * 1e3 / frames_per_s:.4g}"
     lines = [
         "[cameras]",
         f"frames_per_s = {frames_per_s}",
         f'pixel_format = "{next(iter(bench.formats.values()))}"',
-        f"exposure_us = 1000\nallowed_skew_ms = {150 / frames_per_s:.4g}",
+        f"exposure_us = 1000\nallowed_skew_ms = {skew_ms}",
         'clocks = "ptp"\npacket_size = 9000\n\n[cameras.devices]',
         *(f'{name} = "{address}"' for name, address in bench.devices.items()),
     ]
     if mm_per_count is not None:
         lines.append(f'\n[cameras.encoder]\nfeature = "{COUNTER}"\nmm_per_count = {mm_per_count}')
+        lines.append('\n[encoder]\nkind = "camera"')
+    lines.append(f"\n[alarms.camera_skew]\nskew_ms = {skew_ms}")
     return "\n".join(lines)
 
 

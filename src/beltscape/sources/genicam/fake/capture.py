@@ -8,7 +8,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.files.capture import read_capture
 from beltscape.files.encoder_csv import read_encoder
-from beltscape.files.images import read_image
+from beltscape.files.images import is_grey_throughout, read_image
 
 
 def pictures_of(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image]], list[int], int]:
@@ -20,12 +20,40 @@ def pictures_of(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image
     frames = [f for f in capture.frames if all(f in files for files in capture.files.values())]
     if not frames:
         raise InputError(f"{folder}: no frame that all cameras have")
-    pictures = {name: [read_image(files[f]) for f in frames] for name, files in capture.files.items()}
+    pictures = {name: _alike([files[f] for f in frames]) for name, files in capture.files.items()}
     counts = _counts(folder / "encoder.csv", frames, mm_per_count)
     if len(counts) < 2:
         return pictures, [], 0
     # from the last picture on to the first one the belt goes as far as between two others
     return pictures, counts, counts[-1] - counts[0] + round((counts[-1] - counts[0]) / (len(counts) - 1))
+
+
+def _alike(files: list[Path]) -> list[Image]:
+    """A camera's pictures, of one size and pixel format, as a camera sends them; grey where one of them is.
+
+    Raises
+    ------
+    InputError
+        When one differs from the first; it names the file.
+    """
+    images = [read_image(path) for path in files]
+    if any(image.ndim == 2 for image in images):
+        images = [
+            image[..., 0].copy() if image.ndim == 3 and is_grey_throughout(image) else image
+            for image in images
+        ]
+    first = images[0]
+    for path, image in zip(files, images, strict=True):
+        if image.shape != first.shape or image.dtype != first.dtype:
+            raise InputError(
+                f"{path}: {_form(image)}, but {files[0]} is {_form(first)}; a camera sends images of one form"
+            )
+    return images
+
+
+def _form(image: Image) -> str:
+    colour = "grey" if image.ndim == 2 else "RGB"
+    return f"{image.shape[1]}×{image.shape[0]} px {colour} {8 * image.itemsize} bit"
 
 
 def _counts(path: Path, frames: list[str], mm_per_count: float) -> list[int]:

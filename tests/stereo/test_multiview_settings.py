@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from beltscape.core.errors import SettingsError
 from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
 
 
@@ -43,7 +44,7 @@ def test_fast_does_less_and_fine_does_more():
     ],
 )
 def test_settings_that_cannot_be_are_refused(wrong):
-    with pytest.raises(ValidationError):
+    with pytest.raises(SettingsError):
         MultiviewSettings(**wrong)
 
 
@@ -52,7 +53,7 @@ def test_settings_that_cannot_be_are_refused(wrong):
     [{"between_px": (0.0,)}, {"final_px": (-0.5,)}, {"distances_px": (0,)}, {"distances_px": (40_000,)}],
 )
 def test_numbers_no_kernel_takes_are_refused_beforehand(wrong):
-    with pytest.raises(ValidationError):
+    with pytest.raises(SettingsError):
         MultiviewSettings(**wrong)
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arguments import require_images
+
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -23,6 +25,10 @@ class FrameSet:
     """Trigger time where it is known, on a clock that never jumps."""
     position_mm: float | None = None
     """The encoder's reading at that instant; grows with the belt's travel; None where there is none."""
+
+    def __post_init__(self) -> None:
+        """Raise InputError where ``images`` are not images by camera."""
+        require_images(self.images)
 
 
 def grey(image: Image) -> NDArray[np.float32]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.files.json_text import read_json, write_json
+from beltscape.files.paths import AnyPath, as_path
 
 FORMAT = "beltscape-belt/1"
 _MEND = "give a belt.json of beltscape measure belt"
@@ -21,8 +21,9 @@ _NUMBERS = ("flat_rms_mm", "noise_mm", "correlation_px", "drift_mm", "tilt_sigma
 _EDGES = ("left_mm", "right_mm", "left_sigma_mm", "right_sigma_mm", "offset_mm", "sigma_mm")
 
 
-def write_belt(path: Path, belt: Belt, camera: Camera) -> None:
+def write_belt(path: AnyPath, belt: Belt, camera: Camera) -> None:
     """Write a belt and the core camera that saw it, atomically, with full float precision."""
+    path = as_path(path)
     write_json(path, belt_document(belt, camera))
 
 
@@ -63,8 +64,9 @@ def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
     }
 
 
-def read_belt(path: Path) -> tuple[Belt, Camera]:
+def read_belt(path: AnyPath) -> tuple[Belt, Camera]:
     """Read belt.json, or InputError naming the key that does not fit. The camera has no distortion."""
+    path = as_path(path)
     document = read_json(path)
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:

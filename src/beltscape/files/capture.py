@@ -9,6 +9,7 @@ from pathlib import Path
 from beltscape.core.errors import InputError
 from beltscape.files.images import EXTENSIONS
 from beltscape.files.manifest import require_finished
+from beltscape.files.paths import AnyPath, as_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,9 @@ def natural(name: str) -> tuple[tuple[int, int | str], ...]:
     return (*parts, (2, name))
 
 
-def read_capture(folder: Path) -> Capture:
+def read_capture(folder: AnyPath) -> Capture:
     """Look at a capture folder, or InputError when it holds no camera folder with images."""
+    folder = as_path(folder, "folder")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; a capture is <capture>/<camera>/<frame>.png")
     require_finished(folder)

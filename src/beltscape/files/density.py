@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
 from beltscape.files.csv_table import read_csv
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.toml_text import read_toml, validated
 
 DENSITY_LIMITS = (0.0, 30_000.0)
@@ -27,8 +28,9 @@ class Product(BaseModel):
     """One standard deviation of it."""
 
 
-def read_products(path: Path) -> dict[str, Product]:
+def read_products(path: AnyPath) -> dict[str, Product]:
     """products.toml: ``[name]`` with ``density_kg_m3`` and, where it is known, ``sigma_kg_m3``."""
+    path = as_path(path)
     tables = read_toml(path)
     for name, table in tables.items():
         if not isinstance(table, dict):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from beltscape.files.csv_table import read_csv
 from beltscape.files.images import EXTENSIONS
+from beltscape.files.paths import AnyPath, as_path
 
 HEADER = ("frame", "timestamp_s", "belt_position_mm")
 
@@ -22,7 +23,7 @@ class Reading:
     """Grows with the belt's travel."""
 
 
-def read_encoder(path: Path) -> tuple[Reading, ...]:
+def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
     """Read encoder.csv; a frame may be named with or without its image file's ending.
 
     Raises
@@ -30,6 +31,7 @@ def read_encoder(path: Path) -> tuple[Reading, ...]:
     InputError
         When a value is no number, a frame is there twice, times do not grow, or the belt runs back.
     """
+    path = as_path(path)
     readings: list[Reading] = []
     lines: dict[str, int] = {}
     for line in read_csv(path, HEADER):

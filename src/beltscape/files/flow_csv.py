@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 from beltscape.core.flow import FlowRecord
 from beltscape.files.atomic import write_text
+from beltscape.files.paths import AnyPath, as_path
 
 HEADER = (
     "frame,timestamp_s,belt_position_mm,area_mm2,volume_mm3,volume_flow_m3_h,mass_flow_t_h,coverage,quality"
@@ -29,6 +29,7 @@ def flow_line(record: FlowRecord) -> str:
     return ",".join([record.frame, time, *texts, record.quality])
 
 
-def write_flow(path: Path, records: Sequence[FlowRecord]) -> None:
+def write_flow(path: AnyPath, records: Sequence[FlowRecord]) -> None:
     """The whole file, atomically."""
+    path = as_path(path)
     write_text(path, "\n".join([HEADER, *map(flow_line, records)]) + "\n")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from beltscape.core.belt import HeightMap
 from beltscape.core.errors import InputError
 from beltscape.files.atomic import replacing
+from beltscape.files.paths import AnyPath, as_path
 
 _SCALE, _TIEPOINT, _KEYS, _NODATA = 33550, 33922, 34735, 42113
 """ModelPixelScaleTag, ModelTiepointTag, GeoKeyDirectoryTag of OGC 19-008r4 (GeoTIFF 1.1); GDAL's nodata."""
@@ -16,11 +15,12 @@ _DOUBLE, _SHORT, _ASCII = 12, 3, 2
 _USER_DEFINED, _AREA, _MODEL, _RASTER = 32767, 1, 1024, 1025
 
 
-def write_height_tiff(path: Path, heights: HeightMap, *, sigma: bool = False) -> None:
+def write_height_tiff(path: AnyPath, heights: HeightMap, *, sigma: bool = False) -> None:
     """Heights (or, with ``sigma``, their σ) as float32, NaN where not measured, atomically.
 
     The first row of the file is the one at the greatest y, as in a map: model y falls from row to row.
     """
+    path = as_path(path)
     import tifffile
 
     values = heights.sigma_mm if sigma else heights.height_mm
@@ -46,8 +46,9 @@ def write_height_tiff(path: Path, heights: HeightMap, *, sigma: bool = False) ->
         )
 
 
-def read_height_tiff(path: Path) -> HeightMap:
+def read_height_tiff(path: AnyPath) -> HeightMap:
     """The height map of a file that `write_height_tiff` wrote, σ unknown (NaN), or InputError naming the file."""
+    path = as_path(path)
     import tifffile
 
     try:

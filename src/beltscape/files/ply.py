@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.files.atomic import replacing
+from beltscape.files.paths import AnyPath, as_path
 
 _VERTEX = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
@@ -38,8 +39,9 @@ end_header
 """
 
 
-def write_cloud(path: Path, cloud: PointCloud) -> None:
+def write_cloud(path: AnyPath, cloud: PointCloud) -> None:
     """Write a cloud, atomically."""
+    path = as_path(path)
     count = len(cloud.points_mm)
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(_HEADER.format(frame=cloud.frame, count=count).encode("ascii"))

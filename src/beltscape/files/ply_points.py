@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
+from beltscape.files.paths import AnyPath, as_path
 
 _KINDS = {
     "float": "<f4",
@@ -23,7 +24,7 @@ _KINDS = {
 _LONGEST_HEADER = 8192
 
 
-def read_cloud(path: Path) -> PointCloud:
+def read_cloud(path: AnyPath) -> PointCloud:
     """A binary little-endian PLY of points; normals, colours and sigma where it has them.
 
     Raises
@@ -31,6 +32,7 @@ def read_cloud(path: Path) -> PointCloud:
     InputError
         With one line that names the file and what is wrong with it.
     """
+    path = as_path(path)
     try:
         with path.open("rb") as file:
             head = file.read(_LONGEST_HEADER)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.files.atomic import replacing
+from beltscape.files.paths import AnyPath, as_path
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEAD = 80
 
 
-def write_stl(path: Path, vertices_mm: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
+def write_stl(path: AnyPath, vertices_mm: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
     """Vertices (N, 3) in mm and triangles (M, 3), seen counter-clockwise from outside, atomically."""
+    path = as_path(path)
     corners = vertices_mm.astype(np.float32)[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -29,8 +29,9 @@ def write_stl(path: Path, vertices_mm: NDArray[np.floating], faces: NDArray[np.i
         file.write(facets.tobytes())
 
 
-def read_stl(path: Path) -> NDArray[np.float64]:
+def read_stl(path: AnyPath) -> NDArray[np.float64]:
     """(M, 3, 3) corners of the triangles of a binary STL, or InputError naming the file."""
+    path = as_path(path)
     try:
         data = path.read_bytes()
     except OSError as error:

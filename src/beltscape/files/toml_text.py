@@ -10,7 +10,7 @@ from beltscape.core.errors import InputError
 from beltscape.files.text import read_text
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
+    from pydantic import BaseModel, ValidationError
 
     Model = TypeVar("Model", bound=BaseModel)
 
@@ -30,9 +30,14 @@ def validated(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        # a misspelt key is also a missing one: the misspelling comes first
-        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-        raise InputError(f"{path}: {_in_words(first, _known(model, first['loc']))}") from error
+        raise InputError(f"{path}: {first_problem(model, error)}") from error
+
+
+def first_problem(model: type[BaseModel], error: ValidationError) -> str:
+    """Return the first thing that does not fit a model, in words."""
+    # a misspelt key is also a missing one: the misspelling comes first
+    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    return _in_words(first, _known(model, first["loc"]))
 
 
 def _known(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
@@ -71,6 +76,8 @@ def _in_words(error: Any, known: list[str]) -> str:
         return f"{key} = {error['input']!r}: {text}" if key else text
     if error["type"] == "tuple_type":
         text = "must be a list"
+    elif error["type"] == "too_short":
+        text = f"must have at least {error['ctx']['min_length']} values"
     elif error["type"] == "too_long":
         text = f"must have {error['ctx']['max_length']} values, not {error['ctx']['actual_length']}"
     else:

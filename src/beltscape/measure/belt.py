@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
@@ -44,7 +45,7 @@ def learn_belt(frames: Sequence[DepthMap], camera: Camera) -> Belt:
     if not frames:
         raise InputError("empty belt: no frame given; give at least one frame of the empty belt")
     for depth in frames:
-        _demand_size(depth, camera)
+        require_depth_of(camera, depth, "empty belt")
     mean = average(frames)
     belt = replace(find_belt(mean, camera), frames=len(frames))
     return replace(belt, edges=belt_edges(mean, camera, belt))
@@ -65,7 +66,7 @@ def find_belt(depth: DepthMap, camera: Camera) -> Belt:
     MeasureError
         if there is no belt-like surface under the optical axis.
     """
-    _demand_size(depth, camera)
+    require_depth_of(camera, depth, "empty belt")
     if depth.coverage < _LEAST_MEASURED:
         raise MeasureError(
             f"empty belt: only {depth.coverage:.1%} of the pixels are measured; "
@@ -89,16 +90,6 @@ def find_belt(depth: DepthMap, camera: Camera) -> Belt:
         ends = np.array([[x, 0.0, section.height_mm(np.array([x]))[0]] for x in middle.flat_mm])
         flat = pose.apply(ends @ section.rotation)[:, 0]
     return _assemble(depth, camera, upright, pose, start, plane, flat)
-
-
-def _demand_size(depth: DepthMap, camera: Camera) -> None:
-    width, height = camera.size_px
-    if depth.depth_mm.shape != (height, width):
-        rows, columns = depth.depth_mm.shape
-        raise InputError(
-            f"empty belt: the depth map is {columns}×{rows}, the core camera {width}×{height}; "
-            "give the depth and the rig of one reconstruction"
-        )
 
 
 def _sample(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
@@ -51,10 +52,12 @@ class MultiviewReconstructor:
 
         Raises
         ------
-        ReconstructionError
-            When one of them is not in the rig.
+        ReconstructionError, InputError, SettingsError
+            When one of them is not in the rig, or a value does not fit.
         """
+        require_depth_range(depth_range_mm)
         names = known_auxiliaries(rig, auxiliaries)
+        settings = settings.checked()
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings

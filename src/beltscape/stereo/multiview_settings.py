@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from beltscape.stereo.checked_settings import CheckedSettings, require_preset
 
 Distance = Annotated[float, Field(ge=1, le=100)]
 Tolerance = Annotated[float, Field(ge=0.01, le=100)]
@@ -13,10 +15,8 @@ _LEAST_WIDTH_PX = 480
 """A grid is not made narrower than that: the pattern's dots would vanish."""
 
 
-class MultiviewSettings(BaseModel):
+class MultiviewSettings(CheckedSettings):
     """Sweep, propagation and joint least squares; the defaults are the preset ``standard``."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     grid_step: int = Field(
         1, ge=1, le=4, description="image pixels per side of a pixel that is matched, where images are large"
@@ -50,7 +50,7 @@ class MultiviewSettings(BaseModel):
     @classmethod
     def preset(cls, name: str) -> MultiviewSettings:
         """``fast``, ``standard`` or ``fine``; docs/matching.md states what each costs and reaches."""
-        return cls.model_validate(PRESETS[name])
+        return cls.model_validate(PRESETS[require_preset(name, PRESETS)])
 
     def offsets_px(self, scale: float) -> tuple[int, ...]:
         """`distances_px` on a grid so many times finer, each once."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.errors import InputError
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.toml_text import read_toml, validated
 
 
@@ -113,8 +113,9 @@ def adjacent_corners(board: Board) -> NDArray[np.int64]:
     return np.concatenate([across, down])
 
 
-def read_board(path: Path) -> Board:
+def read_board(path: AnyPath) -> Board:
     """Read board.toml, or InputError naming the key that does not fit."""
+    path = as_path(path)
     values = read_toml(path)
     kinds: dict[str, type[Board]] = {"charuco": CharucoBoard, "chessboard": Chessboard}
     if "kind" not in values:

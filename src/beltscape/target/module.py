@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.toml_text import read_toml, validated
 
 Millimetres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -83,6 +83,7 @@ class Module(BaseModel):
         return (*self.cube, *self.sphere, *self.cylinder)
 
 
-def read_module(path: Path) -> Module:
+def read_module(path: AnyPath) -> Module:
     """Read module.toml, or InputError naming the key that does not fit."""
+    path = as_path(path)
     return validated(path, Module, read_toml(path))

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
+from beltscape.files.paths import AnyPath, as_path
 
 if TYPE_CHECKING:
     from beltscape.core.camera import Camera
@@ -48,8 +49,9 @@ class Format(Protocol):
         ...
 
 
-def export_rig(path: Path, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
+def export_rig(path: AnyPath, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
     """Write ``rig`` at ``path`` in the format ``kind``; warns of what the format cannot hold."""
+    path = as_path(path)
     if kind in READABLE and kind not in FORMATS:
         raise InputError(f"format {kind!r} is read, not written; there are {', '.join(FORMATS)}")
     with _errors_of(path):
@@ -57,9 +59,10 @@ def export_rig(path: Path, rig: Rig, kind: str, reporter: Reporter) -> list[Path
 
 
 def import_rig(
-    path: Path, reporter: Reporter, *, kind: str | None = None, core: str | None = None
+    path: AnyPath, reporter: Reporter, *, kind: str | None = None, core: str | None = None
 ) -> tuple[Rig, str]:
     """A rig and its format, read from ``path``; about camera ``core``, or the one the file refers to."""
+    path = as_path(path)
     kind = kind or recognise(path)
     if kind == RIG_JSON:
         raise InputError(f"{path}: is a rig.json of Beltscape already; use it as it is")
@@ -68,9 +71,10 @@ def import_rig(
 
 
 def read_intrinsics(
-    path: Path, reporter: Reporter | None = None, *, kind: str | None = None
+    path: AnyPath, reporter: Reporter | None = None, *, kind: str | None = None
 ) -> dict[str, Camera]:
     """Cameras by name from rig.json or any of the formats; where the cameras stand need not be told."""
+    path = as_path(path)
     kind = kind or recognise(path)
     if kind == RIG_JSON:
         from beltscape.files.rig_json import read_rig

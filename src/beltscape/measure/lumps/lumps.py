@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from beltscape.core.arguments import require_depth_of
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.measure.belt import Belt
 from beltscape.measure.lumps.distribution import SizeDistribution, distribution
@@ -81,12 +81,7 @@ def measure_lumps(depth: DepthMap, camera: Camera, settings: LumpSettings, belt:
     InputError
         if the depth map is not the camera's size.
     """
-    if depth.depth_mm.shape != camera.size_px[::-1]:
-        rows, columns = depth.depth_mm.shape
-        raise InputError(
-            f"lumps: the depth map is {columns}×{rows}, the core camera {camera.size_px[0]}×{camera.size_px[1]}; "
-            "give the depth and the rig of one reconstruction"
-        )
+    require_depth_of(camera, depth, "lumps")
     raster = make_raster(depth, camera, settings.raster_pixels)
     if raster is None:
         return _nothing(depth, settings, belt)
@@ -94,6 +89,8 @@ def measure_lumps(depth: DepthMap, camera: Camera, settings: LumpSettings, belt:
     load = None if belt is None else _over_belt(raster, belt, cell_mm)
     found = segment(raster, settings.split, settings.smallest_px, allowed=load)
     lumps = shapes(raster, found.labels, found.outline, _DOWN if belt is None else belt.belt_from_core)
+    # an error that all pixels share moves a lump's edges by up to itself
+    lumps = [replace(lump, sigma_mm=float(np.hypot(lump.sigma_mm, depth.systematic_mm))) for lump in lumps]
     kept = [lump for lump in lumps if lump.width_mm >= settings.smallest_px * cell_mm][:_MOST]
     lumps, cells = _renumbered(kept, found)
     loaded = None if load is None else load & raster.measured

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
@@ -40,7 +41,9 @@ class PairwiseReconstructor:
         ReconstructionError
             When there is no auxiliary, one is not in the rig, or a pair cannot be rectified.
         """
+        require_depth_range(depth_range_mm)
         names = known_auxiliaries(rig, auxiliaries)
+        settings = settings.checked()
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from beltscape.core.errors import SettingsError
+from beltscape.stereo.checked_settings import CheckedSettings
 
 _MATCHED_WIDTH_PX = 1536
 _MOST_OVERSAMPLING = 1.5
 
 
-class PairwiseSettings(BaseModel):
+class PairwiseSettings(CheckedSettings):
     """Semi-global matching of each rectified pair, and the mean over the pairs."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     block_px: int = Field(3, ge=1, le=9, description="edge of the matching block, odd")
     step_penalty: float = Field(
@@ -52,7 +53,10 @@ class PairwiseSettings(BaseModel):
     @model_validator(mode="after")
     def _fits(self) -> PairwiseSettings:
         if self.block_px % 2 == 0:
-            raise ValueError(f"block_px is {self.block_px}; it must be odd")
+            raise SettingsError(f"PairwiseSettings: block_px = {self.block_px}: must be odd")
         if self.jump_penalty <= self.step_penalty:
-            raise ValueError("jump_penalty must be larger than step_penalty")
+            raise SettingsError(
+                f"PairwiseSettings: jump_penalty = {self.jump_penalty:g}: must be larger than step_penalty = "
+                f"{self.step_penalty:g}"
+            )
         return self

@@ -1,0 +1,41 @@
+"""Settings that Python callers make: what does not fit is a SettingsError in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
+
+from beltscape.core.errors import SettingsError
+from beltscape.files.toml_text import first_problem
+
+
+class CheckedSettings(BaseModel):
+    """Settings that do not change and know all their keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_one_line(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Validate, or raise SettingsError that names the setting, its value and what it may be."""
+        try:
+            return handler(values)
+        except ValidationError as error:
+            raise SettingsError(f"{cls.__name__}: {first_problem(cls, error)}") from error
+
+    def checked(self) -> Self:
+        """Return the same settings, validated anew: ``model_copy(update=…)`` does not validate."""
+        return type(self).model_validate(dict(self.__dict__))
+
+
+def require_preset(name: Any, presets: Iterable[str]) -> str:
+    """Return the name if it is a preset's, or SettingsError that lists them."""
+    known = list(presets)
+    if name in known:
+        return str(name)
+    near = get_close_matches(str(name), known, n=1)
+    fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+    raise SettingsError(f"preset = {name!r} is not known; {fix}")

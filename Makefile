@@ -63,8 +63,9 @@ format: dev ## put Python and C++ into shape
 	$(BIN)/ruff check --fix .
 	$(BIN)/clang-format -i native/*
 
-bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md
+bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, and the manual's tables of it
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python tools/write_figures.py
 
 docs: dev ## the manual as a web site in site/
 	$(BIN)/mkdocs build --strict --quiet

@@ -55,7 +55,8 @@ class Reader:
     def do(self, block: Block) -> None:
         """Do what a block says."""
         ways = {
-            "sh": self._shell, "toml": self._toml, "python": self._python, "json": self._json, "yaml": self._yaml, "csv": self._csv,
+            "sh": self._shell, "toml": self._toml, "python": self._python, "json": self._json, "yaml": self._yaml,
+            "csv": self._csv,
             "text": self._text, "indented": self._text,
         }  # fmt: skip
         way = ways.get(block.kind)

@@ -1,0 +1,23 @@
+"""Tables of the manual that come from the benchmarks are those of the newest results."""
+
+from __future__ import annotations
+
+import runpy
+
+import pytest
+
+from docs.system import ROOT
+
+TOOL = runpy.run_path(str(ROOT / "tools/write_figures.py"))
+
+
+@pytest.mark.parametrize("page", TOOL["PAGES"])
+def test_the_figures_are_those_of_the_results(page):
+    text = (ROOT / page).read_text()
+    assert "<!-- figures: " in text
+    assert TOOL["filled"](text, TOOL["RESULTS"].read_text()) == text, "run python tools/write_figures.py"
+
+
+def test_another_result_changes_a_page():
+    text, results = (ROOT / "docs/matching.md").read_text(), TOOL["RESULTS"].read_text()
+    assert TOOL["filled"](text, results.replace("0.0023", "0.0099")) != text

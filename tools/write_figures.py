@@ -1,0 +1,139 @@
+"""Write the manual's tables that come from benchmarks/RESULTS.md, between ``figures: NAME`` and ``end``.
+
+python tools/write_figures.py
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks/RESULTS.md"
+PAGES = ("README.md", "docs/matching.md", "docs/measuring.md", "docs/operations.md", "docs/calibration.md")
+_MARKED = re.compile(r"(<!-- figures: (\w+) -->\n).*?(?= *<!-- end -->)", re.S)
+_SCENES = {"belt_empty": "empty belt", "module": "module", "belt_loaded": "loaded belt"}
+_METHODS = ("multiview fast", "multiview standard", "multiview fine", "pairwise")
+
+
+def section(results: str, heading: str) -> list[list[str]]:
+    """Return the cells of every table row below a heading, up to the next one."""
+    text = results.split(f"{heading}", 1)[1]
+    text = re.split(r"^#", text, maxsplit=1, flags=re.M)[0]
+    return [
+        [cell.strip() for cell in line.strip().strip("|").split("|")]
+        for line in text.splitlines()
+        if line.startswith("|")
+    ]
+
+
+def state(results: str, heading: str) -> str:
+    """Return the sentence that says when a section was measured."""
+    found = re.search(r"\*Measured at commit (\w+) on ([\d-]+)", results.split(f"\n## {heading}\n", 1)[1])
+    if found is None:
+        raise ValueError(f"{RESULTS}: {heading} does not say when it was measured")
+    return f"*Measured at commit {found[1]} on {found[2]} (`benchmarks/RESULTS.md`).*\n"
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def presets(results: str) -> str:
+    """Whole frames of 1224×1024 by scene and method."""
+    rows = []
+    for scene, name in _SCENES.items():
+        head, _, *cells = section(results, f"\n### {scene}, 1224×1024")
+        found = {line[0]: dict(zip(head, line, strict=True)) for line in cells}
+        for method in _METHODS:
+            one = found[method]
+            keys = ("< 1 mm", "< 0.25 mm", "median mm", "gross", "measured", "over fifths", "× HH")
+            rows.append(
+                [
+                    name if method == _METHODS[0] else "",
+                    method.removeprefix("multiview "),
+                    *(one[key] for key in keys),
+                ]
+            )
+    head = ["scene", "", "< 1 mm", "< 0.25 mm", "median mm", "gross", "measured", "σ ratio", "× HH"]
+    return table(head, rows) + "\n" + state(results, "Whole frames")
+
+
+def volumes(results: str) -> str:
+    """Volumes of the rendered set, preset standard, against the truth."""
+    text = results.split("\n| volume |", 1)[1]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()[2:10]]
+    rows = []
+    for scene, size, method, _, sigma, true, error, coverage in cells:
+        if method == "multiview standard":
+            relative = f"{100 * float(sigma) / float(true):.2f} %"
+            rows.append(
+                [
+                    f"rendered set, {_SCENES[scene]}",
+                    size,
+                    error.replace("%", " %"),
+                    relative,
+                    coverage.replace("%", " %"),
+                ]
+            )
+    return table(["", "images", "error", "σ", "measured"], rows) + "\n" + state(results, "Whole frames")
+
+
+def speed(results: str) -> str:
+    """Frame sets a second of the running system."""
+    _, _, *cells = section(results, "\n## Running system")
+    sizes = {"612 px": "612×512", "1224 px": "1224×1024"}
+    rows = [[sizes[size], preset, sets, cpu, f"{memory} GiB"] for size, preset, sets, cpu, _, memory in cells]
+    return (
+        table(["images", "preset", "frame sets/s", "CPU s a set", "memory"], rows)
+        + "\n"
+        + state(results, "Running system")
+    )
+
+
+def calibration(results: str) -> str:
+    """The rig of the rendered set against the truth."""
+    _, _, *cells = section(results, "\n## Calibration")
+    named = {
+        "pairs through the core": "pairs through the core (the paper's chain)",
+        "after global optimisation (Eqs. 17-20)": "after global optimisation",
+        "after joint adjustment": "joint adjustment",
+    }
+    rows = [[named[line[0]], *line[1:4]] for line in cells if line[0] in named]
+    head = ["", "depth RMS / max, mm", "worst rotation, °", "worst centre, mm"]
+    return table(head, rows) + "\n" + state(results, "Calibration")
+
+
+def accuracy(results: str) -> str:
+    """What the README says of depth."""
+    by = {}
+    for scene in ("belt_empty", "belt_loaded"):
+        head, _, *cells = section(results, f"\n### {scene}, 1224×1024")
+        by[scene] = dict(
+            zip(head, next(line for line in cells if line[0] == "multiview standard"), strict=True)
+        )
+    empty, loaded = by["belt_empty"], by["belt_loaded"]
+    lines = (
+        "On rendered images 1224 px wide half the depths are right",
+        f"to {empty['median mm']} mm on the empty belt and to {loaded['median mm']} mm on rocks, away from edges;",
+        f"{loaded['gross']} of what is measured among the rocks is off by more than 5 mm.",
+    )
+    return "".join(f"   {line}\n" for line in lines)
+
+
+FIGURES = {
+    "presets": presets, "volumes": volumes, "speed": speed, "calibration": calibration, "accuracy": accuracy,
+}  # fmt: skip
+
+
+def filled(text: str, results: str) -> str:
+    """Return a page with its tables written anew."""
+    return _MARKED.sub(lambda found: found[1] + FIGURES[found[2]](results), text)
+
+
+if __name__ == "__main__":
+    told = RESULTS.read_text()
+    for page in PAGES:
+        (ROOT / page).write_text(filled((ROOT / page).read_text(), told))

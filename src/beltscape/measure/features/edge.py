@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,15 +39,13 @@ class Edge:
     by_image: bool
 
 
-def locate(
-    band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64], scale: float = 1.0
-) -> Edge | None:
+def locate(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64]) -> Edge | None:
     """The edge by the image (H, W) on what depth expects; by depth alone without one; None where neither shows it.
 
     Of ``nuisances`` (M, J) px of the band's shapes the likeliest is taken. The image's σ is a jackknife over blocks
-    along the edge, with `SYSTEMATIC_PX` on top.
+    along the edge, with `SYSTEMATIC_PX` on top; where the rim of the depth contradicts the image, it grows until they agree.
     """
-    rim, near = rim_px(band, scale), 1 / (_NEAR_MM / band.px_mm) ** 2
+    rim, near = rim_px(band), 1 / (_NEAR_MM / band.px_mm) ** 2
     if rim is not None and rim**2 > _AGREE**2 * (RIM_SIGMA_PX**2 + 1 / near):
         rim = None
     told = 0.0 if rim is None else 1 / RIM_SIGMA_PX**2
@@ -59,10 +57,19 @@ def locate(
         here = grey.ravel()[band.index].astype(np.float64)
         edge = _by_image(band, here, start, nuisances, prior)
         if edge is not None:
-            return edge
+            return edge if rim is None else _with_conflict(edge, rim)
     if rim is None:
         return None
     return Edge(rim, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
+
+
+def _with_conflict(edge: Edge, rim: float) -> Edge:
+    """Return the edge with σ times √χ², the scale factor of values that differ by more than their σ allow.
+
+    Particle Data Group, Review of Particle Physics, introduction, section 5.2.2, doi:10.1103/PhysRevD.110.030001.
+    """
+    square = (edge.offset_px - rim) ** 2 / (edge.sigma_px**2 + RIM_SIGMA_PX**2)
+    return replace(edge, sigma_px=edge.sigma_px * float(np.sqrt(max(square, 1.0))))
 
 
 def _by_image(

@@ -14,7 +14,6 @@ from beltscape.measure.features.edge import Edge, locate
 from beltscape.measure.features.face import Face
 from beltscape.measure.features.nominal import NominalView
 from beltscape.measure.features.result import EdgeLine
-from beltscape.measure.features.view import scale_of
 
 _TILTS_PX = np.linspace(-0.6, 0.6, 7)[:, None]
 _SHIFTS_PX = np.stack(np.meshgrid(*[np.linspace(-0.6, 0.6, 7)] * 2), axis=-1).reshape(-1, 2)
@@ -54,7 +53,7 @@ def rectangle(
         pair: list[tuple[Edge, float]] = []
         for sign in (1, -1):
             band = straight_band(plane, scene.view, label, scene.depth_mm, half, axis, sign)
-            edge = band and locate(band, scene.grey, _TILTS_PX, scale_of(scene.camera))
+            edge = band and locate(band, scene.grey, _TILTS_PX)
             if band is None or edge is None:
                 continue
             pair.append((edge, band.px_mm))
@@ -73,7 +72,7 @@ def circle(
     """Diameter of a round face around ``place`` (3,) mm; None where its rim is not seen."""
     plane = _plane(scene, face, place, diameter_mm / 2)
     band = round_band(plane, scene.view, label, scene.depth_mm, diameter_mm / 2)
-    edge = band and locate(band, scene.grey, _SHIFTS_PX, scale_of(scene.camera))
+    edge = band and locate(band, scene.grey, _SHIFTS_PX)
     if band is None or edge is None:
         return None, []
     angle = np.linspace(-np.pi, np.pi, 73)

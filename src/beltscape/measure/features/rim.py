@@ -1,4 +1,4 @@
-"""What the depth map says of an edge: where its pixels leave the face, to about a pixel."""
+"""The rim of the measured depth about an edge: where its pixels leave the face, to about a pixel."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import numpy as np
 
 from beltscape.measure.features.band import Band
 
-REACH_PX, OUTLINE_PX, CREASE_PX = 1.4, 0.2, 0.0
-"""The matcher lets a face reach so far beyond an edge; but only so far where it is the outline of something tall,
-or where the solid's own side follows (simulated modules)."""
-RIM_SIGMA_PX = 0.6
-"""How much these two differ from edge to edge."""
+LOW_PX, OUTLINE_PX, CREASE_PX = 0.4, -0.1, 0.2
+"""How far the matcher lets a face reach beyond a low edge, the outline of something tall, and an edge with the solid's
+own side below it: between those of ``standard`` (0.0, −0.2, 0.05) and of ``fast`` (0.8, 0.1, 0.45) on simulated modules
+at 1224 and 612 px. A matcher that fattens otherwise shifts the rim, so nothing may rest on these numbers alone."""
+RIM_SIGMA_PX = 0.9
+"""How much that differs from edge to edge and from preset to preset (largest: 1.75 px)."""
 _TALL_MM = 20.0
 _ON_MM = 0.35
 _LEAST = 30
@@ -19,11 +20,8 @@ _SEARCH_PX = 8.0
 _STEP_PX = 0.1
 
 
-def rim_px(band: Band, scale: float = 1.0) -> float | None:
-    """Offset that parts pixels on the face from others best, less what the matcher adds; None without both.
-
-    ``scale`` is how much larger the matcher's windows are than those of the paper's images, halved.
-    """
+def rim_px(band: Band) -> float | None:
+    """Return the offset that parts pixels on the face from others best, less what the matcher adds; None without both."""
     across, off = band.across_px[band.clear], band.off_mm[band.clear]
     on = np.abs(off) < max(_ON_MM, 0.3 * band.px_mm)  # NaN is not on the face
     if min(on.sum(), (~on).sum()) < _LEAST:
@@ -36,9 +34,9 @@ def rim_px(band: Band, scale: float = 1.0) -> float | None:
         return None
     beyond = off[(across > 2) & (across < 6)]
     tall = bool(np.isfinite(beyond).any()) and float(np.nanmedian(beyond)) > _TALL_MM
-    reach = OUTLINE_PX if tall and band.kind == "outline" else REACH_PX
+    reach = OUTLINE_PX if tall and band.kind == "outline" else LOW_PX
     if band.kind == "crease":
         reach = CREASE_PX
     if band.kind == "round":
         reach = (OUTLINE_PX + CREASE_PX) / 2
-    return float(tries[best].mean()) - reach * scale
+    return float(tries[best].mean()) - reach

@@ -10,23 +10,29 @@ from scipy import ndimage, optimize
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.kernels import load
 from beltscape.measure.features.face import rays_at
-from beltscape.measure.features.smoothing import smoothed
+from beltscape.measure.features.smoothing import Smoothing
 from beltscape.measure.features.view import scale_of
 
-_CAP_DEG = 55.0
+_CAP_DEG = 58.0
 """Seen at more than this from the normal, a surface is measured badly, and towards its limb not at all."""
 _LEAST = 60
 _OFF_MM, _LEAST_SHARE = 4.0, 0.3
 """With less of it than this share so near to where it should be, the sphere is not there."""
 _FLOOR_MM, _LEAST_MM = 0.02, 0.002
 """Of a depth whose σ is less; of a radius whose σ would be less."""
-_GRAIN_PX = 45.0
-"""Pixels that err as one: about a dot."""
+_PATCH_PX = 12.0
+"""Side of a square within which errors may be correlated: the matcher's windows, or a dot with its surroundings."""
+_FEW_PATCHES = 1.3
+"""By which σ of some ten patches is too small (24 simulated spheres)."""
+_ANGLE_DEG = 10.0
 _ROUNDS = 4
 _SMOOTHED_PX = 2.3
 """Without weights the smoothing stays in, some (this)² / radius of the radius (simulated modules): then part of σ."""
+_UNSURE = 0.2
+"""Share of what windows flatten that may remain beyond the model of the smoothing (simulated spheres, ⌀ 20–100 mm)."""
+_SMOOTHED_SHARE = 0.05
+"""Of what windows flatten: with smaller residuals a depth map was not matched by windows."""
 _WITHIN = 0.3
 """A radius differs from the perfect module's by less than this share."""
 
@@ -51,53 +57,58 @@ def fit_sphere(
     shown: NDArray[np.bool_],
     center_mm: NDArray[np.float64],
     radius_mm: float,
-    weight: NDArray[np.float64] | None,
-    nearness_mm: float,
+    smoothing: Smoothing | None,
 ) -> Ball | None:
-    """Sphere through the measured pixels of ``shown`` (H, W); None where too few are.
+    """Fit a sphere to the measured pixels of ``shown`` (H, W); return None where too few are.
 
-    Residuals are depths along the rays, weighted by the pixels' ``weight`` (H, W, `information`:
-    what carries no dot was interpolated by the matcher) and 1/σ⁴ (the flank's σ, the larger ones, are optimistic).
-    A window's plane lies below the cap it was fitted to; how far follows by doing the same to the fitted sphere, and
-    is taken off where that explains the residuals better (it does where the depth came of matching).
+    Residuals are depths along the rays, weighted by the information of the pixels (what carries no dot was interpolated
+    by the matcher) and by 1/σ² of pixels seen under the same angle: of these, the ones of small σ are those that the
+    largest windows have smoothed. The matcher smooths a cap; its ``smoothing``
+    is applied to the fitted sphere, and the difference is taken off, unless the residuals are too small for a depth map
+    that was matched.
     """
-    kernels = load()
-    window, pixel = _window(camera, center_mm, radius_mm), center_mm[2] / float(camera.focal_px.mean())
+    step = 1 if smoothing is None else smoothing.step
+    window, pixel = _window(camera, center_mm, radius_mm, step), center_mm[2] / float(camera.focal_px.mean())
     rays = rays_at(camera, *np.mgrid[window])
     z, sigma, on = (a[window].astype(np.float64) for a in (depth.depth_mm, depth.sigma_mm, shown))
-    tell = np.ones_like(z) if weight is None else weight[window]
+    tell = np.ones_like(z) if smoothing is None else smoothing.of_pixels(window)
     sound = (on > 0) & (np.asarray(ndimage.distance_transform_edt(np.isfinite(z))) > 2)
-    start = _depth(np.append(center_mm, radius_mm), rays)
+    sphere = np.append(center_mm, radius_mm)
     there = on > 0
-    if np.mean(np.abs(z - start)[there] < _OFF_MM if there.any() else [False]) < _LEAST_SHARE:
+    if np.mean(np.abs(z - _depth(sphere, rays))[there] < _OFF_MM if there.any() else [False]) < _LEAST_SHARE:
         return None
-    sphere, inverse, points = np.append(center_mm, radius_mm), np.eye(4), 0
-    off, corrected = np.zeros_like(z), 0.0
+    off, fit = np.zeros_like(z), _Fit(np.eye(4), np.zeros(4), 0)
+    unsure, use, patches = np.zeros_like(z), sound, _patches(z.shape, scale_of(camera))
     for turn in range(_ROUNDS):
         model = _depth(sphere, rays)
         lean = _lean_deg(sphere, rays, model)
-        if weight is not None and turn:
-            off = smoothed(model, tell, nearness_mm, scale_of(camera), kernels) - model
-            off = off if _explains(z - model, off, sound & (lean < 30)) else np.zeros_like(z)
+        if smoothing is not None and turn:
+            off = smoothing.smooth(model, window) - model
+            unsure = smoothing.untwiced().smooth(model, window) - model
+            there = sound & np.isfinite(unsure) & (lean < _CAP_DEG)
+            if not _is_smoothed((z - model)[there], unsure[there]):
+                off, unsure = np.zeros_like(z), np.zeros_like(z)
         use = sound & (lean < _CAP_DEG) & np.isfinite(off) & (np.abs(z - model) < 0.3 * radius_mm)
         if use.sum() < _LEAST:
             return None
-        trust = np.minimum(tell[use] / max(float(np.median(tell[use])), 1e-12), 5)
-        trust /= np.hypot(_FLOOR_MM, sigma[use]) ** 4
-        fitted = _fit(sphere, rays[use], (z - off)[use], trust, radius_mm)
-        sphere, (inverse, points) = fitted, _covariance(fitted, rays[use], (z - off)[use], trust)
-        corrected = float(np.mean(off[use]))
-    grain = _GRAIN_PX * scale_of(camera) ** 2
-    unknown = 0.0 if weight is not None else (_SMOOTHED_PX * scale_of(camera) * pixel) ** 2 / radius_mm
-    sigma = float(np.sqrt(inverse[3, 3] * grain + unknown**2 + _LEAST_MM**2))
-    return Ball(sphere[:3], float(sphere[3]), sigma, points, corrected)
+        trust = tell[use] / _sigma_by_angle(lean[use], sigma[use]) ** 2
+        sphere = _fit(sphere, rays[use], (z - off)[use], trust, radius_mm)
+        fit = _linearise(sphere, rays[use], (z - off)[use], unsure[use], trust, patches[use])
+    unknown = _UNSURE * fit.change[3]
+    if smoothing is None:
+        unknown = (_SMOOTHED_PX * scale_of(camera) * pixel) ** 2 / radius_mm
+    total = float(np.sqrt(_FEW_PATCHES**2 * fit.covariance[3, 3] + unknown**2 + _LEAST_MM**2))
+    return Ball(sphere[:3], float(sphere[3]), total, fit.points, float(np.mean(off[use])))
 
 
-def _window(camera: Camera, center_mm: NDArray[np.float64], radius_mm: float) -> tuple[slice, slice]:
+def _window(
+    camera: Camera, center_mm: NDArray[np.float64], radius_mm: float, step: int
+) -> tuple[slice, slice]:
+    """Rows and columns about a sphere, in whole blocks of ``step`` pixels."""
     reach = 1.3 * radius_mm * float(camera.focal_px.max()) / center_mm[2] + 8
     middle = center_mm[:2] / center_mm[2] * camera.focal_px + camera.center_px
     low, high = np.maximum(middle - reach, 0).astype(int), np.minimum(middle + reach + 1, camera.size_px)
-    high = np.maximum(high.astype(int), low)
+    low, high = low // step * step, np.maximum(high.astype(int), low) // step * step
     return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
@@ -118,14 +129,9 @@ def _lean_deg(
     return np.rad2deg(np.arccos(np.clip(np.nan_to_num(cosine), 0, 1)))
 
 
-def _explains(residual: NDArray[np.float64], off: NDArray[np.float64], where: NDArray[np.bool_]) -> bool:
-    """Whether the residuals go with what smoothing would do, from pixel to pixel."""
-    there = where & np.isfinite(residual) & np.isfinite(off)
-    if there.sum() < 20:
-        return False
-    left, expected = residual[there] - np.median(residual[there]), off[there] - np.median(off[there])
-    limit = 3 * 1.4826 * np.median(np.abs(left)) + 1e-6
-    return float(expected @ np.clip(left, -limit, limit)) > 0.5 * float(expected @ expected)
+def _is_smoothed(residual: NDArray[np.float64], off: NDArray[np.float64]) -> bool:
+    """Decide whether residuals (N,) are as large as smoothing makes them; those of an exact depth map are not."""
+    return float(np.median(np.abs(residual))) > _SMOOTHED_SHARE * float(np.median(np.abs(off)))
 
 
 def _fit(
@@ -151,17 +157,55 @@ def _fit(
     return np.asarray(answer.x, np.float64)
 
 
-def _covariance(
-    sphere: NDArray[np.float64], rays: NDArray[np.float64], z: NDArray[np.float64], trust: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], int]:
-    """(4, 4) for independent pixels, and how many of them the fit did not turn down."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """A sphere with what its parameters (centre, radius) owe to noise and to the smoothing."""
+
+    covariance: NDArray[np.float64]
+    """(4, 4) mm²."""
+    change: NDArray[np.float64]
+    """(4,) mm by which a depth error as given moves them."""
+    points: int
+    """Pixels that the fit did not reject."""
+
+
+def _linearise(
+    sphere: NDArray[np.float64],
+    rays: NDArray[np.float64],
+    z: NDArray[np.float64],
+    error: NDArray[np.float64],
+    trust: NDArray[np.float64],
+    patches: NDArray[np.intp],
+) -> _Fit:
+    """Linearise the fit at its solution; ``error`` (N,) mm is a depth error to be propagated.
+
+    The covariance is that of errors which are correlated within ``patches`` (N,) in any way (cluster-robust: Liang &
+    Zeger, Biometrika 73(1), 1986, doi:10.1093/biomet/73.1.13).
+    """
     root = np.sqrt(trust / np.median(trust))
     left = (z - _depth(sphere, rays)) * root
-    spread = 1.4826 * float(np.nanmedian(np.abs(left))) + 1e-6
-    kept = np.abs(left) < 4 * spread
+    limit = 4 * 1.4826 * float(np.nanmedian(np.abs(left))) + 1e-6
     steps = 1e-4 * np.eye(4)
     slopes = np.stack([(_depth(sphere + d, rays) - _depth(sphere - d, rays)) / 2e-4 for d in steps], axis=-1)
-    slopes = (slopes * root[:, None] / spread)[kept]
-    slopes = slopes[np.isfinite(slopes).all(axis=1)]
-    information = np.asarray(slopes.T @ slopes, np.float64) + 1e-12 * np.eye(4)
-    return np.asarray(np.linalg.inv(information), np.float64), int(kept.sum())
+    kept = np.isfinite(left) & np.isfinite(slopes).all(axis=1) & np.isfinite(error)
+    slopes, left, error = (slopes * root[:, None])[kept], left[kept], (error * root)[kept]
+    inverse = np.linalg.inv(slopes.T @ slopes + 1e-12 * np.eye(4))
+    scores = np.zeros((int(patches.max()) + 1, 4))
+    np.add.at(scores, patches[kept], slopes * np.clip(left, -limit, limit)[:, None])
+    count = int(scores.any(axis=1).sum())
+    covariance = count / max(count - 4, 1) * inverse @ (scores.T @ scores) @ inverse
+    return _Fit(covariance, inverse @ (slopes.T @ error), int((np.abs(left) < limit).sum()))
+
+
+def _patches(shape: tuple[int, ...], scale: float) -> NDArray[np.intp]:
+    """Number (h, w) the squares of a grid within which errors are correlated."""
+    side = max(int(_PATCH_PX * scale), 2)
+    rows, columns = np.indices(shape) // side
+    return rows * (shape[1] // side + 1) + columns
+
+
+def _sigma_by_angle(lean_deg: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N,) the median σ, mm, of the pixels that are seen under about the same angle (N,)."""
+    of = np.clip(lean_deg // _ANGLE_DEG, 0, _CAP_DEG // _ANGLE_DEG).astype(np.intp)
+    medians = [np.median(sigma[of == k]) if (of == k).any() else 1.0 for k in range(int(of.max()) + 1)]
+    return np.hypot(np.array(medians)[of], _FLOOR_MM)

@@ -8,11 +8,14 @@ from beltscape.core.camera import Camera
 
 MATCHER_REACH_PX = 7.0
 """Beside a step the matcher's windows mix both sides up to here."""
-WINDOW_PX = (5, 2.5)
-"""Radius and Gaussian sigma of the window that decides on curved surfaces."""
 _WIDTH_PX = 1224
 
 
 def scale_of(camera: Camera) -> float:
     """How much larger than that the image is: the matcher's windows grow with it."""
-    return float(np.clip(camera.size_px[0] / _WIDTH_PX, 0.5, 1.8))
+    return scale_of_width(camera.size_px[0])
+
+
+def scale_of_width(width_px: int) -> float:
+    """Return the same for a grid of this width."""
+    return float(np.clip(width_px / _WIDTH_PX, 0.5, 1.8))

@@ -116,7 +116,7 @@ def height_map(
     looks a pixel apart, where most of them meet the surface. σ is the pixels' own: neighbours err together, so it
     does not fall with their number.
     """
-    side = max(1, round(grid.cell_mm / sampling.pixel_mm))
+    side = max(1, round(grid.cell_mm / sampling.pixel_mm)) if use.any() else 1
     fine_mm = grid.cell_mm / side
     shape = (grid.shape[0] * side, grid.shape[1] * side)
     start = np.array(grid.origin_mm) - 0.5 * (side - 1) * fine_mm

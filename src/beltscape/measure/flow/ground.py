@@ -20,6 +20,13 @@ Range = tuple[float, float]
 _WHOLE = 0.9
 """Share of the belt's width that must lie in the core's image within the window."""
 
+_LEAST_CONFIDENCE = 0.7
+"""Pixels of a frame that are trusted less are left to the other frames and to the filling of holes.
+
+On a simulated heap the preset fast bridges hollows beside rocks by 13 mm on average, and a quarter to a third of its
+pixels below this are wrong by more than 5 mm. Its total lies 0.94 % above that of standard at 0.5, 0.21 % above
+at 0.65, 0.08 % below at 0.7, where holes are wider. `standard` and `fine` measure no such pixel.
+"""
 _AROUND_MM, _TALLER = 40.0, 1.3
 """What is outside the image may be so much taller than all that is seen so near to it."""
 
@@ -58,7 +65,7 @@ class Ground:
         first, last = int(np.ceil(low / cell)), int(np.floor(high / cell))
         start = min(direction * (position_mm - row * cell) for row in (first, last))
         grid = Grid((self.grid.origin_mm[0], start), cell, (last - first + 1, self.grid.shape[1]))
-        load = load_over_belt(depth, self.camera, self.belt, grid)
+        load = load_over_belt(_confident(depth), self.camera, self.belt, grid)
         worse = 1 + blur_mm / cell
         whole = self._top_in_view(load)
         planes = (load.height_mm, worse * load.sigma_mm, worse * load.noise_mm)
@@ -121,6 +128,14 @@ def ground_of(belt: Belt, camera: Camera, cell_mm: float | None = None) -> Groun
     return Ground(
         belt, camera, grid, (float(grid.y_mm[0]), float(grid.y_mm[-1])), _window(belt, camera, grid)
     )
+
+
+def _confident(depth: DepthMap) -> DepthMap:
+    """Return the depth map without its less trusted pixels."""
+    sure = depth.confidence >= _LEAST_CONFIDENCE
+    planes = (np.where(sure, plane, np.nan) for plane in (depth.depth_mm, depth.sigma_mm))
+    depth_mm, sigma_mm = (plane.astype(np.float32) for plane in planes)
+    return replace(depth, depth_mm=depth_mm, sigma_mm=sigma_mm)
 
 
 def _planes(depth: DepthMap) -> tuple[NDArray[np.float32], ...]:

@@ -175,7 +175,8 @@ class Reader:
     def _mention(self, span: str) -> None:
         """A command within a sentence or a table: its options exist, its subcommands and choices, too."""
         text = span.replace("…", "")
-        words = [word.strip("[]") for word in (shlex.split(text) if text.count("'") != 1 else text.split())]
+        split = shlex.split(text) if text.count("'") % 2 == 0 else text.split()
+        words = [word if "[" in word[1:] else word.strip("[]") for word in split]
         if not words or words[0] not in {"beltscape", *RULES}:
             return
         if words[0] == "beltscape":

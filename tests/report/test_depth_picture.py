@@ -9,13 +9,14 @@ from beltscape.report.depth_picture import (
     NO_TRUTH,
     confidence_panel,
     depth_panel,
-    error_picture,
+    error_panel,
     frame_picture,
     honesty_panel,
     sigma_panel,
     views_panel,
 )
-from beltscape.report.legend import DIFFERENCE, QUIET, TRUST, VIRIDIS, Rgb
+from beltscape.report.legend import DIFFERENCE, DOUBT, QUIET, TRUST
+from beltscape.report.pictures import Panel
 
 SIZE = (776, 200)
 """A map as wide as a panel's picture is drawn pixel by pixel."""
@@ -33,9 +34,9 @@ def flat() -> np.ndarray:
     return np.full(SIZE[::-1], 700.0)
 
 
-def body(panel: Rgb) -> np.ndarray:
+def body(panel: Panel) -> np.ndarray:
     """The picture itself, between title and legend."""
-    return panel[36 : 36 + SIZE[1], 12:-12].astype(int)
+    return panel.drawn()[36 : 36 + SIZE[1], 12:-12].astype(int)
 
 
 def test_an_error_has_its_colour_and_what_is_missing_too():
@@ -44,10 +45,10 @@ def test_an_error_has_its_colour_and_what_is_missing_too():
     z[20:30] -= 0.5
     z[30:40] = np.nan
     truth[40:50] = np.nan
-    picture = body(error_picture(depth_map(z), truth, limit_mm=0.5))
+    picture = body(error_panel(depth_map(z), truth, limit_mm=0.5))
     for row, color in ((15, DIFFERENCE[-1]), (25, DIFFERENCE[0]), (35, QUIET), (45, NO_TRUTH), (60, PALE)):
         assert np.abs(picture[row] - color).max() <= 2, row
-    halved = body(error_picture(depth_map(z), truth, limit_mm=1.0))
+    halved = body(error_panel(depth_map(z), truth, limit_mm=1.0))
     assert np.abs(halved[15] - DIFFERENCE[191]).max() <= 2
 
 
@@ -55,7 +56,7 @@ def test_without_a_limit_the_usual_errors_are_told_apart():
     noise = np.random.default_rng(0).normal(0, 0.03, SIZE[::-1])
     z = flat() + noise
     z[:3] += 50  # gross errors do not set the scale
-    picture = body(error_picture(depth_map(z), flat()))
+    picture = body(error_panel(depth_map(z), flat()))
     assert (np.abs(picture[3:] - PALE).max(axis=-1) > 20).mean() > 0.5
     assert (picture[3:] == DIFFERENCE[[0, -1], None, None]).all(axis=-1).any(axis=0).mean() < 0.01
 
@@ -70,7 +71,7 @@ def test_honesty_is_the_error_in_sigma():
 
 def test_another_grid_is_refused():
     with pytest.raises(InputError, match=r"the truth is \(3, 4\), the depth map \(200, 776\) pixels"):
-        error_picture(depth_map(flat()), np.zeros((3, 4)))
+        error_panel(depth_map(flat()), np.zeros((3, 4)))
 
 
 def test_views_and_confidence_are_told_by_colours():
@@ -83,7 +84,7 @@ def test_views_and_confidence_are_told_by_colours():
         assert np.abs(confidence[100, u] - TRUST[round(255 * (quarter + 1) / 4)]).max() <= 1
     for picture in (views, confidence):
         assert (picture[10] == QUIET).all()
-    legend = views_panel(depth_map(z))[-38]
+    legend = views_panel(depth_map(z)).drawn()[-38]
     for color in (*TRUST[[0, 85, 170, 255]], QUIET):
         assert (legend == color).all(axis=1).sum() >= 16
 
@@ -93,7 +94,7 @@ def test_sigma_is_told_by_decades():
     depth = depth_map(flat())
     picture = body(sigma_panel(DepthMap(depth.depth_mm, sigma, depth.views, depth.confidence)))
     for u in (50, 388, 700):  # even steps of the logarithm are even steps of colour
-        assert np.abs(picture[100, u] - VIRIDIS[round(255 * u / 775)]).max() <= 8
+        assert np.abs(picture[100, u] - DOUBT[round(255 * u / 775)]).max() <= 8
 
 
 def test_a_roof_is_lit_from_the_left():

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from beltscape.report.legend import (
     DIFFERENCE,
+    DOUBT,
     LEGEND_PX,
     PAPER,
     QUIET,
     TRUST,
-    VIRIDIS,
     Scale,
     Swatches,
     keyed,
@@ -20,11 +20,11 @@ from beltscape.report.legend import (
 )
 
 SCALES = [
-    Scale(611.3, 742.8, VIRIDIS),
+    Scale(611.3, 742.8, DOUBT),
     Scale(-0.5, 0.5, DIFFERENCE),
     Scale(0.0, 1.0, TRUST),
-    Scale(0.02, 2.0, VIRIDIS, log=True),
-    Scale(0.001, 5000.0, VIRIDIS, log=True),
+    Scale(0.02, 2.0, DOUBT, log=True),
+    Scale(0.001, 5000.0, DOUBT, log=True),
 ]
 RAMP_ROW = 12
 
@@ -65,8 +65,8 @@ def test_colours_run_from_end_to_end_and_stay_there(scale):
 
 
 def test_what_has_no_logarithm_has_an_end_or_no_colour():
-    scale = Scale(0.1, 10.0, VIRIDIS, log=True)
-    np.testing.assert_array_equal(scale.colored(np.array([0.0, -1.0])), [VIRIDIS[0], QUIET])
+    scale = Scale(0.1, 10.0, DOUBT, log=True)
+    np.testing.assert_array_equal(scale.colored(np.array([0.0, -1.0])), [DOUBT[0], QUIET])
 
 
 def test_zero_is_no_negative_number():

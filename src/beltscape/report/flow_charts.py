@@ -26,6 +26,8 @@ _SHAPES: Mapping[str, tuple[Mark, str]] = {
     "measured": ("circle", "o"), "degraded": ("square", "s"), "bridged": ("triangle", "^"), "missing": ("cross", "X"),
 }  # fmt: skip
 """Quality → its mark in a key and in a plot; its colour is the palette's role of the same name."""
+_STRIP = "#c9d3df"
+"""Lines between strips: on the map's colours, which are the same on light and dark ground."""
 _ROW_MM = 3000.0
 """A long belt is drawn in pieces of about this length, one below the other; on a phone of a third of it."""
 _MOST_PIECES = 12
@@ -66,7 +68,7 @@ def _belt(
         show_map(axis, colors, (start, end, *across))
         for record in records:
             if start < record.strip_mm[1] < end:
-                axis.axvline(record.strip_mm[1], color="white", linewidth=0.7, alpha=0.7)
+                axis.axvline(record.strip_mm[1], color=_STRIP, linewidth=0.7)
         axis.set(xlim=(start, end), ylabel="x, mm")
     axes[-1].set_xlabel("belt coordinate s, mm")
     return figure

@@ -34,7 +34,7 @@ def largest(lumps: Lumps) -> list[Lump]:
 
 def lumps_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Panel]:
     """Return the lumps coloured by size on the relief, outlined; beside it what the camera saw, outlined."""
-    area = _area(lumps)
+    area = shown_area(lumps)
     labels = lumps.labels[area]
     scale = Scale(*span(_sizes(lumps), 0.02), HEIGHT[40:])
     marks = _marks(lumps, labels)
@@ -114,8 +114,8 @@ def _inmost(own: NDArray[np.bool_]) -> tuple[int, int]:
     return int(v) - 1, int(u) - 1
 
 
-def _area(lumps: Lumps) -> tuple[slice, slice]:
-    """Where there are lumps, with a rim; all of it without."""
+def shown_area(lumps: Lumps) -> tuple[slice, slice]:
+    """Return the rows and columns that the pictures show: where there are lumps, with a rim; all without lumps."""
     there = np.argwhere(lumps.labels > 0)
     if not len(there):
         return np.s_[:, :]

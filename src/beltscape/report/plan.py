@@ -28,7 +28,10 @@ def plan_page(plan: Plan) -> str:
     """report.html of a plan."""
     sections = [
         Section("The plan", "", [_tiles(plan)]),
-        Section("Where everything goes", _mounting_words(plan), [*side_charts(plan), top_chart(plan), poses_table(plan), _scene(plan)]),
+        Section(
+            "Where everything goes", _mounting_words(plan),
+            [*side_charts(plan), top_chart(plan), poses_table(plan), _scene(plan)],
+        ),
         Section("Baseline", _baseline_words(plan), [alternatives_table(plan)]),
         Section(
             "What is seen",

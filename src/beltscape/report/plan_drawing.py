@@ -18,7 +18,9 @@ from beltscape.report.plots import FONT_PT, NARROW, WIDE, Form
 from beltscape.report.scene import AUXILIARY, CORE
 
 _HEX = re.compile(r"#[0-9a-f]{6}\b")
-_BELT, _LOAD, _INK, _PAPER, _ALL = (light(role) for role in ("belt", "load", "ink", "paper", "common"))
+_BELT, _LOAD, _INK, _PAPER, _FRAME, _SHARED = (
+    light(role) for role in ("belt", "load", "ink", "paper", "common", "shared")
+)
 _ROOM = 22.0
 """About a drawing, for a line of text."""
 _TALLEST = 560.0
@@ -49,13 +51,13 @@ class Drawing:
 
     def shape(
         self, points: Sequence[Sequence[float]] | Polygon, *, fill: str = "none", stroke: str = "none",
-        width: float = 1.5, opacity: float = 1.0, closed: bool = True, dashed: bool = False,
+        width: float = 1.5, closed: bool = True, dashed: bool = False,
     ) -> None:  # fmt: skip
         """A polygon or a line."""
         where = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.at, points))
         dash = ' stroke-dasharray="7 5"' if dashed else ""
         self.parts.append(
-            f'<{"polygon" if closed else "polyline"} points="{where}" fill="{fill}" fill-opacity="{opacity:g}" '
+            f'<{"polygon" if closed else "polyline"} points="{where}" fill="{fill}" '
             f'stroke="{stroke}" stroke-width="{width:g}"{dash}/>'
         )
 
@@ -110,7 +112,7 @@ def top_chart(plan: Plan) -> Chart:
         partial(top_view, plan),
         "From above; images' rims at the height of the belt's edges.",
         Entry("core's image", "core", "outline"), Entry("auxiliaries' images", "auxiliary", "outline"),
-        Entry("seen by all cameras", "common", "area"),
+        Entry("seen by all cameras", "shared", "area"),
         Entry("what a frame gives over the full width at every height", "common", "dashed"),
         half=False,
     )  # fmt: skip
@@ -128,13 +130,12 @@ def top_view(plan: Plan, form: Form) -> str:
     low, high = corners.min(axis=0), corners.max(axis=0)
     drawing = Drawing(low, high, form.width)
     _draw_belt(drawing, plan, float(low[1]), float(high[1]))
-    drawing.shape(plane.all_cameras, fill=_ALL, opacity=0.25)
     for name, polygon in plane.polygons.items():
         core = name == planned.rig.core
         drawing.shape(polygon, stroke=CORE if core else AUXILIARY, width=2.5 if core else 1.2)
     half, length = plane.width_mm / 2, plan.motion.frame_length_mm / 2
     frame = [(-half, -length), (half, -length), (half, length), (-half, length)]
-    drawing.shape(frame, stroke=_ALL, width=2, dashed=True)
+    drawing.shape(frame, stroke=_FRAME, width=2, dashed=True)
     for name, position in positions.items():
         core = name == planned.rig.core
         color = CORE if core else AUXILIARY
@@ -147,9 +148,10 @@ def top_view(plan: Plan, form: Form) -> str:
 
 
 def _draw_belt(drawing: Drawing, plan: Plan, low: float, high: float) -> None:
-    """The belt from above, with the ends of its level middle."""
+    """The belt from above, what all cameras see of the plane, and the ends of the level middle."""
     half, flat = plan.planes[1].width_mm / 2, plan.settings.belt.flat_mm / 2
-    drawing.shape([(-half, low), (half, low), (half, high), (-half, high)], fill=_BELT, opacity=0.6)
+    drawing.shape([(-half, low), (half, low), (half, high), (-half, high)], fill=_BELT)
+    drawing.shape(plan.planes[1].all_cameras, fill=_SHARED)
     for x in (-flat, flat):
         drawing.shape([(x, low), (x, high)], stroke=_PAPER, width=2, closed=False)
 
@@ -166,16 +168,15 @@ def side_view(plan: Plan, form: Form, *, along: bool = False) -> str:
     trough = [(-reach, 0), (reach, 0)] if along else [(-half, edge), (-flat, 0), (flat, 0), (half, edge)]
     heap = (belt.top_width_mm or belt.span_mm) / 2
     load = [*trough, (reach, top), (-reach, top)] if along else [*trough, (heap, top), (-heap, top)]
-    drawing.shape(load, fill=_LOAD, opacity=0.55)
+    drawing.shape(load, fill=_LOAD)
     for name in [*planned.rig.auxiliaries, planned.rig.core]:
         core = name == planned.rig.core
         ends = plan.planes[0].polygons[name][:, int(along)]
-        color = CORE if core else AUXILIARY
         view = [positions[name], (float(ends.min()), 0.0), (float(ends.max()), 0.0)]
-        drawing.shape(view, fill=color, opacity=0.06, stroke=color, width=2 if core else 1)
+        drawing.shape(view, stroke=CORE if core else AUXILIARY, width=2 if core else 1.2)
     drawing.shape(trough, stroke=_INK, width=3.5, closed=False)
-    for name, position in positions.items():
-        drawing.dot(position, CORE if name == planned.rig.core else AUXILIARY, 5)
+    for name in [*planned.rig.auxiliaries, planned.rig.core]:
+        drawing.dot(positions[name], CORE if name == planned.rig.core else AUXILIARY, 5)
     for place, names in _together(positions).items():
         core = planned.rig.core in names  # its row is above the others': on a phone they would meet
         color, lift = (CORE, -26) if core else (AUXILIARY, -10)

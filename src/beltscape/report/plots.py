@@ -41,6 +41,8 @@ WIDE, NARROW = Form(800.0, narrow=False), Form(300.0, narrow=True)
 
 _SETTLING = 2
 """Layouts before the one that is drawn: ticks change with the room for them, and the room with the ticks."""
+_TALLEST = 420.0
+"""Height of a map at most, points: it is seen whole on a screen."""
 _FADED = 90
 """Opacity of 255 of what was not measured: told from what was, its height still told."""
 
@@ -108,7 +110,7 @@ def faded(
 def map_height(form: Form, width: float, height: float, *, columns: int = 1, least: float = 90.0) -> float:
     """Return the height in points of a panel that shows ``width`` × ``height`` to scale, with its labels."""
     across = form.width / (1 if form.narrow else columns) - 62
-    return max(across * height / max(width, 1e-9), least) + 58
+    return min(max(across * height / max(width, 1e-9), least), _TALLEST) + 58
 
 
 def to_png(figure: Figure) -> bytes:
@@ -133,9 +135,15 @@ def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
     svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
     svg = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1">', svg, count=1)
     svg = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", svg)
+    svg = re.sub(r"; font-family: [^;\"]*", "", svg)
     svg = re.sub(r"#[0-9a-f]{6}\b", lambda found: css_color(found[0]), svg)
-    svg = re.sub(r"\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}".rstrip("0").rstrip("."), svg)
+    svg = re.sub(r"<[^>]*>", _rounded, svg)
     return _own_names(re.sub(r"\s*\n\s*", "\n", svg))
+
+
+def _rounded(tag: re.Match[str]) -> str:
+    """Return a tag with its coordinates rounded to a hundredth of a point; the texts between tags stay."""
+    return re.sub(r"\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}".rstrip("0").rstrip("."), tag[0])
 
 
 def _own_names(svg: str) -> str:

@@ -46,7 +46,7 @@ def test_a_chessboard_is_read(tmp_path):
         ("kind = [1]", 'kind = [1]: must be "charuco" or "chessboard"'),
         (CHARUCO.replace("marker_mm", "markermm"), "unknown key markermm; did you mean marker_mm?"),
         (CHARUCO.replace("square_mm = 30.0\n", ""), "square_mm is missing"),
-        (CHARUCO.replace("30.0", "-30"), "square_mm = -30: must be greater than 0"),
+        (CHARUCO.replace("30.0", "-30"), "square_mm = -30: must be greater than or equal to 0.01"),
         (CHARUCO.replace("30.0", "inf"), "square_mm = inf: must be a finite number"),
         (CHARUCO.replace("22.0", "30"), "marker_mm = 30 must be smaller than square_mm = 30"),
         (CHARUCO.replace("[5, 4]", "[5]"), "squares[1] is missing"),

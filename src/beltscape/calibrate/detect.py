@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 from beltscape.calibrate.corners import Corners, spread_in_two_directions
 from beltscape.calibrate.refine import refine
 from beltscape.core.frames import Image, grey
-from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
-
-MIN_CORNERS = 8
-"""A view with fewer corners says more about noise than about the camera."""
+from beltscape.target.board import LEAST_CORNERS, Board, CharucoBoard, Chessboard, corner_points_mm
 
 Detector = Callable[[Image], Corners | None]
 
@@ -44,7 +41,7 @@ def detector(board: Board, variant: Variant) -> Detector:
 
 
 def _refined(board: Board, image: Image, corners: Corners | None, variant: Variant = DRAWN) -> Corners | None:
-    if corners is None or len(corners) < MIN_CORNERS:
+    if corners is None or len(corners) < LEAST_CORNERS:
         return None
     gap = (1 - board.marker_mm / board.square_mm) / 2 if isinstance(board, CharucoBoard) else 1.0
     luminance = -grey(image) if variant.inverted else grey(image)
@@ -128,7 +125,7 @@ def _same_start(
 
 def _usable(board: Board, corners: Corners | None) -> Corners | None:
     """Corners that lie where a plane seen by a lens can put them, if enough of them do."""
-    if corners is None or len(corners) < MIN_CORNERS:
+    if corners is None or len(corners) < LEAST_CORNERS:
         return None
     on_board = corner_points_mm(board)[corners.ids, :2]
     if not spread_in_two_directions(on_board):
@@ -138,6 +135,6 @@ def _usable(board: Board, corners: Corners | None) -> Corners | None:
     if homography is None:
         return None
     good = inlier.ravel().astype(bool)
-    if good.sum() < max(MIN_CORNERS, 0.6 * len(corners)) or not spread_in_two_directions(on_board[good]):
+    if good.sum() < max(LEAST_CORNERS, 0.6 * len(corners)) or not spread_in_two_directions(on_board[good]):
         return None
     return corners.chosen(good)

@@ -21,8 +21,6 @@ Sound sets have at most 1.2 and 0.01 px, blurred or asynchronous views 18 to 440
 """
 OVERFIT, OVERFIT_PX = 1.5, 0.1
 """RMS held out over RMS in training, and their difference, from which on the views are too few; sound: below 1.12."""
-SPLIT_LIMIT = 2.0
-"""Halves of the views may differ so much more than their covariances say."""
 
 
 def calibration_doubts(
@@ -32,7 +30,7 @@ def calibration_doubts(
     causes = [*_asynchronous(chain), *_contradicted(chain), *_alone(chain, fits)]
     if not causes:
         causes = pattern_doubt([name for name, fit in fits.items() if fit.is_pattern()], fits, TOGETHER)
-    return [*causes, *_open(chain), *_overfit(halves, training), *_split(halves)]
+    return [*causes, *_open(chain), *_overfit(halves, training)]
 
 
 TOGETHER = (
@@ -122,14 +120,4 @@ def _overfit(halves: HeldOut | None, training: Score) -> list[str]:
         f"on held-out views the RMS is {rms_px:.3g} px, {rms_px / training.rms_px:.1f} times the "
         f"{training.rms_px:.3g} px on the views the rig was found from: these are too few or too alike; add views "
         "with the board tilted to every side and in every corner of the images"
-    ]
-
-
-def _split(halves: HeldOut | None) -> list[str]:
-    """Return the doubt that the standard deviations are too small."""
-    if halves is None or not halves.split_ratio > SPLIT_LIMIT:
-        return []
-    return [
-        f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
-        "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,23 @@ from beltscape.calibrate.detect import Variant
 from beltscape.calibrate.fit_doubts import calibration_doubts
 from beltscape.calibrate.fit_quality import FitQuality, assess_fit, camera_fits
 from beltscape.calibrate.guidance import NextPose, next_pose
-from beltscape.calibrate.heldout import held_out_score
+from beltscape.calibrate.heldout import HeldOut, held_out_score
 from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
-from beltscape.core.errors import InputError
+from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Recording, Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.capture import Capture, read_capture
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import Board
 
+SPLIT_LIMIT = 2.0
+"""Halves of the views may differ so much more than their covariances say."""
+LEAST_BASELINE = 1e-3
+"""Cameras less than this share of the board's distance apart measure no depth: a planned rig has 0.1 and more."""
 NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
 """A board outside these distances was hardly meant."""
 
@@ -62,7 +68,7 @@ class Calibration:
 
 
 def calibrate(
-    folder: Path,
+    folder: AnyPath,
     board: Board,
     core: str | None,
     reporter: Reporter,
@@ -78,6 +84,7 @@ def calibrate(
     InputError, CalibrationError
         With one line that names what is wrong and the mend.
     """
+    folder = as_path(folder, "folder")
     reporter = Recording(reporter)
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
@@ -86,11 +93,12 @@ def calibrate(
             "give the folder above the camera folders"
         )
     if core is not None and core not in capture.cameras:
-        raise InputError(f"{folder}: no camera {core} in it; it has {', '.join(capture.cameras)}")
+        raise InputError(f"{folder}: no camera {core or repr(core)} in it; it has {', '.join(capture.cameras)}")
     known = known.matched(capture, reporter) if known else KnownIntrinsics({})
     sightings, variant = find_board(capture, board, reporter)
     known.require_sizes(sightings.sizes_px)
     chain = solve(sightings, board, core, reporter, known=known.cameras)
+    _require_baselines(chain, folder)
     kernels = load()
     own = chain.sightings
     reporter.step("adjusting everything together", 0, 1)
@@ -103,6 +111,7 @@ def calibrate(
     held_out = halves.score if halves else None
     reporter.step("scoring on held-out views", 1, 1)
     _warn_of_distance(board, adjusted, reporter)
+    _warn_of_split(halves, reporter)
     training = score(evidence)
     fits = camera_fits(evidence, board.grid)
     doubts = [*known.foreign(chain, sightings, board), *calibration_doubts(chain, fits, halves, training)]
@@ -133,6 +142,32 @@ def calibrate(
         given=tuple(name for name in adjusted.rig.cameras if name in known.cameras),
         warnings=(*fit.doubts, *others),
     )
+
+
+def _require_baselines(chain: Chain, folder: Path) -> None:
+    """Raise CalibrationError where two cameras stand at the same place: no depth can be measured with them."""
+    centers = {name: pose.center_mm for name, pose in chain.rig.cam_from_core.items()}
+    boards = [
+        pose.translation_mm[2]
+        for camera in chain.monocular.values()
+        for pose in camera.cam_from_board.values()
+    ]
+    for first, second in combinations(centers, 2):
+        baseline = float(np.linalg.norm(centers[first] - centers[second]))
+        if baseline < LEAST_BASELINE * float(np.median(boards)):
+            raise CalibrationError(
+                f"{folder}: cameras {first} and {second} stand at the same place ({baseline:.2g} mm apart); are the "
+                f"images of one a copy of the other's? Give each camera its own"
+            )
+
+
+def _warn_of_split(halves: HeldOut | None, reporter: Reporter) -> None:
+    """State it where the standard deviations are too small."""
+    if halves is not None and halves.split_ratio > SPLIT_LIMIT:
+        reporter.warn(
+            f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
+            "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
+        )
 
 
 def _warn_of_distance(board: Board, adjusted: Adjusted, reporter: Reporter) -> None:

@@ -12,6 +12,9 @@ from beltscape.core.errors import InputError
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.toml_text import read_toml, validated
 
+LEAST_CORNERS = 8
+"""A view with fewer corners says more about noise than about the camera."""
+
 
 def _known_dictionary(name: str) -> str:
     import cv2
@@ -33,7 +36,7 @@ class CharucoBoard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
-    square_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
     marker_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     dictionary: Annotated[str, AfterValidator(_known_dictionary)]
     legacy: bool | None = None
@@ -54,6 +57,16 @@ class CharucoBoard(BaseModel):
             raise ValueError(
                 f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, {self.dictionary} has {there}; "
                 "correct squares or dictionary"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _enough_corners(self) -> CharucoBoard:
+        columns, rows = self.grid
+        if columns * rows < LEAST_CORNERS or min(columns, rows) < 2:
+            raise ValueError(
+                f"squares = [{self.squares[0]}, {self.squares[1]}] have {columns}×{rows} inner corners; a camera "
+                f"needs {LEAST_CORNERS} at least, in two rows or more"
             )
         return self
 
@@ -82,7 +95,7 @@ class Chessboard(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["chessboard"] = "chessboard"
     corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
-    square_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
 
     @property
     def grid(self) -> tuple[int, int]:

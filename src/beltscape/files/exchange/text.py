@@ -57,7 +57,9 @@ def read_document(path: Path) -> Any:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text") from error
+        raise InputError(
+            f"{path}: not UTF-8 text; give a rig.json or a calibration in YAML, JSON or XML"
+        ) from error
     if path.suffix.lower() == ".json" and text.lstrip()[:1] in ("{", "["):
         return read_json(path)
     if text.startswith("%YAML:"):  # OpenCV before 5 writes a colon that YAML does not know

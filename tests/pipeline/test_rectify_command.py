@@ -45,7 +45,7 @@ def test_a_camera_that_moved_is_named(run, tmp_path):
     warned = [line for line in err if line.startswith("warning")]
     assert len(warned) == 1
     assert warned[0].startswith("warning: frame 000: cam1 is ")
-    assert warned[0].endswith("or is not the rig's camera; calibrate again")
+    assert warned[0].endswith("or it is not the rig's camera; calibrate again")
 
 
 def test_rows_that_were_not_found_are_flagged(run, capture, tmp_path):

@@ -22,13 +22,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Import the rig."""
-    from beltscape.core.errors import InputError
     from beltscape.files.exchange import import_rig
     from beltscape.files.rig_json import write_rig
+    from beltscape.files.rig_limits import oddities_of, refusal_of
 
-    if arguments.out.resolve() == arguments.source.resolve():
-        raise InputError(f"--out {arguments.out}: is what is imported; choose another file")
     rig, kind = import_rig(arguments.source, reporter, kind=arguments.format, core=arguments.core)
+    refusal = refusal_of(rig)
+    if refusal is not None:
+        raise InputError(f"{arguments.source}: {refusal}")
+    for line in oddities_of(rig):
+        reporter.warn(f"{arguments.source}: {line}")
     write_rig(arguments.out, rig)
     cameras = {
         name: {

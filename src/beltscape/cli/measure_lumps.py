@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
+    from beltscape.pipeline.doubts import warn_of_doubts
     from beltscape.pipeline.lumps import lumps_document, lumps_of_frame, write_lumps
 
     told = {"oversize_mm": arguments.oversize}
@@ -40,6 +41,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     seen = lumps_of_frame(
         arguments.loaded, settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
     )
+    warn_of_doubts(seen.frame, reporter)
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
         write_lumps(arguments.out, seen)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,15 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.json_text import read_json, write_json
 from beltscape.files.manifest import require_finished
+from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.rig_limits import refusal_of
 
 FORMAT = "beltscape-rig/1"
 
 
-def write_rig(path: Path, rig: Rig) -> None:
+def write_rig(path: AnyPath, rig: Rig) -> None:
     """Write a rig, atomically, with full float precision."""
+    path = as_path(path)
     write_json(path, rig_document(rig))
 
 
@@ -48,8 +50,9 @@ def rig_document(rig: Rig) -> dict[str, Any]:
     }
 
 
-def read_rig(path: Path) -> Rig:
+def read_rig(path: AnyPath) -> Rig:
     """Read rig.json, or InputError naming the key that does not fit."""
+    path = as_path(path)
     require_finished(path.parent)
     document = read_json(path)
     found = document.get("format") if isinstance(document, dict) else None
@@ -81,13 +84,17 @@ def _rig(document: Mapping[str, Any]) -> Rig:
     at_core = np.column_stack([poses[core].rotation, poses[core].translation_mm])
     if not np.allclose(at_core, np.eye(3, 4), rtol=0, atol=1e-6):
         raise ValueError(f"cam_from_core of the core camera {core} must be the identity")
-    return Rig(
+    rig = Rig(
         core=core,
         cameras=cameras,
         cam_from_core=poses,
         quality=document.get("quality") or {},
         covariance=document.get("covariance") or {},
     )
+    refusal = refusal_of(rig)
+    if refusal is not None:
+        raise ValueError(refusal)
+    return rig
 
 
 def _camera(name: str, place: str, entry: Any) -> Camera:

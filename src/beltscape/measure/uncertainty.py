@@ -37,12 +37,14 @@ class VolumeSigma:
     edges_mm3: float
     """The upright area of all steps times a third of a pixel, common to the whole box."""
     drift_mm3: float
-    """Slow errors of the depth map on the empty belt, common to the whole box."""
+    """Slow errors of the depth map on the empty belt and of cameras that moved, common to the whole box."""
+    unseen_mm3: float = 0.0
+    """What a belt loaded alike carries beside a box that holds only part of its width; 0 for a given box."""
 
     @property
     def total_mm3(self) -> float:
         """Root of the sum of squares."""
-        parts = (self.noise_mm3, self.belt_mm3, self.holes_mm3, self.edges_mm3, self.drift_mm3)
+        parts = (self.noise_mm3, self.belt_mm3, self.holes_mm3, self.edges_mm3, self.drift_mm3, self.unseen_mm3)
         return float(np.sqrt(sum(part**2 for part in parts)))
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt import BeltProfile, HeightMap
 from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.errors import InputError
 from beltscape.measure.box import Box, Weights, chosen_box, profiles
 from beltscape.measure.capacity import belt_middle_mm, centre_mm, full_area_mm2
 from beltscape.measure.holes.fill import Filled, fill_holes
@@ -22,6 +22,12 @@ from beltscape.measure.uncertainty import VolumeSigma, volume_sigma
 
 _LEAST_SURE = 3.0
 """Where the volume is below so many σ, there may be no load: it has no centre."""
+
+
+_LEAST_OF_VIEW = 0.5
+"""Share of the core's view that a belt fills at least, where less of it was measured when it was empty."""
+_LEAST_OF_WIDTH = 0.75
+"""A box that was not asked for holds this share of the belt's width, unless the frame is sparse."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +127,7 @@ def measure_volume(
     MeasureError
         if nothing was measured in the box.
     """
-    _demand_size(loaded, camera)
+    require_depth_of(camera, loaded, "loaded belt")
     # the empty belt's pixel, not the loaded frame's: so the grid is the same in every frame
     pixel_mm = float(belt.belt_from_core.inverse().translation_mm[2]) / float(camera.focal_px.mean())
     gather = 3 if settings.cell_mm is None else max(1, round(settings.cell_mm / pixel_mm))
@@ -134,7 +140,11 @@ def measure_volume(
     weights = box.weights_mm(load.grid)
     area = filled.value_mm @ weights.across
     total = float(weights.along @ area)
-    causes = volume_sigma(load, filled, weights, belt)
+    # an error that all pixels of the loaded frame share counts like the belt's slow ones
+    doubted = replace(belt, drift_mm=float(np.hypot(belt.drift_mm, loaded.systematic_mm)))
+    causes = volume_sigma(load, filled, weights, doubted)
+    if across_mm is None:
+        causes = replace(causes, unseen_mm3=_unseen_mm3(total, box, belt, camera))
     heights, interpolated = gathered(load, filled, gather), blocks_mean(~load.measured, gather) > 0.5
     return Volume(
         volume_mm3=total,
@@ -155,6 +165,15 @@ def measure_volume(
         fullness=_fullness(belt, total / (box.along_mm[1] - box.along_mm[0]), settings),
         summit=_summit(heights, interpolated, box),
     )
+
+
+def _unseen_mm3(total_mm3: float, box: Box, belt: Belt, camera: Camera) -> float:
+    """Return what a belt loaded alike carries beside a box that holds much less than its width; else 0."""
+    distance = float(belt.belt_from_core.inverse().translation_mm[2])
+    view = distance * camera.size_px[0] / float(camera.focal_px[0])
+    width = max(belt.across_mm[1] - belt.across_mm[0], _LEAST_OF_VIEW * view)
+    own = box.across_mm[1] - box.across_mm[0]
+    return abs(total_mm3) * (width / own - 1) if own < _LEAST_OF_WIDTH * width else 0.0
 
 
 def _centre(load: Load, filled: Filled, weights: Weights, belt: Belt, total_mm3: float) -> Centre:
@@ -196,13 +215,3 @@ def _summit(load: HeightMap, interpolated: NDArray[np.bool_], box: Box) -> Summi
         float(load.sigma_mm[row, column]),
         (float(load.x_mm[column]), float(load.y_mm[row])),
     )
-
-
-def _demand_size(loaded: DepthMap, camera: Camera) -> None:
-    rows, columns = loaded.depth_mm.shape
-    width, height = camera.size_px
-    if (columns, rows) != (width, height):
-        raise InputError(
-            f"loaded belt: the depth map is {columns}×{rows}, the core camera {width}×{height}; "
-            "reconstruct loaded and empty belt with the same rig"
-        )

@@ -16,6 +16,7 @@ from beltscape.files.atomic import write_text
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.reconstruction import frame_folders, read_frame
 from beltscape.measure.belt import learn_belt
+from beltscape.pipeline.doubts import warn_of_doubts
 from beltscape.report.belt import belt_page
 
 
@@ -33,6 +34,7 @@ def learn_from_reconstruction(
     results = []
     for number, name in enumerate(names, 1):
         results.append(read_frame(folder / name))
+        warn_of_doubts(results[-1], reporter)
         reporter.step("reading empty belt", number, len(names))
     camera = results[0].rig.core_camera
     return learn_belt([result.depth for result in results], camera), camera
@@ -40,6 +42,8 @@ def learn_from_reconstruction(
 
 def frame_names(folder: Path) -> list[str]:
     """Names of a reconstruction's frame folders, in order."""
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; give a reconstruction of beltscape reconstruct")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give a reconstruction of beltscape reconstruct")
     names = [path.name for path in frame_folders(folder) if path != folder]
@@ -54,9 +58,15 @@ def empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
     """The empty belt from what a user gives: a belt.json, a frame folder, or a reconstruction with all its frames."""
     if place.is_file():
         return read_belt(place)
+    if not place.exists():
+        raise InputError(
+            f"{place}: no such file or folder; give a belt.json of beltscape measure belt, a reconstruction of the "
+            "empty belt, or a frame folder of one"
+        )
     if (place / "rig.json").is_file() and not (place / "depth.tiff").is_file():
         return learn_from_reconstruction(place, None, reporter)
     frame = read_frame(place)
+    warn_of_doubts(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
 

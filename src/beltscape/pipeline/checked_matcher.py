@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,18 +18,14 @@ from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, c
 from beltscape.stereo.consistency.exchange import exchange_of_frame
 from beltscape.stereo.consistency.sparse import sparse_cause
 from beltscape.stereo.consistency.texts import doubts_of
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import MultiviewSettings
 from beltscape.stereo.views import usable_auxiliaries
 
 GROSS_PX = 2.0
 """Where no set of cameras agrees and residuals are greater, a depth map holds chance matches: it is refused."""
-
-
-class Matcher(Protocol):
-    """What makes depth of one frame."""
-
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Depth of one frame, or ReconstructionError where its images do not suffice."""
-        ...
+CHECK_EVERY = 50
+"""Frames of a moving belt from check to check: a check costs as much as a few percent of a frame, times 1/50."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,12 +64,18 @@ class CheckedMatcher:
         self._exchanged: dict[tuple[str, ...], tuple[str, str] | None] = {}
         self._systematic_px = 0.0
         self._frames = 0
+        self._refused: str | None = None
+        self._reported: tuple[tuple[str, ...], bool] = (), False
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
-        """Return the depth of a frame; contradictions are reported."""
+        """Return the depth of a frame; contradictions are reported when they are new."""
         found = self.measure(frame_set, reporter, prior)
-        for line in found.doubts:
-            reporter.warn(line)
+        if found.consistency is not None:
+            state = found.consistency.doubtful, found.consistency.core_moved
+            if state != self._reported:
+                for line in found.doubts:
+                    reporter.warn(line)
+            self._reported = state
         return found.depth
 
     def measure(self, frame_set: FrameSet, reporter: Reporter, prior: Any = None) -> CheckedDepth:
@@ -84,10 +86,13 @@ class CheckedMatcher:
         ReconstructionError
             When its images do not suffice, or no set of cameras agrees by far.
         """
-        names = self._used(frame_set)
-        depth = self._match(names, frame_set, reporter, prior)
         due = self._frames % self._every == 0
         self._frames += 1
+        if self._refused is not None and not due:
+            raise ReconstructionError(f"frame {frame_set.frame}: {self._refused}")
+        self._refused = None
+        names = self._used(frame_set)
+        depth = self._match(names, frame_set, reporter, prior)
         if not due:
             return CheckedDepth(self._marked(depth), None, names, ())
         everyone = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
@@ -110,7 +115,8 @@ class CheckedMatcher:
         used = consistency.core_moved or not set(names).isdisjoint(consistency.doubtful)
         # what is left where a camera is in doubt and little is measured, is where images agree by chance
         if doubts and (depth.coverage < LEAST_COVERAGE or (used and consistency.misfit_px > GROSS_PX)):
-            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(doubts)}")
+            self._refused = "; ".join(doubts)
+            raise ReconstructionError(f"frame {frame_set.frame}: {self._refused}")
         self._systematic_px = consistency.misfit_px
         depth = self._marked(depth)
         if used and doubts:
@@ -159,6 +165,18 @@ class CheckedMatcher:
         if not self._systematic_px or not depth.measured.any():
             return depth
         return widened(depth, self._systematic_px * mm_per_px(self.rig, depth))
+
+
+def sequence_matcher(
+    rig: Rig, cameras: Collection[str], depth_range_mm: tuple[float, float], settings: MultiviewSettings
+) -> CheckedMatcher:
+    """Return the matcher of a moving belt; its first frame is checked, and every `CHECK_EVERY`-th after it."""
+
+    def matcher_of(names: tuple[str, ...]) -> MultiviewReconstructor:
+        return MultiviewReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
+
+    auxiliaries = tuple(name for name in rig.auxiliaries if name in cameras)
+    return CheckedMatcher(rig, auxiliaries, depth_range_mm, matcher_of, every=CHECK_EVERY)
 
 
 def _trusted(consistency: RigConsistency) -> tuple[str, ...]:

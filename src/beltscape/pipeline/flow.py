@@ -20,11 +20,11 @@ from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.picture import BeltPicture
 from beltscape.measure.flow.settings import Direction, FlowSettings
+from beltscape.pipeline.checked_matcher import sequence_matcher
 from beltscape.pipeline.flow_chain import FlowChain, depths_over, ground_under, reaching
 from beltscape.pipeline.flow_checks import demand_consistent, warn_of_conflicts
 from beltscape.pipeline.reconstruction import depth_range, open_capture
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview import MultiviewReconstructor
 from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
 
 
@@ -96,7 +96,8 @@ def flow_of_capture(
     )
     picture, steps = BeltPicture(ground), list[Step]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
-    chain = FlowChain(MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset)), meter)
+    matcher = sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
+    chain = FlowChain(matcher, meter)
     told = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):

@@ -18,6 +18,7 @@ from beltscape.files.capture import read_capture
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
+from beltscape.files.rig_limits import LEAST_DEPTH_MM, oddities_of
 from beltscape.pipeline.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.regions import write_regions
 from beltscape.pipeline.search_range import check_depth_range
@@ -137,6 +138,8 @@ def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
     InputError
         When the capture has no images of the core camera, or of no other camera of the rig.
     """
+    for line in oddities_of(rig):
+        reporter.warn(line)
     capture = read_capture(folder)
     if rig.core not in capture.cameras:
         raise InputError(
@@ -181,7 +184,13 @@ def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[flo
     if not ranges:
         _raise_cause(source, rig, min(chosen))
         raise failure or ReconstructionError(f"{source.folder}: no frame in it")
-    return min(near for near, _ in ranges), max(far for _, far in ranges)
+    near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
+    if far < LEAST_DEPTH_MM:
+        raise ReconstructionError(
+            f"{source.folder}: surfaces found {near:.3g} to {far:.3g} mm before {rig.core}; the rig seems to be in "
+            "metres: multiply its translations by 1000"
+        )
+    return near, far
 
 
 def _raise_cause(source: FolderSource, rig: Rig, frame: str) -> None:

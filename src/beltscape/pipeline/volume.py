@@ -16,7 +16,11 @@ from beltscape.measure.settings import VolumeSettings
 from beltscape.measure.solid import load_mesh, surface_mesh
 from beltscape.measure.volume import Volume, measure_volume
 from beltscape.pipeline.belt import empty_belt, require_same_camera
+from beltscape.pipeline.doubts import warn_of_doubts
 from beltscape.report.volume import volume_page
+
+LEAST_COVERAGE = 0.5
+"""A volume of which less was measured is mostly interpolated."""
 
 
 def volume_of_frames(
@@ -37,12 +41,31 @@ def volume_of_frames(
     InputError, MeasureError
         With one line that names what is wrong and the mend.
     """
+    reporter = reporter or Silent()
     full = read_frame(loaded)
-    belt, camera = empty_belt(empty, reporter or Silent())
+    warn_of_doubts(full, reporter)
+    belt, camera = empty_belt(empty, reporter)
     require_same_camera(loaded, full.rig.core_camera, empty, camera)
-    return measure_volume(
+    volume = measure_volume(
         full.depth, belt, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
     )
+    _warn_of_gaps(loaded, volume, reporter)
+    return volume
+
+
+def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
+    """Warn where the box holds a part of the belt only, or was measured in few places."""
+    if volume.causes.unseen_mm3 > 0:
+        low, high = volume.across_mm
+        reporter.warn(
+            f"{loaded}: only {high - low:.0f} mm of the belt's width were measured well enough to count; σ holds "
+            "what the rest may carry; see why the frame is sparse, or give the box with --across"
+        )
+    if volume.coverage < LEAST_COVERAGE:
+        reporter.warn(
+            f"{loaded}: only {volume.coverage:.0%} of the box was measured, the rest is interpolated; see why "
+            "the frame is sparse"
+        )
 
 
 def volume_document(volume: Volume) -> Mapping[str, Any]:
@@ -70,6 +93,7 @@ def volume_document(volume: Volume) -> Mapping[str, Any]:
             "holes": volume.causes.holes_mm3,
             "edges": volume.causes.edges_mm3,
             "drift": volume.causes.drift_mm3,
+            "unseen": volume.causes.unseen_mm3,
         },
         "centre_of_gravity": centre
         and {

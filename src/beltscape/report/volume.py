@@ -94,6 +94,7 @@ def sigma_table(volume: Volume) -> Table:
         ("noise of the depth map", causes.noise_mm3),
         ("the empty belt", causes.belt_mm3),
         ("slow errors of the depth map", causes.drift_mm3),
+        ("belt beside the box", causes.unseen_mm3),
         ("together (root of the sum of squares)", volume.sigma_mm3),
     )
     return Table(["cause", "σ, litres"], [[name, f"{value * 1e-6:.4f}"] for name, value in rows])

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
+from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.measure.features.face import Face, fit_face
 from beltscape.measure.features.find import find_module
@@ -21,7 +21,7 @@ from beltscape.measure.features.nominal import NominalView, nominal_view
 from beltscape.measure.features.outline import Extent, Scene, circle, rectangle
 from beltscape.measure.features.result import EdgeLine, MeasuredModule, Quantity
 from beltscape.measure.features.settle import settle
-from beltscape.measure.features.smoothing import smoothing_of
+from beltscape.measure.features.smoothing import smoothings_of
 from beltscape.measure.features.sphere import Ball, fit_sphere
 from beltscape.measure.features.view import scale_of
 from beltscape.target.module import Cube, Cylinder, Module, Sphere
@@ -30,7 +30,7 @@ _LEAST_FOUND = 0.5
 """With fewer of its features it is not this module."""
 _FLAT_MM = 0.0005
 """What no face of a depth map is better than at the paper's size of images, halved: slow errors that a plane's own
-scatter does not show. They grow as pixels do, cubed (heights on simulated modules: 0.001 mm at 1224, 0.008 mm at 612 px)."""
+scatter does not show. They grow as pixels do, cubed (simulated heights: 0.001 mm at 1224, 0.008 mm at 612 px)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def measure_module(
     match = find_module(depth, camera, module)
     pose = settle(depth, camera, module, match.core_from_module)
     view = nominal_view(module, pose, camera)
-    faces, balls = _faces(depth, rig, module, view), {}
+    faces = _faces(depth, rig, module, view)
     if "base" not in faces:
         raise MeasureError(f"{module.name}: too little of its base is measured; heights need it")
     image = plain if plain is not None else pattern  # dots only disturb what a plain image shows
@@ -84,17 +84,12 @@ def measure_module(
     errors = FaceErrors(
         grain_px([face.residual_mm for face in faces.values()]), _FLAT_MM / scale_of(camera) ** 3
     )
-    smoothing = None if pattern is None else smoothing_of(pattern, depth, rig)
+    balls = _balls(depth, rig, module, view, pose, pattern)
     quantities, edges = _base(scene, module, faces["base"])
     for label, feature in enumerate(module.features, start=1):
-        place, top = np.array(feature.center_mm, dtype=np.float64), faces.get(feature.name)
+        top = faces.get(feature.name)
         if isinstance(feature, Sphere):
-            radius = feature.diameter_mm / 2
-            center = pose.apply(np.append(place, radius))
-            ball = fit_sphere(depth, camera, view.face(label), center, radius, smoothing)
-            if ball:
-                balls[feature.name] = ball
-            quantities.append(_radius(feature, ball))
+            quantities.append(_radius(feature, balls.get(feature.name)))
             continue
         if isinstance(feature, Cube):
             found, lines = _edge(scene, feature, label, top)
@@ -135,6 +130,33 @@ def _faces(depth: DepthMap, rig: Rig, module: Module, view: NominalView) -> dict
         for name, label in labels.items()
     }
     return {name: face for name, face in found.items() if face is not None}
+
+
+def _balls(
+    depth: DepthMap,
+    rig: Rig,
+    module: Module,
+    view: NominalView,
+    pose: Pose,
+    pattern: NDArray[np.float32] | None,
+) -> dict[str, Ball]:
+    """Return the spheres that can be measured, by name, for the smoothing that explains all of them best."""
+    candidates = (None,) if pattern is None else smoothings_of(pattern, depth, rig)
+    best, least = {}, np.inf
+    for smoothing in candidates:
+        balls = {}
+        for label, feature in enumerate(module.features, start=1):
+            if not isinstance(feature, Sphere):
+                continue
+            radius = feature.diameter_mm / 2
+            center = pose.apply(np.array([*feature.center_mm, radius], dtype=np.float64))
+            ball = fit_sphere(depth, rig.core_camera, view.face(label), center, radius, smoothing)
+            if ball:
+                balls[feature.name] = ball
+        misfit = sum(ball.misfit for ball in balls.values())
+        if misfit < least:
+            best, least = balls, misfit
+    return best
 
 
 def _base(scene: Scene, module: Module, face: Face) -> tuple[list[Quantity], list[EdgeLine]]:

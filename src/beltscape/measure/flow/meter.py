@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
 from beltscape.core.flow import FlowRecord
 from beltscape.measure.flow.buffer import Buffer
@@ -143,6 +144,9 @@ class FlowMeter:
         """
         clock = float(self._count) if time_ns is None else time_ns * 1e-9
         name = frame or f"{self._count:03d}"
+        if depth is not None:
+            require_depth_of(self.ground.camera, depth, f"frame {name}")
+            self._sums.widen(depth.systematic_mm)
         seen = _Seen(name, depth, time_ns, clock, position_mm, self._relief(depth), whole)
         self._count += 1
         self._waiting.append(seen)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from beltscape.measure.flow.profile import Stretch
 
 Strip = tuple[float, float]
@@ -41,13 +43,22 @@ class Sums:
 
     def __init__(self, drift_mm: float, width_mm: float) -> None:
         """``drift_mm`` are slow errors of depth, common to all the belt of this width."""
-        self._drift_mm2 = drift_mm * width_mm
+        self._own_mm, self._systematic_mm, self._width_mm = drift_mm, 0.0, width_mm
         self._volume = self._apart = self._edges = self._holes = 0.0
         self._mass = self._mass_common = 0.0
         self._length = self._seen = self._bridged = self._unseen = 0.0
         self._measured = self._single = 0.0
         self._first: Strip | None = None
         self._last: Strip | None = None
+
+    def widen(self, systematic_mm: float) -> None:
+        """Count an error that all of a depth map's pixels share: the greatest so far holds for the whole belt."""
+        self._systematic_mm = max(self._systematic_mm, systematic_mm)
+
+    @property
+    def _drift_mm2(self) -> float:
+        """Slow errors of depth over the belt's width."""
+        return float(np.hypot(self._own_mm, self._systematic_mm)) * self._width_mm
 
     def sigma_of(self, stretch: Stretch, moved_mm3: float) -> float:
         """σ of one strip's volume; ``moved_mm3`` is what the position's uncertainty makes of it."""

@@ -18,6 +18,7 @@ from beltscape.core.scaling import scaled_rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.capacity import full_area_mm2
+from beltscape.pipeline.checked_matcher import sequence_matcher
 from beltscape.pipeline.flow import Instant, fitted, instants_of
 from beltscape.pipeline.flow_chain import depths_over, ground_under
 from beltscape.pipeline.live.engine import Engine, Parts, told
@@ -38,7 +39,6 @@ from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.genicam.source import open_cameras
 from beltscape.sources.replay import Cue, ReplaySource
-from beltscape.stereo.multiview import MultiviewReconstructor
 
 _FOR_EVER_NS, _PAGE = 1 << 62, 5000
 
@@ -135,7 +135,8 @@ def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Ben
     if matching.width_px is not None and matching.width_px < width:
         rig = scaled_rig(rig, matching.width_px / width)
     ground = ground_under(project.place(settings.empty), rig, settings.flow.cell_mm, reporter)
-    matcher = MultiviewReconstructor(rig, depths_over(ground, matching.load_mm), matching.multiview())
+    near_far = depths_over(ground, matching.load_mm)
+    matcher = sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())
     return Bench(rig, ground, matcher, settings.flow, density_of(project))
 
 

@@ -20,14 +20,16 @@ def doubts_of(consistency: RigConsistency, rig: Rig, exchanged: tuple[str, str] 
         return []
     doubtful = [each for each in consistency.cameras if each.camera in consistency.doubtful]
     if consistency.core_moved:
-        return [f"the core camera {rig.core} moved{_by(consistency)}: {_list(doubtful)}; {_FIX}"]
+        return [
+            f"the core camera {rig.core} moved or its lens changed{_by(consistency)}: {_list(doubtful)}; {_FIX}"
+        ]
     off = [each for each in doubtful if each.state == "contradicting"]
     lines = []
     if consistency.ambiguous or (len(off) == len(consistency.cameras) > 0):
         lines.append(_nobody(off, rig, consistency))
     else:
         lines += [
-            f"{_list([each])}: it moved{_by(consistency, each)}, or is not the rig's camera; {_FIX}"
+            f"{_list([each])}: it moved or its lens changed{_by(consistency, each)}, or it is not the rig's camera; {_FIX}"
             for each in off
         ]
     lines += [

@@ -1,0 +1,105 @@
+"""Rigs that cannot be: lenses that fold the image, absurd intrinsics, cameras on one spot, wrong units.
+
+What no camera can be is refused; what is merely unusual is a warning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from beltscape.core.camera import Camera
+from beltscape.core.rig import Rig
+
+FOCAL_OVER_DIAGONAL = (0.1, 100.0)
+"""Fields of view of 157° and 0.6°: no pinhole with five distortion coefficients holds more, no rig needs less."""
+_ODD_FOCAL = (0.25, 20.0)
+_OFF_CENTRE = 1.5
+"""Principal point at most so many image sizes from the middle; shifted and cropped sensors stay below 1."""
+_ODD_CENTRE = 0.3
+_ASPECT = 1.25
+"""Ratio of the focal lengths; pixels that are not square reach 1.1."""
+LEAST_BASELINE_MM = 2.0
+"""Cameras of industrial rigs are wider than this, so are the lens pairs of stereo microscopes (10 to 25 mm); metres
+written as millimetres make 0.05 to 1.5 of every rig up to 1.5 m."""
+_ODD_BASELINE_MM = 15.0
+_GREATEST_BASELINE_MM = 100_000.0
+LEAST_DEPTH_MM = 10.0
+"""Surfaces nearer than this to a core camera are within its lens."""
+_SAMPLES = 25
+
+
+def refusal_of(rig: Rig) -> str | None:
+    """Return why the rig cannot be, naming the camera and the value; None where it can."""
+    return next(_refusals(rig), None)
+
+
+def oddities_of(rig: Rig) -> list[str]:
+    """Return a line for everything unusual in the rig."""
+    lines = []
+    for name, camera in rig.cameras.items():
+        ratio = float(camera.focal_px.mean() / np.hypot(*camera.size_px))
+        if not _ODD_FOCAL[0] <= ratio <= _ODD_FOCAL[1]:
+            lines.append(
+                f"camera {name}: focal_px = {_two(camera.focal_px)} is unusual for {_size(camera)} px"
+            )
+        off = np.abs(camera.center_px / (np.array(camera.size_px) - 1) - 0.5).max()
+        if off > _ODD_CENTRE:
+            lines.append(
+                f"camera {name}: center_px = {_two(camera.center_px)} is far off the middle of {_size(camera)} px"
+            )
+    for name in rig.auxiliaries:
+        baseline = float(np.linalg.norm(rig.cam_from_core[name].center_mm))
+        if baseline < _ODD_BASELINE_MM:
+            lines.append(
+                f"camera {name} stands {baseline:.3g} mm from {rig.core}: unusually near; are the units mm?"
+            )
+    return lines
+
+
+def _refusals(rig: Rig) -> Iterator[str]:
+    for name, camera in rig.cameras.items():
+        ratio = camera.focal_px / float(np.hypot(*camera.size_px))
+        low, high = FOCAL_OVER_DIAGONAL
+        if ratio.min() < low or ratio.max() > high or not 1 / _ASPECT <= ratio[0] / ratio[1] <= _ASPECT:
+            yield f"camera {name}: focal_px = {_two(camera.focal_px)} is no lens for an image of {_size(camera)} px"
+        off = np.abs(camera.center_px / (np.array(camera.size_px) - 1) - 0.5).max()
+        if off > _OFF_CENTRE:
+            yield f"camera {name}: center_px = {_two(camera.center_px)} is far outside an image of {_size(camera)} px"
+        if folds(camera):
+            values = ", ".join(f"{value:g}" for value in camera.distortion)
+            yield f"camera {name}: distortion = [{values}] turns back within the image, which no lens does"
+    yield from _misplaced(rig)
+
+
+def _misplaced(rig: Rig) -> Iterator[str]:
+    """Cameras on one spot, or at distances that no rig has."""
+    baselines = {name: float(np.linalg.norm(rig.cam_from_core[name].center_mm)) for name in rig.auxiliaries}
+    for name, baseline in baselines.items():
+        if baseline == 0:
+            yield f"camera {name} stands where {rig.core} does (translation_mm is 0); depth needs a baseline"
+        if baseline > _GREATEST_BASELINE_MM:
+            yield f"camera {name} stands {baseline / 1000:.4g} m from {rig.core}; are the translations in mm?"
+    if baselines and max(baselines.values()) < LEAST_BASELINE_MM:
+        name = max(baselines, key=lambda each: baselines[each])
+        yield (
+            f"camera {name} stands {baselines[name]:.3g} mm from {rig.core} and no camera farther: the rig seems to "
+            "be in metres; multiply its translations by 1000"
+        )
+
+
+def folds(camera: Camera) -> bool:
+    """Whether the distortion turns back within the image: some of its pixels are the picture of no direction."""
+    width, height = camera.size_px
+    u, v = np.linspace(0, width - 1, _SAMPLES), np.linspace(0, height - 1, _SAMPLES)
+    pixels = np.stack(np.meshgrid(u, v), axis=-1)
+    return bool(np.isnan(camera.undistort(pixels)).any())
+
+
+def _two(values: np.ndarray) -> str:
+    return f"[{values[0]:.6g}, {values[1]:.6g}]"
+
+
+def _size(camera: Camera) -> str:
+    return f"{camera.size_px[0]}×{camera.size_px[1]}"

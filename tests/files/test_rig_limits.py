@@ -1,0 +1,69 @@
+"""Rigs that cannot be are refused by name, and the unusual ones are only warned of."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from beltscape.core.errors import InputError
+from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.rig_limits import oddities_of, refusal_of
+from synthetic.demo import TRUE_RIG
+
+
+def edited(tmp_path, change):
+    document = json.loads(TRUE_RIG.read_text())
+    change(document["cameras"])
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def scale_translations(cameras, factor):
+    for camera in cameras.values():
+        pose = camera["cam_from_core"]
+        pose["translation_mm"] = [factor * value for value in pose["translation_mm"]]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda c: scale_translations(c, 1e-3), "in metres; multiply its translations by 1000"),
+        (lambda c: scale_translations(c, 0.004), "in metres; multiply its translations by 1000"),
+        (
+            lambda c: c["cam2"]["cam_from_core"].update(translation_mm=[0, 0, 0]),
+            "camera cam2 stands where cam0",
+        ),
+        (lambda c: scale_translations(c, 1e3), "are the translations in mm"),
+        (
+            lambda c: c["cam3"].update(distortion=[-5, 0, 0, 0, 0]),
+            "camera cam3: distortion = [-5, 0, 0, 0, 0]",
+        ),
+        (lambda c: c["cam1"].update(focal_px=[5, 5]), "camera cam1: focal_px = [5, 5]"),
+        (lambda c: c["cam1"].update(focal_px=[580, 58000]), "camera cam1: focal_px = [580, 58000]"),
+        (lambda c: c["cam4"].update(center_px=[30000, 256]), "camera cam4: center_px = [30000, 256]"),
+    ],
+)
+def test_what_no_rig_can_be_is_refused(tmp_path, change, says):
+    path = edited(tmp_path, change)
+    with pytest.raises(InputError) as caught:
+        read_rig(path)
+    assert str(path) in str(caught.value)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_merely_unusual_is_read_and_warned_of(tmp_path):
+    small = read_rig(edited(tmp_path, lambda c: scale_translations(c, 0.02)))
+    assert refusal_of(small) is None
+    assert any("unusually near" in line for line in oddities_of(small))
+
+
+def test_a_sound_rig_is_neither(tmp_path):
+    rig = read_rig(TRUE_RIG)
+    assert refusal_of(rig) is None
+    assert oddities_of(rig) == []
+    write_rig(tmp_path / "rig.json", rig)
+    assert np.array_equal(read_rig(tmp_path / "rig.json").core_camera.focal_px, rig.core_camera.focal_px)

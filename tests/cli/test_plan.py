@@ -27,7 +27,9 @@ def test_the_papers_rig(capsys):
     said = capsys.readouterr()
     assert said.out.startswith("Eq. 26    718.3 mm above the idlers' vertices at 57.00°\n")
     assert "warning: the stated angle of view is 57.0°" in said.err
-    assert {p.name for p in Path("out").iterdir()} == {"plan.json", "rig.json", "report.html"}
+    assert {p.name for p in Path("out").iterdir()} == {
+        *("plan.json", "rig.json", "report.html", ".beltscape.json")
+    }
 
 
 def test_json_and_files_say_the_same_and_the_rig_is_the_plans(capsys):

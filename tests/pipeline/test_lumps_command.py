@@ -74,6 +74,20 @@ def test_an_empty_belt_has_none_and_a_report_all_the_same(run, frames, tmp_path)
     assert "No lumps in view" in (tmp_path / "out" / "report.html").read_text()
 
 
+def test_the_empty_belt_may_be_a_belt_json(run, frames, tmp_path):
+    folder, solids = frames
+    belt = tmp_path / "belt.json"
+    assert run("measure", "belt", folder, "--frames", "empty", "--out", belt)[0] == 0
+    answers = [
+        only_json(run("measure", "lumps", folder / "loaded", "--empty", empty, "--json")[1])
+        for empty in (belt, folder / "empty")
+    ]
+    assert len(answers[0]["lumps"]) == len(solids)
+    for one, other in zip(answers[0]["lumps"], answers[1]["lumps"], strict=True):
+        assert one["center_mm"] == pytest.approx(other["center_mm"], abs=1e-6)
+        assert one["size_mm"] == pytest.approx(other["size_mm"])
+
+
 def test_the_summary_says_the_sizes(run, frames):
     folder, solids = frames
     code, text, _ = run("measure", "lumps", folder / "loaded", "--oversize", 20)
@@ -88,8 +102,8 @@ def test_the_summary_says_the_sizes(run, frames):
     [
         (["--sieves", "20;40"], "--sieves 20;40"),
         (["--sieves", "40,20"], "ascend"),
-        (["--oversize", "-1"], "oversize_mm"),
-        (["--empty", "none"], "no such folder"),
+        (["--oversize", "-1"], "--oversize -1: must be"),
+        (["--empty", "none"], "none: no such file or folder; give a belt.json"),
     ],
 )
 def test_what_is_wrong_is_one_line(run, frames, words, says):

@@ -56,8 +56,20 @@ def test_refuses_a_folder_that_is_no_frame(run, small_frames, tmp_path):
     loaded = small_frames / "belt_loaded" / "000"
     code, out, err = run("measure", "volume", loaded, "--empty", tmp_path / "nothing")
     assert (code, out) == (2, "")
-    assert err == [
-        f"beltscape: {tmp_path / 'nothing'}: no such folder; give a frame folder of beltscape reconstruct"
+    (line,) = err
+    assert line.startswith(f"beltscape: {tmp_path / 'nothing'}: no such file or folder; give a belt.json of")
+
+
+def test_takes_the_only_frame_of_a_reconstruction_and_lists_several(run, small_frames, tmp_path):
+    loaded, empty = small_frames / "belt_loaded", small_frames / "belt_empty"
+    words = ("--empty", empty, "--along", -100, 100, "--json")
+    answers = [only_json(run("measure", "volume", place, *words)[1]) for place in (loaded, loaded / "000")]
+    assert answers[0] == answers[1]
+    several = tmp_path / "several"
+    for name in ("000", "001", "002", "003", "004", "005"):
+        shutil.copytree(loaded / "000", several / name)
+    assert run("measure", "volume", several, *words)[2] == [
+        f"beltscape: {several}: holds the frames 000, 001, 002, 003 and 2 more; give one of them, such as {several}/000"
     ]
 
 
@@ -112,9 +124,9 @@ def test_a_setting_out_of_bounds_is_one_line(run, small_frames):
         small_frames / "belt_empty" / "000",
     )
     for option, value, line in (
-        ("--cell", 1000, "cell_mm 1000.0: input should be less than or equal to 100"),
-        ("--cell", -2, "cell_mm -2.0: input should be greater than 0"),
-        ("--profile-every", 0, "profile_every_mm 0.0: input should be greater than 0"),
+        ("--cell", 1000, "--cell 1000: must be less than or equal to 100"),
+        ("--cell", -2, "--cell -2: must be greater than 0"),
+        ("--profile-every", 0, "--profile-every 0: must be greater than or equal to 0.1"),
     ):
         code, _, err = run(*words, option, value)
         assert code == 2

@@ -16,6 +16,15 @@ if TYPE_CHECKING:
     Model = TypeVar("Model", bound=BaseModel)
 
 
+def _path(text: str) -> Path:
+    """The path of ``--out``; an empty one would be the working folder."""
+    if not text.strip():
+        from argparse import ArgumentTypeError
+
+        raise ArgumentTypeError("is empty; give a name")
+    return Path(text)
+
+
 def add_output_folder(
     parser: ArgumentParser,
     text: str,
@@ -28,13 +37,13 @@ def add_output_folder(
 
     ``owner``: arguments whose values belong to what the folder is of, such as a scene's name.
     """
-    parser.add_argument("--out", type=Path, metavar="DIR", required=required, default=default, help=text)
+    parser.add_argument("--out", type=_path, metavar="DIR", required=required, default=default, help=text)
     parser.set_defaults(output="folder", owner=(parser.prog.removeprefix("beltscape "), *owner))
 
 
 def add_output_file(parser: ArgumentParser, text: str, example: str, *, required: bool = False) -> None:
     """Declare ``--out FILE``; ``example`` is a name such as the file should have."""
-    parser.add_argument("--out", type=Path, metavar="FILE", required=required, help=text)
+    parser.add_argument("--out", type=_path, metavar="FILE", required=required, help=text)
     parser.set_defaults(output="file", example=example)
 
 
@@ -46,10 +55,19 @@ def settings(model: type[Model], **options: object) -> Model:
         return model.model_validate(options)
     except ValidationError as error:
         first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"])
-        raise SettingsError(
-            f"{field} {first['input']}: {first['msg'][:1].lower()}{first['msg'][1:]}"
-        ) from error
+        said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+        raise SettingsError(f"{_option(str(first['loc'][0]))} {_as_typed(first['input'])}: {said}") from error
+
+
+def _option(field: str) -> str:
+    """The option that sets a field: ``--profile-every`` for profile_every_mm."""
+    return "--" + field.removesuffix("_mm").removesuffix("_deg").replace("_", "-")
+
+
+def _as_typed(value: object) -> str:
+    if isinstance(value, tuple | list):
+        return ",".join(_as_typed(part) for part in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def ordered_range(option: str, values: Sequence[float] | None) -> tuple[float, float] | None:

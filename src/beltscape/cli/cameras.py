@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltscape.core.progress import Reporter
+
+if TYPE_CHECKING:
+    from beltscape.sources.genicam.settings import CamerasSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,27 +27,27 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Look for cameras; with ``--check`` open those of the project."""
     from dataclasses import asdict
 
+    from beltscape.sources.genicam import inspection
     from beltscape.sources.genicam.aravis import found_cameras
-    from beltscape.sources.genicam.inspection import inspect
 
-    found = [{**asdict(one), **asdict(inspect(one.device))} for one in found_cameras()]
+    settings = None if arguments.check is None else _settings(arguments.check)
+    found = [{**asdict(one), **asdict(inspection.inspect(one.device))} for one in found_cameras()]
     for one in found:
         if one["trouble"]:
             reporter.warn(f"{one['device']} ({one['address']}): {one['trouble']}")
-    return {"cameras": found, "check": {} if arguments.check is None else _checked(arguments.check)}
+    check = {} if settings is None else {name: inspection.check(name, settings) for name in settings.devices}
+    return {"cameras": found, "check": check}
 
 
-def _checked(project: Path) -> dict[str, str]:
+def _settings(project: Path) -> CamerasSettings:
     from beltscape.core.errors import InputError
     from beltscape.files.toml_text import read_toml, validated
-    from beltscape.sources.genicam.inspection import check
     from beltscape.sources.genicam.settings import CamerasSettings
 
     values = read_toml(project)
-    if "cameras" not in values:
+    if not isinstance(values.get("cameras"), dict):
         raise InputError(f"{project}: it has no table [cameras]")
-    settings = validated(project, CamerasSettings, values["cameras"])
-    return {name: check(name, settings) for name in settings.devices}
+    return validated(project, CamerasSettings, values["cameras"])
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -35,12 +35,9 @@ def _output(arguments: argparse.Namespace) -> str:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Export the rig."""
-    from beltscape.core.errors import InputError
     from beltscape.files.exchange import export_rig
     from beltscape.files.rig_json import read_rig
 
-    if arguments.out.resolve() == arguments.rig.resolve():
-        raise InputError(f"--out {arguments.out}: is the rig itself; choose another file")
     rig = read_rig(arguments.rig)
     files = export_rig(arguments.out, rig, arguments.format, reporter)
     return {"format": arguments.format, "core": rig.core, "cameras": list(rig.cameras), "files": files}

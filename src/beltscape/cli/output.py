@@ -28,12 +28,13 @@ def output_of(arguments: Namespace) -> Iterator[Output]:
         kind = kind(arguments)
     if out is None or kind is None:
         yield Output(Path(), Path())
-    elif kind == "file":
+        return
+    _refuse_input(out, arguments)
+    if kind == "file":
         example = arguments.example
         refuse_file(out, example(arguments) if callable(example) else example)
         yield Output(out, out)
     else:
-        _refuse_input(out, arguments)
         with _folder(kind, out, _command(arguments)) as place:
             output = Output(place, out)
             arguments.out, arguments.earlier = place, out
@@ -108,16 +109,14 @@ def _command(arguments: Namespace) -> str:
 
 
 def _refuse_input(out: Path, arguments: Namespace) -> None:
-    """Raise OutputError where ``--out`` is a folder that is read, or lies in the capture that is read."""
+    """Raise OutputError where ``--out`` is what is read, or lies in the capture that is read."""
     place = out.resolve()
     for name, value in vars(arguments).items():
-        if name == "out" or not isinstance(value, Path) or not value.is_dir():
+        if name == "out" or not isinstance(value, Path) or not value.exists():
             continue
         read = value.resolve()
         if place == read:
-            raise OutputError(
-                f"--out {out}: is the folder that is read ({name} {value}); choose another --out"
-            )
+            raise OutputError(f"--out {out}: is what is read ({name} {value}); choose another --out")
         if name == "capture" and read in place.parents:
             raise OutputError(
                 f"--out {out}: lies in the capture {value}, whose folders are cameras; choose an --out beside it"

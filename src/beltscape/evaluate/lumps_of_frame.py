@@ -49,6 +49,8 @@ def read_heap(truth: Path) -> TrueHeap:
     InputError
         When it holds no scene with rocks, or several.
     """
+    if not truth.is_dir():
+        raise InputError(f"{truth}: no such folder; give truth/ of one loaded belt by beltscape simulate")
     rocks = sorted(truth.glob("*_rocks.npz"))
     if len(rocks) != 1:
         raise InputError(

@@ -116,7 +116,7 @@ def read_truth(path: Path, scene: str | None = None) -> TruthFile:
         with np.load(file) as arrays:
             own = {name: arrays[name] for name in _WANTED if name in arrays.files}
     except (OSError, ValueError) as error:
-        raise InputError(f"{file}: not a truth's npz file ({error}); give truth/<scene>_depth.npz") from error
+        raise InputError(f"{file}: not a truth's npz file; give truth/<scene>_depth.npz") from error
     depth = own.get("depth_mm", own.get("z_pinhole"))
     label = own.get("label", own.get("label_pinhole"))
     if depth is None or label is None:

@@ -63,6 +63,8 @@ def natural(name: str) -> tuple[tuple[int, int | str], ...]:
 def read_capture(folder: AnyPath) -> Capture:
     """Look at a capture folder, or InputError when it holds no camera folder with images."""
     folder = as_path(folder, "folder")
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; a capture is a folder <capture>/<camera>/<frame>.png")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; a capture is <capture>/<camera>/<frame>.png")
     require_finished(folder)

@@ -17,7 +17,7 @@ from beltscape.core.frames import Image
 from beltscape.core.rig import Rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.depth_tiff import read_float_tiff, write_float_tiff
-from beltscape.files.images import read_image, write_image
+from beltscape.files.images import EXTENSIONS, read_image, write_image
 from beltscape.files.json_text import read_json, write_json
 from beltscape.files.manifest import require_finished
 from beltscape.files.paths import AnyPath, as_path
@@ -88,6 +88,8 @@ def one_frame(folder: Path) -> Path:
         raise InputError(f"{folder}: no such folder; give a frame folder of beltscape reconstruct")
     frames = frame_folders(folder)
     if not frames:
+        if any(path.suffix.lower() in EXTENSIONS for path in folder.glob("*/*")):
+            raise InputError(f"{folder}: holds images, not depths; give a folder of beltscape reconstruct")
         raise InputError(
             f"{folder}: holds no depth.tiff, nor folders with one; give a frame folder of beltscape reconstruct"
         )

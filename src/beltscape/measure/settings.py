@@ -19,7 +19,7 @@ class VolumeSettings(BaseModel):
     cell_mm: Annotated[float, Field(gt=0, le=100)] | None = None
     """Edge of a cell of the height map given back; None = three pixels on the belt: nine points in a typical
     cell. It is rounded to whole pixels. The volume itself is summed over cells of one pixel."""
-    profile_every_mm: Annotated[float, Field(gt=0, le=10_000)] = 50.0
+    profile_every_mm: Annotated[float, Field(ge=0.1, le=10_000)] = 50.0
     """Longest stretch of belt that one cross-section stands for."""
     surcharge_deg: Surcharge = SURCHARGE_DEG
     """Of a full belt, against which the fill level is measured."""

@@ -1,0 +1,64 @@
+"""What `measure flow` writes and prints: no mass without a density, and what the direction rests on."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from flow.moving_belt import Heap, depth_map, ground
+
+from beltscape.cli.measure_flow import summary
+from beltscape.core.flow import FlowRecord
+from beltscape.measure.flow.density import Density, unknown_density
+from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.picture import BeltPicture
+from beltscape.pipeline.flow import Flow
+from beltscape.pipeline.flow_files import write_flow_result
+
+HEAP = Heap(start_mm=-900, end_mm=-300)
+
+
+def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) -> Flow:
+    picture, steps, records = BeltPicture(ground()), list[Step](), list[FlowRecord]()
+    meter = FlowMeter(ground(), density=density, watch_belt=picture.add, watch_step=steps.append)
+    for k in range(10):
+        depth = depth_map(heap, 130.0 * k)
+        records += meter.push(depth, round(k * 1e8) if timed else None, 130.0 * k, frame=f"{k:03d}")
+    records += meter.finish()
+    return Flow(records, steps, meter, picture, 0.1, True, None)
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_without_a_density_there_is_no_mass(tmp_path: Path, timed: bool) -> None:
+    result = write_flow_result(tmp_path, measured(unknown_density(), timed=timed), unknown_density(), ())
+    text = summary(result)
+    assert "mass" not in text
+    assert not re.search(r"\bnan\b", text, re.IGNORECASE)
+    assert not re.search(r"\bnan\b", (tmp_path / "flow.json").read_text(), re.IGNORECASE)
+    totals = json.loads((tmp_path / "flow.json").read_text())["totals"]
+    assert totals["mass_t"] is None
+    assert (totals["mean_volume_flow_m3_h"] is None) == (not timed)
+
+
+def test_with_a_density_there_is(tmp_path: Path) -> None:
+    density = Density.constant(1600.0)
+    result = write_flow_result(tmp_path, measured(density), density, ())
+    totals = result["totals"]
+    assert totals["mass_t"] == pytest.approx(totals["volume_mm3"] * 1600e-12)
+    assert "mass" in summary(result)
+
+
+def test_the_summary_states_what_the_direction_rests_on(tmp_path: Path) -> None:
+    result = write_flow_result(tmp_path, measured(unknown_density()), unknown_density(), ())
+    evidence = result["motion_evidence"]
+    assert evidence["pairs_towards_plus_y"] == evidence["encoder_agrees"] >= 5
+    assert f"in {evidence['pairs_towards_plus_y']} of" in summary(result)
+
+
+def test_of_an_empty_belt_the_direction_is_unknown(tmp_path: Path) -> None:
+    result = write_flow_result(tmp_path, measured(unknown_density(), heap=None), unknown_density(), ())
+    assert result["direction"] is None
+    assert "direction unknown" in summary(result)
+    assert not re.search(r"\bnan\b", summary(result), re.IGNORECASE)

@@ -87,10 +87,11 @@ def test_intrinsics_of_another_lens_are_named(factor):
     other = replace(RIG.cameras["b"], focal_px=RIG.cameras["b"].focal_px * factor, distortion=bent)
     known = given("a", b=other)
     chain = solve(seen, BOARD, "a", Silent(), known=known.cameras)
-    (line,) = known.foreign(chain, seen, BOARD)
-    assert line.startswith("lab.yaml: the intrinsics of b fit its views within ")
+    found = known.foreign(chain, seen, BOARD)
+    assert list(found) == ["b"]
+    assert found["b"].startswith("lab.yaml: the intrinsics of b fit its views within ")
     true = given("a", "b")
-    assert list(true.foreign(solve(seen, BOARD, "a", Silent(), known=true.cameras), seen, BOARD)) == []
+    assert true.foreign(solve(seen, BOARD, "a", Silent(), known=true.cameras), seen, BOARD) == {}
 
 
 @pytest.mark.parametrize("kind", FORMATS)

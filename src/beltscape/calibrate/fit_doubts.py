@@ -24,11 +24,20 @@ OVERFIT, OVERFIT_PX = 1.5, 0.1
 
 
 def calibration_doubts(
-    chain: Chain, fits: Mapping[str, CameraFit], halves: HeldOut | None, training: Score
+    chain: Chain,
+    fits: Mapping[str, CameraFit],
+    halves: HeldOut | None,
+    training: Score,
+    *,
+    explained: Sequence[str] = (),
 ) -> list[str]:
-    """Return what speaks against a calibration, the likeliest cause first; empty for a sound one."""
-    causes = [*_asynchronous(chain), *_contradicted(chain), *_alone(chain, fits)]
-    if not causes:
+    """Return what speaks against a calibration, the likeliest cause first; empty for a sound one.
+
+    Why the ``explained`` cameras do not fit is known already.
+    """
+    alone = {name: fit for name, fit in fits.items() if name not in explained}
+    causes = [*_asynchronous(chain), *_contradicted(chain), *_alone(chain, alone)]
+    if not causes and not explained:
         causes = pattern_doubt([name for name, fit in fits.items() if fit.is_pattern()], fits, TOGETHER)
     return [*causes, *_open(chain), *_overfit(halves, training)]
 

@@ -93,7 +93,9 @@ def calibrate(
             "give the folder above the camera folders"
         )
     if core is not None and core not in capture.cameras:
-        raise InputError(f"{folder}: no camera {core or repr(core)} in it; it has {', '.join(capture.cameras)}")
+        raise InputError(
+            f"{folder}: no camera {core or repr(core)} in it; it has {', '.join(capture.cameras)}"
+        )
     known = known.matched(capture, reporter) if known else KnownIntrinsics({})
     sightings, variant = find_board(capture, board, reporter)
     known.require_sizes(sightings.sizes_px)
@@ -114,7 +116,8 @@ def calibrate(
     _warn_of_split(halves, reporter)
     training = score(evidence)
     fits = camera_fits(evidence, board.grid)
-    doubts = [*known.foreign(chain, sightings, board), *calibration_doubts(chain, fits, halves, training)]
+    foreign = known.foreign(chain, sightings, board)
+    doubts = [*foreign.values(), *calibration_doubts(chain, fits, halves, training, explained=tuple(foreign))]
     fit = assess_fit(held_out or training, evidence, board.grid, doubts)
     others = [line for line in reporter.warnings if line not in fit.doubts]
     for line in fit.doubts:

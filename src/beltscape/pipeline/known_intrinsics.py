@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from beltscape.calibrate.chain import SKEW_FACTOR, SKEW_PX, Chain
@@ -67,8 +67,9 @@ class KnownIntrinsics:
                 f"{self.source}: intrinsics of another image size ({listed}); give those of this size"
             )
 
-    def foreign(self, chain: Chain, sightings: Sightings, board: Board) -> Iterable[str]:
-        """Yield a line for every camera whose own views fit far better with intrinsics of their own."""
+    def foreign(self, chain: Chain, sightings: Sightings, board: Board) -> dict[str, str]:
+        """Return a line by camera for those whose own views fit far better with intrinsics of their own."""
+        lines: dict[str, str] = {}
         board_mm = corner_points_mm(board)
         for name in self.cameras:
             if name not in chain.monocular:
@@ -80,11 +81,12 @@ class KnownIntrinsics:
             except CalibrationError:
                 continue
             if given > SKEW_PX and given > SKEW_FACTOR * own:
-                yield (
+                lines[name] = (
                     f"{self.source}: the intrinsics of {name} fit its views within {given:.2f} px RMS, intrinsics of "
                     f"its own within {own:.2f} px: they are of another camera, lens, focus or crop; give the right "
                     f"ones, or none"
                 )
+        return lines
 
 
 def _unused(names: list[str]) -> str:

@@ -6,6 +6,8 @@ import re
 
 import pytest
 
+from report.layout import browser, layout_faults, needs_browser, text_faults
+
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
@@ -15,6 +17,14 @@ def demo(tmp_path_factory):
 
     result = run_demo(tmp_path_factory.mktemp("demo"), Silent())
     return demo_document(result), demo_page(result)
+
+
+@pytest.fixture(scope="module")
+def reports(demo, tmp_path_factory) -> dict[str, str]:
+    """The demo's own report and those of the commands that it runs."""
+    out = next(tmp_path_factory.getbasetemp().glob("demo*"))
+    others = {path.parent.name: path.read_text() for path in sorted(out.glob("*/report.html"))}
+    return {"demo": demo[1], **others}
 
 
 def test_calibration_is_near_the_true_rig(demo):
@@ -59,3 +69,16 @@ def test_report_works_offline(demo):
     assert not re.findall(r"""(?:src|href)=["']?(?!data:)[a-z]*:?//""", page)
     assert page.count("<img") >= 6
     assert len(page) < 12_000_000
+
+
+def test_every_report_of_the_chain_is_whole(reports):
+    assert {"demo", "calibration", "volume_belt_loaded"} <= set(reports)
+    for name, page in reports.items():
+        assert text_faults(page) == [], name
+
+
+@needs_browser
+def test_every_report_of_the_chain_fits_a_phone_and_paper(reports):
+    with browser() as opened:
+        for name, page in reports.items():
+            assert layout_faults(opened, page) == [], name

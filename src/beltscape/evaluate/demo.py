@@ -107,7 +107,7 @@ def run_demo(out: Path, reporter: Reporter) -> Demo:
 def _rectified(data: Path, rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
     """Return the pictures of the loaded belt's pairs before and after rectification."""
     source = open_capture(data / "belt_loaded", rig, Silent())
-    frame_set, pairs = next(rectify(source, rig, near_far, Silent()))
+    frame_set, pairs, *_ = next(rectify(source, rig, near_far, Silent()))
     return check_panels(rig, frame_set, pairs)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from beltscape.report.legend import DOUBT, HEIGHT, Rgb
 from beltscape.report.pictures import span
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 AXES = (("x", "#ff8787"), ("y", "#8ce99a"), ("z", "#74c0fc"))
 _COLOUR, _HEIGHT, _SIGMA, _CLAY = range(4)
 """Ways to colour a cloud, as viewer.js knows them."""
+_RAMP = 17
+"""Colours of a ramp, as viewer.js has them."""
 _SEEN_FROM = 2.3
 """Distance of the eye, in radii of what is shown."""
 
@@ -82,9 +85,21 @@ def _document(viewed: Viewed) -> dict[str, Any]:
     low, high = span(heights, 0.005)
     top = span(sigmas, 0.03)[1]
     modes = [
-        {"mode": _HEIGHT, "text": "height", "range": [f"{round(low)}", f"{round(high)} mm"], "what": "z"},
+        {
+            "mode": _HEIGHT,
+            "text": "height",
+            "range": [f"{round(low)}", f"{round(high)} mm"],
+            "what": "z",
+            "ramp": _ramp(HEIGHT[40:]),
+        },
         {"mode": _COLOUR, "text": "colour", "range": None, "what": ""},
-        {"mode": _SIGMA, "text": "σ", "range": ["0", f"{top:.3g} mm"], "what": "σ of depth"},
+        {
+            "mode": _SIGMA,
+            "text": "σ",
+            "range": ["0", f"{top:.3g} mm"],
+            "what": "σ, dark: sure",
+            "ramp": _ramp(DOUBT),
+        },
         {"mode": _CLAY, "text": "clay", "range": None, "what": ""},
     ]
     return {
@@ -102,6 +117,11 @@ def _document(viewed: Viewed) -> dict[str, Any]:
         "axes": AXES,
         "home": _home(viewed),
     }
+
+
+def _ramp(colormap: Rgb) -> list[list[int]]:
+    """Return a colour map's colours at the ends of the 16 straight pieces that the viewer draws it by."""
+    return colormap[np.rint(np.linspace(0, len(colormap) - 1, _RAMP)).astype(int)].tolist()
 
 
 def _packed(cloud: ViewedCloud, sigma_top_mm: float) -> dict[str, Any]:

@@ -25,14 +25,11 @@ const program = (vertex, fragment) => {
 };
 const points = program(`
 attribute vec3 place; attribute vec4 normal; attribute vec4 colour;
-uniform mat4 view; uniform vec3 low, step_mm, light; uniform float size, mode; uniform vec2 heights;
+uniform mat4 view; uniform vec3 low, step_mm, light, ramp[17]; uniform float size, mode; uniform vec2 heights;
 varying vec3 shown;
-vec3 ramp(float t) { // the "turbo" map, Mikhailov 2019, as polynomials, without its dark ends
-  t = .06 + .92 * clamp(t, 0., 1.); vec4 v = vec4(1., t, t * t, t * t * t); vec2 w = v.zw * v.z;
-  return clamp(vec3(
-    dot(v, vec4(.13572138, 4.61539260, -42.66032258, 132.13108234)) + dot(w, vec2(-152.94239396, 59.28637943)),
-    dot(v, vec4(.09140261, 2.19418839, 4.84296658, -14.18503333)) + dot(w, vec2(4.27729857, 2.82956604)),
-    dot(v, vec4(.10667330, 12.64194608, -60.58204836, 110.36276771)) + dot(w, vec2(-89.90310912, 27.34824973))), 0., 1.);
+vec3 along(float t) {
+  float at = 16. * clamp(t, 0., 1.); int i = int(min(at, 15.));
+  return mix(ramp[i], ramp[i + 1], at - float(i));
 }
 void main() {
   vec3 at = low + step_mm * place;
@@ -41,8 +38,8 @@ void main() {
   float known = step(.01, dot(normal.xyz, normal.xyz));
   float lit = mix(1., .32 + .78 * max(dot(normalize(normal.xyz + vec3(0., 0., 1e-4)), light), 0.), known);
   if (mode < .5) shown = colour.rgb * mix(1., lit, .55);
-  else if (mode < 1.5) shown = ramp((at.z - heights.x) / (heights.y - heights.x)) * lit;
-  else if (mode < 2.5) shown = ramp(colour.a);
+  else if (mode < 1.5) shown = along((at.z - heights.x) / (heights.y - heights.x)) * lit;
+  else if (mode < 2.5) shown = along(colour.a);
   else shown = vec3(.86, .84, .8) * lit;
 }`, `precision mediump float; varying vec3 shown;
 void main() { vec2 d = gl_PointCoord - .5; if (dot(d, d) > .25) discard; gl_FragColor = vec4(shown, 1.); }`);
@@ -137,6 +134,8 @@ function paint() {
     gl.uniform3fv(u.light, light.map(v => v / long));
     gl.uniform1f(u.size, +$("size").value * cloud.spacing * FOCAL * Math.min(canvas.height, canvas.width) / 2 * 1.15);
     gl.uniform1f(u.mode, mode); gl.uniform2fv(u.heights, scene.heights);
+    const ramp = scene.modes.find(one => one.mode === mode)?.ramp;
+    if (ramp) gl.uniform3fv(u["ramp[0]"], ramp.flat().map(level => level / 255));
     feed(points.at("place"), data.place, 3, gl.UNSIGNED_SHORT, false);
     feed(points.at("normal"), data.normal, 4, gl.BYTE, true);
     feed(points.at("colour"), data.colour, 4, gl.UNSIGNED_BYTE, true);
@@ -186,10 +185,9 @@ const colours = scene.modes.map(one => button($("colours"), one.text, one.mode =
   colours.forEach(other => other.classList.toggle("on", other === made));
   legend();
 }));
-const turbo = share => { // the same polynomials
-  const t = .06 + .92 * share;
-  const p = (...c) => Math.round(255 * Math.min(1, Math.max(0, c.reduceRight((sum, k) => sum * t + k, 0))));
-  return `rgb(${p(.13572138, 4.6153926, -42.66032258, 132.13108234, -152.94239396, 59.28637943)},${p(.09140261, 2.19418839, 4.84296658, -14.18503333, 4.27729857, 2.82956604)},${p(.1066733, 12.64194608, -60.58204836, 110.36276771, -89.90310912, 27.34824973)})`;
+const along = (ramp, share) => { // as the shader does
+  const at = 16 * share, i = Math.min(Math.floor(at), 15);
+  return `rgb(${ramp[i].map((low, k) => Math.round(low + (ramp[i + 1][k] - low) * (at - i)))})`;
 };
 function legend() {
   const own = scene.modes.find(one => one.mode === mode);
@@ -197,7 +195,7 @@ function legend() {
   $("legend").style.display = own && own.range ? "" : "none";
   if (!own || !own.range) return;
   const g = $("bar").getContext("2d");
-  for (let i = 0; i < 256; i++) { g.fillStyle = turbo(i / 255); g.fillRect(i, 0, 1, 1); }
+  for (let i = 0; i < 256; i++) { g.fillStyle = along(own.ramp, i / 255); g.fillRect(i, 0, 1, 1); }
   $("low").textContent = own.range[0]; $("high").textContent = own.range[1]; $("what").textContent = own.what;
 }
 legend();

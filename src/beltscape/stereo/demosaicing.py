@@ -32,7 +32,7 @@ _CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
 def are_demosaiced(levels: Iterable[NDArray[np.float32]]) -> bool:
     """Return whether most of the images (H, W) show the pattern of demosaicing."""
     found = [phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_middle(level).size / 4) for level in levels]
-    return sum(found) > len(found) / 2
+    return bool(sum(found) > len(found) / 2)
 
 
 def phase_ratio(level: NDArray[np.float32]) -> float:

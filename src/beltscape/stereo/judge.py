@@ -13,6 +13,7 @@ from beltscape.kernels import Kernels
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.closer import impression_evidence, levels_evidence, trusted_evidence
 from beltscape.stereo.contest import Contested
+from beltscape.stereo.correlated_noise import inflate_sigma
 from beltscape.stereo.evidence import agreement_evidence, shape_evidence, window
 from beltscape.stereo.known import known
 from beltscape.stereo.levels import texture_over_noise
@@ -109,7 +110,7 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
 
     Both are a small network's answers to what the evidence lists, fitted to simulated frames with known truth
     (docs/matching.md): confidence to what is right, sigma to the median error. Where no pixel was looked at again
-    the first look is the last.
+    the first look is the last. Those frames have white noise; correlated noise adds to sigma afterwards.
     """
     (told, seen), textured = both(
         lambda: _thought(match, scale, kernels, threads), lambda: _said(match, scale), threads
@@ -118,7 +119,7 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     trusted = np.isfinite(told.s) & (seen > 0) & textured
     return Verdict(
         s=told.s,
-        sigma=np.exp(told.log_sigma),
+        sigma=inflate_sigma(np.exp(told.log_sigma), match, kernels, threads),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
         views=np.where(trusted, seen, 0).astype(np.uint8),
     )

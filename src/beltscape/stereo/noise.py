@@ -10,6 +10,8 @@ roughly right surface, where there is texture, tell by how much both are to be r
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,7 @@ def measured_noise(surface: Surface, prepared: PreparedFrame, kernels: Kernels, 
     if not every.size:
         return guess
     scale = float(np.clip(np.median(every) / _MEDIAN, *_SCALE))
-    return Noise(guess.levels * scale, guess.model * scale, guess.texture)
+    return replace(guess, levels=guess.levels * scale, model=guess.model * scale)
 
 
 def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, threads: int) -> list[Array]:

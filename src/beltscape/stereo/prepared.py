@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
+from beltscape.stereo.demosaicing import are_demosaiced
 from beltscape.stereo.focus import as_blurred_as
 from beltscape.stereo.known import known
 from beltscape.stereo.levels import grey_levels, local_variance, noise_variance
@@ -34,6 +35,8 @@ class Noise:
     """Of normalised levels, without unit."""
     texture: float
     """Of the strongest texture, levels²: what noise is small against."""
+    demosaiced: bool = False
+    """Whether the images were interpolated from a colour filter array."""
 
     @property
     def floor(self) -> float:
@@ -68,10 +71,10 @@ def prepare(
     """A frame for matching; ``step`` averages blocks of so many pixels, s counts pixels of that grid."""
     used = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
     levels = grey_levels(used, rig.core)
-    raw = noise_variance(levels[rig.core])
+    raw, demosaiced = noise_variance(levels[rig.core]), are_demosaiced(levels.values())
     levels = as_blurred_as(rig.core, {name: reduced(level, step) for name, level in levels.items()})
     core = levels[rig.core]
-    noise = Noise(raw / step**2, _MODEL_VARIANCE, _strongest_texture(core))
+    noise = Noise(raw / step**2, _MODEL_VARIANCE, _strongest_texture(core), demosaiced)
     unit = grid_unit(rig, auxiliaries, step)
     own = kernels.spline_coefficients(core, threads=threads)
     nowhere = np.zeros_like(core)
@@ -100,7 +103,12 @@ def halved(
         images=tuple(images),
         coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in images),
         views=view_rows(rig, auxiliaries, grid_unit(rig, auxiliaries, twice), twice),
-        noise=Noise(prepared.noise.levels / 4, _MODEL_VARIANCE, _strongest_texture(core)),
+        noise=replace(
+            prepared.noise,
+            levels=prepared.noise.levels / 4,
+            model=_MODEL_VARIANCE,
+            texture=_strongest_texture(core),
+        ),
     )
 
 

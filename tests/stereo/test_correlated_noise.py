@@ -1,0 +1,70 @@
+"""Sigma stays honest when the images' noise is correlated, and depth stays what it was."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scenes import depth_mm, in_bits, pictures, plane, ring
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.evaluate.depth import robust_sigma
+from beltscape.stereo import judge
+from beltscape.stereo.multiview import MultiviewReconstructor
+from beltscape.stereo.multiview_settings import MultiviewSettings
+
+SOLID = plane(700, 0.2, 0.1)
+RANGE = (620.0, 800.0)
+CHANGES = {
+    "as taken": (lambda i: i, 0.95, 1.35),
+    "bilinear": (lambda i: cv2.cvtColor(i, cv2.COLOR_BayerRGGB2RGB), 1.35, 1.25),
+    "edge-aware": (lambda i: cv2.cvtColor(i, cv2.COLOR_BayerRGGB2RGB_EA), 1.35, 1.25),
+    "blurred": (lambda i: cv2.GaussianBlur(i, (0, 0), 0.8), 1.5, 1.5),
+}
+"""Change of the images, least ratio of actual to stated sigma without the correction, largest with it."""
+
+
+def reconstruct(change, angles=(0, 90, 180, 270), preset="standard") -> tuple[DepthMap, float]:
+    """The depth map, and its actual over stated sigma."""
+    rig = ring(angles, size_px=(320, 256))
+    images = {
+        name: change(in_bits(image)) for name, image in pictures(rig, (SOLID,), noise=4.0, dot_px=2.0).items()
+    }
+    settings = MultiviewSettings.preset(preset).model_copy(update={"threads": 1})
+    found = MultiviewReconstructor(rig, RANGE, settings).reconstruct(FrameSet("000", images), Silent())
+    inner = (slice(12, -12), slice(12, -12))
+    error = (found.depth_mm - depth_mm(rig, (SOLID,)))[inner] / found.sigma_mm[inner]
+    return found, robust_sigma(error[np.isfinite(error)])
+
+
+@pytest.mark.parametrize(("change", "without", "most"), CHANGES.values(), ids=CHANGES)
+def test_sigma_covers_correlated_noise_and_depth_does_not_change(monkeypatch, change, without, most):
+    found, ratio = reconstruct(change)
+    monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
+    before, before_ratio = reconstruct(change)
+    assert before_ratio > without
+    assert 0.8 < ratio < most
+    assert found.depth_mm.tobytes() == before.depth_mm.tobytes()
+    assert found.confidence.tobytes() == before.confidence.tobytes()
+
+
+def test_white_noise_keeps_its_sigma(monkeypatch):
+    found, _ = reconstruct(lambda i: i)
+    monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
+    before, _ = reconstruct(lambda i: i)
+    known = np.isfinite(before.sigma_mm)
+    assert np.median(found.sigma_mm[known] / before.sigma_mm[known]) < 1.03
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_a_single_auxiliary_of_demosaiced_images_gets_a_larger_sigma(monkeypatch, preset):
+    demosaiced = CHANGES["bilinear"][0]
+    found, _ = reconstruct(demosaiced, (0,), preset)
+    monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
+    before, _ = reconstruct(demosaiced, (0,), preset)
+    known = np.isfinite(before.sigma_mm)
+    growth = found.sigma_mm[known] / before.sigma_mm[known]
+    assert (growth >= 1 - 1e-6).all()
+    assert 1.05 < np.median(growth) < 1.6

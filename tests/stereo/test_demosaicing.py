@@ -1,0 +1,82 @@
+"""Demosaiced images are recognised by their pattern; others are not accused of it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scenes import in_bits, pictures, plane, ring, scene
+
+from beltscape.core.frames import FrameSet
+from beltscape.kernels import load
+from beltscape.stereo.demosaicing import are_demosaiced, phase_ratio
+from beltscape.stereo.levels import grey_levels
+from beltscape.stereo.prepared import prepare
+
+METHODS = {
+    "bilinear": cv2.COLOR_BayerRGGB2RGB,
+    "bilinear, another phase": cv2.COLOR_BayerGBRG2RGB,
+    "edge-aware": cv2.COLOR_BayerRGGB2RGB_EA,
+    "variable number of gradients": cv2.COLOR_BayerRGGB2RGB_VNG,
+}
+
+
+def textured(noise: float, dot_px: float = 1.3) -> np.ndarray:
+    """(240, 320) uint8."""
+    rig = ring((0,), size_px=(320, 240))
+    return in_bits(pictures(rig, (plane(700, 0.2, 0.1),), noise=noise, dot_px=dot_px)["cam0"])
+
+
+def level(image: np.ndarray) -> np.ndarray:
+    return grey_levels({"cam0": image}, "cam0")["cam0"]
+
+
+def jpeg(image: np.ndarray, quality: int) -> np.ndarray:
+    return np.asarray(cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], -1))
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+@pytest.mark.parametrize("noise", [0.5, 6.0])
+@pytest.mark.parametrize(
+    "after", [lambda i: i, lambda i: cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), lambda i: jpeg(i, 90)]
+)
+def test_demosaicing_is_recognised_in_colour_grey_and_jpeg(method, noise, after):
+    assert are_demosaiced([level(after(cv2.cvtColor(textured(noise), method)))])
+
+
+@pytest.mark.parametrize("dot_px", [0.6, 1.3, 3.0])
+@pytest.mark.parametrize("noise", [0.0, 1.0, 8.0])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda i: i,
+        lambda i: cv2.GaussianBlur(i, (0, 0), 1.0),
+        lambda i: jpeg(i, 75),
+        lambda i: cv2.resize(i, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA),
+        lambda i: cv2.resize(i, None, fx=1.5, fy=1.5),
+        lambda i: np.stack([i, i, i // 2], axis=-1),
+    ],
+)
+def test_other_images_are_not_accused(change, noise, dot_px):
+    assert not are_demosaiced([level(change(textured(noise, dot_px)))])
+
+
+def test_even_and_tiny_images_have_no_pattern():
+    assert phase_ratio(np.full((6, 7), 3.0, np.float32)) == 1.0
+    assert phase_ratio(np.zeros((2, 2), np.float32)) == 1.0
+
+
+def test_one_camera_of_several_does_not_decide():
+    one, other = level(cv2.cvtColor(textured(1.0), cv2.COLOR_BayerRGGB2RGB)), level(textured(1.0))
+    assert not are_demosaiced([one, other, other])
+    assert are_demosaiced([one, one, other])
+
+
+def test_a_prepared_frame_knows_it():
+    rig = ring()
+    images = {
+        name: cv2.cvtColor(in_bits(image), cv2.COLOR_BayerRGGB2RGB)
+        for name, image in pictures(rig, (plane(),), noise=1.0).items()
+    }
+    assert prepare(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1).noise.demosaiced
+    assert not scene(plane(), noise=1.0).prepared.noise.demosaiced

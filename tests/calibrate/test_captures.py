@@ -185,6 +185,7 @@ def test_recorded_chessboards_of_opencv(real_data):
     assert {name: len(views) for name, views in found.sightings.views.items()} == {"left": 13, "right": 13}
     assert found.held_out is not None
     assert found.held_out.rms_px < 0.25
+    assert found.fit.is_sound
     assert abs(found.held_out.square_bias_mm) < 0.03
     first, second = found.rig.cam_from_core.values()
     assert np.linalg.norm(second.center_mm - first.center_mm) == pytest.approx(83.2, abs=0.3)
@@ -202,6 +203,10 @@ def test_recorded_charuco_boards_close_by(real_data, tmp_path):
     assert found.held_out is not None
     assert found.held_out.median_px < 2.5
     assert found.held_out.square_rms_mm < 0.06
+    assert not found.fit.is_sound
+    assert found.warnings[: len(found.fit.doubts)] == found.fit.doubts
+    assert "far larger than the corners' own noise" in found.fit.doubts[0]
+    assert min(own.chi2_per_dof for own in found.fit.cameras.values()) > 4
 
 
 def test_recorded_webcams_without_a_common_trigger_are_warned_about(real_data, tmp_path):

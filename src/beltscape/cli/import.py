@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Import the rig."""
+    from beltscape.core.errors import InputError
     from beltscape.files.exchange import import_rig
     from beltscape.files.rig_json import write_rig
     from beltscape.files.rig_limits import oddities_of, refusal_of

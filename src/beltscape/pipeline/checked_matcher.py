@@ -24,6 +24,8 @@ from beltscape.stereo.views import usable_auxiliaries
 
 GROSS_PX = 2.0
 """Where no set of cameras agrees and residuals are greater, a depth map holds chance matches: it is refused."""
+_MEAN_OF = 4
+"""Over so many auxiliaries and more, errors of single ones cancel; σ under fewer is raised (2 of a moved core: z 1.5)."""
 CHECK_EVERY = 50
 """Frames of a moving belt from check to check: a check costs as much as a few percent of a frame, times 1/50."""
 
@@ -117,7 +119,7 @@ class CheckedMatcher:
         if doubts and (depth.coverage < LEAST_COVERAGE or (used and consistency.misfit_px > GROSS_PX)):
             self._refused = "; ".join(doubts)
             raise ReconstructionError(f"frame {frame_set.frame}: {self._refused}")
-        self._systematic_px = consistency.misfit_px
+        self._systematic_px = consistency.misfit_px * max(1.0, float(np.sqrt(_MEAN_OF / len(names))))
         depth = self._marked(depth)
         if used and doubts:
             end = f"σ of depth holds an error of {depth.systematic_mm:.2f} mm common to all pixels"

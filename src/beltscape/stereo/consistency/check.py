@@ -159,7 +159,7 @@ def _explanation(tie: TiePoints, rig: Rig, found: Isolation, allowance: Allowanc
     if len(names) < 2 or (found.unmatched and not found.contradicting):
         return None
     alone = found.contradicting if len(found.contradicting) == 1 else ()
-    for camera in (*alone, *((rig.core,) if len(found.contradicting) > 1 else ())):
+    for camera in (*alone, *((rig.core,) if len(found.contradicting) > 1 and len(names) > 2 else ())):
         motion = fit_motion(tie, rig, camera, names)
         after = residuals_of(tie, motion.rig, names)
         if not any(exceeds(after.across[n], _EXPLAINED * allowance.across_px[n]) for n in names) and not any(

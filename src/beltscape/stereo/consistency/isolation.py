@@ -47,7 +47,7 @@ class Isolation:
     unmatched: tuple[str, ...]
     """Their images show hardly a point of the core's that another auxiliary's image shows."""
     ambiguous: bool
-    """Whether another set of auxiliaries could as well be the sound one."""
+    """Whether another set of auxiliaries could as well be the sound one; then none is taken for sound."""
 
 
 def residuals_of(tie: TiePoints, rig: Rig, names: tuple[str, ...]) -> Residuals:
@@ -80,9 +80,10 @@ def isolate(tie: TiePoints, residuals: Residuals, allowance: Allowance) -> Isola
     candidates = [name for name in names if name not in off and name not in unmatched]
     apart = {pair for pair, trend in residuals.between.items() if exceeds(trend, allowance.between_px[pair])}
     sets = _largest_sets(candidates, apart)
-    sound = sets[0] if len(sets) == 1 else tuple(n for n in candidates if all(n in one for one in sets))
+    others = tuple(name for name in names if name not in sets[0] and name not in unmatched)
+    ambiguous = len(sets) > 1 or not _is_confirmed(sets[0], others, apart)
+    sound = () if ambiguous else sets[0]
     contradicting = tuple(name for name in names if name not in sound and name not in unmatched)
-    ambiguous = len(sets) > 1 or not _is_confirmed(sound, contradicting, apart)
     return Isolation(sound, contradicting, unmatched, ambiguous)
 
 

@@ -29,7 +29,8 @@ def doubts_of(consistency: RigConsistency, rig: Rig, exchanged: tuple[str, str] 
         lines.append(_nobody(off, rig, consistency))
     else:
         lines += [
-            f"{_list([each])}: it moved or its lens changed{_by(consistency, each)}, or it is not the rig's camera; {_FIX}"
+            f"{_figures(each)}: it moved or its lens changed{_by(consistency, each)}, or it is not the rig's camera; "
+            f"{_FIX}"
             for each in off
         ]
     lines += [
@@ -47,8 +48,10 @@ def _nobody(off: list[CameraConsistency], rig: Rig, consistency: RigConsistency)
         return f"{_list(off)}: {rig.core} or {off[0].camera} moved, or the rig is another's; {_FIX}"
     names = " and ".join(filter(None, [", ".join(e.camera for e in off[:-1]), off[-1].camera]))
     if consistency.ambiguous:
-        return f"{names} contradict each other: {_list(off)}; which of them moved, the images cannot tell; {_FIX}"
-    return f"no auxiliary agrees with {rig.core}: {_list(off)}: they moved, or the rig is another's; {_FIX}"
+        which = f"which of them or of {rig.core} moved, the images cannot tell"
+        return f"{names} contradict each other: {_list(off)}; {which}; {_FIX}"
+    which = f"they or {rig.core} moved, or the rig is another's"
+    return f"no auxiliary agrees with {rig.core}: {_list(off)}: {which}; {_FIX}"
 
 
 def _list(cameras: list[CameraConsistency]) -> str:

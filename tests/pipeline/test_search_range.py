@@ -1,0 +1,56 @@
+"""A depth range that is given: units, rig and images must agree with it."""
+
+from __future__ import annotations
+
+import pytest
+
+from beltscape.core.errors import SettingsError
+from beltscape.core.progress import Silent
+from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.reconstruction import open_capture
+from beltscape.pipeline.search_range import check_depth_range, require_depth_range
+from synthetic.demo import DEMO, TRUE_RIG
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return read_rig(TRUE_RIG)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ((0.5, 0.8), "were these metres? then give 500 800"),
+        ((0.7, 2.0), "were these metres? then give 700 2000"),
+        ((60, 90), "were these centimetres? then give 600 900"),
+        ((600_000, 800_000), "were these micrometres? then give 600 800"),
+        ((5, 8), "meet between 326 and 1592 mm; give a range there"),
+        ((1, 5000), "too wide to be searched"),
+    ],
+)
+def test_a_range_that_cannot_be_meant_is_refused(rig, given, says):
+    with pytest.raises(SettingsError) as error:
+        require_depth_range(given, rig, rig.auxiliaries)
+    assert says in str(error.value)
+    assert str(error.value).startswith(f"depth range {given[0]:g} to {given[1]:g} mm: ")
+
+
+@pytest.mark.parametrize("given", [(400, 900), (200, 3000), (700, 710), (1500, 9000)])
+def test_a_range_that_the_rig_may_see_passes(rig, given):
+    require_depth_range(given, rig, rig.auxiliaries)
+
+
+@pytest.mark.parametrize(
+    ("given", "warns"), [((590, 780), False), ((400, 2000), False), ((700, 701), True), ((900, 1200), True)]
+)
+def test_images_that_show_more_are_a_warning(rig, given, warns):
+    reporter = Silent()
+    source = open_capture(DEMO / "belt_loaded", rig, reporter)
+    check_depth_range(given, source, rig, reporter)
+    assert any("the images show surfaces from" in warning for warning in reporter.warnings) == warns
+
+
+def test_a_range_beyond_rig_and_images_is_refused(rig):
+    source = open_capture(DEMO / "belt_loaded", rig, Silent())
+    with pytest.raises(SettingsError, match="neither do the cameras of this rig meet there"):
+        check_depth_range((5000, 6000), source, rig, Silent())

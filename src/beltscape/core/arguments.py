@@ -59,8 +59,8 @@ def require_depth_of(camera: Camera, depth: DepthMap, what: str) -> None:
         if values.shape != (height, width):
             size = "×".join(str(n) for n in values.shape[::-1])
             raise InputError(
-                f"{what}: the depth map is {size}, the core camera {width}×{height}; give the depth and the rig of one "
-                f"reconstruction"
+                f"{what}: the depth map is {size}, the core camera {width}×{height}; give the depth and the rig of "
+                "one reconstruction"
             )
 
 

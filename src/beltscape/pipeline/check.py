@@ -20,6 +20,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.capture import read_capture
 from beltscape.files.json_text import plain
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.target.board import Board, corner_points_mm
 
@@ -40,7 +41,7 @@ class RigCheck:
     """Triangulated over stated edge of the board's squares, where they differ for certain; else 1."""
 
 
-def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> RigCheck:
+def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigCheck:
     """Score a rig on board views it has never seen; what speaks against the rig is a warning.
 
     Raises
@@ -48,6 +49,7 @@ def check(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> RigCheck:
     InputError, CalibrationError
         With one line that names what is wrong and the fix.
     """
+    folder = as_path(folder, "folder")
     for line in _other_board(rig, board):
         reporter.warn(line)
     sightings = _sightings(folder, rig, board, reporter)

@@ -25,7 +25,7 @@ from beltscape.stereo.views import usable_auxiliaries
 GROSS_PX = 2.0
 """Where no set of cameras agrees and residuals are greater, a depth map holds chance matches: it is refused."""
 _MEAN_OF = 4
-"""Over so many auxiliaries and more, errors of single ones cancel; under fewer σ is raised (2 and a moved core: z 1.5)."""
+"""Over so many auxiliaries errors of single ones cancel; under fewer σ is raised (2 and a moved core: z 1.5)."""
 CHECK_EVERY = 50
 """Frames of a moving belt from check to check: a check costs as much as a few percent of a frame, times 1/50."""
 

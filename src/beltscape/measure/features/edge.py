@@ -32,6 +32,8 @@ class Edge:
     offset_px: float
     """Outwards."""
     sigma_px: float
+    common_px: float
+    """The part of σ that is common to all edges of a face: what it owes to the rim's reach."""
     nuisance: NDArray[np.float64]
     """(J,) px, of the band's shapes."""
     points: int
@@ -43,7 +45,8 @@ def locate(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.
     """The edge by the image (H, W) on what depth expects; by depth alone without one; None where neither shows it.
 
     Of ``nuisances`` (M, J) px of the band's shapes the likeliest is taken. The image's σ is a jackknife over blocks
-    along the edge, with `SYSTEMATIC_PX` on top; where the rim of the depth contradicts the image, it grows until they agree.
+    along the edge, with `SYSTEMATIC_PX` on top; where the rim of the depth
+    contradicts the image, it grows until they agree.
     """
     rim, near = rim_px(band), 1 / (_NEAR_MM / band.px_mm) ** 2
     if rim is not None and rim**2 > _AGREE**2 * (RIM_SIGMA_PX**2 + 1 / near):
@@ -60,7 +63,7 @@ def locate(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.
             return edge if rim is None else _with_conflict(edge, rim)
     if rim is None:
         return None
-    return Edge(rim, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
+    return Edge(rim, RIM_SIGMA_PX, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
 
 
 def _with_conflict(edge: Edge, rim: float) -> Edge:
@@ -69,7 +72,8 @@ def _with_conflict(edge: Edge, rim: float) -> Edge:
     Particle Data Group, Review of Particle Physics, introduction, section 5.2.2, doi:10.1103/PhysRevD.110.030001.
     """
     square = (edge.offset_px - rim) ** 2 / (edge.sigma_px**2 + RIM_SIGMA_PX**2)
-    return replace(edge, sigma_px=edge.sigma_px * float(np.sqrt(max(square, 1.0))))
+    factor = float(np.sqrt(max(square, 1.0)))
+    return replace(edge, sigma_px=edge.sigma_px * factor, common_px=edge.common_px * factor)
 
 
 def _by_image(
@@ -95,7 +99,8 @@ def _by_image(
     leaning = _leaning_px(told.blocks.sum(axis=0)[nuisance], prior[nuisance])
     unsure = max(spread**2 + leaning**2, _width_px(total, offset) ** 2)
     sigma = float(np.sqrt(unsure + SYSTEMATIC_PX**2))
-    return Edge(start + offset, sigma, nuisances[nuisance], told.pieces, True)
+    common = min(leaning, sigma)
+    return Edge(start + offset, sigma, common, nuisances[nuisance], told.pieces, True)
 
 
 def _leaning_px(evidence: NDArray[np.float64], prior: NDArray[np.float64]) -> float:

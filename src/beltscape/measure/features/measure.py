@@ -21,7 +21,7 @@ from beltscape.measure.features.nominal import NominalView, nominal_view
 from beltscape.measure.features.outline import Extent, Scene, circle, rectangle
 from beltscape.measure.features.result import EdgeLine, MeasuredModule, Quantity
 from beltscape.measure.features.settle import settle
-from beltscape.measure.features.smoothing import smoothings_of
+from beltscape.measure.features.smoothing import smoothing_of
 from beltscape.measure.features.sphere import Ball, fit_sphere
 from beltscape.measure.features.view import scale_of
 from beltscape.target.module import Cube, Cylinder, Module, Sphere
@@ -140,23 +140,17 @@ def _balls(
     pose: Pose,
     pattern: NDArray[np.float32] | None,
 ) -> dict[str, Ball]:
-    """Return the spheres that can be measured, by name, for the smoothing that explains all of them best."""
-    candidates = (None,) if pattern is None else smoothings_of(pattern, depth, rig)
-    best, least = {}, np.inf
-    for smoothing in candidates:
-        balls = {}
-        for label, feature in enumerate(module.features, start=1):
-            if not isinstance(feature, Sphere):
-                continue
-            radius = feature.diameter_mm / 2
-            center = pose.apply(np.array([*feature.center_mm, radius], dtype=np.float64))
-            ball = fit_sphere(depth, rig.core_camera, view.face(label), center, radius, smoothing)
-            if ball:
-                balls[feature.name] = ball
-        misfit = sum(ball.misfit for ball in balls.values())
-        if misfit < least:
-            best, least = balls, misfit
-    return best
+    """Return the spheres that can be measured, by name."""
+    smoothing, balls = None if pattern is None else smoothing_of(pattern, depth, rig), {}
+    for label, feature in enumerate(module.features, start=1):
+        if not isinstance(feature, Sphere):
+            continue
+        radius = feature.diameter_mm / 2
+        center = pose.apply(np.array([*feature.center_mm, radius], dtype=np.float64))
+        ball = fit_sphere(depth, rig.core_camera, view.face(label), center, radius, smoothing)
+        if ball:
+            balls[feature.name] = ball
+    return balls
 
 
 def _base(scene: Scene, module: Module, face: Face) -> tuple[list[Quantity], list[EdgeLine]]:

@@ -92,7 +92,9 @@ def _plane(scene: Scene, face: Face, place: NDArray[np.float64], half_mm: float)
 
 def _extent(nominal_mm: float, pair: list[tuple[Edge, float]]) -> Extent:
     length = nominal_mm + sum(edge.offset_px * px for edge, px in pair)
-    sigma = float(np.hypot(*(edge.sigma_px * px for edge, px in pair)))
+    own = sum((edge.sigma_px**2 - edge.common_px**2) * px**2 for edge, px in pair)
+    common = sum(edge.common_px * px for edge, px in pair)  # the rim reaches alike on both sides
+    sigma = float(np.sqrt(max(own, 0.0) + common**2))
     return Extent(length, sigma, sum(edge.points for edge, _ in pair))
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from beltscape.measure.features.band import Band
 
 LOW_PX, OUTLINE_PX, CREASE_PX = 0.4, -0.1, 0.2
-"""How far the matcher lets a face reach beyond a low edge, the outline of something tall, and an edge with the solid's
-own side below it: between those of ``standard`` (0.0, −0.2, 0.05) and of ``fast`` (0.8, 0.1, 0.45) on simulated modules
-at 1224 and 612 px. A matcher that fattens otherwise shifts the rim, so nothing may rest on these numbers alone."""
+"""How far the matcher lets a face reach beyond a low edge, the outline of something tall, and an edge with the
+solid's own side below it: between ``standard`` (0.0, −0.2, 0.05) and ``fast`` (0.8, 0.1, 0.45) on simulated modules
+at 1224 and 612 px. Nothing may rest on these numbers alone: a base as dark as the belt has −1.0 px."""
 RIM_SIGMA_PX = 0.9
 """How much that differs from edge to edge and from preset to preset (largest: 1.75 px)."""
 _TALL_MM = 20.0
@@ -21,7 +21,7 @@ _STEP_PX = 0.1
 
 
 def rim_px(band: Band) -> float | None:
-    """Return the offset that parts pixels on the face from others best, less what the matcher adds; None without both."""
+    """Return the offset that parts pixels on the face from others best, less what the matcher adds, or None."""
     across, off = band.across_px[band.clear], band.off_mm[band.clear]
     on = np.abs(off) < max(_ON_MM, 0.3 * band.px_mm)  # NaN is not on the face
     if min(on.sum(), (~on).sum()) < _LEAST:

@@ -36,10 +36,10 @@ class Passes:
     twicing: bool
 
 
-_FULL_GRID = Passes(((1.0, _NARROW_PX), (0.4, _FIRM_PX), (0.25, _WIDE_PX)), twicing=True)
+_STANDARD = Passes(((1.0, _NARROW_PX), (0.4, _FIRM_PX), (0.25, _WIDE_PX)), twicing=True)
 """``standard``; the additional iterations of ``fine`` change little."""
-_COARSE_GRID = Passes(((0.7, _NARROW_PX), (0.3, _WIDE_PX)), twicing=False)
-"""``fast``, on blocks of 2 × 2 pixels."""
+_FAST = Passes(((0.7, _NARROW_PX), (0.3, _WIDE_PX)), twicing=False)
+"""``fast``, on blocks of 2 × 2 pixels where images are large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,8 @@ class Smoothing:
     def of_pixels(self, window: tuple[slice, slice]) -> NDArray[np.float64]:
         """Return the information (h, w) of the image pixels in such a window."""
         rows, columns = (slice(part.start // self.step, part.stop // self.step) for part in window)
-        return np.kron(self.information[rows, columns].astype(np.float64), np.ones((self.step, self.step)))
+        known = np.kron(self.information[rows, columns], np.ones((self.step, self.step)))
+        return np.asarray(known, np.float64)
 
     def untwiced(self) -> Smoothing:
         """Return the same without twicing: what windows flatten before it is put back."""
@@ -85,18 +86,18 @@ class Smoothing:
         for tolerance, sigmas_px in self.passes.fits:
             pull = np.nan_to_num(known * (true - s))
             fit = kernels.local_fit(
-                known, pull, s, *slopes, radii=self._radii(sigmas_px), tolerance=tolerance, threads=1
+                known, pull, s, *slopes, radii=self.radii(sigmas_px), tolerance=tolerance, threads=1
             )
             s, slopes = np.asarray(fit.s, np.float32), [fit.slope_u, fit.slope_v]
         if not self.passes.twicing:
             return s, slopes[0], slopes[1]
-        pull, firm = np.nan_to_num(known * (true - s)), self._radii(_FIRM_PX)
+        pull, firm = np.nan_to_num(known * (true - s)), self.radii(_FIRM_PX)
         fit = kernels.local_fit(
             known, pull, s, *slopes, radii=firm, tolerance=tolerance, flatten=0.0, threads=1
         )
         share = self._share(fit.s - s, fit.variance)
         s, *slopes = (
-            old + share * (new - old)
+            np.asarray(old + share * (new - old), np.float32)
             for old, new in zip((s, *slopes), (fit.s, fit.slope_u, fit.slope_v), strict=True)
         )
         return s, slopes[0], slopes[1]
@@ -111,18 +112,22 @@ class Smoothing:
         noise = cv2.blur(np.minimum(np.nan_to_num(variance), _MOST_PX**2).astype(np.float32), side)
         return np.asarray(energy / np.maximum(energy + noise, np.float32(1e-12)), np.float32)
 
-    def _radii(self, sigmas_px: tuple[float, ...]) -> tuple[tuple[int, float], ...]:
+    def radii(self, sigmas_px: tuple[float, ...]) -> tuple[tuple[int, float], ...]:
+        """Return windows (radius px, Gaussian sigma px) on this grid."""
         scaled = [sigma * self.scale for sigma in sigmas_px]
         return tuple((min(_MOST_RADIUS_PX, int(np.ceil(2 * sigma))), sigma) for sigma in scaled)
 
 
 def smoothing_of(image: NDArray[np.floating], depth: DepthMap, rig: Rig) -> Smoothing:
-    """Return the smoothing of a depth map that was matched by an image (H, W) on its grid."""
+    """Return the smoothing of a depth map that was matched by an image (H, W) on its grid.
+
+    Blocks show the grid of ``fast``; on small images ``fast`` and ``standard`` have the same grid.
+    """
     step = grid_step(depth)
     grid = _blocks(image, step)
     scale = scale_of_width(grid.shape[1])
     known = information(grid, scale, len(rig.auxiliaries)).astype(np.float32)
-    passes = _FULL_GRID if step == 1 else _COARSE_GRID
+    passes = _STANDARD if step == 1 else _FAST
     return Smoothing(known, step, scale, _focal_baseline(rig) / step, passes)
 
 

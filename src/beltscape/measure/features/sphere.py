@@ -26,11 +26,14 @@ _PATCH_PX = 12.0
 _FEW_PATCHES = 1.3
 """By which σ of some ten patches is too small (24 simulated spheres)."""
 _ANGLE_DEG = 10.0
+_TOP_DEG = 20.0
+_UNTWICED = 1.2
+"""σ over what windows flatten, about a top: up to 1.0 with ``standard``, 1.2 to 2 with ``fast`` (612 px)."""
 _ROUNDS = 4
 _SMOOTHED_PX = 2.3
 """Without weights the smoothing stays in, some (this)² / radius of the radius (simulated modules): then part of σ."""
 _UNSURE = 0.2
-"""Share of what windows flatten that may remain beyond the model of the smoothing (simulated spheres, ⌀ 20–100 mm)."""
+"""Share of what windows flatten that may remain beyond the model of the smoothing (simulated, ⌀ 30–100 mm)."""
 _SMOOTHED_SHARE = 0.05
 """Of what windows flatten: with smaller residuals a depth map was not matched by windows."""
 _WITHIN = 0.3
@@ -61,11 +64,10 @@ def fit_sphere(
 ) -> Ball | None:
     """Fit a sphere to the measured pixels of ``shown`` (H, W); return None where too few are.
 
-    Residuals are depths along the rays, weighted by the information of the pixels (what carries no dot was interpolated
-    by the matcher) and by 1/σ² of pixels seen under the same angle: of these, the ones of small σ are those that the
-    largest windows have smoothed. The matcher smooths a cap; its ``smoothing``
-    is applied to the fitted sphere, and the difference is taken off, unless the residuals are too small for a depth map
-    that was matched.
+    Residuals are depths along the rays, weighted by the information of the pixels (what carries no dot was
+    interpolated by the matcher) and by 1/σ² of pixels seen under the same angle: of these, the ones of small σ are
+    those that the largest windows have smoothed. The matcher smooths a cap; its ``smoothing`` is applied to the
+    fitted sphere, and the difference is taken off, unless the residuals are too small for a map that was matched.
     """
     step = 1 if smoothing is None else smoothing.step
     window, pixel = _window(camera, center_mm, radius_mm, step), center_mm[2] / float(camera.focal_px.mean())
@@ -77,13 +79,14 @@ def fit_sphere(
     there = on > 0
     if np.mean(np.abs(z - _depth(sphere, rays))[there] < _OFF_MM if there.any() else [False]) < _LEAST_SHARE:
         return None
-    off, fit = np.zeros_like(z), _Fit(np.eye(4), np.zeros(4), 0)
+    lean = np.full_like(z, 90.0)
+    off, fit = np.zeros_like(z), _Fit(np.eye(4), np.zeros((4, 2)), 0)
     unsure, use, patches = np.zeros_like(z), sound, _patches(z.shape, scale_of(camera))
     for turn in range(_ROUNDS):
         model = _depth(sphere, rays)
         lean = _lean_deg(sphere, rays, model)
         if smoothing is not None and turn:
-            off = smoothing.smooth(model, window) - model
+            off = smoothing.smooth(model, window) - model if smoothing.passes.twicing else np.zeros_like(z)
             unsure = smoothing.untwiced().smooth(model, window) - model
             there = sound & np.isfinite(unsure) & (lean < _CAP_DEG)
             if not _is_smoothed((z - model)[there], unsure[there]):
@@ -93,12 +96,23 @@ def fit_sphere(
             return None
         trust = tell[use] / _sigma_by_angle(lean[use], sigma[use]) ** 2
         sphere = _fit(sphere, rays[use], (z - off)[use], trust, radius_mm)
-        fit = _linearise(sphere, rays[use], (z - off)[use], unsure[use], trust, patches[use])
-    unknown = _UNSURE * fit.change[3]
+        fade = 1 - lean / _CAP_DEG
+        fit = _linearise(
+            sphere, rays[use], (z - off)[use], np.stack([unsure, fade], -1)[use], trust, patches[use]
+        )
+    top = sound & (lean < _TOP_DEG) & np.isfinite(unsure)
+    fading = _fading_mm(sigma[top], unsure[top], smoothing)
+    unknown = float(np.hypot(_UNSURE * fit.change[3, 0], fading * fit.change[3, 1]))
     if smoothing is None:
         unknown = (_SMOOTHED_PX * scale_of(camera) * pixel) ** 2 / radius_mm
     total = float(np.sqrt(_FEW_PATCHES**2 * fit.covariance[3, 3] + unknown**2 + _LEAST_MM**2))
-    return Ball(sphere[:3], float(sphere[3]), total, fit.points, float(np.mean(off[use])))
+    return Ball(
+        sphere[:3],
+        float(sphere[3]),
+        total,
+        fit.points,
+        float(np.mean(off[use])),
+    )
 
 
 def _window(
@@ -127,6 +141,22 @@ def _lean_deg(
     normal = (rays * depth[..., None] - sphere[:3]) / sphere[3]
     cosine = -np.sum(normal * rays, axis=-1) / np.linalg.norm(rays, axis=-1)
     return np.rad2deg(np.arccos(np.clip(np.nan_to_num(cosine), 0, 1)))
+
+
+def _fading_mm(
+    sigma: NDArray[np.float64], flattened: NDArray[np.float64], smoothing: Smoothing | None
+) -> float:
+    """Return an error of the sphere's top, mm, that may fade towards the limb, from pixels (N,) about the top.
+
+    A map without twicing, or one whose σ is larger than what windows flatten, is that of ``fast``: it flattens tops
+    and fattens limbs by amounts that no model of its windows gives. All of it counts there.
+    """
+    if smoothing is None or not sigma.size:
+        return 0.0
+    noise, flat = float(np.median(sigma)), float(np.median(flattened))
+    if smoothing.passes.twicing:
+        return noise if noise > _UNTWICED * flat else max(noise - flat, 0.0)
+    return max(noise, flat)
 
 
 def _is_smoothed(residual: NDArray[np.float64], off: NDArray[np.float64]) -> bool:
@@ -164,7 +194,7 @@ class _Fit:
     covariance: NDArray[np.float64]
     """(4, 4) mm²."""
     change: NDArray[np.float64]
-    """(4,) mm by which a depth error as given moves them."""
+    """(4, K) mm by which depth errors as given move them."""
     points: int
     """Pixels that the fit did not reject."""
 
@@ -177,7 +207,7 @@ def _linearise(
     trust: NDArray[np.float64],
     patches: NDArray[np.intp],
 ) -> _Fit:
-    """Linearise the fit at its solution; ``error`` (N,) mm is a depth error to be propagated.
+    """Linearise the fit at its solution; ``error`` (N, K) mm are depth errors to be propagated.
 
     The covariance is that of errors which are correlated within ``patches`` (N,) in any way (cluster-robust: Liang &
     Zeger, Biometrika 73(1), 1986, doi:10.1093/biomet/73.1.13).
@@ -187,8 +217,8 @@ def _linearise(
     limit = 4 * 1.4826 * float(np.nanmedian(np.abs(left))) + 1e-6
     steps = 1e-4 * np.eye(4)
     slopes = np.stack([(_depth(sphere + d, rays) - _depth(sphere - d, rays)) / 2e-4 for d in steps], axis=-1)
-    kept = np.isfinite(left) & np.isfinite(slopes).all(axis=1) & np.isfinite(error)
-    slopes, left, error = (slopes * root[:, None])[kept], left[kept], (error * root)[kept]
+    kept = np.isfinite(left) & np.isfinite(slopes).all(axis=1) & np.isfinite(error).all(axis=1)
+    slopes, left, error = (slopes * root[:, None])[kept], left[kept], (error * root[:, None])[kept]
     inverse = np.linalg.inv(slopes.T @ slopes + 1e-12 * np.eye(4))
     scores = np.zeros((int(patches.max()) + 1, 4))
     np.add.at(scores, patches[kept], slopes * np.clip(left, -limit, limit)[:, None])

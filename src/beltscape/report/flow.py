@@ -101,7 +101,12 @@ def _tiles(flow: FlowReport) -> list[Tile]:
         tiles.append(Tile("mean flow", f"{mean:.1f}", "m³/h", f"over {document['totals']['seconds']:.2f} s"))
     if speeds:
         tiles.append(
-            Tile("belt speed", f"{np.median(speeds) / 1000:.3f}", "m/s", f"towards {document['direction'] or '?'}")
+            Tile(
+                "belt speed",
+                f"{np.median(speeds) / 1000:.3f}",
+                "m/s",
+                f"towards {document['direction'] or '?'}",
+            )
         )
     tiles.append(
         Tile("belt", f"{totals.length_mm / 1000:.2f}", "m", f"{document['frame_count']} frames, each mm once")

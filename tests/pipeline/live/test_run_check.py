@@ -91,7 +91,7 @@ def taken_ports():
 FAULTS = {
     "no capture": (lambda: shutil.rmtree("belt"), "belt: no such folder; a capture is"),
     "no core": (lambda: shutil.rmtree("belt/cam0"), "no images of the core camera cam0"),
-    "a file": (lambda: edited('"belt"', '"rig.json"'), "rig.json: no such folder"),
+    "a file": (lambda: edited('"belt"', '"rig.json"'), "rig.json: is a file; a capture is a folder"),
     "no times": (lambda: edited("frames_per_s = 5\n", ""), "give frames_per_s"),
     "no rig": (lambda: Path("rig.json").unlink(), "rig.json': no such file"),
     "rig cut short": (lambda: Path("rig.json").write_text('{"format"'), "rig.json: not JSON"),

@@ -28,7 +28,7 @@ LIMITS_MM = {
 """At a quarter of the sensor's pixels (1.2 mm each)."""
 
 
-@pytest.mark.parametrize(("preset", "radius_mm"), [("standard", 0.3), ("fast", 0.6)])
+@pytest.mark.parametrize(("preset", "radius_mm"), [("standard", 0.3), ("fast", 1.0)])
 def test_every_dimension_of_the_demo_is_within_its_sigma(preset, radius_mm):
     there = read_rig(TRUE_RIG)
     images = {name: read_image(DEMO / "module" / name / "000.png") for name in there.cameras}

@@ -11,6 +11,7 @@ from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
 from beltscape.core.flow import FlowRecord
 from beltscape.measure.flow.buffer import Buffer
+from beltscape.measure.flow.cut import Cutter
 from beltscape.measure.flow.density import Density, unknown_density
 from beltscape.measure.flow.evidence import MotionEvidence
 from beltscape.measure.flow.foresight import Foresight
@@ -22,8 +23,9 @@ from beltscape.measure.flow.register import Shift, register
 from beltscape.measure.flow.relief import Relief, relief
 from beltscape.measure.flow.rows import Filler, Watcher
 from beltscape.measure.flow.scale import EncoderScale
+from beltscape.measure.flow.seen import Seen
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.flow.strips import Strip, Strips
+from beltscape.measure.flow.strips import Strips
 from beltscape.measure.flow.totals import FlowTotals, Sums
 
 _COARSE_CELLS = 2
@@ -32,19 +34,6 @@ _PATIENCE = 8
 """Frames that wait for the first motion before they are taken as they are."""
 _LEAST_MOTION_MM = 2.0
 """A shorter motion does not tell the direction."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
-    """A frame that was pushed."""
-
-    frame: str
-    depth: DepthMap | None
-    time_ns: int | None
-    clock: float
-    encoder_mm: float | None
-    relief: Relief | None
-    whole: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +76,10 @@ class FlowMeter:
         self._direction = 0 if told is None else 1 if told == "+y" else -1
         self._assumed = False
         self._watch_step = watch_step
-        self._waiting: list[_Seen] = []
+        self._waiting: list[Seen] = []
         self._key_relief: Relief | None = None
         self._count = 0
-        self._front_mm = front_mm
-        self._opening: Strip | None = None
+        self._cutter = Cutter(front_mm)
         self._width_mm = ground.belt.across_mm[1] - ground.belt.across_mm[0]
         self._sums = Sums(ground.belt.drift_mm, self._width_mm)
         self._strips = Strips(self._sums, density or unknown_density())
@@ -147,7 +135,7 @@ class FlowMeter:
         if depth is not None:
             require_depth_of(self.ground.camera, depth, f"frame {name}")
             self._sums.widen(depth.systematic_mm)
-        seen = _Seen(name, depth, time_ns, clock, position_mm, self._relief(depth), whole)
+        seen = Seen(name, depth, time_ns, clock, position_mm, self._relief(depth), whole)
         self._count += 1
         self._waiting.append(seen)
         if not self._started():
@@ -198,7 +186,7 @@ class FlowMeter:
             return []
         oldest = self._waiting.pop(0)
         if oldest.encoder_mm is None:
-            self._strips.add(self._nowhere(oldest))
+            self._strips.add(self._cutter.nowhere(oldest))
             return self._finished()
         # an empty or a standing belt: either direction gives the same until the material tells which it is
         self._direction, self._assumed = 1, True
@@ -208,7 +196,7 @@ class FlowMeter:
         self._waiting = []
         return out
 
-    def _take(self, seen: _Seen) -> list[FlowRecord]:
+    def _take(self, seen: Seen) -> list[FlowRecord]:
         """Place a frame, lay it over the others, cut its strip."""
         before = self.motion.last
         shift = self._shift(seen)
@@ -220,7 +208,7 @@ class FlowMeter:
         )
         place = None if before is None and seen.depth is None else self.motion.place(sighting)
         if place is None:
-            self._strips.add(self._nowhere(seen))
+            self._strips.add(self._cutter.nowhere(seen))
             return self._finished()
         if self._watch_step is not None:
             self._watch_step(Step(seen.frame, place, shift))
@@ -229,13 +217,14 @@ class FlowMeter:
             layer = self.ground.layer(seen.depth, place.position_mm, self._direction, blur)
             self._buffer.lay(layer, place.position_mm)
             self._move_key(seen, place)
-        self._strips.add(self._cut(seen, place, before))
+        window_mm = self._ends(self.ground.window_mm)
+        self._strips.add(self._cutter.cut(seen, place, before, window_mm))
         seen_until = place.position_mm + self._ends(self.ground.seen_mm)[0]
         for rows in self._buffer.leave(seen_until):
             self._profile.add(rows)
         return self._finished(seen_until)
 
-    def _shift(self, seen: _Seen) -> Shift | None:
+    def _shift(self, seen: Seen) -> Shift | None:
         """Motion since the key frame; where the direction was only assumed, the material may turn it."""
         if self._key_relief is None or seen.relief is None:
             return None
@@ -258,7 +247,7 @@ class FlowMeter:
         # by the encoder the views have nothing in common: then what looks alike is other material
         return None if apart else shift
 
-    def _weigh(self, shift: Shift, seen: _Seen, apart: bool) -> None:
+    def _weigh(self, shift: Shift, seen: Seen, apart: bool) -> None:
         """Count the motion since the key frame as evidence, beside what the raw encoder says of it."""
         key = self.motion.key
         step = None
@@ -266,7 +255,7 @@ class FlowMeter:
             step = seen.encoder_mm - key.encoder_mm
         self.evidence.add(shift, self._direction, step, apart=apart)
 
-    def _move_key(self, seen: _Seen, place: Place) -> None:
+    def _move_key(self, seen: Seen, place: Place) -> None:
         """A new key frame once the belt has moved, unless this one tells nothing and the old one still may."""
         key = self.motion.key
         moved = abs(place.position_mm - key.position_mm) if key is not None else np.inf
@@ -277,43 +266,6 @@ class FlowMeter:
         if self._key_relief is None or (moved >= self._buffer.step_mm and (telling or not kept)) or lost:
             self.motion.move_key()
             self._key_relief = seen.relief
-
-    def _cut(self, seen: _Seen, place: Place, before: Place | None) -> Strip:
-        """The strip of belt that is new in this frame."""
-        low, high = self._ends(self.ground.window_mm)
-        end = place.position_mm + high
-        start = place.position_mm + low
-        if self._front_mm is not None:
-            start = self._front_mm if before is not None else max(start, self._front_mm)
-        self._front_mm = end = max(start, end)
-        speed = float("nan")
-        if before is not None and seen.time_ns is not None and seen.clock > before.clock:
-            speed = (place.position_mm - before.position_mm) / (seen.clock - before.clock)
-        position = place.position_mm if seen.encoder_mm is None else seen.encoder_mm
-        sure = seen.whole and place.source != "speed"
-        strip = Strip(
-            seen.frame,
-            seen.time_ns,
-            position,
-            start,
-            end,
-            place.sigma_mm if before else 0.0,
-            speed,
-            True,
-            sure,
-        )
-        if before is None:
-            self._opening = strip
-        elif self._opening is not None:
-            self._opening.speed_mm_s, self._opening = speed, None
-        return strip
-
-    def _nowhere(self, seen: _Seen) -> Strip:
-        """A frame of which nothing tells where the belt was: its belt counts with the next frame's strip."""
-        front = self._front_mm if self._front_mm is not None else -np.inf
-        nan = float("nan")
-        position = nan if seen.encoder_mm is None else seen.encoder_mm
-        return Strip(seen.frame, seen.time_ns, position, front, front, 0.0, nan, False, False)
 
     def _ends(self, range_mm: tuple[float, float]) -> tuple[float, float]:
         """Ends of a range of y as belt coordinates of a frame at position 0, the older end first."""

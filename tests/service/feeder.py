@@ -13,7 +13,7 @@ import numpy as np
 from beltscape.core.belt_record import BeltRecord, CrossSection, Standing, Totals
 from beltscape.core.flow import FlowRecord
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, Observer, Sight
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Observer
 
 CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5")
 _CELL_MM = 5.0
@@ -115,9 +115,9 @@ class Plant:
         frames = FrameSet(f"{self.done:06d}", images, self.done * 200_000_000, self.belt_mm)
         seconds = 0.16 + 0.03 * np.sin(self.done)
         speed = 0.0 if self.stopped else self.speed_mm_s
-        sight = Sight(frames, self.done, self.done // 400, 0, float(seconds), 0.964, speed)
+        event = FrameEvent(frames, self.done, self.done // 400, 0, float(seconds), 0.964, speed)
         for one in self.observers:
-            one.saw(sight)
+            one.on_frame(event)
 
     def _measure(self, wall_ns: int) -> None:
         rows = round(self.step_mm / _CELL_MM)
@@ -144,8 +144,8 @@ class Plant:
         stretch = BeltStretch(self.belt_mm, _CELL_MM, _X_MM, load, measured)
         self.belt_mm += self.step_mm
         for one in self.observers:
-            one.measured([record], self.ledger.totals)
-            one.surfaced(stretch)
+            one.on_records([record], self.ledger.totals)
+            one.on_surface(stretch)
 
     def tell_health(self) -> None:
         """As a camera source does, once a second."""
@@ -157,7 +157,7 @@ class Plant:
             for i, name in enumerate(CAMERAS)
         }  # fmt: skip
         for one in self.observers:
-            one.health(cameras)
+            one.on_health(cameras)
 
     # what people may ask of it
 
@@ -183,7 +183,7 @@ class Plant:
 
     def _tell_alarms(self) -> None:
         for one in self.observers:
-            one.alarmed(tuple(self.alarms.values()))
+            one.on_alarms(tuple(self.alarms.values()))
 
 
 class Running:

@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.belt_record import Totals
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import CameraHealth, Sight
+from beltscape.core.live import CameraHealth, FrameEvent
 from beltscape.service.hub import Hub
 from beltscape.service.settings import WebSettings
 from beltscape.service.shown.picture import eight_bit, small_picture
@@ -74,11 +74,11 @@ def test_a_clock_set_back_leaves_the_chart_in_order():
 def test_memory_is_bounded():
     hub, _, _ = fed(3)
     for k in range(700):
-        hub.noted(f"{k} " + "x" * 2000)
+        hub.on_message(f"{k} " + "x" * 2000)
     assert len(hub.now().notes) == 50 and all(len(text) <= 500 for _, text in hub.now().notes)
-    hub.health({f"c{k}": CameraHealth(f"c{k}", "ok", 0, 0, 0, 0) for k in range(1000)})
+    hub.on_health({f"c{k}": CameraHealth(f"c{k}", "ok", 0, 0, 0, 0) for k in range(1000)})
     assert len(hub.now().cameras) == 64
-    hub.measured(hub.records() * 300, Totals())
+    hub.on_records(hub.records() * 300, Totals())
     assert len(hub.records()) == 600
 
 
@@ -137,6 +137,6 @@ def test_many_readers_disturb_nobody():
 def test_a_camera_that_is_lost_keeps_its_last_picture():
     hub, _, _ = fed(2)
     image = np.full((4, 4), 7, np.uint8)
-    hub.saw(Sight(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
+    hub.on_frame(FrameEvent(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
     assert hub.now().picture_frames["cam1"] == "late"
     assert hub.now().picture_frames["cam2"] == "000001"

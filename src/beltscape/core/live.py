@@ -52,22 +52,22 @@ class BeltStretch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """One frame set that has gone through."""
+class FrameEvent:
+    """A frame set that has been processed, with the state of the queue."""
 
     frames: FrameSet
     done: int
     """Frame sets measured since the start."""
     dropped: int
-    """Frame sets left out since the start because the ones after them were already there."""
+    """Frame sets skipped since the start because newer ones were waiting."""
     waiting: int
     """Frame sets in the queue."""
     seconds: float
-    """From the last image's arrival to its measurement."""
+    """Time from the last image's arrival to the end of its measurement."""
     coverage: float
     """Share of the core's pixels that were measured; 0 where the frame gave none."""
     speed_mm_s: float
-    """Of the belt; NaN: not known."""
+    """Speed of the belt; NaN: not known."""
 
 
 AlarmState = Literal["clear", "raised", "acknowledged", "gone"]
@@ -140,60 +140,62 @@ class Controls(Protocol):
 
 
 class Observer(Protocol):
-    """Shown what happens; must return at once."""
+    """Receives the events of a running system; every method must return at once."""
 
-    def saw(self, sight: Sight) -> None:
-        """A frame set went through."""
+    def on_frame(self, event: FrameEvent) -> None:
+        """Handle a processed frame set."""
 
-    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
-        """Records were acknowledged; the totals with them."""
+    def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
+        """Handle records that are on disk, and the totals with them."""
 
-    def surfaced(self, stretch: BeltStretch) -> None:
-        """A further piece of the belt is finished."""
+    def on_surface(self, stretch: BeltStretch) -> None:
+        """Handle a further finished piece of the belt."""
 
-    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
-        """How the cameras do, once a second or so."""
+    def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
+        """Handle the health of all cameras; called about once a second."""
 
-    def alarmed(self, alarms: Sequence[Alarm]) -> None:
-        """All alarms as they stand, whenever one changes."""
+    def on_alarms(self, alarms: Sequence[Alarm]) -> None:
+        """Handle the current state of all alarms."""
 
-    def noted(self, message: str) -> None:
-        """Something worth knowing, in one line."""
+    def on_message(self, message: str) -> None:
+        """Handle a message of one line."""
 
 
 class Observers:
-    """Several as one; one that fails is told of in the log, and hurts neither the others nor the measurement."""
+    """Passes events on to several observers. The failure of one is logged; the others and the run go on."""
 
-    def __init__(self, each: Sequence[Observer]) -> None:
-        self._each = tuple(each)
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self._observers = tuple(observers)
 
-    def saw(self, sight: Sight) -> None:
-        """Pass it on."""
-        self._tell(lambda one: one.saw(sight))
+    def on_frame(self, event: FrameEvent) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_frame(event))
 
-    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
-        """Pass it on."""
-        self._tell(lambda one: one.measured(records, totals))
+    def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_records(records, totals))
 
-    def surfaced(self, stretch: BeltStretch) -> None:
-        """Pass it on."""
-        self._tell(lambda one: one.surfaced(stretch))
+    def on_surface(self, stretch: BeltStretch) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_surface(stretch))
 
-    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
-        """Pass it on."""
-        self._tell(lambda one: one.health(cameras))
+    def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_health(cameras))
 
-    def alarmed(self, alarms: Sequence[Alarm]) -> None:
-        """Pass it on."""
-        self._tell(lambda one: one.alarmed(alarms))
+    def on_alarms(self, alarms: Sequence[Alarm]) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_alarms(alarms))
 
-    def noted(self, message: str) -> None:
-        """Pass it on."""
-        self._tell(lambda one: one.noted(message))
+    def on_message(self, message: str) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_message(message))
 
-    def _tell(self, call: Callable[[Observer], None]) -> None:
-        for one in self._each:
+    def _notify(self, call: Callable[[Observer], None]) -> None:
+        for observer in self._observers:
             try:
-                call(one)
+                call(observer)
             except Exception:
-                logging.getLogger("beltscape").exception("%s failed; going on", type(one).__name__)
+                logging.getLogger("beltscape").exception(
+                    "%s failed; the run continues", type(observer).__name__
+                )

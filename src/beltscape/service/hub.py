@@ -12,7 +12,7 @@ from threading import Lock
 
 from beltscape.core.belt_record import BeltRecord, Totals
 from beltscape.core.frames import Image
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, Sight
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 from beltscape.service.settings import WebSettings
 from beltscape.service.shown.belt import BeltRows, BeltWindow
 from beltscape.service.shown.durations import Durations
@@ -119,17 +119,17 @@ class Hub:
 
     # what the engine tells
 
-    def saw(self, sight: Sight) -> None:
+    def on_frame(self, event: FrameEvent) -> None:
         """A frame set went through."""
         wall_ns, now_s = self._wall_ns(), self._steady_s()
         with self._lock:
             self._saw_s = now_s
             self._frames = Frames(
-                sight.done, sight.dropped, sight.waiting, sight.seconds, sight.coverage, sight.speed_mm_s
+                event.done, event.dropped, event.waiting, event.seconds, event.coverage, event.speed_mm_s
             )
-            self.durations.add(sight.seconds)
-            for name, image in islice(sight.frames.images.items(), _CAMERAS):
-                self._seen[name] = _Seen(sight.frames.frame, wall_ns, image)
+            self.durations.add(event.seconds)
+            for name, image in islice(event.frames.images.items(), _CAMERAS):
+                self._seen[name] = _Seen(event.frames.frame, wall_ns, image)
             self._point(wall_ns, now_s)
 
     def resumed(self, totals: Totals) -> None:
@@ -138,7 +138,7 @@ class Hub:
             if not self._records:
                 self._totals = totals
 
-    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
+    def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         """Records were acknowledged; the totals with them."""
         with self._lock:
             self._totals = totals
@@ -146,23 +146,23 @@ class Hub:
             self._flow.add(records)
             self._point(self._wall_ns(), self._steady_s())
 
-    def surfaced(self, stretch: BeltStretch) -> None:
+    def on_surface(self, stretch: BeltStretch) -> None:
         """A further piece of the belt is finished."""
         with self._lock:
             self._belt.add(stretch)
 
-    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
+    def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
         """How the cameras do."""
         with self._lock:
             self._health_s = self._steady_s()
             self._cameras = dict(islice(sorted(cameras.items()), _CAMERAS))
 
-    def alarmed(self, alarms: Sequence[Alarm]) -> None:
+    def on_alarms(self, alarms: Sequence[Alarm]) -> None:
         """All alarms as they stand."""
         with self._lock:
             self._alarms = tuple(alarms)
 
-    def noted(self, message: str) -> None:
+    def on_message(self, message: str) -> None:
         """Something worth knowing, in one line."""
         with self._lock:
             self._notes.append((self._wall_ns() // 1_000_000, message[:500]))

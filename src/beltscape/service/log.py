@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from time import monotonic
 
 from beltscape.core.belt_record import BeltRecord, Totals
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, Sight
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 
 _LOG = logging.getLogger("beltscape")
 _EVERY_S = 60.0
@@ -22,10 +22,10 @@ class Log:
         self._alarms: dict[str, str] = {}
         self._said = monotonic()
 
-    def saw(self, sight: Sight) -> None:
+    def on_frame(self, event: FrameEvent) -> None:
         """Too often for a log."""
 
-    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:  # noqa: ARG002
+    def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:  # noqa: ARG002
         """The totals, once a minute."""
         if monotonic() - self._said < _EVERY_S:
             return
@@ -40,10 +40,10 @@ class Log:
             totals.missing_mm * 1e-3,
         )
 
-    def surfaced(self, stretch: BeltStretch) -> None:
+    def on_surface(self, stretch: BeltStretch) -> None:
         """Nothing to read."""
 
-    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
+    def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
         """A camera whose state has changed."""
         for name, camera in cameras.items():
             if self._states.get(name) != camera.state:
@@ -53,7 +53,7 @@ class Log:
                 )
             self._states[name] = camera.state
 
-    def alarmed(self, alarms: Sequence[Alarm]) -> None:
+    def on_alarms(self, alarms: Sequence[Alarm]) -> None:
         """An alarm whose state has changed."""
         for alarm in alarms:
             if self._alarms.get(alarm.name, "clear") != alarm.state:
@@ -67,6 +67,6 @@ class Log:
                 )
             self._alarms[alarm.name] = alarm.state
 
-    def noted(self, message: str) -> None:
+    def on_message(self, message: str) -> None:
         """As it is."""
         _LOG.warning("%s", message)

@@ -16,7 +16,7 @@ from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.belt_record import BeltRecord, Totals
 from beltscape.core.errors import OutputError
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, Sight
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.engine import Engine, Parts, told
 from beltscape.pipeline.live.frame_queue import FrameQueue
@@ -60,29 +60,29 @@ class Watcher:
     """Keeps what it is shown."""
 
     def __init__(self) -> None:
-        self.sights: list[Sight] = []
+        self.frames: list[FrameEvent] = []
         self.records: list[BeltRecord] = []
         self.totals = Totals()
         self.alarms: dict[str, str] = {}
         self.stretches = 0
 
-    def saw(self, sight: Sight) -> None:
-        self.sights.append(sight)
+    def on_frame(self, event: FrameEvent) -> None:
+        self.frames.append(event)
 
-    def measured(self, records: Sequence[BeltRecord], totals: Totals) -> None:
+    def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         self.records += records
         self.totals = totals
 
-    def surfaced(self, stretch: BeltStretch) -> None:
+    def on_surface(self, stretch: BeltStretch) -> None:
         self.stretches += 1
 
-    def health(self, cameras: Mapping[str, CameraHealth]) -> None:
+    def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
         pass
 
-    def alarmed(self, alarms: Sequence[Alarm]) -> None:
+    def on_alarms(self, alarms: Sequence[Alarm]) -> None:
         self.alarms.update({alarm.name: alarm.state for alarm in alarms})
 
-    def noted(self, message: str) -> None:
+    def on_message(self, message: str) -> None:
         raise AssertionError(message)
 
 
@@ -165,7 +165,7 @@ def test_a_slow_worker_leaves_frames_out_and_the_ledger_is_whole(tmp_path: Path)
     check(kept)
     assert parts.queue.dropped > 5
     assert len(kept) + parts.queue.dropped == 40
-    assert watcher.sights[-1].dropped == parts.queue.dropped
+    assert watcher.frames[-1].dropped == parts.queue.dropped
     assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(2340 + kept[0].length_mm, abs=1.0)
     assert historian.totals.missing_mm == 0
     historian.close()

@@ -123,7 +123,7 @@ def caller(tmp_path_factory):
         plant = Plant([hub], history)
         for i in range(30):
             plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
-        hub.health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
+        hub.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
         caller = Caller(create_app(hub, history, access, Answers(), web), access)
         with caller.runner:
             yield caller

@@ -11,7 +11,7 @@ from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt_record import BeltRecord
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import LiveSource, Observer, Sight
+from beltscape.core.live import FrameEvent, LiveSource, Observer
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
@@ -101,7 +101,7 @@ class Engine:
         if not board.acknowledge(alarm, by, wall):
             return False
         self._note("alarm", alarm, "acknowledged", wall, by)
-        self._parts.observer.alarmed(board.alarms)
+        self._parts.observer.on_alarms(board.alarms)
         return True
 
     def keep_recording(self, reason: str, by: str) -> bool:
@@ -200,8 +200,8 @@ class Engine:
         gauges, depth = parts.gauges, outcome.depth
         gauges.saw(depth, outcome.speed_mm_s)
         gauges.encoder_ratio = parts.measuring.encoder_ratio
-        parts.observer.saw(
-            Sight(
+        parts.observer.on_frame(
+            FrameEvent(
                 frames,
                 self._done,
                 parts.queue.dropped,
@@ -226,7 +226,7 @@ class Engine:
     def _give(self, outcome: Outcome) -> None:
         """Entries to the writers, pieces of belt to whoever looks."""
         for stretch in outcome.stretches:
-            self._parts.observer.surfaced(stretch)
+            self._parts.observer.on_surface(stretch)
         if outcome.entries:
             self._parts.gauges.add(outcome.entries)
             for writer in self._parts.writers:
@@ -246,7 +246,7 @@ class Engine:
     def _judge(self) -> None:
         parts = self._parts
         cameras = parts.source.health()
-        parts.observer.health(cameras)
+        parts.observer.on_health(cameras)
         parts.looker.look(parts.gauges)
         troubles = [writer.trouble for writer in parts.writers] + [parts.historian.trouble]
         recording = "" if parts.recorder is None else parts.recorder.trouble
@@ -266,9 +266,9 @@ class Engine:
             self._note("alarm", alarm.name, text, wall)
             if alarm.state == "raised" and alarm.severity == "critical" and parts.recorder is not None:
                 parts.recorder.keep(alarm.name)
-        parts.observer.alarmed(parts.board.alarms)
+        parts.observer.on_alarms(parts.board.alarms)
 
 
 def told(observer: Observer, historian: Historian) -> Callable[[Sequence[BeltRecord]], None]:
     """Tells an observer of records once they are on disk."""
-    return lambda records: observer.measured(records, historian.totals)
+    return lambda records: observer.on_records(records, historian.totals)

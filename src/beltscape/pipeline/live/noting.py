@@ -35,4 +35,4 @@ class Noting:
             self._told.move_to_end(kind)
             while len(self._told) > _KEPT:
                 self._told.popitem(last=False)
-        self._observer.noted(message)
+        self._observer.on_message(message)

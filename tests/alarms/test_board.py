@@ -100,7 +100,7 @@ def test_every_rule_has_settings_a_text_and_a_case():
     assert set(RULES) == set(AlarmSettings.model_fields) == set(TEXTS) == kinds
 
 
-def test_when_all_is_well_all_is_clear():
+def test_all_alarms_are_clear_with_good_readings():
     plant = Plant()
     assert plant.run(GOOD, 300) == []
     assert set(plant.states().values()) == {"clear"}
@@ -140,7 +140,7 @@ def test_every_alarm_can_be_acknowledged_while_it_lasts(name):
 
 
 @pytest.mark.parametrize("name", [name for name in BAD if not name.startswith("no_measurement")])
-def test_not_knowing_neither_raises_nor_clears(name):
+def test_unknown_readings_neither_raise_nor_clear(name):
     kind = name.partition(":")[0]
     settings = AlarmSettings.model_validate({**SETTINGS.model_dump(), "no_measurement": {"enabled": False}})
     plant = Plant(settings)
@@ -154,31 +154,31 @@ def test_not_knowing_neither_raises_nor_clears(name):
     assert kind in RULES
 
 
-def test_the_load_that_is_not_measured_is_missed_from_the_start_and_hides_the_rest():
+def test_missing_load_is_raised_from_the_start_and_suppresses_the_rest():
     plant = Plant()
     assert plant.run(Readings(), 60) == []
     changed = plant.run(Readings(), 600)
     assert [alarm.name for alarm in changed] == ["no_measurement:load"]
 
 
-def test_one_cause_is_one_alarm():
+def test_one_cause_raises_one_alarm():
     plant = Plant()
     plant.run(GOOD, 5)
     changed = plant.run(Readings(), 300)
     assert [alarm.name for alarm in changed] == ["no_measurement:load"]
 
 
-def test_a_belt_that_runs_the_other_way_has_not_stopped():
+def test_reversed_belt_is_not_stopped():
     assert Plant().run(replace(GOOD, speed_mm_s=-1500.0), 30) == []
 
 
-def test_the_last_skew_of_a_lost_camera_is_no_alarm():
+def test_last_skew_of_a_lost_camera_raises_no_alarm():
     plant = Plant()
     lost = replace(GOOD, cameras={"cam1": camera("cam1"), "cam2": camera(state="lost", skew_ms=40.0)})
     assert [alarm.name for alarm in plant.run(lost, 30)] == ["camera_lost:cam2"]
 
 
-def test_belt_counts_also_where_its_place_was_not_known_in_between():
+def test_travel_counts_across_unknown_positions():
     board = AlarmBoard(AlarmSettings.model_validate({"overload": {"after_mm": 900}}))
     heavy = replace(GOOD, **BAD["overload"])
     for second, belt_mm in enumerate([0, 100, NAN, NAN, 950]):
@@ -187,7 +187,7 @@ def test_belt_counts_also_where_its_place_was_not_known_in_between():
     assert {a.name: a.state for a in board.alarms}["overload"] == "raised"
 
 
-def test_what_was_never_measured_is_not_missed():
+def test_quantity_that_was_never_measured_raises_no_alarm():
     plant = Plant()
     blind = replace(GOOD, belt_offset_mm=NAN, speed_mm_s=NAN)
     assert plant.run(blind, 600) == []
@@ -196,10 +196,10 @@ def test_what_was_never_measured_is_not_missed():
 @pytest.mark.parametrize(("field", "bad", "missed"), [
     ("largest_lump_mm", 230.0, "no_measurement:lump"), ("belt_offset_mm", 90.0, "no_measurement:offset"),
 ])  # fmt: skip
-def test_what_is_measured_every_ten_seconds_is_raised_clears_and_is_missed(field, bad, missed):
+def test_periodic_quantity_is_raised_clears_and_is_missed(field, bad, missed):
     plant = Plant()
 
-    def now_and_then(value, times):
+    def periodic(value, times):
         return [
             (alarm.name, alarm.state)
             for _ in range(times)
@@ -212,14 +212,14 @@ def test_what_is_measured_every_ten_seconds_is_raised_clears_and_is_missed(field
 
     name = {"largest_lump_mm": "oversize_lump", "belt_offset_mm": "misaligned_belt"}[field]
     good = getattr(GOOD, field)
-    assert now_and_then(good, 5) == []
-    assert now_and_then(bad, 5) == [(name, "raised")]
-    assert now_and_then(good, 5) == [(name, "gone")]
-    assert now_and_then(NAN, 20) == [(missed, "raised")]
-    assert now_and_then(good, 3) == [(missed, "gone")]
+    assert periodic(good, 5) == []
+    assert periodic(bad, 5) == [(name, "raised")]
+    assert periodic(good, 5) == [(name, "gone")]
+    assert periodic(NAN, 20) == [(missed, "raised")]
+    assert periodic(good, 3) == [(missed, "gone")]
 
 
-def test_a_camera_that_was_never_heard_of_is_lost_later():
+def test_camera_without_a_first_image_is_lost_after_waiting():
     plant = Plant()
     waiting = replace(GOOD, cameras={"cam2": camera(state="waiting")})
     assert plant.run(waiting, 29) == []
@@ -228,21 +228,21 @@ def test_a_camera_that_was_never_heard_of_is_lost_later():
     assert lost.detail.startswith("cam2 gives no image")
 
 
-def test_a_lost_camera_is_told_at_once_in_its_own_words():
+def test_lost_camera_is_raised_at_once_with_its_own_message():
     plant = Plant()
     plant.run(GOOD, 1)
     (lost,) = plant.run(replace(GOOD, **BAD["camera_lost:cam2"]), 1)
     assert lost.detail == "silent for 1.0 s; check its cable"
 
 
-def test_an_alarm_tells_its_numbers():
+def test_alarm_has_value_limit_and_unit():
     plant = Plant()
     (alarm,) = plant.run(replace(GOOD, **BAD["overload"]), 3)
     assert (alarm.value, alarm.limit, alarm.unit) == (120.0, 100.0, "%")
     assert alarm.detail == "120 %, limit 100 %: slow the feed"
 
 
-def test_an_alarm_that_stands_shows_what_it_was_last_judged_by():
+def test_active_alarm_keeps_its_last_known_value():
     plant = Plant()
     plant.run(replace(GOOD, **BAD["oversize_lump"]), 1)
     plant.run(replace(GOOD, largest_lump_mm=NAN), 5)
@@ -250,19 +250,19 @@ def test_an_alarm_that_stands_shows_what_it_was_last_judged_by():
     assert (lump.state, lump.value, lump.limit) == ("raised", 230, 200)
 
 
-def test_sides_are_told():
+def test_misalignment_keeps_its_sign():
     plant = Plant()
     (alarm,) = plant.run(replace(GOOD, **BAD["misaligned_belt"]), 9)
     assert alarm.value == -70
 
 
-def test_mass_flow_alone_overloads():
+def test_mass_flow_alone_raises_overload():
     plant = Plant(AlarmSettings.model_validate({"overload": {"fill": None, "mass_flow_t_h": 490}}))
     (alarm,) = plant.run(GOOD, 9)
     assert (alarm.name, alarm.unit) == ("overload", "t/h")
 
 
-def test_a_load_on_a_stopped_belt_stays_an_overload():
+def test_load_on_a_stopped_belt_stays_an_overload():
     """Its delay runs in millimetres of belt."""
     board = AlarmBoard(AlarmSettings.model_validate({"overload": {"clear_after_mm": 500}}))
     heavy = replace(GOOD, **BAD["overload"])
@@ -275,7 +275,7 @@ def test_a_load_on_a_stopped_belt_stays_an_overload():
     assert {a.name: a.state for a in board.alarms}["overload"] == "gone"
 
 
-def test_a_disabled_alarm_is_not_there():
+def test_disabled_alarm_is_absent():
     settings = AlarmSettings.model_validate({name: {"enabled": False} for name in RULES})
     plant = Plant(settings)
     for wrong in BAD.values():
@@ -283,7 +283,7 @@ def test_a_disabled_alarm_is_not_there():
     assert plant.board.alarms == ()
 
 
-def test_the_system_clock_may_jump():
+def test_system_clock_may_jump():
     one, two = AlarmBoard(SETTINGS), AlarmBoard(SETTINGS)
     walls = itertools.cycle([0, 10**19, -(10**18)])
     for second in range(100):
@@ -308,7 +308,7 @@ BANDS = [
 
 
 @given(st.sampled_from(BANDS), st.booleans(), st.booleans(), st.data())
-def test_within_the_band_no_state_changes(band, wrong, seen, data):
+def test_no_state_changes_within_the_band(band, wrong, seen, data):
     """From either side, acknowledged or not, whatever the value does in there."""
     name, field, low, high = band
     plant = Plant()
@@ -327,7 +327,7 @@ SITUATIONS = st.lists(st.tuples(st.sampled_from([{}, *BAD.values()]), st.integer
 
 
 @given(SITUATIONS)
-def test_alarms_do_not_know_of_each_other(situations):
+def test_alarms_are_independent(situations):
     """What one alarm does, alone on the board or among all others, is the same."""
     every = Plant()
     kinds = ("overload", "belt_stopped", "camera_lost", "slip")
@@ -345,48 +345,48 @@ def test_alarms_do_not_know_of_each_other(situations):
 
 
 @given(SITUATIONS, st.integers(1, 5))
-def test_changes_told_are_the_changes_made(situations, seconds):
+def test_returned_changes_match_the_states(situations, seconds):
     plant = Plant()
-    told = {}
+    changes = {}
     for wrong, _ in situations:
-        told |= {alarm.name: alarm for alarm in plant.run(replace(GOOD, **wrong), seconds)}
+        changes |= {alarm.name: alarm for alarm in plant.run(replace(GOOD, **wrong), seconds)}
         assert {name: state for name, state in plant.states().items() if state != "clear"} == {
-            name: alarm.state for name, alarm in told.items() if alarm.state != "clear"
+            name: alarm.state for name, alarm in changes.items() if alarm.state != "clear"
         }
 
 
-def test_any_thread_may_ask_and_acknowledge():
+def test_any_thread_may_read_and_acknowledge():
     plant = Plant()
     done = []
-    asking = Thread(target=lambda: done.extend(len(plant.board.alarms) for _ in range(300)))
-    seeing = Thread(
+    reading = Thread(target=lambda: done.extend(len(plant.board.alarms) for _ in range(300)))
+    acknowledging = Thread(
         target=lambda: done.extend(plant.board.acknowledge("overload", "ada", 0) for _ in range(300))
     )
-    for thread in (asking, seeing):
+    for thread in (reading, acknowledging):
         thread.start()
     for _ in range(20):
         plant.run(replace(GOOD, **BAD["overload"]), 5)
         plant.run(GOOD, 10)
-    for thread in (asking, seeing):
+    for thread in (reading, acknowledging):
         thread.join()
     assert len(done) == 600
 
 
-def test_a_camera_that_is_told_of_no_more_stays_as_it_was():
+def test_camera_without_health_keeps_its_state():
     plant = Plant()
     plant.run(replace(GOOD, **BAD["camera_lost:cam2"]), 2)
     plant.run(replace(GOOD, cameras={}), 50)
     assert plant.states()["camera_lost:cam2"] == "raised"
 
 
-def test_an_unknown_key_is_refused_with_the_nearest(tmp_path):
+def test_unknown_key_is_refused_with_the_nearest(tmp_path):
     from beltscape.core.errors import InputError
 
     with pytest.raises(InputError, match="did you mean speed_mm_s"):
         validated(tmp_path / "project.toml", AlarmSettings, {"belt_stopped": {"sped_mm_s": 3}})
 
 
-def test_readings_know_nothing_at_first():
+def test_readings_are_unknown_by_default():
     for one in fields(Readings):
         value = getattr(Readings(), one.name)
         assert value is None or value == {} or np.isnan(value)

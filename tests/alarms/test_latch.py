@@ -3,11 +3,11 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.latch import Delay, Latch, Step
+from beltscape.alarms.latch import AlarmStateMachine, Delay, Elapsed
 
 CONDITIONS = st.sampled_from(["on", "off", "between", "unknown"])
 SECOND = 1_000_000_000
-LOOKS = st.lists(st.tuples(CONDITIONS, st.integers(0, 5)), max_size=60)
+UPDATES = st.lists(st.tuples(CONDITIONS, st.integers(0, 5)), max_size=60)
 ACTS = st.lists(st.one_of(st.tuples(CONDITIONS, st.integers(0, 5)), st.just("acknowledge")), max_size=60)
 DELAYS = st.tuples(st.integers(0, 8), st.integers(0, 8))
 ALLOWED = {
@@ -25,137 +25,139 @@ def delays(seconds):
     return tuple(Delay(value * SECOND) for value in seconds)
 
 
-def look(latch, condition, seconds, waits, wall_ns=7, latched=True):
-    return latch.look(condition, Step(seconds * SECOND), delays(waits), wall_ns, latched=latched)
+def update(machine, condition, seconds, waits, wall_ns=7, latched=True):
+    return machine.update(condition, Elapsed(seconds * SECOND), delays(waits), wall_ns, latched=latched)
 
 
 @given(ACTS, DELAYS, st.booleans())
-def test_only_the_steps_of_the_drawing_are_made(acts, waits, latched):
-    latch = Latch()
+def test_state_machine_makes_only_allowed_transitions(acts, waits, latched):
+    machine = AlarmStateMachine()
     for act in acts:
-        before = latch.state
+        before = machine.state
         changed = (
-            latch.acknowledge("ada") if act == "acknowledge" else look(latch, *act, waits, latched=latched)
+            machine.acknowledge("ada")
+            if act == "acknowledge"
+            else update(machine, *act, waits, latched=latched)
         )
-        assert changed == (latch.state != before)
+        assert changed == (machine.state != before)
         if changed:
-            assert (before, latch.state) in ALLOWED
-            assert latched or latch.state != "gone"
-        assert (latch.since_ns is None) == (latch.state == "clear")
-        assert (latch.by == "ada") == (latch.state == "acknowledged")
+            assert (before, machine.state) in ALLOWED
+            assert latched or machine.state != "gone"
+        assert (machine.since_ns is None) == (machine.state == "clear")
+        assert (machine.by == "ada") == (machine.state == "acknowledged")
 
 
 @given(ACTS, DELAYS)
-def test_what_is_unknown_or_between_changes_nothing_at_that_look(acts, waits):
-    latch = Latch()
+def test_unknown_or_between_changes_nothing_at_that_update(acts, waits):
+    machine = AlarmStateMachine()
     for act in acts:
         if act == "acknowledge":
-            latch.acknowledge("ada")
+            machine.acknowledge("ada")
             continue
-        before = latch.state
-        look(latch, *act, waits)
+        before = machine.state
+        update(machine, *act, waits)
         if act[0] in ("unknown", "between"):
-            assert latch.state == before
+            assert machine.state == before
         if act[0] == "on":
-            assert latch.state not in ("clear", "gone") or before == latch.state
+            assert machine.state not in ("clear", "gone") or before == machine.state
         if act[0] == "off":
-            assert latch.state != "raised" or before == "raised"
+            assert machine.state != "raised" or before == "raised"
 
 
-@given(LOOKS, DELAYS, st.integers(1, 4))
-def test_looking_more_often_in_between_tells_the_same(looks, waits, parts):
-    """A look that is split into several of the same condition ends in the same state."""
-    few, many = Latch(), Latch()
+@given(UPDATES, DELAYS, st.integers(1, 4))
+def test_more_frequent_updates_end_in_the_same_state(updates, waits, parts):
+    """A update that is split into several of the same condition ends in the same state."""
+    few, many = AlarmStateMachine(), AlarmStateMachine()
     before = "unknown"
-    for condition, seconds in looks:
-        look(few, condition, seconds, waits)
-        if condition == before:  # while it lasts, one may look in between
+    for condition, seconds in updates:
+        update(few, condition, seconds, waits)
+        if condition == before:  # while it lasts, one may update in between
             for _ in range(parts - 1):
-                many.look(condition, Step(seconds * SECOND // parts), delays(waits), 7, latched=True)
+                many.update(condition, Elapsed(seconds * SECOND // parts), delays(waits), 7, latched=True)
             rest = seconds * SECOND - (parts - 1) * (seconds * SECOND // parts)
-            many.look(condition, Step(rest), delays(waits), 7, latched=True)
+            many.update(condition, Elapsed(rest), delays(waits), 7, latched=True)
         else:
-            look(many, condition, seconds, waits)
+            update(many, condition, seconds, waits)
         before = condition
         assert few.state == many.state
 
 
-@given(LOOKS, st.integers(1, 8), st.integers(0, 8))
-def test_at_most_one_raise_per_delay(looks, on_s, off_s):
-    latch = Latch()
+@given(UPDATES, st.integers(1, 8), st.integers(0, 8))
+def test_alarm_is_raised_at_most_once_per_delay(updates, on_s, off_s):
+    machine = AlarmStateMachine()
     raises, passed = 0, 0
-    for condition, seconds in looks:
+    for condition, seconds in updates:
         passed += seconds
-        changed = look(latch, condition, seconds, (on_s, off_s), latched=False)
-        raises += changed and latch.state == "raised"
+        changed = update(machine, condition, seconds, (on_s, off_s), latched=False)
+        raises += changed and machine.state == "raised"
     assert raises <= passed // on_s
 
 
 @given(st.integers(1, 20))
-def test_it_is_raised_when_the_delay_is_over_and_not_before(wait):
-    latch = Latch()
-    states = [latch.state for second in range(wait + 2) if look(latch, "on", 1, (wait, 0)) or True]
-    assert states.index("raised") == wait  # the first look only starts the delay
+def test_alarm_is_raised_exactly_at_the_end_of_its_delay(wait):
+    machine = AlarmStateMachine()
+    states = [machine.state for second in range(wait + 2) if update(machine, "on", 1, (wait, 0)) or True]
+    assert states.index("raised") == wait  # the first update only starts the delay
 
 
-def test_a_break_starts_the_delay_anew_but_not_knowing_does_not():
+def test_break_restarts_the_delay_and_unknown_does_not():
     for between, state in (("off", "clear"), ("between", "clear"), ("unknown", "raised")):
-        latch = Latch()
+        machine = AlarmStateMachine()
         for condition in ("on", "on", between, "on", "on"):
-            look(latch, condition, 1, (2, 0))
-        assert latch.state == state
+            update(machine, condition, 1, (2, 0))
+        assert machine.state == state
 
 
-def test_between_two_looks_that_say_the_same_it_was_so():
+def test_condition_lasts_between_two_equal_updates():
     """A value that is measured every ten seconds, looked at every second."""
-    latch = Latch()
+    machine = AlarmStateMachine()
     for condition in ("on", *["unknown"] * 9, "between", *["unknown"] * 9, "on", *["unknown"] * 9):
-        look(latch, condition, 1, (5, 5))
-        assert latch.state == "clear"
-    look(latch, "on", 1, (5, 5))
-    assert latch.state == "raised"
+        update(machine, condition, 1, (5, 5))
+        assert machine.state == "clear"
+    update(machine, "on", 1, (5, 5))
+    assert machine.state == "raised"
     for condition in ("off", *["unknown"] * 9):
-        look(latch, condition, 1, (5, 5))
-        assert latch.state == "raised"
-    look(latch, "off", 1, (5, 5))
-    assert latch.state == "gone"
+        update(machine, condition, 1, (5, 5))
+        assert machine.state == "raised"
+    update(machine, "off", 1, (5, 5))
+    assert machine.state == "gone"
 
 
-def test_millimetres_and_seconds_must_both_have_passed():
-    latch = Latch()
+def test_delay_needs_both_millimetres_and_seconds():
+    machine = AlarmStateMachine()
     wait = (Delay(2 * SECOND, 100.0), Delay(0, 50.0))
-    for step in (Step(), Step(5 * SECOND, 0.0), Step(0, 99.0)):
-        latch.look("on", step, wait, 1, latched=True)
-    assert latch.state == "clear"
-    latch.look("on", Step(0, 1.0), wait, 1, latched=True)
-    assert latch.state == "raised"
-    for step in (Step(), Step(3600 * SECOND, 0.0)):
-        latch.look("off", step, wait, 1, latched=True)
-    assert latch.state == "raised"
-    latch.look("off", Step(0, 50.0), wait, 1, latched=True)
-    assert latch.state == "gone"
+    for step in (Elapsed(), Elapsed(5 * SECOND, 0.0), Elapsed(0, 99.0)):
+        machine.update("on", step, wait, 1, latched=True)
+    assert machine.state == "clear"
+    machine.update("on", Elapsed(0, 1.0), wait, 1, latched=True)
+    assert machine.state == "raised"
+    for step in (Elapsed(), Elapsed(3600 * SECOND, 0.0)):
+        machine.update("off", step, wait, 1, latched=True)
+    assert machine.state == "raised"
+    machine.update("off", Elapsed(0, 50.0), wait, 1, latched=True)
+    assert machine.state == "gone"
 
 
 @given(st.sampled_from([0, 3]))
-def test_acknowledging(off_s):
-    latch = Latch()
-    assert not latch.acknowledge("ada")
-    look(latch, "on", 0, (0, off_s), wall_ns=5)
-    assert latch.acknowledge("ada")
-    assert not latch.acknowledge("bob")
-    assert (latch.state, latch.by, latch.since_ns) == ("acknowledged", "ada", 5)
-    look(latch, "off", 0, (0, off_s))
-    look(latch, "off", off_s, (0, off_s))
-    assert latch.state == "clear"
+def test_alarm_is_acknowledged_once(off_s):
+    machine = AlarmStateMachine()
+    assert not machine.acknowledge("ada")
+    update(machine, "on", 0, (0, off_s), wall_ns=5)
+    assert machine.acknowledge("ada")
+    assert not machine.acknowledge("bob")
+    assert (machine.state, machine.by, machine.since_ns) == ("acknowledged", "ada", 5)
+    update(machine, "off", 0, (0, off_s))
+    update(machine, "off", off_s, (0, off_s))
+    assert machine.state == "clear"
 
 
-def test_one_that_is_gone_and_comes_back_must_be_seen_again():
-    latch = Latch()
-    look(latch, "on", 0, (0, 0), wall_ns=1)
-    look(latch, "off", 1, (0, 0), wall_ns=2)
-    assert (latch.state, latch.since_ns) == ("gone", 1)
-    look(latch, "on", 1, (0, 0), wall_ns=3)
-    assert (latch.state, latch.since_ns) == ("raised", 3)
-    look(latch, "off", 1, (0, 0))
-    assert latch.acknowledge("ada")
-    assert latch.state == "clear"
+def test_alarm_that_returns_must_be_acknowledged_again():
+    machine = AlarmStateMachine()
+    update(machine, "on", 0, (0, 0), wall_ns=1)
+    update(machine, "off", 1, (0, 0), wall_ns=2)
+    assert (machine.state, machine.since_ns) == ("gone", 1)
+    update(machine, "on", 1, (0, 0), wall_ns=3)
+    assert (machine.state, machine.since_ns) == ("raised", 3)
+    update(machine, "off", 1, (0, 0))
+    assert machine.acknowledge("ada")
+    assert machine.state == "clear"

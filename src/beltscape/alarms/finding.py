@@ -1,4 +1,4 @@
-"""What one look at the readings says of one alarm."""
+"""The condition of one alarm at one moment, from a value, its σ and a limit with hysteresis."""
 
 from __future__ import annotations
 
@@ -7,60 +7,64 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-Condition = Literal["on", "off", "between", "unknown"]
-"""past the limit; back beyond the clear limit; between the two; nobody knows"""
+ConditionState = Literal["on", "off", "between", "unknown"]
+"""past the limit; back beyond the clear limit; between the two; not known"""
 
 _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """One alarm's condition at one moment, and what it was judged by."""
+class AlarmCondition:
+    """One alarm's condition at one moment, with the value and the limit that it follows from."""
 
-    condition: Condition
+    state: ConditionState
     value: float = _NAN
-    """In ``unit``; NaN where that is no number."""
+    """In ``unit``; NaN where the condition has no number."""
     limit: float = _NAN
     unit: str = ""
-    said: str = ""
-    """What somebody else says of it, in one line; it stands in for the alarm's own text."""
+    text: str = ""
+    """Description by the component that reports the condition, in one line; it replaces the alarm's own text."""
     after_s: float | None = None
-    """A delay of its own until it is raised, in place of the setting's."""
+    """Delay until the alarm is raised; it replaces the setting's."""
     clear_after_s: float | None = None
-    """The same until it is over."""
+    """Delay until the alarm clears; it replaces the setting's."""
 
 
-def above(value: float, sigma: float, limit: float, hysteresis: float, sigmas: float = 0.0) -> Condition:
-    """How a value stands to an upper limit.
+def compare_upper(
+    value: float, sigma: float, limit: float, hysteresis: float, sigmas: float = 0.0
+) -> ConditionState:
+    """Return how a value compares with an upper limit.
 
-    On where value - sigmas·σ > limit: an uncertain value must be past it by its uncertainty. Off where the value
-    itself is at most limit·(1 - hysteresis). So nothing changes from there up to limit + sigmas·σ, and the wider σ
-    the wider is that band. A σ that is not known counts as 0; a value that is not finite is not known.
+    On where value - sigmas·σ > limit: an uncertain value must exceed the limit by its uncertainty. Off where the
+    value itself is at most limit·(1 - hysteresis). Between these nothing changes; the band grows with σ. An unknown σ
+    counts as 0; a value that is not finite is unknown.
     """
-    return _above(value, sigma, limit, limit * (1 - hysteresis), sigmas)
+    return _compare(value, sigma, limit, limit * (1 - hysteresis), sigmas)
 
 
-def below(value: float, sigma: float, limit: float, hysteresis: float, sigmas: float = 0.0) -> Condition:
-    """How a value stands to a lower limit: on where value + sigmas·σ < limit, off from limit·(1 + hysteresis)."""
-    return _above(-value, sigma, -limit, -limit * (1 + hysteresis), sigmas)
+def compare_lower(
+    value: float, sigma: float, limit: float, hysteresis: float, sigmas: float = 0.0
+) -> ConditionState:
+    """Return how a value compares with a lower limit: on below it by sigmas·σ, off from limit·(1 + hysteresis)."""
+    return _compare(-value, sigma, -limit, -limit * (1 + hysteresis), sigmas)
 
 
-def told(trouble: str | None) -> Finding:
-    """Of a trouble that is told in words: on where there is one, off where it is empty, unknown for None."""
+def condition_from_text(trouble: str | None) -> AlarmCondition:
+    """Return the condition of a fault that is described by text: on with a text, off if empty, unknown for None."""
     if trouble is None:
-        return Finding("unknown")
-    return Finding("on", said=trouble) if trouble else Finding("off")
+        return AlarmCondition("unknown")
+    return AlarmCondition("on", text=trouble) if trouble else AlarmCondition("off")
 
 
-def worst(findings: Sequence[Finding]) -> Finding:
-    """Several limits of one alarm: on by any; off only if all are known to be off. Told by the first such."""
-    if not findings:
-        return Finding("unknown")
-    order: tuple[Condition, ...] = ("on", "unknown", "between", "off")
-    return min(findings, key=lambda one: order.index(one.condition))
+def select_worst(conditions: Sequence[AlarmCondition]) -> AlarmCondition:
+    """Combine several limits of one alarm: on if any is, off only if all are; return the first that decides."""
+    if not conditions:
+        return AlarmCondition("unknown")
+    order: tuple[ConditionState, ...] = ("on", "unknown", "between", "off")
+    return min(conditions, key=lambda condition: order.index(condition.state))
 
 
-def _above(value: float, sigma: float, limit: float, clear: float, sigmas: float) -> Condition:
+def _compare(value: float, sigma: float, limit: float, clear: float, sigmas: float) -> ConditionState:
     if not math.isfinite(value):
         return "unknown"
     spread = sigmas * sigma if sigmas > 0 and not math.isnan(sigma) else 0.0

@@ -1,71 +1,77 @@
-"""One alarm's memory: its delays, and who has seen it."""
+"""The state machine of one alarm: raised after a delay, acknowledged, cleared after a delay."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from beltscape.alarms.finding import Condition
+from beltscape.alarms.finding import ConditionState
 from beltscape.core.live import AlarmState
 
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Both must have passed while a condition lasted."""
+    """Time and belt travel for which a condition must last; both must have passed."""
 
     time_ns: int
     belt_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """What passed since the look before."""
+class Elapsed:
+    """Time and belt travel since the previous update."""
 
     time_ns: int = 0
     belt_mm: float = 0.0
 
 
 @dataclass(slots=True)
-class _Hold:
+class _Persistence:
     """How long a condition has lasted.
 
-    Between two looks that say the same it was so, also where nobody knew in between: some values are measured now
-    and then. A look that does not know says nothing by itself.
+    A condition is taken to last between two updates that report it, also across unknown ones between them: some
+    values are measured only periodically. An unknown update alone decides nothing.
     """
 
-    wanted: Condition
-    _there: bool = False
+    wanted: ConditionState
+    _is_present: bool = False
     _time_ns: int = 0
     _belt_mm: float = 0.0
 
-    def lasted(self, condition: Condition, step: Step, delay: Delay) -> bool:
-        """Take in one look; whether the condition is known to be there and has lasted."""
-        self._time_ns += step.time_ns
-        self._belt_mm += step.belt_mm
-        if condition == "unknown":
+    def update(self, state: ConditionState, elapsed: Elapsed, delay: Delay) -> bool:
+        """Add one update; return whether the condition is present and has lasted for ``delay``."""
+        self._time_ns += elapsed.time_ns
+        self._belt_mm += elapsed.belt_mm
+        if state == "unknown":
             return False
-        if condition != self.wanted or not self._there:
+        if state != self.wanted or not self._is_present:
             self._time_ns, self._belt_mm = 0, 0.0
-        self._there = condition == self.wanted
-        return self._there and self._time_ns >= delay.time_ns and self._belt_mm >= delay.belt_mm
+        self._is_present = state == self.wanted
+        return self._is_present and self._time_ns >= delay.time_ns and self._belt_mm >= delay.belt_mm
 
 
 @dataclass(slots=True)
-class Latch:
+class AlarmStateMachine:
     """clear → raised → acknowledged → clear; raised → gone → clear once acknowledged, gone → raised again."""
 
     state: AlarmState = "clear"
     since_ns: int | None = None
     """System clock when it was raised last; None while clear."""
     by: str = ""
-    _on: _Hold = field(default_factory=lambda: _Hold("on"))
-    _off: _Hold = field(default_factory=lambda: _Hold("off"))
+    _on: _Persistence = field(default_factory=lambda: _Persistence("on"))
+    _off: _Persistence = field(default_factory=lambda: _Persistence("off"))
 
-    def look(
-        self, condition: Condition, step: Step, delays: tuple[Delay, Delay], wall_ns: int, *, latched: bool
+    def update(
+        self,
+        state: ConditionState,
+        elapsed: Elapsed,
+        delays: tuple[Delay, Delay],
+        wall_ns: int,
+        *,
+        latched: bool,
     ) -> bool:
-        """Take in one look, with the delays until it is raised and until it is over; whether the state changed."""
-        on = self._on.lasted(condition, step, delays[0])
-        off = self._off.lasted(condition, step, delays[1])
+        """Add one update, with the delays to raise and to clear; return whether the alarm's state changed."""
+        on = self._on.update(state, elapsed, delays[0])
+        off = self._off.update(state, elapsed, delays[1])
         if on and self.state in ("clear", "gone"):
             self.state, self.since_ns, self.by = "raised", wall_ns, ""
         elif off and self.state == "raised" and latched:
@@ -77,7 +83,7 @@ class Latch:
         return True
 
     def acknowledge(self, by: str) -> bool:
-        """Somebody has seen it; whether there was something to see."""
+        """Acknowledge the alarm; return whether there was anything to acknowledge."""
         if self.state == "raised":
             self.state, self.by = "acknowledged", by
             return True

@@ -1,4 +1,4 @@
-"""What alarms are judged by."""
+"""Readings of the running system that the alarms are evaluated on."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """How things stand at one moment; NaN and None: not known, which neither raises nor clears an alarm."""
+    """The state of the system at one moment; NaN and None mean unknown, which neither raises nor clears an alarm."""
 
     area_mm2: float = _NAN
     """Cross-section of the load."""
     area_sigma_mm2: float = _NAN
-    """One standard deviation of it; a σ that is not known counts as 0."""
+    """One standard deviation of it; an unknown σ counts as 0."""
     full_area_mm2: float = _NAN
     """Cross-section of the fully loaded belt (`measure.capacity.full_area_mm2`)."""
     volume_flow_m3_h: float = _NAN
@@ -27,36 +27,36 @@ class Readings:
     mass_flow_t_h: float = _NAN
     mass_flow_sigma_t_h: float = _NAN
     belt_mm: float = _NAN
-    """Where the belt is, as in the ledger: delays in millimetres of belt are counted by it."""
+    """The belt's position in the ledger; it counts the delays in millimetres of belt."""
     speed_mm_s: float = _NAN
     coverage: float = _NAN
     """Share of the core's pixels that were measured, 0..1."""
     largest_lump_mm: float = _NAN
-    """Sieve size of the largest lump; 0: there is none; NaN: it was not looked for this time."""
+    """Sieve size of the largest lump; 0: there is none; NaN: not measured this time."""
     largest_lump_sigma_mm: float = _NAN
     belt_offset_mm: float = _NAN
-    """How far the belt runs off to +x; NaN also where its ends cannot be seen."""
+    """Offset of the belt from the middle towards +x; NaN also where its ends are not visible."""
     belt_offset_sigma_mm: float = _NAN
     cameras: Mapping[str, CameraHealth] = field(default_factory=dict)
     dropped_per_minute: float = _NAN
-    """Frame sets that were left out."""
+    """Frame sets that were not measured."""
     history_trouble: str | None = None
-    """Why the history cannot be written, and the mend, in one line; empty: it can."""
+    """Why the history cannot be written, and the fix, in one line; empty: it can."""
     recording_trouble: str | None = None
-    """Why raw frames are not recorded, and the mend; empty: they are, or need not be."""
+    """Why raw frames are not recorded, and the fix; empty: they are, or need not be."""
     encoder_silent_s: float = _NAN
-    """Since the encoder's last reading; NaN where there is none to be heard."""
+    """Time since the encoder's last reading; NaN without an encoder."""
     encoder_trouble: str | None = None
-    """What is wrong with what the encoder says; empty: nothing; None: there is no encoder."""
+    """The fault of the encoder's readings; empty: none; None: there is no encoder."""
     encoder_ratio: float = _NAN
-    """Encoder's travel over the material's; NaN before they were compared."""
+    """Ratio of the encoder's travel to the material's; NaN before the first comparison."""
     encoder_ratio_sigma: float = _NAN
     certificate_days: float = _NAN
-    """Until the web server's certificate ends; NaN without one."""
+    """Days until the web server's certificate ends; NaN without one."""
 
     @property
     def fill(self) -> float:
-        """Cross-section over that of the fully loaded belt."""
+        """Ratio of the cross-section to that of the fully loaded belt."""
         return self.area_mm2 / self.full_area_mm2 if self.full_area_mm2 > 0 else _NAN
 
     @property

@@ -1,42 +1,51 @@
-"""Readings → what they say of every alarm."""
+"""The rules of the alarms: readings and settings to the condition of every alarm."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from beltscape.alarms.finding import Condition, Finding, above, below, told, worst
+from beltscape.alarms.finding import (
+    AlarmCondition,
+    ConditionState,
+    compare_lower,
+    compare_upper,
+    condition_from_text,
+    select_worst,
+)
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.live import CameraHealth
 
-Findings = Mapping[str, Finding]
-"""By subject: a camera or a quantity; "" for the alarms that are about one thing only."""
-Rule = Callable[[Readings, AlarmSettings], Findings]
-_Kind = tuple[float, float, float | None, str]
+Conditions = Mapping[str, AlarmCondition]
+"""By subject: a camera or a quantity; "" for the alarms that have only one subject."""
+Rule = Callable[[Readings, AlarmSettings], Conditions]
+_LimitedValue = tuple[float, float, float | None, str]
 """Value, σ, limit (None: not set), unit."""
 
 _NAN = float("nan")
 
 
-def _overload(now: Readings, settings: AlarmSettings) -> Findings:
+def _overload(now: Readings, settings: AlarmSettings) -> Conditions:
     own = settings.overload
-    kinds = (
-        *_lying(now, own.fill, own.area_mm2),
+    limited = (
+        *_limited_loads(now, own.fill, own.area_mm2),
         (now.volume_flow_m3_h, now.volume_flow_sigma_m3_h, own.volume_flow_m3_h, "m³/h"),
         (now.mass_flow_t_h, now.mass_flow_sigma_t_h, own.mass_flow_t_h, "t/h"),
     )
-    return {"": _any(kinds, lambda *one: above(*one, own.hysteresis, own.sigmas))}
+    return {"": _worst_of(limited, lambda *value: compare_upper(*value, own.hysteresis, own.sigmas))}
 
 
-def _empty(now: Readings, settings: AlarmSettings) -> Findings:
+def _empty(now: Readings, settings: AlarmSettings) -> Conditions:
     own = settings.empty
-    kinds = _lying(now, own.fill, own.area_mm2)
-    return {"": _any(kinds, lambda *one: below(*one, own.hysteresis, own.sigmas))}
+    limited = _limited_loads(now, own.fill, own.area_mm2)
+    return {"": _worst_of(limited, lambda *value: compare_lower(*value, own.hysteresis, own.sigmas))}
 
 
-def _lying(now: Readings, fill: float | None, area_mm2: float | None) -> tuple[_Kind, _Kind]:
-    """How much lies on the belt; its fill is no limit where the full belt's cross-section is not told."""
+def _limited_loads(
+    now: Readings, fill: float | None, area_mm2: float | None
+) -> tuple[_LimitedValue, _LimitedValue]:
+    """Return fill and area of the load with their limits; without the full belt's cross-section fill has none."""
     if not math.isfinite(now.full_area_mm2):
         fill = None
     return (
@@ -45,93 +54,101 @@ def _lying(now: Readings, fill: float | None, area_mm2: float | None) -> tuple[_
     )
 
 
-def _any(kinds: Sequence[_Kind], judge: Callable[[float, float, float], Condition]) -> Finding:
-    return worst(
+def _worst_of(
+    limited: Sequence[_LimitedValue], compare: Callable[[float, float, float], ConditionState]
+) -> AlarmCondition:
+    return select_worst(
         [
-            Finding(judge(value, sigma, limit), value, limit, unit)
-            for value, sigma, limit, unit in kinds
+            AlarmCondition(compare(value, sigma, limit), value, limit, unit)
+            for value, sigma, limit, unit in limited
             if limit is not None
         ]
     )
 
 
-def _belt_stopped(now: Readings, settings: AlarmSettings) -> Findings:
+def _belt_stopped(now: Readings, settings: AlarmSettings) -> Conditions:
     own = settings.belt_stopped
     speed = abs(now.speed_mm_s)
-    return {"": Finding(below(speed, 0, own.speed_mm_s, own.hysteresis), speed, own.speed_mm_s, "mm/s")}
+    state = compare_lower(speed, 0, own.speed_mm_s, own.hysteresis)
+    return {"": AlarmCondition(state, speed, own.speed_mm_s, "mm/s")}
 
 
-def _oversize_lump(now: Readings, settings: AlarmSettings) -> Findings:
+def _oversize_lump(now: Readings, settings: AlarmSettings) -> Conditions:
     own, size = settings.oversize_lump, now.largest_lump_mm
     if own.size_mm is None:
         return {}
-    condition = above(size, now.largest_lump_sigma_mm, own.size_mm, own.hysteresis, own.sigmas)
-    return {"": Finding(condition, size, own.size_mm, "mm")}
+    state = compare_upper(size, now.largest_lump_sigma_mm, own.size_mm, own.hysteresis, own.sigmas)
+    return {"": AlarmCondition(state, size, own.size_mm, "mm")}
 
 
-def _misaligned_belt(now: Readings, settings: AlarmSettings) -> Findings:
+def _misaligned_belt(now: Readings, settings: AlarmSettings) -> Conditions:
     own, offset = settings.misaligned_belt, now.belt_offset_mm
-    condition = above(abs(offset), now.belt_offset_sigma_mm, own.offset_mm, own.hysteresis, own.sigmas)
-    return {"": Finding(condition, offset, own.offset_mm, "mm")}
+    state = compare_upper(abs(offset), now.belt_offset_sigma_mm, own.offset_mm, own.hysteresis, own.sigmas)
+    return {"": AlarmCondition(state, offset, own.offset_mm, "mm")}
 
 
-def _low_coverage(now: Readings, settings: AlarmSettings) -> Findings:
+def _low_coverage(now: Readings, settings: AlarmSettings) -> Conditions:
     own = settings.low_coverage
-    condition = below(now.coverage, 0, own.coverage, own.hysteresis)
-    return {"": Finding(condition, 100 * now.coverage, 100 * own.coverage, "%")}
+    state = compare_lower(now.coverage, 0, own.coverage, own.hysteresis)
+    return {"": AlarmCondition(state, 100 * now.coverage, 100 * own.coverage, "%")}
 
 
-def _camera_lost(now: Readings, settings: AlarmSettings) -> Findings:
+def _camera_lost(now: Readings, settings: AlarmSettings) -> Conditions:
     return {name: _camera(camera, settings) for name, camera in now.cameras.items()}
 
 
-def _camera(camera: CameraHealth, settings: AlarmSettings) -> Finding:
+def _camera(camera: CameraHealth, settings: AlarmSettings) -> AlarmCondition:
     if camera.state == "ok":
-        return Finding("off")
+        return AlarmCondition("off")
     delay = settings.camera_lost.waiting_s if camera.state == "waiting" else None
-    return Finding("on", said=camera.message, after_s=delay)
+    return AlarmCondition("on", text=camera.message, after_s=delay)
 
 
-def _camera_skew(now: Readings, settings: AlarmSettings) -> Findings:
+def _camera_skew(now: Readings, settings: AlarmSettings) -> Conditions:
     own, skew = settings.camera_skew, now.skew_ms
-    return {"": Finding(above(skew, 0, own.skew_ms, own.hysteresis), skew, own.skew_ms, "ms")}
+    return {"": AlarmCondition(compare_upper(skew, 0, own.skew_ms, own.hysteresis), skew, own.skew_ms, "ms")}
 
 
-def _frames_dropped(now: Readings, settings: AlarmSettings) -> Findings:
+def _frames_dropped(now: Readings, settings: AlarmSettings) -> Conditions:
     own, rate = settings.frames_dropped, now.dropped_per_minute
-    return {"": Finding(above(rate, 0, own.per_minute, own.hysteresis), rate, own.per_minute, "/min")}
+    return {
+        "": AlarmCondition(
+            compare_upper(rate, 0, own.per_minute, own.hysteresis), rate, own.per_minute, "/min"
+        )
+    }
 
 
-def _encoder_silent(now: Readings, settings: AlarmSettings) -> Findings:
+def _encoder_silent(now: Readings, settings: AlarmSettings) -> Conditions:
     own, silent = settings.encoder_silent, now.encoder_silent_s
-    return {"": Finding(above(silent, 0, own.silent_s, 0.5), silent, own.silent_s, "s")}
+    return {"": AlarmCondition(compare_upper(silent, 0, own.silent_s, 0.5), silent, own.silent_s, "s")}
 
 
-def _slip(now: Readings, settings: AlarmSettings) -> Findings:
+def _slip(now: Readings, settings: AlarmSettings) -> Conditions:
     own, off = settings.slip, now.encoder_ratio - 1
-    condition = above(abs(off), now.encoder_ratio_sigma, own.share, own.hysteresis, own.sigmas)
-    return {"": Finding(condition, 100 * off, 100 * own.share, "%")}
+    state = compare_upper(abs(off), now.encoder_ratio_sigma, own.share, own.hysteresis, own.sigmas)
+    return {"": AlarmCondition(state, 100 * off, 100 * own.share, "%")}
 
 
-def _no_measurement(now: Readings, settings: AlarmSettings) -> Findings:
-    """The load first: where it is not measured, nothing is said of the others, for one cause is one alarm."""
+def _no_measurement(now: Readings, settings: AlarmSettings) -> Conditions:
+    """Return the conditions by quantity; without a load the others are unknown: one cause raises one alarm."""
     load = any(map(math.isfinite, (now.area_mm2, now.volume_flow_m3_h, now.mass_flow_t_h)))
-    seldom = settings.no_measurement.seldom_after_s
+    periodic_s = settings.no_measurement.seldom_after_s
     others = {
         "speed": (now.speed_mm_s, None, None),
-        "lump": (now.largest_lump_mm, seldom, 0.0),
-        "offset": (now.belt_offset_mm, seldom, 0.0),
+        "lump": (now.largest_lump_mm, periodic_s, 0.0),
+        "offset": (now.belt_offset_mm, periodic_s, 0.0),
     }
-    found = {"load": Finding("off" if load else "on")}
+    conditions = {"load": AlarmCondition("off" if load else "on")}
     for name, (value, after_s, clear_after_s) in others.items():
-        known = Finding("off" if math.isfinite(value) else "on", after_s=after_s, clear_after_s=clear_after_s)
-        found[name] = known if load else Finding("unknown")
-    return found
+        state: ConditionState = "off" if math.isfinite(value) else "on"
+        condition = AlarmCondition(state, after_s=after_s, clear_after_s=clear_after_s)
+        conditions[name] = condition if load else AlarmCondition("unknown")
+    return conditions
 
 
-def _certificate_expiring(now: Readings, settings: AlarmSettings) -> Findings:
+def _certificate_expiring(now: Readings, settings: AlarmSettings) -> Conditions:
     own, days = settings.certificate_expiring, now.certificate_days
-    return {"": Finding(below(days, 0, own.days, own.hysteresis), days, own.days, "d")}
+    return {"": AlarmCondition(compare_lower(days, 0, own.days, own.hysteresis), days, own.days, "d")}
 
 
 RULES: Mapping[str, Rule] = {
@@ -145,11 +162,11 @@ RULES: Mapping[str, Rule] = {
     "camera_lost": _camera_lost,
     "camera_skew": _camera_skew,
     "frames_dropped": _frames_dropped,
-    "disk_full": lambda now, _: {"": told(now.history_trouble)},
-    "recording_paused": lambda now, _: {"": told(now.recording_trouble)},
+    "disk_full": lambda now, _: {"": condition_from_text(now.history_trouble)},
+    "recording_paused": lambda now, _: {"": condition_from_text(now.recording_trouble)},
     "encoder_silent": _encoder_silent,
-    "encoder_wrong": lambda now, _: {"": told(now.encoder_trouble)},
+    "encoder_wrong": lambda now, _: {"": condition_from_text(now.encoder_trouble)},
     "slip": _slip,
     "certificate_expiring": _certificate_expiring,
 }
-"""Every alarm, in the order in which they are shown; each name is that of its settings."""
+"""The rule of every alarm, in the order of display; each name is that of its settings."""

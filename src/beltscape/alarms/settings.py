@@ -1,4 +1,4 @@
-"""What one may choose of every alarm: its limit, how far back clears it, its delays, how grave it is."""
+"""Settings of the alarms: limits, hysteresis, delays and severity."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ Above = Annotated[float, Field(gt=0, le=10)]
 Sigmas = Annotated[float, Field(ge=0, le=5)]
 
 
-class Watch(BaseModel):
-    """What all alarms have."""
+class CommonSettings(BaseModel):
+    """Settings that all alarms have."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     enabled: bool = True
-    """Whether it is judged at all."""
+    """Whether the alarm is evaluated."""
     severity: Severity = "warning"
     """"info", "warning" or "critical"."""
     latched: bool = True
-    """Whether it stays on the list, once it is over, until somebody has acknowledged it."""
+    """Whether the alarm stays on the list after its condition has ended until it is acknowledged."""
     after_s: Seconds = 0.0
-    """Raised once the value has been past the limit for so long without a break."""
+    """Raised once the value has been past the limit for this time without a break."""
     clear_after_s: Seconds = 5.0
-    """Over once the value has been back for so long without a break."""
+    """Over once the value has been back for this time without a break."""
 
 
-class WatchAlong(Watch):
-    """What alarms about the load have: delays also in belt that passed; both must have passed.
+class LoadSettings(CommonSettings):
+    """Settings of alarms about the load: delays also in belt travel; time and travel must both have passed.
 
-    Belt is counted by the ledger's position; while that is not known none passes.
+    Travel is counted by the ledger's position; while that is unknown, no travel is counted.
     """
 
     after_mm: Length = 0.0
-    """Raised once so much belt has passed with the value past the limit."""
+    """Raised once this length of belt has passed with the value past the limit."""
     clear_after_mm: Length = 0.0
-    """Over once so much belt has passed with the value back: on a stopped belt the load still lies there."""
+    """Over once this length of belt has passed with the value back: on a stopped belt the load still lies there."""
 
 
-class Overload(WatchAlong):
+class Overload(LoadSettings):
     """More on the belt than it may carry; every limit that is set counts, the rest are None."""
 
     severity: Severity = "critical"
@@ -57,15 +57,15 @@ class Overload(WatchAlong):
     area_mm2: Limit | None = None
     volume_flow_m3_h: Limit | None = None
     mass_flow_t_h: Limit | None = None
-    """Needs a bulk density: where that is not known, the alarm can neither be raised by it nor clear."""
+    """Needs a bulk density; without one this limit can neither raise nor clear the alarm."""
     hysteresis: Below = 0.05
     """Over below limit·(1 - hysteresis)."""
     sigmas: Sigmas = 1.0
-    """Past the limit by so many standard deviations of the value."""
+    """The value must exceed the limit by this number of its standard deviations."""
 
 
-class Empty(WatchAlong):
-    """Nothing on the belt."""
+class Empty(LoadSettings):
+    """The belt carries no load."""
 
     severity: Severity = "info"
     latched: bool = False
@@ -79,7 +79,7 @@ class Empty(WatchAlong):
     sigmas: Sigmas = 0.0
 
 
-class BeltStopped(Watch):
+class BeltStopped(CommonSettings):
     """The belt stands."""
 
     severity: Severity = "info"
@@ -91,8 +91,8 @@ class BeltStopped(Watch):
     """Over above limit·(1 + hysteresis)."""
 
 
-class OversizeLump(Watch):
-    """A lump that may block what comes after."""
+class OversizeLump(CommonSettings):
+    """A lump that may block the next transfer."""
 
     severity: Severity = "critical"
     clear_after_s: Seconds = 10.0
@@ -101,10 +101,10 @@ class OversizeLump(Watch):
     hysteresis: Below = 0.05
     """Over below limit·(1 - hysteresis)."""
     sigmas: Sigmas = 0.0
-    """0: as soon as it is more likely than not, for a size's σ is large and a blocked chute is dear."""
+    """0: raised at even odds, because a size's σ is large and a blocked chute is expensive."""
 
 
-class MisalignedBelt(Watch):
+class MisalignedBelt(CommonSettings):
     """The belt runs off to a side."""
 
     after_s: Seconds = 5.0
@@ -115,8 +115,8 @@ class MisalignedBelt(Watch):
     sigmas: Sigmas = 1.0
 
 
-class LowCoverage(WatchAlong):
-    """Little of what the cameras look at is measured: dirt, dust, light."""
+class LowCoverage(LoadSettings):
+    """Too little of the cameras' view is measured: dirt, dust, light."""
 
     after_s: Seconds = 10.0
     coverage: Annotated[float, Field(gt=0, lt=1)] = 0.6
@@ -125,15 +125,15 @@ class LowCoverage(WatchAlong):
     """Over above limit·(1 + hysteresis)."""
 
 
-class CameraLost(Watch):
-    """A camera gives no usable image; one alarm per camera."""
+class CameraLost(CommonSettings):
+    """A camera delivers no usable image; one alarm per camera."""
 
     clear_after_s: Seconds = 3.0
     waiting_s: Seconds = 30.0
-    """One that was not heard of since the start counts as lost after so long."""
+    """A camera without an image since the start counts as lost after this time."""
 
 
-class CameraSkew(Watch):
+class CameraSkew(CommonSettings):
     """A camera's images are not of the same instant as the core's."""
 
     after_s: Seconds = 2.0
@@ -142,8 +142,8 @@ class CameraSkew(Watch):
     """Over below limit·(1 - hysteresis)."""
 
 
-class FramesDropped(Watch):
-    """More frame sets come than can be measured."""
+class FramesDropped(CommonSettings):
+    """More frame sets arrive than can be measured."""
 
     after_s: Seconds = 10.0
     per_minute: Limit = 6.0
@@ -151,53 +151,53 @@ class FramesDropped(Watch):
     """Over below limit·(1 - hysteresis)."""
 
 
-class DiskFull(Watch):
+class DiskFull(CommonSettings):
     """The history cannot be written."""
 
     severity: Severity = "critical"
 
 
-class RecordingPaused(Watch):
-    """Raw frames are not being recorded though they should be."""
+class RecordingPaused(CommonSettings):
+    """Raw frames should be recorded and are not."""
 
 
-class EncoderSilent(Watch):
-    """The encoder tells nothing; the belt's motion is taken from the material."""
+class EncoderSilent(CommonSettings):
+    """The encoder sends nothing; the belt's motion is taken from the material."""
 
     silent_s: Annotated[float, Field(gt=0, le=86_400)] = 2.0
 
 
-class EncoderWrong(Watch):
-    """What the encoder tells cannot be: it runs backwards, jumps, or cannot be read."""
+class EncoderWrong(CommonSettings):
+    """The encoder's readings are impossible: it runs backwards, jumps, or is unreadable."""
 
     clear_after_s: Seconds = 10.0
 
 
-class Slip(Watch):
-    """Encoder and material tell different speeds: a slipping or worn wheel, or a wrong mm per count."""
+class Slip(CommonSettings):
+    """Encoder and material have different speeds: a slipping or worn wheel, or a wrong mm per count."""
 
     after_s: Seconds = 10.0
     clear_after_s: Seconds = 10.0
     share: Annotated[float, Field(gt=0, lt=1)] = 0.03
-    """By which their ratio is off 1, to either side."""
+    """Deviation of their ratio from 1, to either side."""
     hysteresis: Below = 0.3
     """Over below limit·(1 - hysteresis)."""
     sigmas: Sigmas = 2.0
 
 
-class NoMeasurement(Watch):
-    """A quantity that was measured is not any more; one alarm per quantity, the load's also from the start."""
+class NoMeasurement(CommonSettings):
+    """A quantity is no longer measured; one alarm per quantity, the load's also from the start."""
 
     severity: Severity = "critical"
     after_s: Seconds = 10.0
     clear_after_s: Seconds = 2.0
     start_after_s: Seconds = 60.0
-    """The same for the load until it was first measured: cameras and the first strip of belt take their time."""
+    """``after_s`` of the load before its first measurement: cameras and the first strip of belt take time."""
     seldom_after_s: Seconds = 120.0
-    """The same for lumps and the belt's offset, which are measured now and then; these are back at once."""
+    """``after_s`` of lumps and the belt's offset, which are measured periodically; they clear at once."""
 
 
-class CertificateExpiring(Watch):
+class CertificateExpiring(CommonSettings):
     """The web server's certificate ends soon."""
 
     days: Limit = 30.0
@@ -206,7 +206,7 @@ class CertificateExpiring(Watch):
 
 
 class AlarmSettings(BaseModel):
-    """Settings of ``[alarms]``; the defaults suit most plants, limits of flow and lumps are the plant's own."""
+    """Settings of ``[alarms]``; the defaults suit most plants, but limits of flow and lumps depend on the plant."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     overload: Overload = Overload()

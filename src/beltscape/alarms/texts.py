@@ -1,4 +1,4 @@
-"""The alarms' one-line details in English; a page in another language fills its own lines with the same values."""
+"""The alarms' one-line details in English; pages in other languages fill their own lines with the same values."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ TEXTS = {
     "disk_full": "the history is not written: free space on its disk",
     "recording_paused": "raw frames are not recorded: free space on their disk",
     "encoder_silent": "no reading for {value}, limit {limit}: check the encoder and its line",
-    "encoder_wrong": "its readings cannot be: check wiring and settings",
+    "encoder_wrong": "its readings are impossible: check wiring and settings",
     "slip": "encoder and material differ by {value}, limit {limit}: check the wheel and mm_per_count",
-    "no_measurement": "{subject} is not measured any more: look at cameras and belt",
+    "no_measurement": "{subject} is no longer measured: check cameras and belt",
     "certificate_expiring": "it ends in {value}: install a new one",
 }
-"""By alarm, without the subject after the colon of its name. ``value`` and ``limit`` come with their unit."""
+"""By alarm, without the subject after the colon of its name. ``value`` and ``limit`` include their unit."""
 
 
-def detail(kind: str, subject: str, value: float, limit: float, unit: str) -> str:
-    """What is wrong and the mend, in one line."""
-    return TEXTS[kind].format(subject=subject, value=_amount(value, unit), limit=_amount(limit, unit))
+def format_detail(kind: str, subject: str, value: float, limit: float, unit: str) -> str:
+    """Return the fault and the fix in one line."""
+    return TEXTS[kind].format(
+        subject=subject, value=_format_amount(value, unit), limit=_format_amount(limit, unit)
+    )
 
 
-def _amount(value: float, unit: str) -> str:
+def _format_amount(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return "unknown"
     size = abs(value)

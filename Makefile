@@ -27,7 +27,7 @@ $(VENV)/.native: $(VENV)/.run $(NATIVE)
 
 install: $(VENV)/.native ## .venv with the beltscape program in .venv/bin
 
-dev: $(VENV)/.dev $(VENV)/.native
+dev: $(VENV)/.dev $(VENV)/.native ## .venv with the program, editable, and the tools that develop and test it
 
 system: dev ## Debian packages for GenICam cameras, and for tests with a browser and simulated cameras (as root)
 	apt-get update

@@ -78,6 +78,8 @@ def python(words: Sequence[str], folder: Path) -> None:
     if words[1:3] == ["-m", "venv"]:
         unknown = {word for word in words[3:] if word.startswith("-")} - {"--system-site-packages"}
         demand(not unknown, f"venv: {unknown}")
+    elif words[1:3] == ["-m", "pytest"]:
+        pytest_call(words[3:])
     elif words[1] == "-m":
         demand(words[2] == "beltscape.sources.genicam.fake", f"module {words[2]}")
         done = subprocess.run(
@@ -88,6 +90,22 @@ def python(words: Sequence[str], folder: Path) -> None:
             demand(not word.startswith("--") or word in done.stdout, f"{words[2]} has no {word}")
     else:
         demand((ROOT / words[1]).is_file(), f"{words[1]}: no such script")
+        script(words[1:], folder)
+
+
+def pytest_call(words: Sequence[str]) -> None:
+    """Options are known, and each test that is named is there."""
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if word == "-k":
+            rest.pop(0)
+        elif word.startswith("-"):
+            demand(word in ("-n0", "-q", "-x"), f"pytest {word}: no rule knows this option")
+        else:
+            path, _, name = word.partition("::")
+            demand((ROOT / path).exists(), f"{path}: no such test file or folder")
+            demand(not name or f"def {name}(" in (ROOT / path).read_text(), f"{path} has no test {name}")
 
 
 def openssl(words: Sequence[str], folder: Path) -> None:
@@ -206,6 +224,6 @@ def run_system(words: Sequence[str], folder: Path) -> None:
     Wrong
         Where it does not hold, or no rule knows the program.
     """
-    name = words[0].removeprefix("/opt/beltscape/bin/")
+    name = words[0].removeprefix("/opt/beltscape/bin/").removeprefix(".venv/bin/")
     demand(name in RULES, f"no rule of tests/docs/system.py covers {words[0]!r}: write one")
     RULES[name](words, folder)

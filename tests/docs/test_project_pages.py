@@ -1,0 +1,59 @@
+"""CONTRIBUTING.md and ARCHITECTURE.md: their commands hold, and the files, packages and modules they name exist."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from docs.blocks import read_spans
+from docs.conftest import page_text
+from docs.reader import Reader
+from docs.system import ROOT
+
+PACKAGES = ROOT / "src/beltscape"
+MATCHER = PACKAGES / "stereo/multiview"
+_ROW = re.compile(r"^\| `(\w+)` \|(.*)\|$", re.M)
+_STEP = re.compile(r"^\d\. .*$", re.M)
+
+
+def has_module(folder, name: str) -> bool:
+    return (folder / f"{name}.py").is_file() or (folder / name).is_dir()
+
+
+def missing_paths(page: str) -> list[str]:
+    """Return the code spans of a page that look like paths in the repository and match no file or folder."""
+    paths = [span for _, span in read_spans(page_text(page)) if re.fullmatch(r"[\w./*]+", span)]
+    tops = tuple(f"{path.name}/" for path in ROOT.iterdir() if path.is_dir())
+    return [path for path in paths if path.startswith(tops) and not [*ROOT.glob(path.rstrip("/"))]]
+
+
+def test_commands_of_the_contributing_page_hold(tmp_path):
+    reader = Reader(tmp_path)
+    reader.follow("CONTRIBUTING.md", page_text("CONTRIBUTING.md"))
+    assert reader.wrong == []
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "ARCHITECTURE.md"])
+def test_named_files_exist(page):
+    assert missing_paths(page) == []
+
+
+def test_packages_are_complete_and_their_parts_exist():
+    rows = dict(_ROW.findall(page_text("ARCHITECTURE.md")))
+    packages = {path.parent.name for path in PACKAGES.glob("*/__init__.py")}
+    assert set(rows) == packages
+    for package, text in rows.items():
+        assert len(text.split()) <= 25, package
+        for part in re.findall(r"`(\w+)/?`", text):
+            children = [PACKAGES / package, *(PACKAGES / package).iterdir()]
+            assert any(has_module(folder, part) for folder in children) or part in packages, (package, part)
+
+
+def test_steps_through_the_matcher_name_its_modules():
+    steps = _STEP.findall(page_text("ARCHITECTURE.md"))
+    assert len(steps) == 8
+    for step in steps:
+        for name in re.findall(r"`([\w/]+)`", step):
+            parts = [MATCHER, *(path for path in MATCHER.iterdir() if path.is_dir())]
+            assert any(has_module(folder, name) for folder in parts), name

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.files.rig_limits import LEAST_BASELINE_MM
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -44,19 +45,20 @@ def cameras(draw, name: str = "cam0") -> Camera:
         name=name,
         size_px=(width, height),
         focal_px=np.array([focal, focal * draw(floats(0.98, 1.02))]),
-        center_px=np.array([width, height]) / 2 + draw(vectors(2, 20.0)),
+        center_px=np.array([width, height]) * (0.5 + draw(vectors(2, 0.03))),
         distortion=draw(vectors(5, 1.0)) * [0.15, 0.05, 2e-3, 2e-3, 0.03] + [0, 0.05, 0, 0, 0],
     )
 
 
 @st.composite
 def rigs(draw, minimum: int = 2, maximum: int = 5) -> Rig:
-    """Rigs of any arrangement; the first camera is the core."""
+    """Rigs of any arrangement that a rig.json may hold; the first camera is the core."""
     names = [f"cam{i}" for i in range(draw(st.integers(minimum, maximum)))]
+    placed = poses().filter(lambda pose: np.linalg.norm(pose.center_mm) > LEAST_BASELINE_MM)
     return Rig(
         core=names[0],
         cameras={name: draw(cameras(name)) for name in names},
-        cam_from_core={name: Pose.identity() if name == names[0] else draw(poses()) for name in names},
+        cam_from_core={name: Pose.identity() if name == names[0] else draw(placed) for name in names},
     )
 
 

@@ -2,15 +2,19 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.json_text import to_json
 from beltscape.files.rig_json import read_rig, rig_document, write_rig
+from beltscape.files.rig_limits import LEAST_BASELINE_MM
 from strategies import rigs
 
 
@@ -29,6 +33,28 @@ def test_the_round_trip_is_exact_and_stable_to_the_byte(tmp_path_factory, rig):
             np.testing.assert_array_equal(getattr(read, key), getattr(camera, key))
         np.testing.assert_array_equal(pose.rotation, rig.cam_from_core[name].rotation)
         np.testing.assert_array_equal(pose.translation_mm, rig.cam_from_core[name].translation_mm)
+
+
+@given(rigs(), st.floats(0.01, 0.99), st.sampled_from(["metres", "fold", "focal"]))
+def test_what_no_rig_can_be_is_not_read_back(tmp_path_factory, rig, share, fault):
+    name = rig.auxiliaries[0]
+    camera = rig.cameras[name]
+    if fault == "metres":
+        widest = max(np.linalg.norm(pose.center_mm) for pose in rig.cam_from_core.values())
+        factor = share * LEAST_BASELINE_MM / widest
+        poses = {n: Pose(p.rotation, factor * p.translation_mm) for n, p in rig.cam_from_core.items()}
+        rig = replace(rig, cam_from_core=poses)
+    elif fault == "fold":
+        strength = -20 * (1 + share) * (camera.focal_px.mean() / np.hypot(*camera.size_px)) ** 2
+        bent = replace(camera, distortion=np.array([strength, 0, 0, 0, 0]))
+        rig = replace(rig, cameras={**rig.cameras, name: bent})
+    else:
+        short = replace(camera, focal_px=np.full(2, 0.1 * share * camera.size_px[0]))
+        rig = replace(rig, cameras={**rig.cameras, name: short})
+    path = tmp_path_factory.getbasetemp() / "implausible.json"
+    write_rig(path, rig)
+    with pytest.raises(InputError, match="cam"):
+        read_rig(path)
 
 
 def document() -> dict:

@@ -6,10 +6,16 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.progress import Silent
 from beltscape.files.depth_tiff import read_float_tiff
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.pipeline.checked_matcher import CheckedMatcher
+from beltscape.pipeline.reconstruction import open_capture
 from beltscape.stereo.consistency.motion import moved_rig
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 
@@ -87,11 +93,47 @@ def test_exchanged_folders_are_named(run, capture, tmp_path):
     (folder / "cam3").rename(folder / "cam1")
     (folder / "x").rename(folder / "cam3")
     code, out, err = run(
-        "reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--preset", "fast", "--json"
+        "reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--preset", "fast"
     )
     assert code == 0
     assert any("the images of cam1 and cam3 are exchanged" in line for line in err)
-    assert only_json(out)["frames"][0]["auxiliaries"] == ["cam2", "cam4"]
+    assert "cam1  unmatched: " in out
+    assert "nan" not in out
+    document = json.loads((tmp_path / "r" / "reconstruction.json").read_text())
+    assert document["frames"][0]["auxiliaries"] == ["cam2", "cam4"]
+
+
+@pytest.mark.parametrize("other", ["cam1", "cam2", "cam3", "cam4"])
+def test_a_core_exchanged_with_an_auxiliary_is_named(run, capture, tmp_path, other):
+    folder = capture("belt_loaded")
+    (folder / "cam0").rename(folder / "x")
+    (folder / other).rename(folder / "cam0")
+    (folder / "x").rename(folder / other)
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--preset", "fast")
+    assert code == 2
+    assert f"the images of cam0 and {other} are exchanged" in err[-1]
+
+
+class _Told:
+    """A matcher whose depth is what the simulator knows."""
+
+    def reconstruct(self, frame_set, reporter, *, prior=None):
+        sigma = np.where(np.isfinite(TRUTH), 0.05, np.nan).astype(np.float32)
+        views = np.where(np.isfinite(TRUTH), 4, 0).astype(np.uint8)
+        return DepthMap(TRUTH, sigma, views, np.isfinite(TRUTH).astype(np.float32))
+
+
+def test_a_belt_goes_on_as_soon_as_its_cameras_agree_again():
+    rig = read_rig(TRUE_RIG)
+    frame = next(iter(open_capture(DEMO / "belt_loaded", rig, Silent())))
+    matcher = CheckedMatcher(rig, rig.auxiliaries, (570.0, 750.0), lambda _: _Told(), every=50)
+    knocked_core = np.roll(frame.images["cam0"], (5, 5), axis=(0, 1))
+    other = replace(frame, images={**frame.images, "cam0": knocked_core})
+    with pytest.raises(ReconstructionError):
+        matcher.reconstruct(other, Silent())
+    assert matcher.doubted
+    matcher.reconstruct(frame, Silent())
+    assert not matcher.doubted
 
 
 def test_a_narrow_box_says_so_and_its_sigma_holds_the_rest(run, tmp_path):

@@ -46,6 +46,12 @@ def test_a_camera_that_moved_is_named(run, tmp_path):
     assert len(warned) == 1
     assert warned[0].startswith("warning: frame 000: cam1 is ")
     assert warned[0].endswith("or it is not the rig's camera; calibrate again")
+    marked = read_image(tmp_path / "r" / "000" / "rectification.png")
+    run("rectify", DEMO / "belt_loaded", "--rig", TRUE_RIG, "--out", tmp_path / "sound")
+    plain = read_image(tmp_path / "sound" / "000" / "rectification.png")
+    above = marked[: marked.shape[0] - plain.shape[0]]
+    assert above.shape[0] > 0, "the warning is written above the pictures"
+    assert (above.min(axis=2) < 128).any()
 
 
 def test_rows_that_were_not_found_are_flagged(run, capture, tmp_path):

@@ -38,6 +38,8 @@ def seen(place_mm: float) -> DepthMap:
 class FakeMatcher:
     """Knows where the belt is from the frame's name."""
 
+    doubted = False
+
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
         return seen(float(frame_set.frame))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -73,8 +74,13 @@ def _cameras(consistency: Mapping[str, Any] | None) -> list[str]:
     """How the cameras agree with the rig in the first frame, a line each."""
     if consistency is None:
         return []
-    return [
-        f"  {each['camera']}  {each['state']}: {each['epipolar_px']:.2f} ± {each['epipolar_sigma_px']:.2f} px off its "
-        f"epipolar lines, {each['agreement']:.0%} of {each['searched']} points agree"
-        for each in consistency["cameras"]
-    ]
+    return [f"  {each['camera']}  {each['state']}{_agreement(each)}" for each in consistency["cameras"]]
+
+
+def _agreement(camera: Mapping[str, Any]) -> str:
+    if isnan(camera["epipolar_px"]):
+        return f": {camera['points']} of {camera['searched']} points found"
+    return (
+        f": {camera['epipolar_px']:.2f} ± {camera['epipolar_sigma_px']:.2f} px off its epipolar lines, "
+        f"{camera['agreement']:.0%} of {camera['searched']} points agree"
+    )

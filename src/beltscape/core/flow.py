@@ -9,7 +9,8 @@ Quality = Literal["measured", "degraded", "bridged", "missing"]
 """How far to believe a strip:
 
 measured   seen well, and where the belt was is known
-degraded   much of it was hidden, a camera was missing, or the belt's position was continued at its last known speed
+degraded   much of it was hidden, a camera was missing or contradicts the rig, or the belt's position was continued
+           at its last known speed
 bridged    part of it passed between frames, and was interpolated between its neighbours
 missing    nothing tells what lay there: it is not in the total, or it is counted with the next frame's strip
 """

@@ -15,7 +15,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.stereo.consistency.allowance import Allowance, allowance_of
 from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, camera_consistency
-from beltscape.stereo.consistency.exchange import exchange_of_frame
+from beltscape.stereo.consistency.exchange import exchange_in_doubt
 from beltscape.stereo.consistency.sparse import sparse_cause
 from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.multiview import MultiviewReconstructor
@@ -59,6 +59,8 @@ class CheckedMatcher:
         self.rig = rig
         self.left_out: tuple[str, ...] = ()
         """Auxiliaries that contradicted the rig in a frame, and are not used since."""
+        self.doubted = False
+        """Whether the frame that was checked last contradicted the rig."""
         self._auxiliaries, self._near_far, self._every = auxiliaries, depth_range_mm, every
         self._matcher_of = matcher_of
         self._matchers: dict[tuple[str, ...], Any] = {}
@@ -66,7 +68,7 @@ class CheckedMatcher:
         self._exchanged: dict[tuple[str, ...], tuple[str, str] | None] = {}
         self._systematic_px = 0.0
         self._frames = 0
-        self._refused: str | None = None
+        self._refused = False
         self._reported: tuple[tuple[str, ...], bool] = (), False
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
@@ -88,11 +90,9 @@ class CheckedMatcher:
         ReconstructionError
             When its images do not suffice, or no set of cameras agrees by far.
         """
-        due = self._frames % self._every == 0
+        due = self._refused or self._frames % self._every == 0
         self._frames += 1
-        if self._refused is not None and not due:
-            raise ReconstructionError(f"frame {frame_set.frame}: {self._refused}")
-        self._refused = None
+        self._refused = False
         names = self._used(frame_set)
         depth = self._match(names, frame_set, reporter, prior)
         if not due:
@@ -113,12 +113,13 @@ class CheckedMatcher:
         self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency, names: tuple[str, ...]
     ) -> CheckedDepth:
         """Mark the depth where cameras that it is measured with are in doubt."""
+        self.doubted = not consistency.is_sound
         doubts = doubts_of(consistency, self.rig, self._exchange(frame_set, consistency))
         used = consistency.core_moved or not set(names).isdisjoint(consistency.doubtful)
         # what is left where a camera is in doubt and little is measured, is where images agree by chance
         if doubts and (depth.coverage < LEAST_COVERAGE or (used and consistency.misfit_px > GROSS_PX)):
-            self._refused = "; ".join(doubts)
-            raise ReconstructionError(f"frame {frame_set.frame}: {self._refused}")
+            self._refused = True
+            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(doubts)}")
         self._systematic_px = consistency.misfit_px * max(1.0, float(np.sqrt(_MEAN_OF / len(names))))
         depth = self._marked(depth)
         if used and doubts:
@@ -157,10 +158,8 @@ class CheckedMatcher:
     def _exchange(self, frame_set: FrameSet, consistency: RigConsistency) -> tuple[str, str] | None:
         """Two cameras exchanged; searched once for every set of doubtful cameras."""
         doubtful = consistency.doubtful
-        if len(doubtful) < 2 or consistency.motion is not None:
-            return None
         if doubtful not in self._exchanged:
-            self._exchanged[doubtful] = exchange_of_frame(frame_set, self.rig, doubtful)
+            self._exchanged[doubtful] = exchange_in_doubt(frame_set, self.rig, consistency)
         return self._exchanged[doubtful]
 
     def _marked(self, depth: DepthMap) -> DepthMap:

@@ -37,6 +37,11 @@ class Passed:
 class SequenceMatcher(Protocol):
     """What makes depth of one frame after the other."""
 
+    @property
+    def doubted(self) -> bool:
+        """Whether cameras contradict the rig: the belt of such frames counts as degraded."""
+        ...
+
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
         """Depth of a frame, from the one before it; ReconstructionError where its images do not suffice."""
         ...
@@ -89,7 +94,7 @@ class FlowChain:
             frames.time_ns,
             frames.position_mm,
             depth,
-            whole or depth is None,
+            (whole and not self._matcher.doubted) or depth is None,
             self.meter.foresight,
         )
         return Passed(depth, records)

@@ -26,7 +26,7 @@ from beltscape.report.depth_picture import frame_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cloud import CloudBuilder
 from beltscape.stereo.consistency.check import camera_consistency, consistency_document
-from beltscape.stereo.consistency.exchange import exchange_of_frame
+from beltscape.stereo.consistency.exchange import exchange_in_doubt
 from beltscape.stereo.consistency.sparse import sparse_cause
 from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.multiview import MultiviewReconstructor
@@ -204,10 +204,7 @@ def _no_surface(frame_set: FrameSet, rig: Rig) -> str:
     """Return why a frame shows no surface, as its images have it."""
     consistency = camera_consistency(frame_set, rig, None)
     names = tuple(each.camera for each in consistency.cameras)
-    exchanged = (
-        exchange_of_frame(frame_set, rig, names) if consistency.motion is None and len(names) > 1 else None
-    )
-    doubts = doubts_of(consistency, rig, exchanged)
+    doubts = doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency))
     if doubts:
         return f"frame {frame_set.frame}: {'; '.join(doubts)}"
     return sparse_cause(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]

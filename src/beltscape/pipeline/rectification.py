@@ -18,7 +18,7 @@ from beltscape.pipeline.search_range import check_depth_range
 from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import RigConsistency, camera_consistency, consistency_document
-from beltscape.stereo.consistency.exchange import exchange_of_frame
+from beltscape.stereo.consistency.exchange import exchange_in_doubt
 from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.pairs.rectified import RectifiedImages, rectify_images
 from beltscape.stereo.pairs.rectify import rectify_pair
@@ -55,7 +55,7 @@ def rectify_capture(
         for images in pairs:
             write_image(folder / images.pair.auxiliary / "core.png", images.core)
             write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
-        write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs))
+        write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs, doubts))
         document = {
             "frame": frame_set.frame,
             "pairs": [_document(images) for images in pairs],
@@ -106,7 +106,7 @@ def rectify(
         images = [rectify_images(frame_set, pairs[name]) for name in names]
         consistency = camera_consistency(frame_set, rig, None, names)
         doubts = [
-            *doubts_of(consistency, rig, _exchange(frame_set, rig, consistency)),
+            *doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency)),
             *_off_rows(images, consistency),
         ]
         for line in doubts:
@@ -133,10 +133,3 @@ def _off_rows(pairs: list[RectifiedImages], consistency: RigConsistency) -> list
                 "have no texture in common, or the rig is another's"
             )
     return lines
-
-
-def _exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> tuple[str, str] | None:
-    """Two cameras exchanged, where at least two are in doubt and no movement explains it."""
-    if len(consistency.doubtful) < 2 or consistency.motion is not None:
-        return None
-    return exchange_of_frame(frame_set, rig, consistency.doubtful)

@@ -2,28 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
-from beltscape.report.legend import Rgb
+from beltscape.report.legend import PAPER, Rgb, text_width, write
 from beltscape.report.pictures import Panel, sheet, to_rgb
 from beltscape.stereo.pairs.rectified import RectifiedImages
 from beltscape.stereo.pairs.rectify import upright_turns
 
 LINES = 9
+_TEXT_PX = 32
+_LINE_PX = 48
+_WARNING = (176, 0, 32)
 _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 149, 237), (238, 130, 238)]
 
 
-def check_picture(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> Rgb:
+def check_picture(
+    rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], doubts: Sequence[str] = ()
+) -> Rgb:
     """One row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
 
     Corresponding points lie on lines of one colour. Pairs about a vertical baseline are shown upright, so that
-    their rows stand on end.
+    their rows stand on end. What is wrong with the cameras is written above.
     """
-    return sheet(check_panels(rig, frame_set, pairs), 4)
+    page = sheet(check_panels(rig, frame_set, pairs), 4)
+    return np.concatenate([_written(doubts, page.shape[1]), page]) if doubts else page
+
+
+def _written(lines: Sequence[str], width_px: int) -> Rgb:
+    """Return the lines as a strip of that width, broken between words where they are longer."""
+    shown: list[str] = []
+    for line in lines:
+        shown.append("Warning:")
+        for word in line.split():
+            if text_width(f"{shown[-1]} {word}", _TEXT_PX) > width_px - 2 * _TEXT_PX:
+                shown.append(word)
+            else:
+                shown[-1] += f" {word}"
+    strip = np.full((_LINE_PX * (len(shown) + 1), width_px, 3), PAPER, np.uint8)
+    for i, text in enumerate(shown, 1):
+        write(strip, text, (_TEXT_PX, _LINE_PX * i), _TEXT_PX, _WARNING)
+    return strip
 
 
 def check_panels(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> list[Panel]:

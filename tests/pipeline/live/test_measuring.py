@@ -16,7 +16,7 @@ from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.flow_chain import FlowChain
 from beltscape.pipeline.live.ledger import Books
-from synthetic.belt_feed import CAMERAS, HEAP, bench, frames, run
+from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, bench, frames, run
 
 STEP_MM = 60.0
 
@@ -85,6 +85,19 @@ def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:
     assert {e.reason for e in degraded} == {"without cam1"}
     assert len(degraded) == sum(900 <= p < 1100 for p in places(0, 3000))
     assert all(e.cameras == 1 for e in degraded)
+
+
+def test_belt_measured_with_cameras_in_doubt_is_degraded() -> None:
+    made = bench()
+    matcher = FakeMatcher()
+    chain = FlowChain(matcher, FlowMeter(made.ground, made.flow, density=made.density))
+    records = []
+    for place in places(0, 1500):
+        matcher.doubted = 600 <= place < 800
+        records += chain.push(frames(place, place), Silent(), whole=True).records
+    records += chain.finish()
+    doubted = [record.frame for record in records if record.quality == "degraded"]
+    assert doubted == [f"{place}" for place in places(0, 1500) if 600 <= place < 800]
 
 
 def test_a_graceful_stop_loses_nothing() -> None:

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from beltscape.core.belt_record import BeltRecord, CrossSection, standing_of
+from beltscape.core.belt_record import BeltRecord, CrossSection, standing_from_quality
 from beltscape.core.flow import FlowRecord
 
 ROLL_BACK_MM = 3000.0
@@ -143,7 +143,7 @@ class Ledger:
             number=books.number,
             run=books.run,
             belt_mm=(begin, max(begin, end_mm)),
-            standing="missing" if strip is None else standing_of(strip.quality),
+            standing="missing" if strip is None else standing_from_quality(strip.quality),
             reason=reason,
             wall_ns=wall_ns,
             strip=strip,
@@ -166,4 +166,4 @@ def _reason(record: FlowRecord, pushed: _Pushed) -> str:
         return "part of it passed between frames"
     if pushed.missing:
         return f"without {', '.join(pushed.missing)}"
-    return "much of it was hidden, or its place not told"
+    return "much of it was hidden, its place not told, or a camera contradicts the rig"

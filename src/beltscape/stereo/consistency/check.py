@@ -128,7 +128,7 @@ def camera_consistency(
     found = isolate(tie, residuals, allowance)
     core_moved, motion = False, None
     if found.contradicting or found.unmatched:
-        motion = _explanation(tie, rig, found, allowance)
+        motion = _explanation(tie, rig, residuals, found, allowance)
         core_moved = motion is not None and motion.camera == rig.core
     cameras = tuple(_camera(name, tie, rig, residuals, found, allowance, core_moved) for name in names)
     return RigConsistency(
@@ -153,9 +153,12 @@ def _tie_points(
     return unguided_points(frame_set, rig, names, search_range(rig, names), points), False
 
 
-def _explanation(tie: TiePoints, rig: Rig, found: Isolation, allowance: Allowance) -> Motion | None:
+def _explanation(
+    tie: TiePoints, rig: Rig, residuals: Residuals, found: Isolation, allowance: Allowance
+) -> Motion | None:
     """The movement of one camera that explains the frame: the auxiliary alone at fault, or else the core."""
-    names = tuple(n for n in tie.found_px if n not in found.unmatched)
+    measured = (name for name, trend in residuals.across.items() if np.isfinite(trend.rms_px))
+    names = tuple(name for name in measured if name not in found.unmatched)
     if len(names) < 2 or (found.unmatched and not found.contradicting):
         return None
     alone = found.contradicting if len(found.contradicting) == 1 else ()
@@ -191,7 +194,7 @@ def _camera(
     state: State = "not measured" if not np.isfinite(across.rms_px) else "sound"
     if name in found.unmatched:
         state = "unmatched"
-    elif name in found.contradicting or core_moved:
+    elif name in found.contradicting or (core_moved and state == "sound"):
         state = "contradicting"
     return CameraConsistency(
         name,

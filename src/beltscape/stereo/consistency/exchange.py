@@ -9,6 +9,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
+from beltscape.stereo.consistency.check import RigConsistency
 from beltscape.stereo.consistency.isolation import residuals_of
 from beltscape.stereo.consistency.tie_points import Array, textured_points
 from beltscape.stereo.consistency.unguided import unguided_points
@@ -20,6 +21,23 @@ _POINTS = 150
 """Enough to tell a camera that fits from one that does not."""
 _CLEARLY = 1.3
 """Points that fit, over those that fit as the images are now."""
+_KNOCK = 2.0, 20.0
+"""A knock turns a camera by less (°) and shifts it by less (mm): a greater movement that explains a frame is found by
+chance among images of other cameras."""
+
+
+def exchange_in_doubt(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> tuple[str, str] | None:
+    """Return the two cameras exchanged, where cameras are in doubt and the knock of one does not explain it."""
+    doubtful, motion = consistency.doubtful, consistency.motion
+    if len(consistency.cameras) < 2 or not doubtful:
+        return None
+    if motion is None and len(doubtful) < 2 and consistency.named("sound"):
+        return None
+    if motion is not None and motion.angle_deg < _KNOCK[0] and motion.shift_mm < _KNOCK[1]:
+        return None
+    enough = len(doubtful) > 1 and consistency.named("sound")
+    names = tuple(name for name in rig.auxiliaries if name in frame_set.images)
+    return exchange_of_frame(frame_set, rig, doubtful if enough else names)
 
 
 def exchange_of_frame(frame_set: FrameSet, rig: Rig, doubtful: tuple[str, ...]) -> tuple[str, str] | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.frames import FrameSet, Image, grey
+from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.rig import Rig
 from beltscape.stereo.consistency.peak import refined_peak
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
@@ -135,4 +135,4 @@ def _sampled(image: Image, where: tuple[Array, Array], half: int) -> NDArray[np.
         cv2.remap(image, part[:, 0], part[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for part in np.array_split(np.nan_to_num(grid, nan=-1e4), max(1, -(-len(grid) // 30000)))
     ]
-    return grey(np.concatenate(rows)).reshape(-1, side, side)
+    return to_grey(np.concatenate(rows)).reshape(-1, side, side)

@@ -65,6 +65,7 @@ def residuals_of(tie: TiePoints, rig: Rig, names: tuple[str, ...]) -> Residuals:
 def isolate(tie: TiePoints, residuals: Residuals, allowance: Allowance) -> Isolation:
     """Return the largest set of auxiliaries that agree with the core and each other, and the others."""
     names = tuple(residuals.across)
+    measured = tuple(name for name in names if np.isfinite(residuals.across[name].rms_px))
     lost = [name for name in names if _is_unmatched(tie, name, residuals.across[name])]
     real = any(
         name not in lost
@@ -80,10 +81,11 @@ def isolate(tie: TiePoints, residuals: Residuals, allowance: Allowance) -> Isola
     candidates = [name for name in names if name not in off and name not in unmatched]
     apart = {pair for pair, trend in residuals.between.items() if exceeds(trend, allowance.between_px[pair])}
     sets = _largest_sets(candidates, apart)
+    agreeing = tuple(name for name in sets[0] if name in measured)
     others = tuple(name for name in names if name not in sets[0] and name not in unmatched)
-    ambiguous = len(sets) > 1 or not _is_confirmed(sets[0], others, apart)
+    ambiguous = len(sets) > 1 or not _is_confirmed(agreeing, others, apart)
     sound = () if ambiguous else sets[0]
-    contradicting = tuple(name for name in names if name not in sound and name not in unmatched)
+    contradicting = tuple(name for name in measured if name not in sound and name not in unmatched)
     return Isolation(sound, contradicting, unmatched, ambiguous)
 
 

@@ -25,7 +25,7 @@ def doubts_of(consistency: RigConsistency, rig: Rig, exchanged: tuple[str, str] 
         ]
     off = [each for each in doubtful if each.state == "contradicting"]
     lines = []
-    if consistency.ambiguous or (len(off) == len(consistency.cameras) > 0):
+    if off and (consistency.ambiguous or not consistency.named("sound")):
         lines.append(_nobody(off, rig, consistency))
     else:
         lines += [
@@ -47,10 +47,10 @@ def _nobody(off: list[CameraConsistency], rig: Rig, consistency: RigConsistency)
     if len(consistency.cameras) == 1:
         return f"{_list(off)}: {rig.core} or {off[0].camera} moved, or the rig is another's; {_FIX}"
     names = " and ".join(filter(None, [", ".join(e.camera for e in off[:-1]), off[-1].camera]))
-    if consistency.ambiguous:
+    if consistency.ambiguous and len(off) > 1:
         which = f"which of them or of {rig.core} moved, the images cannot tell"
         return f"{names} contradict each other: {_list(off)}; {which}; {_FIX}"
-    which = f"they or {rig.core} moved, or the rig is another's"
+    which = f"{'they' if len(off) > 1 else off[0].camera} or {rig.core} moved, or the rig is another's"
     return f"no auxiliary agrees with {rig.core}: {_list(off)}: {which}; {_FIX}"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 from beltscape.stereo.levels import noise_variance, texture_over_noise
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class TiePoints:
 
 def textured_points(image: Image, camera: Camera, *, most: int = MAX_POINTS) -> Array:
     """Return (N, 2) px on the core's undistorted grid: corners that stand out of the noise, strongest first."""
-    level = grey(image) if image.dtype == np.uint8 else grey(image) / np.float32(257.0)
+    level = to_grey(image) if image.dtype == np.uint8 else to_grey(image) / np.float32(257.0)
     shrink = max(1, round(level.shape[1] / _DETECTION_WIDTH_PX))
     size = (level.shape[1] // shrink, level.shape[0] // shrink)
     small = cv2.resize(level[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
 from beltscape.stereo.pairs.contrast import eight_bit_root
 from beltscape.stereo.pairs.rectify import RectifiedPair, rectify_pair
@@ -32,7 +32,7 @@ def unguided_points(
 ) -> TiePoints:
     """Find points (N, 2) of the core's undistorted grid in each auxiliary image, anywhere in the depth range."""
     factor = min(1.0, _WIDTH_PX / rig.core_camera.size_px[0])
-    small = scaled_rig(rig, factor)
+    small = scale_rig(rig, factor)
     core = _shrunk(frame_set.images[rig.core], small.core_camera.size_px)
     found, searched = {}, {}
     for name in auxiliaries:

@@ -7,8 +7,8 @@ from belt_scenes import Block, Scene, depth_map, trough
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.measure.belt import learn_belt
-from beltscape.measure.belt_average import average
-from beltscape.measure.belt_edges import belt_edges
+from beltscape.measure.belt_average import average_depth_maps
+from beltscape.measure.belt_edges import find_belt_edges
 
 TROUGH = trough(300, (190, 25))
 OPEN = Scene(TROUGH, floor_mm=-60.0)
@@ -46,7 +46,7 @@ def test_what_lies_on_few_of_the_frames_does_not_count() -> None:
     scene = Scene(TROUGH)
     clean = frames(scene, 6, 0.1)
     loaded = depth_map(Scene(TROUGH, (Block((0.0, 0.0), (80.0, 80.0, 40.0)),)).depth_mm(), noise_mm=0.1)
-    off = average([*clean, loaded]).depth_mm - scene.depth_mm()
+    off = average_depth_maps([*clean, loaded]).depth_mm - scene.depth_mm()
     assert np.nanmax(np.abs(off)) < 1.0
 
 
@@ -55,9 +55,9 @@ def test_averaging_keeps_holes_that_most_frames_have() -> None:
     holed = depth.depth_mm.copy()
     holed[40:60, 40:60] = np.nan
     bare = DepthMap(holed, depth.sigma_mm, depth.views, depth.confidence)
-    assert np.isnan(average([bare] * 4 + [depth]).depth_mm[50, 50])
-    assert np.isfinite(average([bare] + [depth] * 4).depth_mm[50, 50])
-    assert average([depth] * 4).sigma_mm[50, 50] == pytest.approx(depth.sigma_mm[50, 50] / 2)
+    assert np.isnan(average_depth_maps([bare] * 4 + [depth]).depth_mm[50, 50])
+    assert np.isfinite(average_depth_maps([bare] + [depth] * 4).depth_mm[50, 50])
+    assert average_depth_maps([depth] * 4).sigma_mm[50, 50] == pytest.approx(depth.sigma_mm[50, 50] / 2)
 
 
 def test_no_frame_is_refused() -> None:
@@ -95,7 +95,7 @@ def test_a_belt_that_runs_off_under_load_is_told(shift_mm: float) -> None:
     moved[-1] += [shift_mm, rise * shift_mm]
     load = Block((0.0, 0.0), (150.0, 120.0, 60.0))
     loaded = depth_map(Scene(moved, (load,), floor_mm=-60.0).depth_mm(), noise_mm=0.1, seed=9)
-    edges = belt_edges(loaded, OPEN.camera, belt)
+    edges = find_belt_edges(loaded, OPEN.camera, belt)
     assert edges.against == "learned"
     assert abs(edges.offset_mm - shift_mm) < 4 * edges.sigma_mm
     assert edges.sigma_mm < 2

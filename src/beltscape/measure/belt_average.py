@@ -1,4 +1,4 @@
-"""Several depth maps of one surface that stands still → one with less noise."""
+"""The robust mean of several depth maps of one static surface."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 
-_BAND = 64
-"""Rows at a time: any number of frames fits into memory."""
-_LEAST_SHARE = 0.3
+_BAND_ROWS = 64
+"""Rows processed at a time, so that any number of frames fits into memory."""
+_MIN_SHARE = 0.3
 """A pixel measured in fewer of the frames stays unmeasured."""
 
 
-def average(frames: Sequence[DepthMap]) -> DepthMap:
-    """Mean over frames of one size, robust pixel by pixel.
+def average_depth_maps(frames: Sequence[DepthMap]) -> DepthMap:
+    """Return the robust mean of depth maps of one size, pixel by pixel.
 
-    Values further from their pixel's median than four robust standard deviations do not count. σ becomes the
-    root mean square σ over the root of the number of values: of errors that differ from frame to frame.
+    Values further from their pixel's median than four robust standard deviations are rejected. σ becomes the
+    root mean square σ over the root of the number of values: the errors count as independent between frames.
     """
     if len(frames) == 1:
         return frames[0]
     shape = frames[0].depth_mm.shape
     depth, sigma = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     views, confidence = np.zeros(shape, np.uint8), np.zeros(shape, np.float32)
-    for top in range(0, shape[0], _BAND):
-        rows = slice(top, top + _BAND)
+    for top in range(0, shape[0], _BAND_ROWS):
+        rows = slice(top, top + _BAND_ROWS)
         z = np.stack([frame.depth_mm[rows] for frame in frames]).astype(np.float64)
-        use = _agreeing(z)
+        use = _inlier_mask(z)
         number = use.sum(axis=0)
-        enough = number >= max(1.0, _LEAST_SHARE * len(frames))
+        enough = number >= max(1.0, _MIN_SHARE * len(frames))
         count = np.maximum(number, 1)
 
         def mean(values: NDArray[np.float64], use: NDArray[np.bool_] = use) -> NDArray[np.float64]:
@@ -45,20 +45,20 @@ def average(frames: Sequence[DepthMap]) -> DepthMap:
     return DepthMap(depth, sigma, views, confidence)
 
 
-def _agreeing(z: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N, H, W) values that lie near their pixel's median."""
+def _inlier_mask(z: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which values (N, H, W) lie near their pixel's median."""
     measured = np.isfinite(z)
     ranked = np.sort(np.where(measured, z, np.inf), axis=0)
-    median = _middle(ranked, measured.sum(axis=0))
+    median = _median_of_ranked(ranked, measured.sum(axis=0))
     off = np.abs(np.where(measured, z, np.inf) - np.where(np.isfinite(median), median, 0.0))
-    spread = 1.4826 * _middle(np.sort(off, axis=0), measured.sum(axis=0))
-    # of few values the scatter is little known: the whole band's says what is usual
+    spread = 1.4826 * _median_of_ranked(np.sort(off, axis=0), measured.sum(axis=0))
+    # the scatter of few values is uncertain: it counts as at least the band's typical scatter
     usual = float(np.median(spread[np.isfinite(spread)])) if np.isfinite(spread).any() else 0.0
     return measured & (off <= 4 * np.maximum(np.where(np.isfinite(spread), spread, 0.0), usual) + 1e-9)
 
 
-def _middle(ranked: NDArray[np.float64], count: NDArray[np.intp]) -> NDArray[np.float64]:
-    """(H, W) median of the first ``count`` of the ranked values (N, H, W); inf where there is none."""
+def _median_of_ranked(ranked: NDArray[np.float64], count: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the median (H, W) of the first ``count`` of the ranked values (N, H, W); inf where there is none."""
     last = len(ranked) - 1
     low = np.clip((count - 1) // 2, 0, last)[None]
     high = np.clip(count // 2, 0, last)[None]

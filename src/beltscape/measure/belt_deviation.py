@@ -1,4 +1,4 @@
-"""What one cross-section all along the belt does not tell: sag between idlers, waves, a rig's slow errors."""
+"""The belt's deviation from one constant cross-section: sag between idlers, waves, and the rig's slow errors."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from scipy import ndimage
 from beltscape.core.belt_model import BeltDeviation
 
 _NODES_ACROSS = 24
-"""Nodes over the belt's width, square to as many along as it is long."""
-_LEAST_REAL = 2.0
-"""Mean square of the nodes over that of their σ from which on a deviation is more than noise."""
+"""Nodes over the belt's width; the same spacing holds along the belt."""
+_MIN_SIGNIFICANCE = 2.0
+"""A deviation is significant where the nodes' mean square is at least this multiple of their mean σ²."""
+_MIN_RMS_MM = 0.03
+"""Least root mean square of the nodes: smaller ones come from folds that lie between two nodes of the section."""
 
-_LEAST_MM = 0.03
-"""And their least root mean square: below, it is how a fold lies between two nodes."""
 
-
-def find_deviation(
+def fit_deviation(
     points_mm: NDArray[np.float64], residual_mm: NDArray[np.float64], noise_mm: float, patch_px: float
 ) -> BeltDeviation | None:
-    """Deviation from points (H, W, 3) in the belt frame and their heights over the cross-section (H, W).
+    """Fit the deviation to points (H, W, 3) in the belt frame with heights over the cross-section (H, W).
 
-    ``patch_px`` neighbouring pixels err as one. Nodes are robust means over their surroundings; None where they
-    scatter no more than such means do.
+    The errors of ``patch_px`` neighbouring pixels are taken as fully correlated. Nodes are robust means over
+    their cells; the result is None where they scatter no more than such means do.
     """
     good = np.isfinite(residual_mm) & (np.abs(residual_mm) < 6 * noise_mm + 0.01 * np.nanstd(residual_mm))
-    good |= np.isfinite(residual_mm) & (np.abs(residual_mm) < _wide(residual_mm))
+    good |= np.isfinite(residual_mm) & (np.abs(residual_mm) < _inlier_limit_mm(residual_mm))
     if good.sum() < 1000:
         return None
     x, y, off = points_mm[..., 0][good], points_mm[..., 1][good], residual_mm[good]
@@ -42,7 +41,7 @@ def find_deviation(
     count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
     weight = np.ones(len(off))
     mean, scale = np.zeros(shape), noise_mm
-    for _ in range(3):  # Tukey's weights about each node's own mean
+    for _ in range(3):  # Tukey weights about each node's mean
         total = np.bincount(cell, weight, shape[0] * shape[1]).reshape(shape)
         mean = np.bincount(cell, weight * off, shape[0] * shape[1]).reshape(shape) / np.maximum(total, 1e-9)
         left = off - mean.ravel()[cell]
@@ -51,7 +50,7 @@ def find_deviation(
     full = count >= 0.1 * np.median(count[count > 0])
     sigma = scale * np.sqrt(np.minimum(patch_px / np.maximum(count, 1), 1.0))
     real = float(np.mean(mean[full] ** 2))
-    if real < _LEAST_REAL * np.mean(sigma[full] ** 2) or real < _LEAST_MM**2:
+    if real < _MIN_SIGNIFICANCE * np.mean(sigma[full] ** 2) or real < _MIN_RMS_MM**2:
         return None
     nearest = ndimage.distance_transform_edt(~full, return_distances=False, return_indices=True)
     assert isinstance(nearest, np.ndarray)
@@ -61,7 +60,7 @@ def find_deviation(
     )
 
 
-def _wide(residual_mm: NDArray[np.float64]) -> float:
-    """Reach that leaves out gross errors and steps, but no sag."""
-    known = residual_mm[np.isfinite(residual_mm)]
-    return 6 * 1.4826 * float(np.median(np.abs(known - np.median(known)))) if len(known) else 0.0
+def _inlier_limit_mm(residual_mm: NDArray[np.float64]) -> float:
+    """Return the limit of residuals that excludes gross errors and steps, but no sag."""
+    measured = residual_mm[np.isfinite(residual_mm)]
+    return 6 * 1.4826 * float(np.median(np.abs(measured - np.median(measured)))) if len(measured) else 0.0

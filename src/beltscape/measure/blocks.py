@@ -1,4 +1,4 @@
-"""Local planes of a depth map: one robust plane per block of pixels."""
+"""Local planes of a depth map: one robust plane for each block of pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 
 _MIN_SHARE = 0.5
-"""A block with fewer measured pixels than this gives no plane."""
+"""A block with a smaller share of measured pixels gets no plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,16 +26,19 @@ class BlockPlanes:
     """(M,) robust scatter of the pixels about their plane, along the ray."""
 
 
-def block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlanes:
-    """Robust planes of ``side_px`` × ``side_px`` blocks.
+def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlanes:
+    """Fit a robust plane to every block of ``side_px`` × ``side_px`` pixels.
 
-    A plane is exactly affine in inverse depth over the image, so each block is one linear fit of
-    three numbers, repeated with Tukey weights.
+    The inverse depth of a plane is affine over the image, so each block is a linear fit of three parameters,
+    iterated with Tukey weights.
     """
     height, width = (n // side_px * side_px for n in depth.depth_mm.shape)
-    inverse = _cut(1.0 / depth.depth_mm[:height, :width].astype(np.float64), side_px)
+    inverse = _split_blocks(1.0 / depth.depth_mm[:height, :width].astype(np.float64), side_px)
     rays = camera.rays()[:height, :width]
-    design = np.stack([_cut(rays[..., 0], side_px), _cut(rays[..., 1], side_px), np.ones_like(inverse)], -1)
+    design = np.stack(
+        [_split_blocks(rays[..., 0], side_px), _split_blocks(rays[..., 1], side_px), np.ones_like(inverse)],
+        -1,
+    )
     enough = np.isfinite(inverse).mean(axis=1) >= _MIN_SHARE
     inverse, design = inverse[enough], design[enough]
     if not len(inverse):
@@ -63,7 +66,7 @@ def block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlanes:
     return BlockPlanes(normal, middle * z[:, None], scale * z**2)
 
 
-def _cut(plane: NDArray[np.float64], side: int) -> NDArray[np.float64]:
-    """(H, W) → (blocks, side²)."""
+def _split_blocks(plane: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Return the pixels (H, W) as blocks (blocks, side²)."""
     rows, columns = plane.shape[0] // side, plane.shape[1] // side
     return plane.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, side * side)

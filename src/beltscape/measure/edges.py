@@ -1,4 +1,4 @@
-"""A flat belt's direction from its edges: straight steps down to the floor or up to a frame."""
+"""The direction of a flat belt from its edges: straight steps down to the floor or up to a frame."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from scipy import ndimage
 
 @dataclass(frozen=True, slots=True)
 class EdgeYaw:
-    """Direction of the belt in the plane given."""
+    """Direction of a belt's edges in the belt's plane."""
 
     angle_rad: float
-    """Of the edges against the plane's second axis: positive turns it towards minus the first."""
+    """Angle of the edges against the plane's second axis; positive towards minus the first."""
     sigma_rad: float
-    """One standard deviation of it."""
+    """One standard deviation of the angle."""
 
 
-def edge_yaw(
+def fit_edge_yaw(
     plane_mm: NDArray[np.float64], off_mm: NDArray[np.float64], tolerance_mm: float
 ) -> EdgeYaw | None:
-    """Direction of the straight steps that bound a plane; None where no long one is seen.
+    """Fit the direction of the straight steps that bound a plane; None where no long one is visible.
 
-    ``plane_mm`` (H, W, 2) and ``off_mm`` (H, W) are each pixel's place in the plane and its height off it. Only
-    borders with something else measured nearby count: the border of the light is none.
+    ``plane_mm`` (H, W, 2) and ``off_mm`` (H, W) are each pixel's position in the plane and its height off it. Only
+    borders with another surface measured nearby count, so that the border of the light does not.
     """
-    points = _border(off_mm, tolerance_mm)
+    points = _border_mask(off_mm, tolerance_mm)
     points = plane_mm[points]
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 40:
         return None
     step_mm = float(np.nanmedian(np.linalg.norm(np.diff(plane_mm, axis=1), axis=-1)))
     bin_mm = 3 * step_mm
-    angle, offsets = _sharpest(points, bin_mm)
+    angle, offsets = _find_edge_direction(points, bin_mm)
     length = float(np.nanmax(plane_mm[..., 1]) - np.nanmin(plane_mm[..., 1]))
     lines = [
         line
         for offset in offsets
-        if np.ptp((line := points[np.abs(_across(points, angle) - offset) < 2 * bin_mm])[:, 1]) > 0
+        if np.ptp((line := points[np.abs(_project_across(points, angle) - offset) < 2 * bin_mm])[:, 1]) > 0
         and len(line) >= 40
     ]
-    fits = [fit for line in lines if (fit := _line(line, angle, 0.3 * length, step_mm)) is not None]
+    fits = [fit for line in lines if (fit := _fit_line(line, angle, 0.3 * length, step_mm)) is not None]
     if not fits:
         return None
     weights = np.array([1 / sigma**2 for _, sigma in fits])
@@ -50,8 +50,8 @@ def edge_yaw(
     return EdgeYaw(mean, float(np.sqrt(1 / weights.sum())))
 
 
-def _border(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np.bool_]:
-    """(H, W) pixels of the plane next to a step."""
+def _border_mask(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) of the plane next to a step."""
     measured = np.isfinite(off_mm)
     on = ndimage.binary_closing(measured & (np.abs(off_mm) < tolerance_mm), iterations=3)
     on = np.asarray(ndimage.binary_opening(on, iterations=3), bool)
@@ -64,15 +64,15 @@ def _border(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np.bool
     return border & near
 
 
-def _across(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def _project_across(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     return points[:, 0] * np.cos(angle) + points[:, 1] * np.sin(angle)
 
 
-def _sharpest(points: NDArray[np.float64], bin_mm: float) -> tuple[float, list[float]]:
-    """Direction in which the points fall into the fewest lines, and the offsets of up to two of them."""
+def _find_edge_direction(points: NDArray[np.float64], bin_mm: float) -> tuple[float, list[float]]:
+    """Return the direction in which the points lie on the fewest lines, and the offsets of up to two of these."""
     best, best_score, best_counts, best_start = 0.0, -1.0, np.zeros(1), 0.0
     for angle in np.deg2rad(np.arange(-90, 90, 0.25)):
-        across = _across(points, angle)
+        across = _project_across(points, angle)
         start = float(across.min())
         counts = np.bincount(((across - start) / bin_mm).astype(np.intp)).astype(np.float64)
         score = float(np.sum(counts**2))
@@ -87,11 +87,11 @@ def _sharpest(points: NDArray[np.float64], bin_mm: float) -> tuple[float, list[f
     return best, offsets
 
 
-def _line(
+def _fit_line(
     points: NDArray[np.float64], angle: float, least_mm: float, step_mm: float
 ) -> tuple[float, float] | None:
-    """Angle (rad) of the line through the points and its standard deviation; None where it is short."""
-    across = _across(points, angle)
+    """Return the angle (rad) of the line through the points and its standard deviation; None where it is short."""
+    across = _project_across(points, angle)
     along = -points[:, 0] * np.sin(angle) + points[:, 1] * np.cos(angle)
     if np.ptp(along) < least_mm:
         return None
@@ -104,7 +104,7 @@ def _line(
         residual = across - offset - design[:, 1] * slope
         noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-6
         weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
-    # neighbouring border pixels err together: ten of them count as one; and an edge along the pixels' own rows
-    # or columns is known to a part of a pixel over its whole length
+    # errors of neighbouring border pixels are correlated: ten of them count as one; an edge along the rows or
+    # columns of pixels is located only to a fraction of a pixel over its whole length
     sigma = np.hypot(noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10), 0.3 * step_mm / np.ptp(along))
     return float(angle - np.arctan(slope)), float(sigma)

@@ -1,4 +1,4 @@
-"""One robust plane."""
+"""A robust plane through points."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
-    """The points p with normal · p = offset."""
+    """The plane of the points p with normal · p = offset."""
 
     normal: NDArray[np.float64]
     """(3,) unit, z positive."""
@@ -23,7 +23,7 @@ class Plane:
 
 
 def fit_plane(points_mm: NDArray[np.float64]) -> Plane:
-    """Plane z = a + b·x + c·y through points (N, 3), N ≥ 3, with Tukey weights on the robust scatter."""
+    """Fit the plane z = a + b·x + c·y to points (N, 3), N ≥ 3, with Tukey weights on the robust scatter."""
     middle = np.median(points_mm, axis=0)
     local = points_mm - middle
     design = np.column_stack([np.ones(len(local)), local[:, :2]])

@@ -1,4 +1,4 @@
-"""A surface that is the same all along the belt: its direction and its cross-section, fitted together."""
+"""The belt as a generalised cylinder: its direction and its cross-section, fitted together."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 _NODES = 160
-_STEEPEST = 2.0
-"""Slopes above this are steps to the floor or a frame, no belt: they tell nothing of the yaw."""
+_MAX_SLOPE = 2.0
+"""Steeper slopes are steps to the floor or a frame, not the belt: they do not count towards the yaw."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Section:
-    """A generalised cylinder z = h(x), invariant along y, in a frame turned from the camera's."""
+class CrossSection:
+    """A generalised cylinder z = h(x), invariant along y, in a frame rotated against the camera's."""
 
     rotation: NDArray[np.float64]
     """(3, 3) section_from_camera; rows are x across, y along, z up."""
@@ -31,35 +31,35 @@ class Section:
     """One standard deviation of pitch (about x) and yaw (about z), for independent points."""
 
     def height_mm(self, x_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height of the section at any x, held constant beyond its ends."""
-        known = np.isfinite(self.z_mm)
-        return np.interp(x_mm, self.x_mm[known], self.z_mm[known])
+        """Return the height of the section at any x, constant beyond its ends."""
+        measured = np.isfinite(self.z_mm)
+        return np.interp(x_mm, self.x_mm[measured], self.z_mm[measured])
 
 
-def fit_section(
+def fit_cross_section(
     points_mm: NDArray[np.float64], rotation: NDArray[np.float64], *, rounds: int = 8, turn_yaw: bool = True
-) -> Section:
-    """Section of points (N, 3) in the camera's frame, started from ``rotation`` (section_from_camera).
+) -> CrossSection:
+    """Fit the section to points (N, 3) in the camera's frame, starting from ``rotation`` (section_from_camera).
 
     Gauss-Newton on z = h(x) + y·(θ - φ·h'(x)): pitch θ, yaw φ and the free cross-section h together, with
-    Tukey weights on the robust scatter. ``turn_yaw=False`` keeps the yaw (a flat belt does not tell it).
+    Tukey weights on the robust scatter. ``turn_yaw=False`` keeps the yaw (a flat belt does not determine it).
     """
     for _ in range(rounds):
-        step = _Step.solve(_apply(rotation, points_mm), turn_yaw=turn_yaw)
-        rotation = _turned(rotation, step.pitch, step.yaw)
+        step = _GaussNewtonStep.solve(_rotate_points(rotation, points_mm), turn_yaw=turn_yaw)
+        rotation = _rotate_frame(rotation, step.pitch, step.yaw)
         if max(abs(step.pitch), abs(step.yaw)) < 1e-7:
             break
-    step = _Step.solve(_apply(rotation, points_mm), turn_yaw=turn_yaw)
-    return Section(rotation, step.x, step.z, step.residual, step.noise, step.sigma)
+    step = _GaussNewtonStep.solve(_rotate_points(rotation, points_mm), turn_yaw=turn_yaw)
+    return CrossSection(rotation, step.x, step.z, step.residual, step.noise, step.sigma)
 
 
-def _apply(rotation: NDArray[np.float64], points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, N) turned coordinates; einsum, for a threaded product of so narrow a matrix wastes more than it gains."""
+def _rotate_points(rotation: NDArray[np.float64], points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotated coordinates (3, N); einsum, because a threaded product of so narrow a matrix is slower."""
     return np.einsum("ij,nj->in", rotation, points_mm)
 
 
-def _turned(rotation: NDArray[np.float64], pitch: float, yaw: float) -> NDArray[np.float64]:
-    """The frame whose y lies along (yaw, 1, pitch) of the old one."""
+def _rotate_frame(rotation: NDArray[np.float64], pitch: float, yaw: float) -> NDArray[np.float64]:
+    """Return the frame whose y lies along (yaw, 1, pitch) of the given one."""
     along = np.array([yaw, 1.0, pitch]) / np.linalg.norm([yaw, 1.0, pitch])
     up = np.array([0.0, 0.0, 1.0]) - along[2] * along
     up /= np.linalg.norm(up)
@@ -67,7 +67,7 @@ def _turned(rotation: NDArray[np.float64], pitch: float, yaw: float) -> NDArray[
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Step:
+class _GaussNewtonStep:
     pitch: float
     yaw: float
     x: NDArray[np.float64]
@@ -77,12 +77,12 @@ class _Step:
     sigma: tuple[float, float]
 
     @classmethod
-    def solve(cls, points: NDArray[np.float64], *, turn_yaw: bool) -> _Step:
+    def solve(cls, points: NDArray[np.float64], *, turn_yaw: bool) -> _GaussNewtonStep:
         x, y, z = points
         y = y - y.mean()
         nodes = np.linspace(x.min(), x.max(), _NODES)
-        hats = _Hats.at(x, nodes)
-        height = _binned_medians(hats.nearest, z)
+        hats = _HatFunctions.at(x, nodes)
+        height = _compute_bin_medians(hats.nearest, z)
         residual = z - hats.value(height)
         answer = np.zeros(2)
         covariance, noise = np.full((2, 2), np.inf), 0.0
@@ -90,24 +90,24 @@ class _Step:
             noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
             weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
             slope = (np.diff(height) / np.diff(nodes))[hats.left]
-            lever = np.where(np.abs(slope) < _STEEPEST, slope, 0.0) * -y * turn_yaw
-            height, answer, covariance = _solve(hats, (y, lever), z, weight, height)
+            lever = np.where(np.abs(slope) < _MAX_SLOPE, slope, 0.0) * -y * turn_yaw
+            height, answer, covariance = _solve_normal_equations(hats, (y, lever), z, weight, height)
             residual = z - hats.value(height) - y * answer[0] - lever * answer[1]
         sigma = noise * np.sqrt(np.diag(covariance))
         counts = np.bincount(hats.nearest, minlength=_NODES)
-        known = np.where(counts >= 3, height, np.nan)
-        return cls(answer[0], answer[1], nodes, known, residual, noise, (float(sigma[0]), float(sigma[1])))
+        measured = np.where(counts >= 3, height, np.nan)
+        return cls(answer[0], answer[1], nodes, measured, residual, noise, (float(sigma[0]), float(sigma[1])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Hats:
-    """Piecewise linear interpolation between nodes: each point has a node to its left and a part of the next."""
+class _HatFunctions:
+    """Piecewise linear interpolation between nodes: each point's left node and the weight of the next."""
 
     left: NDArray[np.intp]
     part: NDArray[np.float64]
 
     @classmethod
-    def at(cls, x: NDArray[np.float64], nodes: NDArray[np.float64]) -> _Hats:
+    def at(cls, x: NDArray[np.float64], nodes: NDArray[np.float64]) -> _HatFunctions:
         place = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 1 - 1e-9)
         left = place.astype(np.intp)
         return cls(left, place - left)
@@ -117,17 +117,17 @@ class _Hats:
         return self.left + (self.part > 0.5)
 
     def value(self, height: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Interpolated at the points."""
+        """Return node heights (K,) interpolated at the points."""
         return height[self.left] * (1 - self.part) + height[self.left + 1] * self.part
 
     def gather(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The transposed operation: the points' values summed to the nodes."""
+        """Return the points' values summed to the nodes, the transpose of `value`."""
         lower = np.bincount(self.left, values * (1 - self.part), _NODES)
         return np.asarray(lower + np.bincount(self.left + 1, values * self.part, _NODES), np.float64)
 
 
-def _binned_medians(label: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(_NODES,) median of the values of each label; empty ones interpolated."""
+def _compute_bin_medians(label: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the median of the values of each label (_NODES,); empty ones are interpolated."""
     order = np.lexsort((values, label))
     count = np.bincount(label, minlength=_NODES)
     first = np.cumsum(count) - count
@@ -136,21 +136,21 @@ def _binned_medians(label: NDArray[np.intp], values: NDArray[np.float64]) -> NDA
     return np.interp(np.arange(_NODES), full, medians)
 
 
-def _solve(
-    hats: _Hats,
+def _solve_normal_equations(
+    hats: _HatFunctions,
     turns: tuple[NDArray[np.float64], NDArray[np.float64]],
     z: NDArray[np.float64],
     weight: NDArray[np.float64],
-    before: NDArray[np.float64],
+    previous: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Weighted least squares for the section (K,) and the two turns (2,), with the turns' unit covariance."""
+    """Solve weighted least squares for the section (K,) and the two turns (2,); also return the turns' covariance."""
     beside = np.bincount(hats.left, weight * (1 - hats.part) * hats.part, _NODES)
     band = np.stack([np.roll(beside, 1), hats.gather(weight) - beside - np.roll(beside, 1)])
     ridge = 1e-6 * max(float(band[1].max()), 1e-12)
-    band[1] += ridge  # nodes without points stay where they were
+    band[1] += ridge  # nodes without points keep their height
     side = np.column_stack([hats.gather(weight * turn) for turn in turns])
     inner = np.array([[np.sum(weight * one * two) for two in turns] for one in turns])
-    base = hats.gather(weight * z) + ridge * before
+    base = hats.gather(weight * z) + ridge * previous
     solved = np.asarray(solveh_banded(band, np.column_stack([side, base])), np.float64)
     reduced = inner - side.T @ solved[:, :2]
     reduced[np.diag_indices(2)] += 1e-12 * inner[0, 0]

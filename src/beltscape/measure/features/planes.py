@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.blocks import BlockPlanes, block_planes
+from beltscape.measure.blocks import BlockPlanes, fit_block_planes
 
 _NEAR_MM, _TURN_RAD = 1.0, np.deg2rad(2.0)
 """Blocks this far off a plane, leaning this much, still belong to it."""
@@ -32,7 +32,7 @@ class CandidatePlane:
 def candidate_planes(depth: DepthMap, camera: Camera, most: int) -> list[CandidatePlane]:
     """Up to ``most`` planes, the ones with most blocks first, each from blocks no plane before it took."""
     side = max(8, round(_FINE_PX * camera.size_px[0] / _FINE_OF_PX))
-    blocks = block_planes(depth, camera, side)
+    blocks = fit_block_planes(depth, camera, side)
     blocks = _kept(
         blocks, blocks.rms_mm <= max(4 * _low(blocks.rms_mm), 1e-5 * _low(blocks.centers_mm[:, 2]))
     )

@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.core.belt_model import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.belt_edges import belt_edges
+from beltscape.measure.belt_edges import find_belt_edges
 from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 
@@ -37,5 +37,5 @@ def belt_offset(depth: DepthMap, camera: Camera, belt: Belt) -> tuple[float, flo
     """How far the belt runs off to +x and its σ, mm; NaN twice where its ends cannot be seen, or nothing at all."""
     if not depth.measured.any():
         return _NAN, _NAN
-    edges = belt_edges(depth, camera, belt)
+    edges = find_belt_edges(depth, camera, belt)
     return edges.offset_mm, edges.sigma_mm

@@ -17,7 +17,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.evaluate.other_grid import depth_on_grid_of, mask_on_grid_of
 from beltscape.evaluate.unseen import never_seen
 from beltscape.files.depth_tiff import read_float_tiff
@@ -56,7 +56,7 @@ class Scene:
     def calibrated(self, rig: Rig) -> Scene:
         """The same frame for a rig that was found, the truth on its core's grid."""
         halvings = round(np.log2(rig.core_camera.size_px[0] / self.rig.core_camera.size_px[0]))
-        found = scaled_rig(rig, 0.5**halvings)
+        found = scale_rig(rig, 0.5**halvings)
         return replace(
             self,
             rig=found,
@@ -75,7 +75,7 @@ def rendered(folder: Path, name: str, halvings: int, capture: str | None = None)
     """One of them; ``capture`` is another capture of the same scene, without speckle say."""
     truth = json.loads((folder / "truth" / "rig.json").read_text())
     whole = true_rig(truth)
-    rig = scaled_rig(whole, 0.5**halvings)
+    rig = scale_rig(whole, 0.5**halvings)
     arrays = np.load(folder / "truth" / f"{name}_depth_cam0.npz")
     depth, labels = arrays["z_pinhole"].astype(np.float64), arrays["label_pinhole"]
     unseen = never_seen(whole, depth, load())

@@ -16,7 +16,7 @@ from time import perf_counter
 import cv2
 
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import write_rig
@@ -137,7 +137,7 @@ def _scaled(capture: Path, folder: Path, width: int) -> Path:
 def _empty(capture: Path, folder: Path, width: int, rig: Rig) -> Path:
     """The empty belt, reconstructed at that size."""
     images = _scaled(capture, folder / "images", width)
-    write_rig(folder / "rig.json", scaled_rig(rig, width / rig.core_camera.size_px[0]))
+    write_rig(folder / "rig.json", scale_rig(rig, width / rig.core_camera.size_px[0]))
     words = [sys.executable, "-m", "beltscape", "reconstruct", str(images), "--rig", str(folder / "rig.json")]
     subprocess.run([*words, "--out", str(folder / "out"), "--json"], check=True, capture_output=True)
     return folder / "out"

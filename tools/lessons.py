@@ -13,7 +13,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.stereo.search import find_depth_range
@@ -83,7 +83,7 @@ class Capture:
             for name, image in self.images.items()
         }
         views = self.views.reshape(height, 2, width, 2).max(axis=(1, 3))
-        return Capture(scaled_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views)
+        return Capture(scale_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views)
 
 
 def captured(folder: Path) -> Capture:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from beltscape.core.camera import Camera
-from beltscape.core.frames import grey
+from beltscape.core.frames import to_grey
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.depth_tiff import write_float_tiff
@@ -53,7 +53,7 @@ def main(rendered: Path) -> None:
 
 def halve(source: Path, folder: Path, extension: str, camera: str) -> None:
     """One image, averaged 2×2, grey."""
-    image = grey(read_image(source))
+    image = to_grey(read_image(source))
     small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     target = folder / camera / (source.stem + extension)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -47,7 +47,7 @@ def test_a_camera_that_shares_frames_only_with_an_auxiliary_is_associated_throug
     reporter = Silent()
     chain = solve(sightings(rig, board, poses, seen_by=frames), board, "a", reporter)
     assert chain.network.paths["c"] == ("a", "b", "c")
-    offset = chain.rig.cam_from_core["c"].inverse() @ rig.relative("c", "a")
+    offset = chain.rig.cam_from_core["c"].inverse() @ rig.relative_pose("c", "a")
     assert np.linalg.norm(offset.translation_mm) < 0.02
     assert reporter.warnings == [
         "camera d sees the board in 0 of 12 images; at least 3 tilted views are needed; going on without d"

@@ -64,7 +64,7 @@ def test_a_board_that_bends_between_views_is_noticed_and_sigma_stays_true(rig, b
 
 def depth_errors(rig, truth, points_mm):
     names = list(truth.cameras)
-    pixels = np.stack([truth.seen_under(rig, name, points_mm) for name in names])
+    pixels = np.stack([truth.project_into(rig, name, points_mm) for name in names])
     return (
         load().triangulate(np.stack([rig.projection(name) for name in names]), pixels)[:, 2] - points_mm[:, 2]
     )

@@ -56,14 +56,14 @@ def test_the_path_with_the_least_variance_wins(rig):
 
 def test_path_errors_tell_how_far_a_loop_is_open(rig):
     off = Pose.of([0.0, 0.0, np.deg2rad(0.5)], [0, 0, 0])
-    twisted = Pair("b", "c", off @ rig.relative("c", "b"), 0.1, ("00",), 100, COVARIANCE)
+    twisted = Pair("b", "c", off @ rig.relative_pose("c", "b"), 0.1, ("00",), 100, COVARIANCE)
     network = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), twisted])
     (error,) = network.path_errors
     assert error.pair == ("b", "c")
     assert error.rotation_deg == pytest.approx(0.5)
     assert error.translation_mm == pytest.approx(0.0, abs=1e-9)  # a twist about c's own centre
     moved = Pair(
-        "b", "c", Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative("c", "b"), 0.1, ("00",), 100, COVARIANCE
+        "b", "c", Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative_pose("c", "b"), 0.1, ("00",), 100, COVARIANCE
     )
     (error,) = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), moved]).path_errors
     assert (error.rotation_deg, error.translation_mm) == (pytest.approx(0, abs=1e-6), pytest.approx(5.0))
@@ -71,7 +71,7 @@ def test_path_errors_tell_how_far_a_loop_is_open(rig):
 
 def test_loop_errors_are_for_every_triangle_and_no_choice_of_core_changes_them(rig):
     off = Pair(
-        "b", "c", rig.relative("c", "b") @ exp(np.array([0, 0, 0, 0, 0, 3.0])), 0.1, ("00",), 100, COVARIANCE
+        "b", "c", rig.relative_pose("c", "b") @ exp(np.array([0, 0, 0, 0, 0, 3.0])), 0.1, ("00",), 100, COVARIANCE
     )
     pairs = [pair(rig, *names) for names in combinations("abcd", 2) if names != ("b", "c")]
     for core in "abcd":

@@ -111,7 +111,7 @@ def test_more_precise_pairs_count_for_more(rig):
     poor = [measured_pair(rig, *link, rng) for link in (("a", "b"), ("b", "c"))]
     good = measured_pair(rig, "a", "c", rng, noise=0.0)
     found = optimise(associate("a", [*poor, replace(good, covariance=good.covariance / 1e4)]), Weights(1, 0))
-    moved = log(found.cam_from_core["c"] @ rig.relative("a", "c"))
+    moved = log(found.cam_from_core["c"] @ rig.relative_pose("a", "c"))
     assert (np.abs(moved) < 2e-3 * np.diag(UNITS)).all()
 
 

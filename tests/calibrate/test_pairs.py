@@ -24,7 +24,7 @@ def pair_of(own, board_mm, first="a", second="b"):
 
 def test_without_noise_the_pose_is_exact(rig, board, poses, board_mm):
     pair = pair_of(sightings(rig, board, poses), board_mm)
-    offset = pair.second_from_first.inverse() @ rig.relative("b", "a")
+    offset = pair.second_from_first.inverse() @ rig.relative_pose("b", "a")
     assert offset.angle_deg < 1e-4
     assert np.linalg.norm(offset.translation_mm) < 1e-3
     assert pair.rms_px < 1e-4
@@ -65,7 +65,7 @@ def test_a_frame_in_which_the_board_moved_is_left_out_and_named(rig, board, pose
     assert pair.rejected["04"].startswith("RMS ")
     assert " px in the pair, the median frame has " in pair.rejected["04"]
     assert "04" not in pair.frames
-    offset = pair.second_from_first.inverse() @ rig.relative("b", "a")
+    offset = pair.second_from_first.inverse() @ rig.relative_pose("b", "a")
     assert np.linalg.norm(offset.translation_mm) < 4
 
 

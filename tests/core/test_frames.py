@@ -3,19 +3,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.core.frames import grey, saturated_fraction
+from beltscape.core.frames import saturated_fraction, to_grey
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_grey_images_keep_their_counts(dtype):
     image = np.array([[0, 7], [200, 255]], dtype)
-    assert grey(image).dtype == np.float32
-    np.testing.assert_array_equal(grey(image), image)
+    assert to_grey(image).dtype == np.float32
+    np.testing.assert_array_equal(to_grey(image), image)
 
 
 def test_luminance_is_rec_601_in_the_order_rgb():
     red, green, blue = np.eye(3, dtype=np.uint8)[:, None, None, :] * np.uint8(100)
-    assert [float(grey(c)[0, 0]) for c in (red, green, blue)] == pytest.approx([29.9, 58.7, 11.4], abs=1e-4)
+    assert [float(to_grey(c)[0, 0]) for c in (red, green, blue)] == pytest.approx([29.9, 58.7, 11.4], abs=1e-4)
 
 
 def test_saturation_counts_a_pixel_once_whatever_its_channels():

@@ -9,7 +9,7 @@ from strategies import looking_rigs, rigs, seeds
 @given(rigs(minimum=3))
 def test_relative_poses_chain(rig):
     a, b, c = list(rig.cameras)[:3]
-    direct, through = rig.relative(c, a), rig.relative(c, b) @ rig.relative(b, a)
+    direct, through = rig.relative_pose(c, a), rig.relative_pose(c, b) @ rig.relative_pose(b, a)
     np.testing.assert_allclose(direct.rotation, through.rotation, atol=1e-13)
     np.testing.assert_allclose(direct.translation_mm, through.translation_mm, atol=1e-8)
 
@@ -18,7 +18,7 @@ def test_relative_poses_chain(rig):
 def test_relative_to_the_core_is_cam_from_core(rig):
     for name in rig.cameras:
         np.testing.assert_allclose(
-            rig.relative(name, rig.core).translation_mm, rig.cam_from_core[name].translation_mm
+            rig.relative_pose(name, rig.core).translation_mm, rig.cam_from_core[name].translation_mm
         )
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import pinhole_scale, scaled_camera, scaled_rig
+from beltscape.core.scaling import pinhole_scale, scale_camera, scale_rig
 
 CAMERA = Camera(
     "cam0",
@@ -25,7 +25,7 @@ CAMERA = Camera(
 
 @pytest.mark.parametrize("factor", [0.5, 0.25, 2.0])
 def test_a_ray_meets_the_same_place_of_the_image(factor):
-    scaled = scaled_camera(CAMERA, factor)
+    scaled = scale_camera(CAMERA, factor)
     ray = np.array([0.1, -0.2])
     one, other = (c.distort(ray) * c.focal_px + c.center_px for c in (CAMERA, scaled))
     np.testing.assert_allclose((one + 0.5) * factor - 0.5, other)
@@ -34,7 +34,7 @@ def test_a_ray_meets_the_same_place_of_the_image(factor):
 @given(st.integers(1, 2448))
 def test_what_was_scaled_is_known_again(width):
     factor = width / CAMERA.size_px[0]
-    scaled = scaled_camera(CAMERA, factor)
+    scaled = scale_camera(CAMERA, factor)
     assert scaled.size_px[0] == width
     if width >= 306:
         assert pinhole_scale(CAMERA, scaled) == pytest.approx(factor)
@@ -43,7 +43,7 @@ def test_what_was_scaled_is_known_again(width):
 def test_the_undistorted_grid_of_a_camera_is_its_pinhole():
     grid = replace(CAMERA, distortion=np.zeros(5))
     assert pinhole_scale(grid, CAMERA) == 1.0
-    assert pinhole_scale(grid, scaled_camera(CAMERA, 0.5)) == 0.5
+    assert pinhole_scale(grid, scale_camera(CAMERA, 0.5)) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -66,6 +66,6 @@ def test_another_camera_is_not_taken_for_a_scaled_one():
 
 def test_a_rig_keeps_its_poses():
     rig = Rig("cam0", {"cam0": CAMERA}, {"cam0": Pose.identity()})
-    half = scaled_rig(rig, 0.5)
+    half = scale_rig(rig, 0.5)
     assert half.core_camera.size_px == (612, 512)
     assert half.cam_from_core == rig.cam_from_core

@@ -13,7 +13,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.files.belt_json import write_belt
 from beltscape.measure.belt import learn_belt
 from beltscape.pipeline.flow_chain import ground_under
@@ -35,7 +35,7 @@ def belt_json(tmp_path_factory):
 def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json):
     ground = ground_under(belt_json, rig(LENS), 4.0, Silent())
     np.testing.assert_array_equal(ground.camera.distortion, LENS.distortion)
-    half = scaled_rig(rig(LENS), 0.5)
+    half = scale_rig(rig(LENS), 0.5)
     assert ground_under(belt_json, half, 4.0, Silent()).camera.size_px == half.core_camera.size_px
 
 

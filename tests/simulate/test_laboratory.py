@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.core.scaling import scaled_camera
+from beltscape.core.scaling import scale_camera
 from beltscape.files.rig_json import write_rig
-from beltscape.simulate.laboratory import projector, station
+from beltscape.simulate.laboratory import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.target.pattern import PatternSettings, make_pattern
 from beltscape.target.pattern_json import write_pattern
@@ -31,7 +31,7 @@ def test_as_drawn_all_cameras_look_at_one_spot_and_across(count, baseline, first
             "height_mm": height,
         }
     )
-    stands = station(spec)
+    stands = make_station(spec)
     assert list(stands.rig.cameras) == [f"cam{i}" for i in range(count + 1)]
     assert stands.rig.core == "cam0"
     for i, name in enumerate(stands.rig.cameras):
@@ -48,7 +48,7 @@ def test_as_drawn_all_cameras_look_at_one_spot_and_across(count, baseline, first
 
 
 def test_a_camera_turns_by_the_shortest_way():
-    stands = station(DRAWN)
+    stands = make_station(DRAWN)
     down = np.diag([1.0, -1.0, -1.0])
     np.testing.assert_array_equal(stands.core_from_world.rotation, down)
     for name in ("cam1", "cam2", "cam3", "cam4"):
@@ -60,7 +60,7 @@ def test_a_camera_turns_by_the_shortest_way():
 
 
 def test_without_scatter_lenses_are_as_drawn():
-    for camera in station(DRAWN).rig.cameras.values():
+    for camera in make_station(DRAWN).rig.cameras.values():
         assert camera.size_px == (2448, 2048)
         np.testing.assert_array_equal(camera.focal_px, 8000 / 3.45)
         np.testing.assert_array_equal(camera.center_px, [1223.5, 1023.5])
@@ -68,14 +68,14 @@ def test_without_scatter_lenses_are_as_drawn():
 
 
 def test_scatter_is_of_the_size_it_says():
-    made = [station(RigSpec(auxiliaries=16, scale=1.0, seed=seed)) for seed in range(12)]
+    made = [make_station(RigSpec(auxiliaries=16, scale=1.0, seed=seed)) for seed in range(12)]
     lenses = [camera for stands in made for camera in stands.rig.cameras.values()]
     focal = np.array([camera.focal_px[0] for camera in lenses]) / (8000 / 3.45)
     assert focal.mean() == pytest.approx(1, abs=0.001)
     assert focal.std() == pytest.approx(0.004, rel=0.2)
     center = np.array([camera.center_px for camera in lenses]) - [1223.5, 1023.5]
     np.testing.assert_allclose(center.std(axis=0), 24.48, rtol=0.2)
-    drawn = station(RigSpec(auxiliaries=16, scatter=0.0))
+    drawn = make_station(RigSpec(auxiliaries=16, scatter=0.0))
     off = [
         stands.cam_from_world(name).center_mm - drawn.cam_from_world(name).center_mm
         for stands in made
@@ -88,7 +88,7 @@ def test_scatter_is_of_the_size_it_says():
 
 
 def test_a_seed_is_a_plant():
-    first, again, other = station(RigSpec()), station(RigSpec()), station(RigSpec(seed=2))
+    first, again, other = make_station(RigSpec()), make_station(RigSpec()), make_station(RigSpec(seed=2))
     for name, camera in first.rig.cameras.items():
         np.testing.assert_array_equal(camera.focal_px, again.rig.cameras[name].focal_px)
         np.testing.assert_array_equal(
@@ -100,7 +100,7 @@ def test_a_seed_is_a_plant():
 
 @given(cameras(), st.sampled_from([1.0, 0.5, 0.25, 0.37]))
 def test_scaled_pixels_are_the_old_ones_put_together(camera, scale):
-    small = scaled_camera(camera, scale)
+    small = scale_camera(camera, scale)
     np.testing.assert_allclose(small.size_px, scale * np.array(camera.size_px), atol=0.5)
     factor = np.array(small.size_px) / camera.size_px
     points = np.array([[0.0, 0.0, 700.0], [120.0, -80.0, 650.0], [-90.0, 140.0, 900.0]])
@@ -110,9 +110,9 @@ def test_scaled_pixels_are_the_old_ones_put_together(camera, scale):
 
 
 def test_a_rig_of_ones_own_is_taken_as_it_is(tmp_path):
-    drawn = station(RigSpec(scale=1.0, auxiliaries=2, seed=7)).rig
+    drawn = make_station(RigSpec(scale=1.0, auxiliaries=2, seed=7)).rig
     write_rig(tmp_path / "rig.json", drawn)
-    stands = station(RigSpec(file=tmp_path / "rig.json", scale=1.0, height_mm=900))
+    stands = make_station(RigSpec(file=tmp_path / "rig.json", scale=1.0, height_mm=900))
     assert stands.rig.core == drawn.core
     for name, camera in drawn.cameras.items():
         own = stands.rig.cameras[name]
@@ -123,20 +123,20 @@ def test_a_rig_of_ones_own_is_taken_as_it_is(tmp_path):
             stands.rig.cam_from_core[name].rotation, drawn.cam_from_core[name].rotation
         )
     np.testing.assert_allclose(stands.core_from_world.center_mm, [0, 0, 900])
-    half = station(RigSpec(file=tmp_path / "rig.json", scale=0.5))
+    half = make_station(RigSpec(file=tmp_path / "rig.json", scale=0.5))
     assert half.rig.core_camera.size_px == (1224, 1024)
 
 
 def test_a_rig_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=r"gone\.json: no such file"):
-        station(RigSpec(file=tmp_path / "gone.json"))
+        make_station(RigSpec(file=tmp_path / "gone.json"))
 
 
 SMALL = ProjectorSpec(size_px=(320, 200))
 
 
 def test_the_projector_aims_at_the_origin_and_covers_what_it_says():
-    made = projector(SMALL)
+    made = make_projector(SMALL)
     pose, lens = made.projector_from_world, made.camera
     np.testing.assert_allclose(lens.project(pose.apply(np.zeros(3))), [159.5, 99.5], atol=1e-9)
     np.testing.assert_allclose(pose.center_mm, SMALL.position_mm, atol=1e-9)
@@ -146,30 +146,30 @@ def test_the_projector_aims_at_the_origin_and_covers_what_it_says():
 
 
 def test_its_light_follows_the_pattern():
-    sharp = projector(SMALL.model_copy(update={"blur_px": 0.0, "gamma": 1.0}))
+    sharp = make_projector(SMALL.model_copy(update={"blur_px": 0.0, "gamma": 1.0}))
     assert sharp.pattern.shape == (200, 320, 3)
     assert sharp.pattern.dtype == np.float32
     assert 0 <= sharp.pattern.min() < sharp.pattern.max() <= 1
-    steep = projector(SMALL.model_copy(update={"blur_px": 0.0, "gamma": 2.0}))
+    steep = make_projector(SMALL.model_copy(update={"blur_px": 0.0, "gamma": 2.0}))
     np.testing.assert_allclose(steep.pattern, sharp.pattern**2, atol=1e-6)
-    soft = projector(SMALL.model_copy(update={"gamma": 1.0}))
+    soft = make_projector(SMALL.model_copy(update={"gamma": 1.0}))
     assert soft.pattern.std() < sharp.pattern.std()
     inside = (slice(10, -10), slice(10, -10))
     assert soft.pattern[inside].mean() == pytest.approx(sharp.pattern[inside].mean(), rel=0.03)
 
 
 def test_its_seed_draws_other_dots():
-    first, again = projector(SMALL).pattern, projector(SMALL).pattern
+    first, again = make_projector(SMALL).pattern, make_projector(SMALL).pattern
     np.testing.assert_array_equal(first, again)
-    assert (first != projector(SMALL.model_copy(update={"seed": 2})).pattern).any()
+    assert (first != make_projector(SMALL.model_copy(update={"seed": 2})).pattern).any()
 
 
 def test_a_pattern_of_ones_own_must_be_of_the_projectors_size(tmp_path):
     own = tmp_path / "pattern.json"
     write_pattern(own, make_pattern(PatternSettings(size_px=(320, 200), count=500, seed=3)))
-    assert projector(SMALL.model_copy(update={"pattern": own})).pattern.mean() > 0
+    assert make_projector(SMALL.model_copy(update={"pattern": own})).pattern.mean() > 0
     with pytest.raises(
         InputError, match=r"320×200 px, the projector 1920×1200; set projector\.size_px"
     ) as said:
-        projector(ProjectorSpec(pattern=own))
+        make_projector(ProjectorSpec(pattern=own))
     assert str(said.value).startswith(str(own))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.belt_record import BeltRecord, CrossSection, standing_of
+from beltscape.core.belt_record import BeltRecord, CrossSection, standing_from_quality
 from beltscape.core.flow import QUALITIES, FlowRecord
 
 START_NS = 1_790_000_000_000_000_000
@@ -66,7 +66,7 @@ def record(
     belt = (0.1 + (number - 1) * length_mm, 0.1 + number * length_mm)
     absent = number % 7 == 0
     measured = None if absent else strip(number, *belt)
-    standing = "missing" if measured is None else standing_of(measured.quality)
+    standing = "missing" if measured is None else standing_from_quality(measured.quality)
     return BeltRecord(
         number=number,
         run=run,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.corners import Corners, spread_in_two_directions
 from beltscape.calibrate.refine import refine
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 from beltscape.target.board import LEAST_CORNERS, Board, CharucoBoard, Chessboard, corner_points_mm
 
 Detector = Callable[[Image], Corners | None]
@@ -44,14 +44,14 @@ def _refined(board: Board, image: Image, corners: Corners | None, variant: Varia
     if corners is None or len(corners) < LEAST_CORNERS:
         return None
     gap = (1 - board.marker_mm / board.square_mm) / 2 if isinstance(board, CharucoBoard) else 1.0
-    luminance = -grey(image) if variant.inverted else grey(image)
+    luminance = -to_grey(image) if variant.inverted else to_grey(image)
     squares = corner_points_mm(board)[corners.ids, :2] / board.square_mm
     return refine(luminance, corners, squares, gap)
 
 
 def to_8_bit(image: Image) -> NDArray[np.uint8]:
     """(H, W) uint8 luminance; 16-bit images are scaled by their own brightest counts."""
-    luminance = grey(image)
+    luminance = to_grey(image)
     if image.dtype == np.uint16:
         luminance = luminance * (255.0 / max(float(np.quantile(luminance, 0.999)), 1.0))
     return np.clip(np.rint(luminance), 0, 255).astype(np.uint8)

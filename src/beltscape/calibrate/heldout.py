@@ -70,7 +70,7 @@ def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:
         return float("nan")
     distance = float(np.median(first.geometry.board_translation_mm[:, 2]))
     points = view_points(first.rig, distance, 13)
-    pixels = np.stack([first.rig.seen_under(second.rig, name, points) for name in names])
+    pixels = np.stack([first.rig.project_into(second.rig, name, points) for name in names])
     measured = kernels.triangulate(np.stack([second.rig.projection(name) for name in names]), pixels)
     expected = sum(
         np.einsum("ni,ij,nj->n", moves, rig_covariance(each).matrix, moves)

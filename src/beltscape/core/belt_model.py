@@ -24,7 +24,7 @@ class BeltDeviation:
     sigma_mm: NDArray[np.float64]
     """(Ky, Kx) float64 one standard deviation of it."""
 
-    def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def interpolate(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height (...,) at places x, y (...,) that are broadcast together; a NaN place gives the first node's."""
         x, y = (np.nan_to_num(part, nan=-np.inf) for part in np.broadcast_arrays(x_mm, y_mm))
         column = np.interp(x, self.x_mm, np.arange(len(self.x_mm)))
@@ -118,7 +118,7 @@ class Belt:
     def surface_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height (Ny, Nx) of the empty belt over columns x (Nx,) and rows y (Ny,), its deviation included."""
         even = np.broadcast_to(self.height_mm(x_mm), (len(y_mm), len(x_mm)))
-        return even if self.deviation is None else even + self.deviation.at(x_mm[None], y_mm[:, None])
+        return even if self.deviation is None else even + self.deviation.interpolate(x_mm[None], y_mm[:, None])
 
     def surface_sigma_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """(Ny, Nx) one standard deviation of ``surface_mm``."""
@@ -128,4 +128,4 @@ class Belt:
         spread = BeltDeviation(
             self.deviation.x_mm, self.deviation.y_mm, self.deviation.sigma_mm, self.deviation.sigma_mm
         )
-        return np.hypot(even, spread.at(x_mm[None], y_mm[:, None]))
+        return np.hypot(even, spread.interpolate(x_mm[None], y_mm[:, None]))

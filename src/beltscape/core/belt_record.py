@@ -20,7 +20,7 @@ missing    nothing tells what lay there; it is in no total
 STANDINGS: tuple[Standing, ...] = ("valid", "degraded", "missing")
 
 
-def standing_of(quality: Quality) -> Standing:
+def standing_from_quality(quality: Quality) -> Standing:
     """How a strip of that quality is counted."""
     return {"measured": "valid", "missing": "missing"}.get(quality, "degraded")  # pyright: ignore[reportReturnType]
 

@@ -31,7 +31,7 @@ class FrameSet:
         require_images(self.images)
 
 
-def grey(image: Image) -> NDArray[np.float32]:
+def to_grey(image: Image) -> NDArray[np.float32]:
     """(H, W) float32 luminance (Rec. 601) of a grey or RGB image, in the image's own counts."""
     if image.ndim == 2:
         return image.astype(np.float32)

@@ -29,7 +29,7 @@ class Silent:
         self.warnings.append(message)
 
 
-class Recording:
+class RecordingReporter:
     """Reporter that passes everything on and keeps the warnings of one piece of work."""
 
     def __init__(self, to: Reporter) -> None:

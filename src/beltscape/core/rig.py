@@ -37,11 +37,11 @@ class Rig:
         """Names of all cameras but the core, in the rig's order."""
         return tuple(name for name in self.cameras if name != self.core)
 
-    def relative(self, to: str, origin: str) -> Pose:
+    def relative_pose(self, to: str, origin: str) -> Pose:
         """``to_from_origin`` between any two cameras."""
         return self.cam_from_core[to] @ self.cam_from_core[origin].inverse()
 
-    def seen_under(self, other: Rig, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def project_into(self, other: Rig, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 2) where this rig's camera sees points (N, 3) of the core frame, as the other rig's undistorts it.
 
         NaN where the point is outside the image. Triangulated with the other rig, they show how the two differ.

@@ -10,7 +10,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
 
 
-def scaled_camera(camera: Camera, factor: float) -> Camera:
+def scale_camera(camera: Camera, factor: float) -> Camera:
     """The camera with ``factor`` times as many pixels per side: pixel (0, 0) stays the centre of the top-left one."""
     size = tuple(round(side * factor) for side in camera.size_px)
     factors = np.array(size) / np.array(camera.size_px)
@@ -22,9 +22,9 @@ def scaled_camera(camera: Camera, factor: float) -> Camera:
     )
 
 
-def scaled_rig(rig: Rig, factor: float) -> Rig:
+def scale_rig(rig: Rig, factor: float) -> Rig:
     """The rig with all its cameras scaled; what was said of its quality in pixels is left out."""
-    cameras = {name: scaled_camera(camera, factor) for name, camera in rig.cameras.items()}
+    cameras = {name: scale_camera(camera, factor) for name, camera in rig.cameras.items()}
     return Rig(rig.core, cameras, rig.cam_from_core)
 
 
@@ -35,7 +35,7 @@ def pinhole_scale(camera: Camera, other: Camera) -> float | None:
     belt.json holds the grid alone.
     """
     factor = other.size_px[0] / camera.size_px[0]
-    expected = scaled_camera(camera, factor)
+    expected = scale_camera(camera, factor)
     # rows that do not divide evenly are cut off: half a pixel is nothing
     same = (
         abs(expected.size_px[1] - other.size_px[1]) <= 1

@@ -32,7 +32,7 @@ def score_rig_against_truth(found: Rig, truth: Rig, kernels: Kernels) -> RigScor
     axes = [np.linspace(low, high, 9) for low, high in WORKING_VOLUME_MM]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     names = [name for name in truth.cameras if name in found.cameras]
-    pixels = np.stack([truth.seen_under(found, name, points) for name in names])
+    pixels = np.stack([truth.project_into(found, name, points) for name in names])
     measured = kernels.triangulate(np.stack([found.projection(name) for name in names]), pixels)
     error = measured[:, 2] - points[:, 2]
     error = error[np.isfinite(error)]

@@ -22,7 +22,7 @@ from beltscape.calibrate.score import Evidence, Score, examine, score
 from beltscape.calibrate.sightings import find_board
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
 from beltscape.core.errors import CalibrationError, InputError
-from beltscape.core.progress import Recording, Reporter
+from beltscape.core.progress import RecordingReporter, Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.paths import AnyPath, as_path
@@ -85,7 +85,7 @@ def calibrate(
         With one line that names what is wrong and the mend.
     """
     folder = as_path(folder, "folder")
-    reporter = Recording(reporter)
+    reporter = RecordingReporter(reporter)
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
         raise InputError(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import BeltscapeError, InputError, MeasureError
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 from beltscape.files.atomic import output_folder, write_text
 from beltscape.files.images import read_image
 from beltscape.files.json_text import write_json
@@ -37,7 +37,7 @@ def features_of_frame(
     """
     nominal, frame = read_module(module), read_frame(folder)
     plain = None if image is None else _plain(image, frame)
-    pattern = None if frame.image is None else grey(frame.image)
+    pattern = None if frame.image is None else to_grey(frame.image)
     try:
         return frame, measure_module(frame.depth, frame.rig, nominal, pattern=pattern, plain=plain)
     except MeasureError as error:
@@ -48,7 +48,7 @@ def _plain(path: Path, frame: FrameResult) -> NDArray[np.float32]:
     """(H, W) an image as taken, brought onto the depth map's grid."""
     taken: Image = read_image(path)
     try:
-        return grey(undistorted(taken, frame.rig.core_camera))
+        return to_grey(undistorted(taken, frame.rig.core_camera))
     except BeltscapeError as error:
         raise InputError(f"{path}: {error}; give an image of the core camera {frame.rig.core}") from error
 

@@ -12,7 +12,7 @@ from beltscape.core.flow import FlowRecord
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.encoder_csv import Reading, read_encoder
 from beltscape.files.images import read_image
@@ -128,7 +128,7 @@ def fitted(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
     reporter.warn(
         f"{capture}: images of {width}×{height} px, the rig's are {own[0]}×{own[1]}; the rig is scaled by {factor:g}"
     )
-    return scaled_rig(rig, factor)
+    return scale_rig(rig, factor)
 
 
 def instants_of(

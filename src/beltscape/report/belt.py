@@ -100,7 +100,7 @@ def deviation_plot(belt: Belt, scale: Scale, form: Form) -> Figure:
     x = np.linspace(*extent[:2], _MAP_CELLS)
     y = np.linspace(*extent[2:], _MAP_CELLS)
     figure, (axis,) = panels(1, form, height=map_height(form, np.ptp(x), np.ptp(y)))
-    show_map(axis, scale.colored(deviation.at(x[None], y[:, None])), extent)
+    show_map(axis, scale.colored(deviation.interpolate(x[None], y[:, None])), extent)
     axis.set(xlabel="x across, mm", ylabel="y along, mm")
     return figure
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 from beltscape.measure.lumps.lumps import FINES, Lumps
 from beltscape.measure.lumps.shape import Lump
 from beltscape.report.legend import HEIGHT, Color, Rgb, Scale, Swatches
@@ -42,7 +42,7 @@ def lumps_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[P
     panels = [Panel(sized, "size of the lumps, mm", scale, _key(labels, lumps), marks=marks)]
     if picture is not None:
         smooth = cv2.GaussianBlur(
-            grey(picture), (0, 0), max(labels.shape) / 500
+            to_grey(picture), (0, 0), max(labels.shape) / 500
         )  # without the projected dots
         seen = _outlined(to_rgb(np.asarray(smooth)[area]), labels, lumps, _SEEN_OUTLINE)
         outlines = Swatches([("outline of a lump", _SEEN_OUTLINE), *_oversize_swatch(lumps)])

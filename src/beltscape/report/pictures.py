@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 from beltscape.report.legend import PAPER, QUIET, Color, Rgb, Scale, Swatches, keyed, text_width, write
 
 PANEL_PX = 800
@@ -91,7 +91,7 @@ def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, flo
 
 def to_rgb(image: Image) -> Rgb:
     """An image stretched to 8 bit RGB, dark scenes brightened so that one sees the pattern."""
-    top = max(float(np.quantile(grey(image), 0.995)), 1.0)
+    top = max(float(np.quantile(to_grey(image), 0.995)), 1.0)
     bright = np.clip(image.astype(np.float32) / top, 0, 1) ** 0.6
     eight = np.rint(255 * bright).astype(np.uint8)
     return eight if eight.ndim == 3 else np.repeat(eight[..., None], 3, axis=2)

@@ -12,7 +12,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_camera
+from beltscape.core.scaling import scale_camera
 from beltscape.files.rig_json import read_rig
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.simulate.world import Projector, Station
@@ -29,7 +29,7 @@ FOCAL, CENTER, PLACE_MM, TURN = 0.004, 0.01, 5.0, np.deg2rad(0.7)
 DISTORTION = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
 
 
-def station(spec: RigSpec) -> Station:
+def make_station(spec: RigSpec) -> Station:
     """The true rig, and where it stands.
 
     Raises
@@ -40,14 +40,14 @@ def station(spec: RigSpec) -> Station:
     core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
     if spec.file is not None:
         given = read_rig(spec.file)
-        cameras = {name: scaled_camera(camera, spec.image_scale) for name, camera in given.cameras.items()}
+        cameras = {name: scale_camera(camera, spec.image_scale) for name, camera in given.cameras.items()}
         return Station(Rig(given.core, cameras, given.cam_from_core), core_from_world)
     rng = np.random.default_rng([spec.seed, 1])
     count = spec.auxiliaries + 1
-    cameras = {f"cam{i}": _camera(f"cam{i}", spec, rng) for i in range(count)}
+    cameras = {f"cam{i}": _make_camera(f"cam{i}", spec, rng) for i in range(count)}
     from_world = [
-        _knocked(_looking(place, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng)
-        for place in _places(spec)
+        _perturb(_aim(place, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng)
+        for place in _camera_positions(spec)
     ]
     core_from_world = from_world[0]
     poses = {f"cam{i}": pose @ core_from_world.inverse() for i, pose in enumerate(from_world)}
@@ -55,7 +55,7 @@ def station(spec: RigSpec) -> Station:
     return Station(Rig("cam0", cameras, poses), core_from_world)
 
 
-def projector(spec: ProjectorSpec) -> Projector:
+def make_projector(spec: ProjectorSpec) -> Projector:
     """The projector with its pattern.
 
     Raises
@@ -63,7 +63,7 @@ def projector(spec: ProjectorSpec) -> Projector:
     InputError, SettingsError
         When the pattern cannot be read or made.
     """
-    pattern = _pattern(spec)
+    pattern = _load_pattern(spec)
     width, height = pattern.size_px
     position = np.array(spec.position_mm)
     focal = width * float(np.linalg.norm(position)) / spec.covers_mm
@@ -73,10 +73,10 @@ def projector(spec: ProjectorSpec) -> Projector:
     light = (draw_pattern(pattern, 16) / np.float32(65535)) ** np.float32(spec.gamma)
     if spec.blur_px > 0:
         light = cv2.GaussianBlur(light, (0, 0), spec.blur_px, borderType=cv2.BORDER_CONSTANT)
-    return Projector(lens, _looking(position, np.zeros(3)), light.astype(np.float32), spec.power)
+    return Projector(lens, _aim(position, np.zeros(3)), light.astype(np.float32), spec.power)
 
 
-def _pattern(spec: ProjectorSpec) -> Pattern:
+def _load_pattern(spec: ProjectorSpec) -> Pattern:
     if str(spec.pattern) in PRESETS:
         return make_pattern(
             PatternSettings(size_px=spec.size_px, seed=spec.seed, count=PRESETS[str(spec.pattern)])
@@ -90,7 +90,7 @@ def _pattern(spec: ProjectorSpec) -> Pattern:
     return pattern
 
 
-def _camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
+def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
     size = np.array(spec.size_px)
     across = 1000 * spec.focal_mm / spec.pitch_um * (1 + spec.scatter * FOCAL * rng.normal())
     focal = across * np.array(
@@ -98,17 +98,17 @@ def _camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
     )  # pixels are all but square
     center = (size - 1) / 2 + spec.scatter * CENTER * size[0] * rng.normal(size=2)
     distortion = np.array(spec.distortion) + spec.scatter * DISTORTION * rng.normal(size=5)
-    return scaled_camera(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
+    return scale_camera(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
 
 
-def _places(spec: RigSpec) -> list[Array]:
+def _camera_positions(spec: RigSpec) -> list[Array]:
     """(3,) of each camera, the core first."""
     angles = np.deg2rad(spec.first_deg) + 2 * np.pi * np.arange(spec.auxiliaries) / spec.auxiliaries
     around = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
     return [np.array([0.0, 0.0, spec.height_mm]) + place for place in (np.zeros(3), *around)]
 
 
-def _looking(place: Array, at: Array) -> Pose:
+def _aim(place: Array, at: Array) -> Pose:
     """cam_from_world of a camera that looks straight down, turned by the shortest way towards a spot."""
     down, wanted = np.array([0.0, 0.0, -1.0]), (at - place) / np.linalg.norm(at - place)
     axis = np.cross(down, wanted)
@@ -118,7 +118,7 @@ def _looking(place: Array, at: Array) -> Pose:
     return Pose(rotation, -rotation @ place)
 
 
-def _knocked(pose: Pose, scatter: float, rng: np.random.Generator) -> Pose:
+def _perturb(pose: Pose, scatter: float, rng: np.random.Generator) -> Pose:
     """Mounted a little off."""
     turn = Pose.of(scatter * TURN * rng.normal(size=3), np.zeros(3)).rotation
     center = pose.center_mm + scatter * PLACE_MM * rng.normal(size=3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from beltscape.core.frames import FrameSet, grey
+from beltscape.core.frames import FrameSet, to_grey
 from beltscape.core.progress import Silent
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
@@ -34,7 +34,7 @@ def test_every_dimension_of_the_demo_is_within_its_sigma(preset, radius_mm):
     images = {name: read_image(DEMO / "module" / name / "000.png") for name in there.cameras}
     matcher = MultiviewReconstructor(there, (560.0, 780.0), MultiviewSettings.preset(preset))
     depth = matcher.reconstruct(FrameSet("000", images), Silent())
-    image = grey(undistorted(images[there.core], there.core_camera))
+    image = to_grey(undistorted(images[there.core], there.core_camera))
     measured = measure_module(depth, there, read_module(DEMO / "module.toml"), pattern=image)
     off = np.array([q.measured_mm - q.nominal_mm for q in measured.quantities])
     ratio = off / [q.sigma_mm for q in measured.quantities]

@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.frames import grey
+from beltscape.core.frames import to_grey
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.images import read_image
@@ -40,7 +40,7 @@ def test_dimensions(scene, edge_mm, base_mm, rod_mm):
     z = np.load(RENDERED / "truth/module_depth_cam0.npz")["z_pinhole"].astype(np.float32)
     ones = np.ones(z.shape, np.float32)
     depth = DepthMap(z, 2e-3 * ones, 4 * ones.astype(np.uint8), ones)
-    image = grey(undistorted(read_image(RENDERED / scene / "cam0/000.png"), rig().core_camera))
+    image = to_grey(undistorted(read_image(RENDERED / scene / "cam0/000.png"), rig().core_camera))
     measured = measure_module(depth, rig(), read_module(RENDERED / "module.toml"), plain=image)
     limits = {
         "edge": edge_mm, "length": base_mm, "width": base_mm, "diameter": rod_mm, "radius": 0.01,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.errors import MeasureError
-from beltscape.core.frames import grey
+from beltscape.core.frames import to_grey
 from beltscape.core.rig import Rig
 from beltscape.evaluate.paper.dimensions import Measured
 from beltscape.evaluate.paper.laboratory import Laboratory
@@ -62,7 +62,7 @@ def core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:
     """(H, W) what the core camera sees of a scene, on its pinhole grid; None where there is no such capture."""
     if scene not in lab.scenes:
         return None
-    return grey(undistorted(read_image(_image(lab.scenes[scene].capture, camera.name)), camera))
+    return to_grey(undistorted(read_image(_image(lab.scenes[scene].capture, camera.name)), camera))
 
 
 def _image(capture: Path, camera: str) -> Path:

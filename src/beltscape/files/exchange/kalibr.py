@@ -46,7 +46,7 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
     names = core_first(rig)
     document = {}
     for i, name in enumerate(names):
-        chained = {"T_cn_cnm1": _metric(rig.relative(name, names[i - 1]))} if i else {}
+        chained = {"T_cn_cnm1": _metric(rig.relative_pose(name, names[i - 1]))} if i else {}
         document[f"cam{i}"] = {
             **chained,
             "cam_overlaps": [j for j in range(len(names)) if j != i],

@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.core.scaling import scaled_rig
+from beltscape.core.scaling import scale_rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.capacity import full_area_mm2
@@ -133,7 +133,7 @@ def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Ben
     settings, matching = project.settings, project.settings.matching
     width = rig.core_camera.size_px[0]
     if matching.width_px is not None and matching.width_px < width:
-        rig = scaled_rig(rig, matching.width_px / width)
+        rig = scale_rig(rig, matching.width_px / width)
     ground = ground_under(project.place(settings.empty), rig, settings.flow.cell_mm, reporter)
     near_far = depths_over(ground, matching.load_mm)
     matcher = sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 
 _RED = 0.5
 """Green over red, in units of the dots' own, below which a pixel is red: half way between red (0) and gold (1)."""
@@ -70,7 +70,7 @@ def flat_evidence(image: Image, radius_px: float) -> Evidence:
     A morphological opening with a window larger than a dot and smaller than a marker removes the dots and leaves
     the markers; one with a window larger than a marker says what is beneath them.
     """
-    counts = cv2.GaussianBlur(grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max), (0, 0), 0.7)
+    counts = cv2.GaussianBlur(to_grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max), (0, 0), 0.7)
     beneath = _lower_envelope(counts, int(np.ceil(2.5 * radius_px)))
     window = np.ones(
         (2 * max(1, round(0.375 * radius_px)) + 1,) * 2, np.uint8

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.frames import Image, grey
+from beltscape.core.frames import Image, to_grey
 
 _FLOOR = 0.2
 """Contrast of the square root of the counts (8 bit) that is taken for noise: shot and read noise of a few counts."""
@@ -19,7 +19,7 @@ def square_root(image: Image) -> NDArray[np.float32]:
 
     The root makes noise alike in dark and bright parts: a belt of a few counts beside a bright module.
     """
-    counts = grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max)
+    counts = to_grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max)
     return np.sqrt(counts + np.float32(1.0))
 
 

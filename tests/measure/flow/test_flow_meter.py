@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -214,3 +215,23 @@ def test_mass_follows_density_over_time() -> None:
     assert meter.totals.mass_kg == pytest.approx((800 * early + 1600 * late) * 1e-9, rel=1e-9)
     assert meter.totals.mass_sigma_kg >= 0.01 * meter.totals.mass_kg
     assert records[8].mass_flow_t_h == pytest.approx(1.6 * records[8].volume_flow_m3_h)
+
+
+def sigma_of_total(systematic_mm: float, step_mm: float) -> tuple[float, float]:
+    """σ and length of belt of a total whose depth maps all share an error of this σ."""
+    meter = FlowMeter(floor())
+    for k, place in enumerate(positions(step_mm)):
+        depth = replace(seen(HEAP, place, 1), systematic_mm=systematic_mm)
+        meter.push(depth, round(k * 1e8), place)
+    meter.finish()
+    return meter.totals.sigma_mm3, meter.totals.length_mm
+
+
+@pytest.mark.parametrize("step_mm", [60.0, 230.0])
+def test_an_error_common_to_all_frames_does_not_average_out(step_mm: float) -> None:
+    systematic_mm = 1.5
+    sound, length = sigma_of_total(0.0, step_mm)
+    doubted, _ = sigma_of_total(systematic_mm, step_mm)
+    low, high = floor().belt.across_mm
+    added = np.sqrt(doubted**2 - sound**2)
+    assert added == pytest.approx(systematic_mm * (high - low) * length, rel=1e-6)

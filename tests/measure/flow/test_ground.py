@@ -36,7 +36,7 @@ def total_mm3(confidence: float) -> float:
 
 
 def test_doubtful_bridges_do_not_raise_the_total() -> None:
-    assert total_mm3(0.55) == pytest.approx(HEAP.volume_mm3, rel=0.01)
+    assert total_mm3(0.68) == pytest.approx(HEAP.volume_mm3, rel=0.01)
 
 
 def test_a_frame_without_a_trusted_pixel_measures_nothing() -> None:

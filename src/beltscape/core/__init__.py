@@ -1,1 +1,1 @@
-"""The vocabulary: what every room speaks of. Imports numpy only."""
+"""The types that all packages share: cameras, rigs, poses, frames, depth maps, belts, records. Imports numpy only."""

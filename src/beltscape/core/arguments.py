@@ -1,4 +1,4 @@
-"""Arrays and numbers that callers hand over, checked once at the door: the error names the argument and the fix."""
+"""Checks of arguments that Python callers pass: arrays, images, ranges. Errors name the argument and the fix."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def require_image(image: Any, argument: str) -> None:
 
 
 def require_images(images: Any) -> None:
-    """Raise InputError unless ``images`` are images by the name of their camera."""
+    """Raise InputError unless ``images`` maps camera names to images."""
     if not isinstance(images, Mapping):
         raise InputError(f"images is {_kind(images)}: must be images by camera, {{'cam0': image, …}}")
     for name, image in images.items():
@@ -50,7 +50,7 @@ def require_depth_range(depth_range_mm: Any) -> None:
 
 
 def require_depth_of(camera: Camera, depth: DepthMap, what: str) -> None:
-    """Raise InputError unless the depth map of ``what`` lies on the camera's grid, with all its arrays."""
+    """Raise InputError unless all arrays of ``depth`` have the camera's size; ``what`` names the map in the error."""
     width, height = camera.size_px
     for name in ("depth_mm", "sigma_mm", "views", "confidence"):
         values = getattr(depth, name, None)

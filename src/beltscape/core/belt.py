@@ -1,4 +1,4 @@
-"""The belt's own frame and the surface on it.
+"""Height maps and cross-sections in the belt frame.
 
 Belt frame: origin where the core camera's optical axis meets the empty belt; z up, normal to the flat centre;
 x across, nearest to the core image's +u; y = z × x, along the belt.
@@ -38,10 +38,10 @@ class HeightMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltProfile:
-    """One cross-section: the load's height over the empty belt along x."""
+    """One cross-section of the load: its height over the empty belt along x."""
 
     y_mm: float
-    """Where along the belt."""
+    """Position along the belt."""
     x_mm: NDArray[np.float64]
     """(Nx,) float64, across the belt."""
     height_mm: NDArray[np.float64]

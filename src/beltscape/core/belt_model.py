@@ -1,4 +1,4 @@
-"""The empty belt as it was learned: where it lies, its shape, its ends, and how sure that is."""
+"""The model of the empty belt: pose, cross-section, edges, and their standard deviations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.core.pose import Pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltDeviation:
-    """How the belt departs from one cross-section all along, such as by hanging between its idlers."""
+    """Deviation of the belt's surface from one constant cross-section, such as the sag between idlers."""
 
     x_mm: NDArray[np.float64]
     """(Kx,) float64 nodes across, ascending."""
@@ -25,7 +25,7 @@ class BeltDeviation:
     """(Ky, Kx) float64 one standard deviation of it."""
 
     def interpolate(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height (...,) at places x, y (...,) that are broadcast together; a NaN place gives the first node's."""
+        """Return the height (...,) at x, y (...,), broadcast together; a NaN position gives the first node's."""
         x, y = (np.nan_to_num(part, nan=-np.inf) for part in np.broadcast_arrays(x_mm, y_mm))
         column = np.interp(x, self.x_mm, np.arange(len(self.x_mm)))
         row = np.interp(y, self.y_mm, np.arange(len(self.y_mm)))
@@ -45,7 +45,7 @@ class BeltDeviation:
 
 @dataclass(frozen=True, slots=True)
 class BeltEdges:
-    """Where the belt ends across, at y = 0; NaN where an end was not seen against something behind it."""
+    """The belt's ends across, at y = 0; NaN where an end was not visible against a background."""
 
     left_mm: float
     """x of the end at the smaller x."""
@@ -56,16 +56,16 @@ class BeltEdges:
     right_sigma_mm: float
     """One standard deviation of it."""
     offset_mm: float
-    """How far the belt runs off to +x; NaN where the ends seen do not tell it."""
+    """Offset of the belt towards +x; NaN where the visible ends do not determine it."""
     sigma_mm: float
     """One standard deviation of it."""
     against: Literal["trough", "learned"]
-    """What it is held against: the middle of the trough, or the ends of the learned belt."""
+    """Reference of the offset: the middle of the trough, or the ends of the learned belt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belt:
-    """Where the empty belt lies and what shape it has; x, z in the belt frame."""
+    """Pose and shape of the empty belt; x, z in the belt frame."""
 
     belt_from_core: Pose
     """Into the belt frame: origin where the core's optical axis meets the belt, x across, y along, z up."""
@@ -74,7 +74,7 @@ class Belt:
     z_mm: NDArray[np.float64]
     """(K,) float64 the empty cross-section's height there."""
     across_mm: tuple[float, float]
-    """Reach of the belt in x, as far as it was seen."""
+    """Extent of the belt in x, as far as it was visible."""
     flat_mm: tuple[float, float] | None
     """Ends in x of the flat centre; None for a V-shaped or round trough, which has none."""
     flat_rms_mm: float
@@ -82,46 +82,48 @@ class Belt:
     noise_mm: float
     """Robust scatter of the points about the cross-section, over the whole belt."""
     correlation_px: float
-    """Side of the square of neighbouring pixels whose errors act as one, from the scatter itself."""
+    """Side of the square of neighbouring pixels whose errors are fully correlated, estimated from the scatter."""
     drift_mm: float
     """Scatter that does not average out over areas of a hundred pixels: the depth map's slow errors."""
     tilt_sigma_rad: float
     """One standard deviation of the direction of z."""
     yaw_sigma_rad: float | None
-    """One standard deviation of the direction of x; None where the belt does not tell it."""
+    """One standard deviation of the direction of x; None where the belt does not determine it."""
     yaw_from: Literal["shape", "edges", "camera"]
-    """What gave x: the trough's shape, the flat belt's edges, or (nothing else did) the core image's u axis."""
+    """Source of x: the trough's shape, the flat belt's edges, or, without either, the core image's u axis."""
     z_sigma_mm: NDArray[np.float64]
     """(K,) float64 one standard deviation of ``z_mm``."""
     along_mm: tuple[float, float]
-    """Stretch in y over which the belt was seen."""
+    """Extent in y over which the belt was visible."""
     deviation: BeltDeviation | None
-    """What a cross-section all along does not tell; None where nothing beyond the noise is left."""
+    """Deviation from the constant cross-section; None where it does not exceed the noise."""
     edges: BeltEdges | None
-    """Its ends; None before they were looked for."""
+    """Its ends; None before they were measured."""
     claimed_sigma_mm: float
-    """Median σ that the depth map claims: held against ``noise_mm`` it tells how honest that is."""
+    """Median σ of the depth map; comparing it with ``noise_mm`` shows how well σ is calibrated."""
     frames: int
-    """Frames it was learned from."""
+    """Number of frames that the model was learned from."""
 
     @property
     def middle_mm(self) -> float:
-        """X of the trough's middle: of the flat, or else of the lowest place."""
+        """X of the trough's middle: that of the flat or, without one, of the lowest node."""
         if self.flat_mm is not None:
             return 0.5 * (self.flat_mm[0] + self.flat_mm[1])
         return float(self.x_mm[int(np.argmin(self.z_mm))])
 
     def height_mm(self, x_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height of the empty belt's cross-section at any x, held constant beyond its ends."""
+        """Return the height of the empty belt's cross-section at any x, constant beyond its ends."""
         return np.interp(x_mm, self.x_mm, self.z_mm)
 
     def surface_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height (Ny, Nx) of the empty belt over columns x (Nx,) and rows y (Ny,), its deviation included."""
+        """Return the height (Ny, Nx) of the empty belt at columns x (Nx,) and rows y (Ny,), with its deviation."""
         even = np.broadcast_to(self.height_mm(x_mm), (len(y_mm), len(x_mm)))
-        return even if self.deviation is None else even + self.deviation.interpolate(x_mm[None], y_mm[:, None])
+        return (
+            even if self.deviation is None else even + self.deviation.interpolate(x_mm[None], y_mm[:, None])
+        )
 
     def surface_sigma_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(Ny, Nx) one standard deviation of ``surface_mm``."""
+        """Return one standard deviation (Ny, Nx) of ``surface_mm``."""
         even = np.broadcast_to(np.interp(x_mm, self.x_mm, self.z_sigma_mm), (len(y_mm), len(x_mm)))
         if self.deviation is None:
             return even

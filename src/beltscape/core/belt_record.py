@@ -1,4 +1,4 @@
-"""The ledger of the belt: what is kept of every millimetre that passed, exactly once."""
+"""Entries of the belt ledger, which counts every millimetre of belt that passed exactly once, and their totals."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from beltscape.core.flow import FlowRecord, Quality
 Standing = Literal["valid", "degraded", "missing"]
 """How a stretch of belt is counted:
 
-valid      seen well by all cameras, and where the belt was is known
-degraded   counted with less: hidden, bridged, placed by its last speed, or cameras were missing
-missing    nothing tells what lay there; it is in no total
+valid      measured well by all cameras at a known belt position
+degraded   measured with less: hidden, bridged, positioned by the last speed, or cameras were missing
+missing    not measured; it is in no total
 """
 STANDINGS: tuple[Standing, ...] = ("valid", "degraded", "missing")
 
 
 def standing_from_quality(quality: Quality) -> Standing:
-    """How a strip of that quality is counted."""
+    """Return how a strip of this quality is counted."""
     return {"measured": "valid", "missing": "missing"}.get(quality, "degraded")  # pyright: ignore[reportReturnType]
 
 
@@ -39,36 +39,36 @@ class CrossSection:
 class BeltRecord:
     """One entry of the ledger.
 
-    ``belt_mm`` is in the encoder's own count (where there is none, in that of the material's motion): the end of
-    one entry is the beginning of the next, also across a stop, a crash or a change of the clock. A belt that
-    passed while nothing ran is an entry of its own, with the standing "missing" and no strip.
+    ``belt_mm`` is the encoder's own count (without an encoder, that of the material's motion): the end of one entry
+    is the beginning of the next, also across a stop, a crash or a change of the clock. Belt that passed while
+    nothing ran is an entry of its own, with the standing "missing" and no strip.
     """
 
     number: int
-    """Grows by one from entry to entry, for ever."""
+    """Grows by one from entry to entry, without end."""
     run: int
-    """Which start of the program it is from."""
+    """Number of the program start that wrote it."""
     belt_mm: tuple[float, float]
-    """From where to where it reaches; the end is never before the beginning."""
+    """Beginning and end of the stretch; the end is never before the beginning."""
     standing: Standing
     reason: str
     """Why it is not valid, in a few words; empty where it is."""
     wall_ns: int
-    """System clock when it was finished, ns since 1970: for people, it may jump."""
+    """System clock when it was finished, ns since 1970; for display only, as it may jump."""
     strip: FlowRecord | None
-    """What was measured; None where nothing was."""
+    """The measurement; None where there is none."""
     run_sigma_mm3: float
-    """One standard deviation of the volume of all its run up to it: strips' errors go together, σ do not just add."""
+    """One standard deviation of its run's volume up to it; strips' errors are correlated, so their σ do not add."""
     cameras: int
-    """Cameras that gave an image to its frame."""
+    """Number of cameras with an image in its frame."""
     section: CrossSection | None
-    """The mean cross-section behind it; None where nothing was measured."""
+    """The mean cross-section that was measured; None where there is none."""
     offset_mm: float = 0.0
-    """What the ledger's count is ahead of the encoder's: it changes only where an encoder began to count anew."""
+    """The ledger's count minus the encoder's; it changes only where an encoder restarted its count."""
 
     @property
     def length_mm(self) -> float:
-        """Of the belt that it counts."""
+        """Length of the stretch."""
         return self.belt_mm[1] - self.belt_mm[0]
 
     @property
@@ -89,12 +89,12 @@ class BeltRecord:
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """What the ledger adds up to."""
+    """Totals of the ledger."""
 
     records: int = 0
     volume_mm3: float = 0.0
     sigma_mm3: float = 0.0
-    """One standard deviation; what errors have in common is taken to stay the same from run to run."""
+    """One standard deviation; the common part of the errors is taken to be the same in all runs."""
     mass_kg: float = 0.0
     """NaN as soon as one strip's density is not known."""
     valid_mm: float = 0.0
@@ -105,5 +105,5 @@ class Totals:
 
     @property
     def length_mm(self) -> float:
-        """Of all belt that passed."""
+        """Length of all belt that passed."""
         return self.valid_mm + self.degraded_mm + self.missing_mm

@@ -1,4 +1,4 @@
-"""A camera's intrinsics: the pinhole with OpenCV's five distortion coefficients."""
+"""A camera's intrinsics: the pinhole model with OpenCV's five distortion coefficients."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ class Camera:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """(3, 3) intrinsic matrix K."""
+        """The intrinsic matrix K (3, 3)."""
         (fx, fy), (cx, cy) = self.focal_px, self.center_px
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     def project(self, points_mm: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Points (..., 3) in the camera's frame, mm → distorted pixels (..., 2); NaN behind the camera."""
+        """Project points (..., 3) in the camera's frame, mm, to distorted pixels (..., 2); NaN behind the camera."""
         points = np.asarray(points_mm, dtype=np.float64)
         depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
         return self.distort(points[..., :2] / depth) * self.focal_px + self.center_px
 
     def distort(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Undistorted image-plane coordinates x/z, y/z (..., 2) → distorted ones."""
+        """Distort undistorted image-plane coordinates x/z, y/z (..., 2)."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = ideal[..., 0], ideal[..., 1]
         r2 = x * x + y * y
@@ -49,28 +49,28 @@ class Camera:
         )
 
     def undistort(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Distorted pixels (..., 2) → undistorted image-plane coordinates x/z, y/z (..., 2).
+        """Return undistorted image-plane coordinates x/z, y/z (..., 2) of distorted pixels (..., 2).
 
-        Newton's method on the distortion, to the last digits; NaN where the lens model cannot have put a pixel.
+        Newton's method on the distortion, to machine precision; NaN for pixels that the lens model cannot produce.
         """
-        seen = (np.asarray(pixels, dtype=np.float64) - self.center_px) / self.focal_px
-        ideal = seen
-        with np.errstate(all="ignore"):  # pixels beyond the model's reach run off and end as NaN
+        distorted = (np.asarray(pixels, dtype=np.float64) - self.center_px) / self.focal_px
+        ideal = distorted
+        with np.errstate(all="ignore"):  # pixels beyond the model's range diverge and end as NaN
             for _ in range(20):
                 xx, xy, yy = self._distort_slope(ideal)
-                dx, dy = np.moveaxis(seen - self.distort(ideal), -1, 0)
+                dx, dy = np.moveaxis(distorted - self.distort(ideal), -1, 0)
                 step = np.stack([yy * dx - xy * dy, xx * dy - xy * dx], axis=-1)
                 step /= (xx * yy - xy * xy)[..., None]
                 ideal = ideal + step
                 if not (np.abs(step) > 1e-15).any():
                     break
             xx, xy, yy = self._distort_slope(ideal)
-            error = np.abs(self.distort(ideal) - seen).max(axis=-1)
-            good = (error < 1e-9) & (xx * yy > xy * xy) & (xx + yy > 0)
-        return np.where(good[..., None], ideal, np.nan)
+            error = np.abs(self.distort(ideal) - distorted).max(axis=-1)
+            is_valid = (error < 1e-9) & (xx * yy > xy * xy) & (xx + yy > 0)
+        return np.where(is_valid[..., None], ideal, np.nan)
 
     def _distort_slope(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Derivative of `distort`, a symmetric matrix: ∂x/∂x, ∂x/∂y = ∂y/∂x, ∂y/∂y."""
+        """Return the derivative of `distort`, a symmetric matrix: ∂x/∂x, ∂x/∂y = ∂y/∂x, ∂y/∂y."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = ideal[..., 0], ideal[..., 1]
         r2 = x * x + y * y
@@ -83,7 +83,7 @@ class Camera:
         )
 
     def rays(self) -> NDArray[np.float64]:
-        """(H, W, 2) x/z, y/z of every pixel of the *undistorted* pinhole grid."""
+        """Return x/z, y/z (H, W, 2) of every pixel of the *undistorted* pinhole grid."""
         width, height = self.size_px
         u = (np.arange(width) - self.center_px[0]) / self.focal_px[0]
         v = (np.arange(height) - self.center_px[1]) / self.focal_px[1]

@@ -1,4 +1,4 @@
-"""Points in a named frame."""
+"""Point clouds in a named coordinate frame."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class PointCloud:
     points_mm: NDArray[np.float32]
     """(N, 3) float32."""
     normals: NDArray[np.float32]
-    """(N, 3) float32, unit length, towards the camera; NaN where the neighbourhood gives none."""
+    """(N, 3) float32, unit length, towards the camera; NaN where the neighbourhood determines none."""
     colors: NDArray[np.uint8]
     """(N, 3) uint8 RGB."""
     sigma_mm: NDArray[np.float32]
     """(N,) float32, one standard deviation of the depth."""
     frame: str = "core"
-    """The frame the points are in."""
+    """Coordinate frame of the points."""

@@ -1,4 +1,4 @@
-"""Depth per pixel of the core camera's undistorted grid."""
+"""Depth maps on the core camera's undistorted grid."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class DepthMap:
     views: NDArray[np.uint8]
     """(H, W) uint8: how many auxiliary cameras measured the pixel."""
     confidence: NDArray[np.float32]
-    """(H, W) float32, 0..1: probability-like trust that the pixel is not a false surface; 0 where not measured."""
+    """(H, W) float32, 0..1: probability that the pixel is not a false surface; 0 where not measured."""
     systematic_mm: float = 0.0
-    """One standard deviation that all pixels share, included in ``sigma_mm``: of cameras that contradict the rig."""
+    """Standard deviation common to all pixels, included in ``sigma_mm``, from cameras that contradict the rig."""
 
     @property
     def measured(self) -> NDArray[np.bool_]:
-        """(H, W) bool: where there is a depth."""
+        """(H, W) bool: pixels with a depth."""
         return np.isfinite(self.depth_mm)
 
     @property
@@ -36,6 +36,6 @@ class DepthMap:
         return float(self.measured.mean())
 
     def points_mm(self, camera: Camera) -> NDArray[np.float64]:
-        """(H, W, 3) points in the camera's frame, NaN where not measured (the paper's Eq. 25)."""
+        """Return the points (H, W, 3) in the camera's frame, NaN where not measured (the paper's Eq. 25)."""
         depth = self.depth_mm.astype(np.float64)[..., None]
         return np.concatenate([camera.rays() * depth, depth], axis=-1)

@@ -1,15 +1,15 @@
-"""What can go wrong, as a tree.
+"""The exceptions that Beltscape raises, as a tree.
 
 BeltscapeError
 ├── InputError         a file, folder or value given by the user does not fit
-├── OutputError        a result cannot be written where it was asked for
+├── OutputError        a result cannot be written to the requested place
 ├── CalibrationError   the images do not determine a rig
 ├── ReconstructionError  the frame does not yield a surface
 ├── MeasureError       the surface does not yield the quantity
 ├── SettingsError      a setting is unknown or out of bounds
 └── KernelError        arrays handed to a kernel do not fit, or no such kernel
 
-Every message is one line that names the file, the value and the mend. Only the CLI turns it into an exit code.
+Every message is one line that names the file, the value and the fix. Only the CLI turns it into an exit code.
 """
 
 
@@ -22,7 +22,7 @@ class InputError(BeltscapeError):
 
 
 class OutputError(BeltscapeError):
-    """A result cannot be written where it was asked for."""
+    """A result cannot be written to the requested place."""
 
 
 class CalibrationError(BeltscapeError):

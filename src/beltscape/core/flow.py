@@ -1,4 +1,4 @@
-"""What passed on a moving belt: one record per frame."""
+"""Flow records: volume, mass and speed of one strip of a moving belt per frame."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 Quality = Literal["measured", "degraded", "bridged", "missing"]
-"""How far to believe a strip:
+"""Quality of a strip:
 
-measured   seen well, and where the belt was is known
+measured   measured well at a known belt position
 degraded   much of it was hidden, a camera was missing or contradicts the rig, or the belt's position was continued
            at its last known speed
-bridged    part of it passed between frames, and was interpolated between its neighbours
-missing    nothing tells what lay there: it is not in the total, or it is counted with the next frame's strip
+bridged    part of it passed between frames and was interpolated between its neighbours
+missing    not measured: it is not in the total, or it is counted with the next frame's strip
 """
 QUALITIES: tuple[Quality, ...] = ("measured", "degraded", "bridged", "missing")
 """From good to bad."""
@@ -29,27 +29,27 @@ class FlowRecord:
     frame: str
     """Name of the frame."""
     time_ns: int | None
-    """Trigger time, ns; None where nobody told it."""
+    """Trigger time, ns; None: not known."""
     belt_position_mm: float
-    """The encoder's where there is one, else from the material, from 0 at the first frame; NaN: not known."""
+    """Position by the encoder or, without one, by the material's motion from 0 at the first frame; NaN: not known."""
     strip_mm: tuple[float, float]
-    """From where to where the new strip reaches, belt coordinate s; strips meet without gap or overlap."""
+    """Beginning and end of the new strip, belt coordinate s; strips meet without gap or overlap."""
     area_mm2: float
-    """Mean cross-section of the load on the strip; of a strip without length: at its place."""
+    """Mean cross-section of the load on the strip; for a strip without length, the cross-section at its position."""
     volume_mm3: float
     """Volume of the load on the strip; the records add up to the total."""
     sigma_mm3: float
     """One standard deviation of it."""
     speed_mm_s: float
-    """Of the belt since the frame before (of the first frame: up to the next); NaN: not known."""
+    """Speed of the belt since the previous frame (for the first frame: until the next); NaN: not known."""
     density_kg_m3: float
-    """Bulk density at that time; NaN: nobody told it."""
+    """Bulk density at that time; NaN: not known."""
     coverage: float
     """Share of the strip that was measured in any frame, 0..1; the rest is interpolated."""
     single_coverage: float
-    """Share of it that one frame measures, on average: what the fusion of frames adds shows against it."""
+    """Mean share of the strip that a single frame measures, as a reference for the gain by fusing frames."""
     quality: Quality
-    """How far to believe it."""
+    """How well the strip was measured."""
 
     @property
     def volume_flow_m3_h(self) -> float:

@@ -1,4 +1,4 @@
-"""The images of one trigger instant."""
+"""Frame sets: the images that all cameras took at one trigger instant."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSet:
-    """What the cameras saw at one trigger instant; a camera without an image is absent."""
+    """The images of one trigger instant; a camera without an image is absent."""
 
     frame: str
     """Name of the instant: the image file's stem."""
     images: Mapping[str, Image]
     """By camera: (H, W) grey or (H, W, 3) RGB, uint8 or uint16."""
     time_ns: int | None = None
-    """Trigger time where it is known, on a clock that never jumps."""
+    """Trigger time on a monotonic clock; None: not known."""
     position_mm: float | None = None
-    """The encoder's reading at that instant; grows with the belt's travel; None where there is none."""
+    """The encoder's position at that instant, growing with the belt's travel; None without a reading."""
 
     def __post_init__(self) -> None:
-        """Raise InputError where ``images`` are not images by camera."""
+        """Raise InputError unless ``images`` maps camera names to images."""
         require_images(self.images)
 
 
 def to_grey(image: Image) -> NDArray[np.float32]:
-    """(H, W) float32 luminance (Rec. 601) of a grey or RGB image, in the image's own counts."""
+    """Return the luminance (Rec. 601) (H, W) float32 of a grey or RGB image, in the image's own counts."""
     if image.ndim == 2:
         return image.astype(np.float32)
     return image[..., :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)
 
 
 def saturated_fraction(image: Image) -> float:
-    """Share of pixels at the top of the value range in any channel: what an overexposed view has too much of."""
+    """Return the share of pixels that are at the top of the value range in any channel."""
     top = np.iinfo(image.dtype).max
     full = image >= top
     return float(np.mean(full if image.ndim == 2 else full.any(axis=-1)))

@@ -1,4 +1,4 @@
-"""What a running system says of itself, and to whom."""
+"""The running system's events, state and interfaces: frames, camera health, alarms, sources, sinks, observers."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from beltscape.core.belt_record import BeltRecord, Totals
 from beltscape.core.frames import FrameSet
 
 CameraState = Literal["ok", "waiting", "lost", "unusable"]
-"""ok; not heard of yet; silent for too long; its images cannot be used (overexposed, dark, another size)"""
+"""ok; no image yet; no image for too long; images unusable (overexposed, dark, another size)"""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraHealth:
-    """How one camera does."""
+    """The state of one camera."""
 
     name: str
     state: CameraState
     frames: int
     """Images taken since the start."""
     missed: int
-    """Trigger instants since the start of which it gave none."""
+    """Trigger instants since the start without an image from it."""
     rate_hz: float
-    """Images per second over the last seconds; 0 where none came."""
+    """Images per second over the last seconds; 0 without images."""
     skew_ms: float
-    """How far its last image was from the core's, by the cameras' own clocks; NaN: not known."""
+    """Time from the core's last image to this camera's, by the cameras' own clocks; NaN: not known."""
     message: str = ""
-    """What is wrong and the mend, in one line; empty where nothing is."""
+    """The fault and the fix in one line; empty without a fault."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltStretch:
-    """A finished piece of the fused belt, for pictures."""
+    """A finished stretch of the fused belt, for display."""
 
     start_mm: float
     """Belt coordinate of its first row."""
@@ -71,33 +71,33 @@ class FrameEvent:
 
 
 AlarmState = Literal["clear", "raised", "acknowledged", "gone"]
-"""nothing; on and nobody has seen it; on and seen; over, but nobody has seen it"""
+"""no alarm; on and not acknowledged; on and acknowledged; over and not acknowledged"""
 Severity = Literal["info", "warning", "critical"]
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm as it stands."""
+    """One alarm in its present state."""
 
     name: str
-    """Its key, such as "overload"; one a camera: "camera_lost:cam2"."""
+    """Its key, such as "overload" or, for one camera, "camera_lost:cam2"."""
     severity: Severity
     state: AlarmState
     value: float
-    """What it was judged by; NaN where that is no number."""
+    """The value compared with the limit; NaN without one."""
     limit: float
-    """What it is held against; NaN where that is no number."""
+    """The limit; NaN without one."""
     unit: str
     since_ns: int | None
     """System clock when it was raised; None while clear."""
     detail: str = ""
-    """What is wrong and the mend, in one line."""
+    """The fault and the fix in one line."""
     by: str = ""
     """Who acknowledged it."""
 
 
 class LiveSource(Protocol):
-    """A frame source that goes on until it is closed; iterating blocks until the next trigger instant."""
+    """A frame source that runs until it is closed; iterating blocks until the next trigger instant."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -107,23 +107,23 @@ class LiveSource(Protocol):
     def __iter__(self) -> Iterator[FrameSet]: ...
 
     def health(self) -> Mapping[str, CameraHealth]:
-        """How every camera does, at any time, from any thread."""
+        """Return the state of every camera; from any thread, at any time."""
         ...
 
     def close(self) -> None:
-        """Stop; the iteration ends."""
+        """Stop the source; the iteration ends."""
         ...
 
 
 class RecordSink(Protocol):
-    """Takes finished records; what it has taken when ``write`` returns is kept."""
+    """A destination of finished records; they are stored when ``write`` returns."""
 
     def write(self, records: Sequence[BeltRecord]) -> None:
-        """Keep them, in order. OutputError where it cannot: it is then asked again with the same records."""
+        """Store the records in order; after an OutputError the caller repeats the call with the same records."""
         ...
 
     def close(self) -> None:
-        """No more come."""
+        """End the sink; no more records follow."""
         ...
 
 

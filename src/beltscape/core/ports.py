@@ -1,4 +1,4 @@
-"""Where data enters: live and offline differ only behind this."""
+"""The interface of frame sources, which recorded captures and live cameras implement."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from beltscape.core.frames import FrameSet
 
 
 class FrameSource(Protocol):
-    """Gives frame sets in the order of their trigger instants."""
+    """Source of frame sets in the order of their trigger instants."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras it knows."""
+        """Names of its cameras."""
         ...
 
     def __iter__(self) -> Iterator[FrameSet]: ...

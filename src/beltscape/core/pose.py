@@ -1,4 +1,4 @@
-"""Rigid transforms named by their frames: ``a_from_c = a_from_b @ b_from_c``."""
+"""Rigid transforms, named by their coordinate frames: ``a_from_c = a_from_b @ b_from_c``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Pose:
 
     @classmethod
     def of(cls, rotation: ArrayLike, translation_mm: ArrayLike) -> Pose:
-        """Pose from anything array-like; a (3,) rotation is a rotation vector in radians."""
+        """Return the pose of array-like arguments; a (3,) rotation is a rotation vector in radians."""
         matrix = np.array(rotation, dtype=np.float64)
         if matrix.size == 3:
             matrix = rotation_from_vector(matrix.reshape(3))
@@ -27,41 +27,41 @@ class Pose:
 
     @classmethod
     def identity(cls) -> Pose:
-        """The transform that changes nothing."""
+        """Return the identity transform."""
         return cls(np.eye(3), np.zeros(3))
 
     def __matmul__(self, other: Pose) -> Pose:
-        """``a_from_b @ b_from_c`` is ``a_from_c``."""
+        """Compose: ``a_from_b @ b_from_c`` is ``a_from_c``."""
         return Pose(
             self.rotation @ other.rotation, self.rotation @ other.translation_mm + self.translation_mm
         )
 
     def inverse(self) -> Pose:
-        """The transform back."""
+        """Return the inverse transform."""
         return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation_mm)
 
     def apply(self, points_mm: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Points (..., 3) in mm, brought from frame a to frame b."""
+        """Transform points (..., 3) in mm from frame a to frame b."""
         return points_mm @ self.rotation.T + self.translation_mm
 
     @property
     def rotation_vector(self) -> NDArray[np.float64]:
-        """(3,) axis times angle, radians."""
+        """The rotation vector (3,): axis times angle, radians."""
         return vector_from_rotation(self.rotation)
 
     @property
     def center_mm(self) -> NDArray[np.float64]:
-        """(3,) where frame b's origin lies in frame a: a camera's centre, for a ``cam_from_x``."""
+        """Frame b's origin (3,) in frame a; for a ``cam_from_x`` the camera's centre."""
         return -self.rotation.T @ self.translation_mm
 
     @property
     def angle_deg(self) -> float:
-        """Angle of the rotation, degrees."""
+        """The rotation's angle, degrees."""
         return float(np.rad2deg(np.linalg.norm(self.rotation_vector)))
 
 
 def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
     angle = float(np.linalg.norm(vector))
     skew = np.array(
         [[0.0, -vector[2], vector[1]], [vector[2], 0.0, -vector[0]], [-vector[1], vector[0], 0.0]]
@@ -72,7 +72,7 @@ def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation vector (3,) in radians of a rotation matrix (3, 3), through the unit quaternion."""
+    """Return the rotation vector (3,) in radians of a rotation matrix (3, 3), through the unit quaternion."""
     r = rotation
     trace = np.trace(r)
     # q qᵀ as a symmetric matrix: its column with the largest diagonal is best conditioned

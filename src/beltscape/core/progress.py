@@ -1,4 +1,4 @@
-"""How long work tells where it stands, and what it noticed on the way."""
+"""Reporters of progress and warnings during long computations."""
 
 from __future__ import annotations
 
@@ -6,42 +6,42 @@ from typing import Protocol
 
 
 class Reporter(Protocol):
-    """Told by long work; a terminal, a dashboard and a test each implement it. Raising from it cancels."""
+    """Receiver of progress and warnings, such as a terminal; raising an exception in it cancels the computation."""
 
     def step(self, stage: str, done: int, total: int) -> None:
-        """``done`` of ``total`` parts of ``stage`` are finished."""
+        """Report that ``done`` of ``total`` parts of ``stage`` are finished."""
 
     def warn(self, message: str) -> None:
-        """Say something worth knowing that did not stop the work, in one line."""
+        """Report a problem that did not stop the computation, in one line."""
 
 
 class Silent:
-    """Reporter that keeps the warnings and shows nothing."""
+    """Reporter that collects the warnings and shows nothing."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
 
     def step(self, stage: str, done: int, total: int) -> None:
-        """Nothing to show."""
+        """Do nothing."""
 
     def warn(self, message: str) -> None:
-        """Keep it."""
+        """Collect the warning."""
         self.warnings.append(message)
 
 
 class RecordingReporter:
-    """Reporter that passes everything on and keeps the warnings of one piece of work."""
+    """Reporter that forwards everything and collects the warnings of one computation."""
 
     def __init__(self, to: Reporter) -> None:
         self._to = to
         self.warnings: list[str] = []
 
     def step(self, stage: str, done: int, total: int) -> None:
-        """Pass it on."""
+        """Forward the progress."""
         self._to.step(stage, done, total)
 
     def warn(self, message: str) -> None:
-        """Keep it once and pass it on."""
+        """Collect the warning and forward it, each only once."""
         if message not in self.warnings:
             self.warnings.append(message)
             self._to.warn(message)

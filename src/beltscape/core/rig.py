@@ -1,4 +1,4 @@
-"""Cameras and where they stand about the core camera."""
+"""Calibrated rigs: cameras and their poses relative to the core camera."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Rig:
     cam_from_core: Mapping[str, Pose]
     """By camera name."""
     quality: Mapping[str, Any] = field(default_factory=dict)
-    """How well the rig was found: plain JSON values, units in the keys."""
+    """Figures of the calibration's quality: plain JSON values, units in the keys."""
     covariance: Mapping[str, Any] = field(default_factory=dict)
-    """Of the parameters, where it was estimated: plain JSON values."""
+    """Covariance of the parameters, if it was estimated: plain JSON values."""
 
     @property
     def core_camera(self) -> Camera:
-        """The camera in whose frame the result is given."""
+        """The camera whose frame results are in."""
         return self.cameras[self.core]
 
     @property
@@ -38,13 +38,13 @@ class Rig:
         return tuple(name for name in self.cameras if name != self.core)
 
     def relative_pose(self, to: str, origin: str) -> Pose:
-        """``to_from_origin`` between any two cameras."""
+        """Return ``to_from_origin`` between any two cameras."""
         return self.cam_from_core[to] @ self.cam_from_core[origin].inverse()
 
     def project_into(self, other: Rig, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 2) where this rig's camera sees points (N, 3) of the core frame, as the other rig's undistorts it.
+        """Project points (N, 3) of the core frame with this rig and undistort the pixels with ``other``.
 
-        NaN where the point is outside the image. Triangulated with the other rig, they show how the two differ.
+        Return (N, 2), NaN outside the image. Triangulated with the other rig, they show how the two rigs differ.
         """
         camera, target = self.cameras[name], other.cameras[name]
         pixels = camera.project(self.cam_from_core[name].apply(points_mm))
@@ -53,6 +53,6 @@ class Rig:
         return target.undistort(pixels) * target.focal_px + target.center_px
 
     def projection(self, name: str) -> NDArray[np.float64]:
-        """(3, 4) projection matrix core frame (mm) → undistorted pixels, the paper's M (Eq. 1)."""
+        """Return the projection matrix (3, 4), core frame (mm) to undistorted pixels, the paper's M (Eq. 1)."""
         pose = self.cam_from_core[name]
         return self.cameras[name].matrix @ np.column_stack([pose.rotation, pose.translation_mm])

@@ -1,4 +1,4 @@
-"""The same cameras with their images made smaller or larger."""
+"""Scaling of cameras and rigs to smaller or larger images."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltscape.core.rig import Rig
 
 
 def scale_camera(camera: Camera, factor: float) -> Camera:
-    """The camera with ``factor`` times as many pixels per side: pixel (0, 0) stays the centre of the top-left one."""
+    """Return the camera with ``factor`` times the pixels per side; (0, 0) stays the centre of the top-left pixel."""
     size = tuple(round(side * factor) for side in camera.size_px)
     factors = np.array(size) / np.array(camera.size_px)
     return replace(
@@ -23,23 +23,23 @@ def scale_camera(camera: Camera, factor: float) -> Camera:
 
 
 def scale_rig(rig: Rig, factor: float) -> Rig:
-    """The rig with all its cameras scaled; what was said of its quality in pixels is left out."""
+    """Return the rig with all cameras scaled and without its quality, whose figures are in pixels."""
     cameras = {name: scale_camera(camera, factor) for name, camera in rig.cameras.items()}
     return Rig(rig.core, cameras, rig.cam_from_core)
 
 
 def pinhole_scale(camera: Camera, other: Camera) -> float | None:
-    """Return the factor that scales the pinhole of ``camera`` to that of ``other``; None if they differ otherwise.
+    """Return the factor that scales the pinhole of ``camera`` to that of ``other``; None if there is none.
 
     Depth maps lie on the undistorted pinhole grid of the core camera, so the distortion is not compared: a
     belt.json holds the grid alone.
     """
     factor = other.size_px[0] / camera.size_px[0]
     expected = scale_camera(camera, factor)
-    # rows that do not divide evenly are cut off: half a pixel is nothing
-    same = (
+    # rows that do not divide evenly are cut off, which moves the principal point by up to half a pixel
+    is_same = (
         abs(expected.size_px[1] - other.size_px[1]) <= 1
         and np.allclose(expected.focal_px, other.focal_px, rtol=2e-3)
         and np.allclose(expected.center_px, other.center_px, atol=0.6)
     )
-    return factor if same else None
+    return factor if is_same else None

@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.pose import Pose
-from beltscape.simulate.belt_solid import BeltSettings, belt_solids
+from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
 from beltscape.simulate.heap import HeapSettings, make_heap
 from beltscape.simulate.laboratory import DOWN
-from beltscape.simulate.tof import tof_frame
+from beltscape.simulate.tof import simulate_tof_frame
 from beltscape.simulate.tof_settings import TofSettings
-from beltscape.simulate.tof_view import truth_of
+from beltscape.simulate.tof_view import trace_tof_truth
 from beltscape.simulate.world import World
 
 SAMPLES = 3  # rays per pixel in each direction: pixels on a step mix what they see
@@ -33,13 +33,13 @@ def main() -> None:
     """One frame per camera, against the truth."""
     belt = BeltSettings()
     heap = make_heap(HeapSettings(rocks=120), belt)
-    world = World((*belt_solids(belt), *heap.solids), None)
+    world = World((*make_belt_solids(belt), *heap.solids), None)
     tof_from_world = Pose(DOWN, DOWN @ np.array([0.0, 0.0, -744.0]))
-    truth = truth_of(world, tof_from_world, CAMERAS["all"], SAMPLES)
+    truth = trace_tof_truth(world, tof_from_world, CAMERAS["all"], SAMPLES)
     middle = truth.depth_mm[SAMPLES // 2 :: SAMPLES, SAMPLES // 2 :: SAMPLES]
     print(f"{'':30}  bias mm  spread mm  predicted σ mm  measured")
     for name, camera in CAMERAS.items():
-        frame = tof_frame(truth, camera, seed=1)
+        frame = simulate_tof_frame(truth, camera, seed=1)
         error = frame.depth_mm - middle
         low, median, high = np.nanquantile(error, [0.1587, 0.5, 0.8413])
         measured = float(np.isfinite(error).mean())

@@ -20,7 +20,7 @@ from beltscape.files.toml_text import read_toml
 from beltscape.pipeline.plan import plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.simulate.scenario import Faults, Scenario
-from beltscape.simulate.stage import Stage
+from beltscape.simulate.stage import SimulatedScene
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
@@ -39,7 +39,7 @@ def told(path: Path) -> list[list[str]]:
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
 def test_every_scene_is_taken_and_small(scene):
     scenario = read_scenario(str(scene), {})
-    stage = Stage(scenario)
+    stage = SimulatedScene(scenario)
     assert stage.station.rig.core_camera.size_px[0] <= 612
     assert stage.frame_count <= 16
     faults = scenario.faults
@@ -57,7 +57,7 @@ def test_scenes_show_every_kind_but_the_empty_belt_and_every_fault_but_the_dead_
 def test_the_rig_of_ones_own_belt_stands_as_its_file_says():
     rig = read_rig(EXAMPLES / "02_simulate/own_rig.json")
     spec = read_scenario(str(EXAMPLES / "02_simulate/own_rig.toml"), {}).rig
-    found = Stage(Scenario(kind="belt_loaded", rig=spec)).station
+    found = SimulatedScene(Scenario(kind="belt_loaded", rig=spec)).station
     assert found.core_from_world.center_mm[2] == spec.height_mm
     assert found.rig.cam_from_core["cam1"].center_mm == pytest.approx(rig.cam_from_core["cam1"].center_mm)
 

@@ -28,10 +28,10 @@ from beltscape.measure.belt import learn_belt
 from beltscape.measure.box import Box
 from beltscape.measure.holes.brinks import brinks
 from beltscape.measure.holes.fill import fill_holes, hole_view
-from beltscape.measure.load import Load, load_over_belt
+from beltscape.measure.load import Load, compute_load
 from beltscape.measure.network import LOG_VARIANCE, Network
 from beltscape.measure.surface import Grid
-from beltscape.measure.uncertainty import volume_sigma
+from beltscape.measure.uncertainty import compute_volume_sigma
 
 INSIDE = Schedule((16, 8), epochs=6, batch=1024, decay=1e-5, first=0.1)
 BESIDE = Schedule((12,), epochs=8, batch=512, decay=1e-4, first=0.1)
@@ -100,7 +100,7 @@ def sample(group: str, capture: Path, frame: Path, empty: Path, empty_frame: Pat
     grid = Grid.over(
         (belt.across_mm[0] + BORDER_MM, belt.across_mm[1] - BORDER_MM), (along[0], along[1]), cell
     )
-    load = load_over_belt(found.depth, camera, belt, grid)
+    load = compute_load(found.depth, camera, belt, grid)
     truth = true_load(np.load(truth_file), belt_from_world, grid)
     return Sample(capture.name, group, load, truth, belt, (along[0], along[1]), lessons(load, truth, cell))
 
@@ -109,11 +109,11 @@ def lessons(load: Load, truth_mm: np.ndarray, cell_mm: float) -> dict[str, Lesso
     """What some hole cells between rims see and where they truly are, and the same of brinks."""
     rng = np.random.default_rng(1)
     hole = ~np.isfinite(load.height_mm)
-    view = hole_view(load.height_mm, load.measured & hole, cell_mm, load.lean, np.nonzero(hole))
+    view = hole_view(load.height_mm, load.measured & hole, cell_mm, load.ray_slope, np.nonzero(hole))
     use = chosen(view.look.between & np.isfinite(truth_mm[hole]), "holes", rng)
     scale = view.ahead.scale_mm[use]
     inside = Lesson(view.features[use], (truth_mm[hole] - view.ahead.base_mm)[use] / scale, scale)
-    edge = brinks(load.height_mm, load.lean, cell_mm)
+    edge = brinks(load.height_mm, load.ray_slope, cell_mm)
     high = load.height_mm[edge.place] - truth_mm[edge.place]
     use = chosen(np.isfinite(high), "brinks", rng)
     drop = edge.drop_mm[use]
@@ -220,14 +220,14 @@ def report(one: Sample, by: tuple[Network, Network]) -> tuple[float, float]:
     load, cell = one.load, one.load.grid.cell_mm
     narrow = load.measured & ~np.isfinite(load.height_mm)
     filled = fill_holes(
-        load.height_mm, load.sigma_mm, narrow, cell, load.lean, windowed=load.windowed, networks=by
+        load.height_mm, load.sigma_mm, narrow, cell, load.ray_slope, windowed=load.windowed, networks=by
     )
     known = np.isfinite(one.truth_mm)
     volume = float(np.nansum(one.truth_mm)) * cell**2
     off = np.where(known, filled.value_mm - one.truth_mm, 0.0)
     x = load.grid.x_mm
-    weights = Box((float(x[0]) - cell / 2, float(x[-1]) + cell / 2), one.along_mm).weights_mm(load.grid)
-    causes = volume_sigma(load, filled, weights, one.belt)
+    weights = Box((float(x[0]) - cell / 2, float(x[-1]) + cell / 2), one.along_mm).integration_weights(load.grid)
+    causes = compute_volume_sigma(load, filled, weights, one.belt)
     error, sigma = 100 * off.sum() * cell**2 / volume, 100 * causes.total_mm3 / volume
     holes = 100 * off[filled.hole].sum() * cell**2 / volume
     print(
@@ -254,7 +254,7 @@ def main(out: str, captures: str, what: str = "") -> None:
     samples = [sample(row[0], *(Path(part) for part in row[1:])) for row in rows]
     if what != "held-out":
         for name, network in zip(("holes", "brinks"), networks(samples), strict=True):
-            text = json.dumps(network.document(), separators=(",", ":")) + "\n"
+            text = json.dumps(network.to_document(), separators=(",", ":")) + "\n"
             (Path(out) / f"{name}.json").write_text(text, encoding="utf-8")
         return
     found: dict[str, list[tuple[float, float]]] = {}

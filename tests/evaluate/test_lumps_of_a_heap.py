@@ -10,8 +10,8 @@ from beltscape.evaluate.lumps import score_lumps
 from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.simulation import read_scenario
-from beltscape.simulate.stage import Stage
-from beltscape.simulate.truth import core_view, rock_of_pixel
+from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.truth import trace_core_view, label_rocks
 
 
 @pytest.fixture(scope="module")
@@ -22,16 +22,16 @@ def heap():
         "rig": {"scale": 0.25},
         "heap": {"rocks": 60, "sizes": {"smallest_mm": 30, "largest_mm": 110, "median_mm": 70}},
     }
-    stage = Stage(read_scenario("belt_loaded", told))
-    world, camera = stage.world(0), stage.station.rig.core_camera
-    view = core_view(world, stage.station)
+    stage = SimulatedScene(read_scenario("belt_loaded", told))
+    world, camera = stage.world_at(0), stage.station.rig.core_camera
+    view = trace_core_view(world, stage.station)
     assert stage.heap is not None
     known = np.isfinite(view.depth_mm)
     sigma = np.where(known, 0.05, np.nan).astype(np.float32)
     depth = DepthMap(
         view.depth_mm.astype(np.float32), sigma, known.astype(np.uint8), known.astype(np.float32)
     )
-    rock, rocks = rock_of_pixel(view, world.solids, stage.heap), stage.heap.rocks
+    rock, rocks = label_rocks(view, world.solids, stage.heap), stage.heap.rocks
     found = measure_lumps(depth, camera, LumpSettings(oversize_mm=60))
     pixel_mm = float(np.nanmedian(view.depth_mm)) / float(camera.focal_px.mean())
     return found, score_lumps(found, rock, rocks.size_mm, rocks.volume_mm3, pixel_mm=pixel_mm)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detect import DRAWN, detector
+from beltscape.calibrate.detect import DEFAULT_VARIANT, make_detector
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
@@ -19,7 +19,7 @@ from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import Stage
+from beltscape.simulate.stage import SimulatedScene
 from beltscape.target.board import CharucoBoard, corner_points_mm, read_board
 from beltscape.target.module import read_module
 from simulate.tiny import tiny
@@ -189,11 +189,11 @@ def test_a_board_is_found_where_the_truth_has_it(tmp_path):
         render={"oversample": 2, "passes": 2, "ambient_samples": 4},
         board={"file": _large_board(tmp_path), "reach": 0.3, "tilt_deg": 25.0},
     )
-    stage = Stage(scene)
+    stage = SimulatedScene(scene)
     assert stage.board is not None
-    find, points, errors = detector(stage.board, DRAWN), corner_points_mm(stage.board), []
+    find, points, errors = make_detector(stage.board, DEFAULT_VARIANT), corner_points_mm(stage.board), []
     for frame in range(8):
-        for name, image in stage.frame(frame).images.items():
+        for name, image in stage.render_frame(frame).images.items():
             corners = find(image)
             if corners is None:
                 continue

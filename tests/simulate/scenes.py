@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.belt_solid import BeltSettings, belt_solids
+from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
 from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.world import Label, Projector, Solid, Station, World
 
@@ -50,4 +50,4 @@ def load(mesh: Mesh, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
 
 
 def world(*solids: Solid, belt: BeltSettings = BELT, lit: bool = True) -> World:
-    return World((*belt_solids(belt), *solids), projector() if lit else None)
+    return World((*make_belt_solids(belt), *solids), projector() if lit else None)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from beltscape.simulate.belt_solid import BeltSettings, belt_solids
+from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
 from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.world import Label
 
@@ -50,7 +50,7 @@ def test_the_surface_is_as_wide_as_the_belt_and_bends_only_by_its_angle(belt):
 @settings(max_examples=20)
 @given(belt=belts)
 def test_the_slab_is_closed_and_its_upper_side_is_height_at(belt):
-    slab, floor = belt_solids(belt)
+    slab, floor = make_belt_solids(belt)
     mesh = Mesh(slab.vertices_mm, slab.faces)
     assert mesh.is_closed
     assert mesh.volume_mm3 == pytest.approx(belt.width_mm * belt.thickness_mm * belt.length_mm, rel=0.05)

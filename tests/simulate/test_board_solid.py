@@ -7,9 +7,9 @@ import pytest
 from beltscape.core.camera import Camera
 from beltscape.core.errors import SettingsError
 from beltscape.core.pose import Pose
-from beltscape.simulate.board_solid import BLACK, WHITE, board_solid
+from beltscape.simulate.board_solid import BLACK, WHITE, make_board_solid
 from beltscape.simulate.shapes import Mesh
-from beltscape.simulate.sight import pixel_rays
+from beltscape.simulate.sight import compute_pixel_rays
 from beltscape.simulate.trace import RayScene
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
 
@@ -46,7 +46,7 @@ def texel_at(solid, on_board_mm):
 
 @pytest.mark.parametrize("board", [CHARUCO, EVEN, CHESS])
 def test_at_each_corner_two_black_squares_meet_on_a_corner_of_texels(board):
-    solid = board_solid(board, BOARD_POSE)
+    solid = make_board_solid(board, BOARD_POSE)
     corners = corner_points_mm(board)[:, :2]
     _, texels = texel_at(solid, corners)
     np.testing.assert_allclose(texels, np.rint(texels), atol=1e-9)
@@ -63,7 +63,7 @@ def test_at_each_corner_two_black_squares_meet_on_a_corner_of_texels(board):
 
 
 def test_the_print_is_opencvs_drawing():
-    texture = board_solid(EVEN, BOARD_POSE, margin_mm=0).texture[..., 0]
+    texture = make_board_solid(EVEN, BOARD_POSE, margin_mm=0).texture[..., 0]
     rows, columns = texture.shape
     theirs = EVEN.opencv(legacy=False).generateImage((columns, rows), marginSize=0, borderBits=1)
     assert set(np.unique(texture)) == {np.float32(BLACK), np.float32(WHITE)}  # bits end on whole texels
@@ -72,7 +72,7 @@ def test_the_print_is_opencvs_drawing():
 
 def test_where_bits_end_within_texels_their_area_is_kept():
     odd = CharucoBoard(squares=(5, 4), square_mm=30.0, marker_mm=21.37, dictionary="DICT_5X5_100")
-    texture = board_solid(odd, BOARD_POSE, margin_mm=0).texture[..., 0].astype(float)
+    texture = make_board_solid(odd, BOARD_POSE, margin_mm=0).texture[..., 0].astype(float)
     ink = ((WHITE - texture) / (WHITE - BLACK)).sum() * (150 / texture.shape[1]) ** 2
     theirs = odd.opencv(legacy=False)
     black = sum(
@@ -83,10 +83,10 @@ def test_where_bits_end_within_texels_their_area_is_kept():
 
 
 def test_opencv_finds_every_corner_in_its_place_on_a_traced_view():
-    solid = board_solid(CHARUCO, BOARD_POSE)
+    solid = make_board_solid(CHARUCO, BOARD_POSE)
     scene = RayScene([solid])
-    rays = pixel_rays(LENS, CAMERA_POSE, distorted=True)
-    hits = scene.hits(CAMERA_POSE.center_mm, rays)
+    rays = compute_pixel_rays(LENS, CAMERA_POSE, distorted=True)
+    hits = scene.cast(CAMERA_POSE.center_mm, rays)
     met = np.isfinite(hits.distance)
     points = CAMERA_POSE.center_mm + hits.distance[met, None] * rays[met]
     on_board = (points - BOARD_POSE.translation_mm) @ BOARD_POSE.rotation
@@ -118,13 +118,13 @@ def test_a_ray_through_a_corners_pixel_meets_the_board_at_the_corner(board):
     np.testing.assert_allclose(pixels, theirs[:, 0], atol=1e-6)
     plane = LENS.undistort(pixels)
     rays = np.column_stack([plane, np.ones(len(plane))]) @ CAMERA_POSE.rotation
-    hits = RayScene([board_solid(board, BOARD_POSE)]).hits(CAMERA_POSE.center_mm, rays)
+    hits = RayScene([make_board_solid(board, BOARD_POSE)]).cast(CAMERA_POSE.center_mm, rays)
     met = CAMERA_POSE.center_mm + hits.distance[:, None] * rays
     np.testing.assert_allclose(met, BOARD_POSE.apply(corners), rtol=0, atol=1e-6)
 
 
 def test_the_plate_is_closed_and_as_large_as_board_and_margin():
-    solid = board_solid(CHESS, Pose.identity(), margin_mm=20, thickness_mm=2)
+    solid = make_board_solid(CHESS, Pose.identity(), margin_mm=20, thickness_mm=2)
     assert Mesh(solid.vertices_mm, solid.faces).volume_mm3 == pytest.approx(290 * 215 * 2, rel=0.01)
     welded = np.unique(np.round(solid.vertices_mm, 9), axis=0, return_inverse=True)[1].reshape(-1)
     assert Mesh(solid.vertices_mm, welded[solid.faces]).is_closed
@@ -133,8 +133,8 @@ def test_the_plate_is_closed_and_as_large_as_board_and_margin():
 
 
 def test_an_inverted_board_is_its_negative_and_a_legacy_one_is_refused():
-    plain = board_solid(EVEN, BOARD_POSE).texture
-    turned = board_solid(EVEN.model_copy(update={"inverted": True}), BOARD_POSE).texture
+    plain = make_board_solid(EVEN, BOARD_POSE).texture
+    turned = make_board_solid(EVEN.model_copy(update={"inverted": True}), BOARD_POSE).texture
     np.testing.assert_allclose(plain + turned, WHITE + BLACK, rtol=1e-6)
     with pytest.raises(SettingsError, match="legacy"):
-        board_solid(EVEN.model_copy(update={"legacy": True}), BOARD_POSE)
+        make_board_solid(EVEN.model_copy(update={"legacy": True}), BOARD_POSE)

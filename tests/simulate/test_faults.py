@@ -19,7 +19,7 @@ def pair():
 
 @pytest.mark.parametrize("name", ["cam0", "cam1"])
 def test_only_the_knocked_camera_moves(pair, name):
-    knocked = MovedCamera(camera=name, rotation_deg=(0, 0.3, 0), shift_mm=(1.0, 0, -2.0)).on(pair)
+    knocked = MovedCamera(camera=name, rotation_deg=(0, 0.3, 0), shift_mm=(1.0, 0, -2.0)).apply(pair)
     for camera_name in pair.rig.cameras:
         before, after = pair.cam_from_world(camera_name), knocked.cam_from_world(camera_name)
         step = before.apply(after.center_mm)
@@ -31,13 +31,13 @@ def test_only_the_knocked_camera_moves(pair, name):
 
 def test_a_dead_projector_leaves_all_else():
     world = World((plane(),), projector(np.ones((4, 4))), ambient=0.3)
-    dark = DeadProjector().on(world)
+    dark = DeadProjector().apply(world)
     assert dark.projector is None
     assert (dark.solids, dark.ambient) == (world.solids, 0.3)
 
 
 def test_dirt_darkens_where_it_is_and_nowhere_else():
-    light = Dirt(camera="cam0", specks_px=((30.0, 20.0, 5.0),), opacity=0.6).on(
+    light = Dirt(camera="cam0", specks_px=((30.0, 20.0, 5.0),), opacity=0.6).apply(
         np.ones((50, 80, 3), np.float32)
     )
     assert light.dtype == np.float32
@@ -49,10 +49,10 @@ def test_over_exposure_saturates():
     sensor = Sensor()
     light = np.full((20, 20, 3), 0.5, np.float32)
     assert expose(light, sensor, 0).max() < 150
-    assert expose(light, OverExposure(camera="cam0", factor=4.0).on(sensor), 0).min() > 250
+    assert expose(light, OverExposure(camera="cam0", factor=4.0).apply(sensor), 0).min() > 250
 
 
 def test_frames_are_missing_in_one_camera_only():
     fault = MissingFrames(camera="cam2", every=3, first=1)
-    assert [fault.has("cam2", frame) for frame in range(6)] == [True, False, True, True, False, True]
-    assert all(fault.has("cam1", frame) for frame in range(6))
+    assert [fault.delivers("cam2", frame) for frame in range(6)] == [True, False, True, True, False, True]
+    assert all(fault.delivers("cam1", frame) for frame in range(6))

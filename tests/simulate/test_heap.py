@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import SettingsError
-from beltscape.simulate.belt_solid import BeltSettings, belt_solids
-from beltscape.simulate.dropping import footprints
-from beltscape.simulate.fines import FinesSettings, HeightField, fines_mesh, make_fines, relaxed
-from beltscape.simulate.heap import HeapSettings, carried, make_heap
+from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
+from beltscape.simulate.dropping import rasterise_rocks
+from beltscape.simulate.fines import FinesSettings, HeightField, make_fines_mesh, make_fines, limit_slope
+from beltscape.simulate.heap import HeapSettings, shift_solids, make_heap
 from beltscape.simulate.rock_sizes import SizeSettings
 from beltscape.simulate.rocks import Rock
-from beltscape.simulate.shapes import Mesh, height_field, sphere
+from beltscape.simulate.shapes import Mesh, triangulate_height_field, make_sphere
 from beltscape.simulate.trace import RayScene
 from beltscape.simulate.world import Label
 from strategies import seeds
@@ -37,14 +37,14 @@ def test_a_relaxed_surface_is_the_highest_that_is_nowhere_too_steep(seed, slope)
     rng = np.random.default_rng(seed)
     height = rng.normal(0, 20, (25, 30))
     ground = np.full((25, 30), -1e9)
-    low = relaxed(height, 3.0, 2.0, slope, ground)
+    low = limit_slope(height, 3.0, 2.0, slope, ground)
     assert (low <= height).all()
     for axis, step in ((0, 2.0), (1, 3.0)):
         assert np.abs(np.diff(low, axis=axis)).max() <= slope * step + 1e-9
     for one, two in ((low[:-1, :-1], low[1:, 1:]), (low[1:, :-1], low[:-1, 1:])):
         assert np.abs(one - two).max() <= slope * np.hypot(3, 2) + 1e-9
     assert low.min() == height.min()  # the lowest node holds nothing up
-    np.testing.assert_allclose(relaxed(low, 3.0, 2.0, slope, ground), low)
+    np.testing.assert_allclose(limit_slope(low, 3.0, 2.0, slope, ground), low)
 
 
 @given(seed=seeds)
@@ -52,17 +52,17 @@ def test_heights_between_nodes_are_those_of_the_mesh(seed):
     rng = np.random.default_rng(seed)
     x, y = np.linspace(-5, 10, 6), np.linspace(2, 4, 5)
     field = HeightField(x, y, rng.normal(size=(5, 6)))
-    mesh = height_field(x, y, field.height_mm)
+    mesh = triangulate_height_field(x, y, field.height_mm)
     weights = rng.dirichlet(np.ones(3), len(mesh.faces))
     points = (mesh.vertices_mm[mesh.faces] * weights[..., None]).sum(axis=1)
-    np.testing.assert_allclose(field.at(points[:, 0], points[:, 1]), points[:, 2], atol=1e-9)
-    np.testing.assert_array_equal(field.at(np.array([-6.0, 0.0]), np.array([3.0, 5.0])), -np.inf)
+    np.testing.assert_allclose(field.height_at(points[:, 0], points[:, 1]), points[:, 2], atol=1e-9)
+    np.testing.assert_array_equal(field.height_at(np.array([-6.0, 0.0]), np.array([3.0, 5.0])), -np.inf)
 
 
 def test_fines_lie_on_the_belt_no_steeper_than_the_angle_of_repose():
     settings = FinesSettings(along_mm=(-150, 150), repose_deg=33, waves_mm=8, grain_mm=0)
     field = make_fines(settings, BELT, np.random.default_rng(1))
-    mesh = fines_mesh(field, BELT)
+    mesh = make_fines_mesh(field, BELT)
     a, b, c = np.moveaxis(mesh.vertices_mm[mesh.faces], 1, 0)
     out = (mesh.vertices_mm[:, 2] > BELT.height_at(mesh.vertices_mm[:, 0], mesh.vertices_mm[:, 1]))[
         mesh.faces
@@ -82,9 +82,9 @@ def test_fines_lie_on_the_belt_no_steeper_than_the_angle_of_repose():
 
 
 def test_a_footprint_is_the_rocks_lower_and_upper_side():
-    ball = Rock(sphere(10.3, 0.01), 20.6)
-    other = Rock(sphere(4.6, 0.01), 9.2)
-    for rock, radius in zip(footprints([ball, other, ball]), (10.3, 4.6, 10.3), strict=True):
+    ball = Rock(make_sphere(10.3, 0.01), 20.6)
+    other = Rock(make_sphere(4.6, 0.01), 9.2)
+    for rock, radius in zip(rasterise_rocks([ball, other, ball]), (10.3, 4.6, 10.3), strict=True):
         rows, columns = rock.reach
         y, x = np.mgrid[-rows : rows + 1, -columns : columns + 1]
         far = np.hypot(x, y)
@@ -99,16 +99,18 @@ def test_a_footprint_is_the_rocks_lower_and_upper_side():
 def gaps(heap):
     """(N,) smallest vertical gap below each rock, mm, 0 where it lies in or on something; (N,) its depth in fines."""
     rocks = next(solid for solid in heap.solids if solid.name == "rocks")
-    scene = RayScene([belt_solids(BELT)[0], *heap.solids])
+    scene = RayScene([make_belt_solids(BELT)[0], *heap.solids])
     spread = np.concatenate([np.eye(3), np.random.default_rng(0).dirichlet(np.ones(3), 60)])
     lowest, depth = [], []
     for first, last in zip(heap.rocks.first_face, heap.rocks.first_face[1:], strict=False):
         corners = rocks.vertices_mm[rocks.faces[first:last]]
         under = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] < 0
         start = np.einsum("pk,fkd->fpd", spread, corners[under]).reshape(-1, 3) - np.array([0, 0, 1e-4])
-        hits = scene.hits(start, np.tile([0.0, 0, -1], (len(start), 1)))
-        inside = scene.normals(hits.face)[:, 2] < 0  # it leaves a solid downwards: the point is within it
-        in_fines = heap.fines.at(start[:, 0], start[:, 1]) - start[:, 2]
+        hits = scene.cast(start, np.tile([0.0, 0, -1], (len(start), 1)))
+        inside = (
+            scene.face_normals(hits.face)[:, 2] < 0
+        )  # it leaves a solid downwards: the point is within it
+        in_fines = heap.fines.height_at(start[:, 0], start[:, 1]) - start[:, 2]
         lowest.append(np.where(inside | (in_fines > 0), 0.0, hits.distance).min())
         depth.append(in_fines.max())
     return np.array(lowest), np.array(depth)
@@ -135,11 +137,11 @@ def test_no_rock_sticks_into_the_belt_and_few_into_each_other(heap):
     assert (v[:, 2] - BELT.height_at(v[:, 0], v[:, 1])).min() > -1.0
     # straight up from a vertex: the surface left before another is entered is one the vertex is within
     scene = RayScene([rocks])
-    hits = scene.hits(v + np.array([0, 0, 1e-3]), np.tile([0.0, 0, 1], (len(v), 1)))
+    hits = scene.cast(v + np.array([0, 0, 1e-3]), np.tile([0.0, 0, 1], (len(v), 1)))
     owner = np.repeat(np.arange(SETTINGS.rocks), np.diff(heap.rocks.first_face))
     mine = np.repeat(np.arange(SETTINGS.rocks), np.diff(heap.rocks.first_vertex))
     met = np.isfinite(hits.distance)
-    within = met & (scene.normals(hits.face)[:, 2] > 0) & (owner[hits.face] != mine)
+    within = met & (scene.face_normals(hits.face)[:, 2] > 0) & (owner[hits.face] != mine)
     assert within.mean() < 0.02
 
 
@@ -191,7 +193,7 @@ def test_a_heap_may_be_rocks_alone_or_fines_alone():
 
 
 def test_a_heap_is_carried_along_the_belt(heap):
-    for before, after in zip(heap.solids, carried(heap.solids, 250.0), strict=True):
+    for before, after in zip(heap.solids, shift_solids(heap.solids, 250.0), strict=True):
         np.testing.assert_allclose(
             after.vertices_mm - before.vertices_mm, np.tile([0, 250.0, 0], (len(before.vertices_mm), 1))
         )

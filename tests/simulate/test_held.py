@@ -7,21 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.simulate.held import board_poses
-from beltscape.simulate.laboratory import station
+from beltscape.simulate.held import sample_board_poses
+from beltscape.simulate.laboratory import make_station
 from beltscape.simulate.scenario import BoardSpec, RigSpec
 from beltscape.target.board import CharucoBoard, corner_points_mm
 
 BOARD = CharucoBoard(squares=(11, 8), square_mm=34, marker_mm=25, dictionary="DICT_5X5_100")
 CORNERS = corner_points_mm(BOARD)
 MIDDLE = (CORNERS.min(axis=0) + CORNERS.max(axis=0)) / 2
-STATION = station(RigSpec())
+STATION = make_station(RigSpec())
 CORE = STATION.rig.core_camera
 
 
 def held(count: int, seed: int = 1, **spec) -> list:
     """core_from_board of so many poses."""
-    poses = board_poses(BoardSpec(**spec), BOARD, STATION, count, seed)
+    poses = sample_board_poses(BoardSpec(**spec), BOARD, STATION, count, seed)
     return [STATION.core_from_world @ pose for pose in poses]
 
 
@@ -39,7 +39,7 @@ def test_middle_depth_and_tilt_are_within_their_bounds(seed, tilt, reach):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_every_corner_is_before_every_camera(seed):
-    for pose in board_poses(BoardSpec(), BOARD, STATION, 24, seed):
+    for pose in sample_board_poses(BoardSpec(), BOARD, STATION, 24, seed):
         for name in STATION.rig.cameras:
             assert (STATION.cam_from_world(name) @ pose).apply(CORNERS)[:, 2].min() > 200
 

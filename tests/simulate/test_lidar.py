@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from beltscape.simulate.lidar import LidarSettings, scan_lidar
-from beltscape.simulate.shapes import box
+from beltscape.simulate.shapes import make_box
 from simulate import scenes
 
-WORLD = scenes.world(scenes.load(box((100.0, 400.0, 50.0))), lit=False)
+WORLD = scenes.world(scenes.load(make_box((100.0, 400.0, 50.0))), lit=False)
 COARSE = LidarSettings(step_deg=0.5, range_noise_mm=0.0)
 
 

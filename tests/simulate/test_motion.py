@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.simulate.motion import instants, moved, render_exposure
+from beltscape.simulate.motion import sample_exposure, shift_labelled, render_exposure
 from beltscape.simulate.optics import Optics
 from beltscape.simulate.render import RenderSettings
 from beltscape.simulate.world import Label, World
@@ -16,19 +16,19 @@ def world():
 
 
 def test_material_moves_and_the_belt_stays(world):
-    after = moved(world, 7.0)
+    after = shift_labelled(world, 7.0)
     np.testing.assert_array_equal(after.solids[0].vertices_mm, world.solids[0].vertices_mm)
     np.testing.assert_allclose(after.solids[1].vertices_mm - world.solids[1].vertices_mm, [[0, 7, 0]] * 4)
 
 
 def test_instants_lie_evenly_about_the_middle_in_small_steps(world):
     rig = station(camera())
-    y = np.array([world.solids[1].vertices_mm[0, 1] for world in instants(world, rig, 5.0)])
+    y = np.array([world.solids[1].vertices_mm[0, 1] for world in sample_exposure(world, rig, 5.0)])
     middle = world.solids[1].vertices_mm[0, 1]
     assert y.mean() == pytest.approx(middle)
     np.testing.assert_allclose(np.diff(y), 5.0 / len(y))
     assert np.diff(y).max() * camera().focal_px.max() / 700 <= 0.3
-    assert len(instants(world, rig, 0.0)) == 1
+    assert len(sample_exposure(world, rig, 0.0)) == 1
 
 
 def test_an_exposure_smears_along_the_belt_only():
@@ -36,7 +36,7 @@ def test_an_exposure_smears_along_the_belt_only():
     rig, settings = station(cam), RenderSettings(engine="scalar", oversample=3, passes=8)
     spot = World((plane(12, 12, label=Label.MATERIAL),), None)
     still, smeared = (
-        render_exposure(instants(spot, rig, travel), rig, {"cam0": Optics()}, settings)["cam0"][..., 0]
+        render_exposure(sample_exposure(spot, rig, travel), rig, {"cam0": Optics()}, settings)["cam0"][..., 0]
         for travel in (0.0, 20.0)
     )
     assert smeared.sum() == pytest.approx(still.sum(), rel=0.01)

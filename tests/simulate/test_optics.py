@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.simulate.optics import Lens, Optics
-from beltscape.simulate.pinhole import pinholes
+from beltscape.simulate.pinhole import make_pinholes
 from synthetic.light import camera
 
 
 def painted(pinhole, scene):
     """A pinhole's picture of a scene given as a function of x/z, y/z."""
     width, height = pinhole.crop_px[2:]
-    origin = np.ravel(pinhole.pixels(np.zeros(1), np.zeros(1)))
+    origin = np.ravel(pinhole.project(np.zeros(1), np.zeros(1)))
     x = (np.arange(width) - origin[0]) / pinhole.focal_px
     y = (np.arange(height) - origin[1]) / pinhole.focal_px
     light = scene(*np.meshgrid(x, y))
@@ -21,8 +21,8 @@ def painted(pinhole, scene):
 
 
 def developed(lens, scene, count=1):
-    holes = lens.pinholes(count)
-    return lens.develop(holes, [painted(hole, scene) for hole in holes])[..., 0]
+    holes = lens.make_pinholes(count)
+    return lens.integrate_pixels(holes, [painted(hole, scene) for hole in holes])[..., 0]
 
 
 @given(k1=st.floats(-0.2, 0.2), p1=st.floats(-2e-3, 2e-3), p2=st.floats(-2e-3, 2e-3), n=st.integers(1, 4))
@@ -55,14 +55,14 @@ def test_bands_leave_no_seams():
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 13])
 def test_pinholes_interleave_evenly_in_both_directions(count):
-    shifts = np.array([hole.shift_px for hole in pinholes(camera(), 2, count, 3.0, 0.0, 700.0)])
+    shifts = np.array([hole.shift_px for hole in make_pinholes(camera(), 2, count, 3.0, 0.0, 700.0)])
     even = (np.arange(count) + 0.5) / count - 0.5
     np.testing.assert_allclose(np.sort(shifts[:, 0]), even)
     np.testing.assert_allclose(np.sort(shifts[:, 1]), even)
 
 
 def test_holes_fill_the_aperture_around_its_middle():
-    holes = np.array([hole.lens_mm for hole in pinholes(camera(), 1, 200, 3.0, 8.0, 700.0)])
+    holes = np.array([hole.lens_mm for hole in make_pinholes(camera(), 1, 200, 3.0, 8.0, 700.0)])
     np.testing.assert_allclose(holes.mean(axis=0), 0, atol=1e-9)
     np.testing.assert_allclose(holes.var(axis=0), 4.0**2 / 4, rtol=0.05)
     assert np.linalg.norm(holes, axis=1).max() < 4.05

@@ -22,12 +22,12 @@ def test_texels_are_met_where_they_lie():
     x, y = np.meshgrid(np.arange(8) + 0.5, np.arange(4) + 0.5)
     above = np.column_stack([x.ravel(), y.ravel(), np.full(32, 5.0)])
     scene = RayScene(solids)
-    hits = scene.hits(above, np.broadcast_to([0.0, 0, -1], above.shape))
+    hits = scene.cast(above, np.broadcast_to([0.0, 0, -1], above.shape))
     points = above + hits.distance[:, None] * [0, 0, -1.0]
     np.testing.assert_allclose(
         reflectance_at(scene, solids, hits.face, points), np.arange(32) / 64, atol=1e-6
     )
     below = above - [0, 0, 10]
-    hits = scene.hits(below, np.broadcast_to([0.0, 0, -1], above.shape))
+    hits = scene.cast(below, np.broadcast_to([0.0, 0, -1], above.shape))
     np.testing.assert_allclose(reflectance_at(scene, solids, hits.face, below), 0.2)
     assert not reflectance_at(scene, solids, np.full(3, -1), np.zeros((3, 3))).any()

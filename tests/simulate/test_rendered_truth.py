@@ -11,10 +11,10 @@ import pytest
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.belt_solid import BeltSettings, belt_solids
-from beltscape.simulate.load_truth import true_load
-from beltscape.simulate.module_solid import module_solids
-from beltscape.simulate.truth import core_view
+from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
+from beltscape.simulate.load_truth import compute_true_load
+from beltscape.simulate.module_solid import make_module_solids
+from beltscape.simulate.truth import trace_core_view
 from beltscape.simulate.world import Station, World
 from beltscape.target.module import read_module
 
@@ -40,14 +40,14 @@ def world() -> World:
     placed = read("module.json")
     lift = np.array([0, 0, 10.0])
     pose = Pose(np.array(placed["base_to_world_R"]), np.array(placed["base_to_world_t"]) + lift)
-    belt = belt_solids(BeltSettings(fold_radius_mm=0, length_mm=2400))
-    return World((*belt, *module_solids(read_module(RENDERED / "module.toml"), pose)), None)
+    belt = make_belt_solids(BeltSettings(fold_radius_mm=0, length_mm=2400))
+    return World((*belt, *make_module_solids(read_module(RENDERED / "module.toml"), pose)), None)
 
 
 def test_depth_and_labels_of_the_module_agree():
     with np.load(RENDERED / "truth/module_depth_cam0.npz") as theirs:
         depth, label = theirs["z_distorted"], theirs["label_distorted"]
-    ours = core_view(world(), station(), distorted=True)
+    ours = trace_core_view(world(), station(), distorted=True)
     same = ours.label == label
     assert same.mean() > 0.99999
     error = np.abs(ours.depth_mm - depth)[same]
@@ -59,5 +59,5 @@ def test_depth_and_labels_of_the_module_agree():
 
 def test_the_modules_volume_agrees():
     theirs = read("module_volume.json")
-    ours = true_load(world(), tuple(theirs["x_range"]), tuple(theirs["y_range"]))
+    ours = compute_true_load(world(), tuple(theirs["x_range"]), tuple(theirs["y_range"]))
     assert ours.volume_mm3 == pytest.approx(theirs["volume_mm3"], rel=2e-4)

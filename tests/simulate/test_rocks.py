@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.simulate.rock_sizes import SizeSettings, draw_sizes
-from beltscape.simulate.rocks import ShapeSettings, centroid, make_rock
-from beltscape.simulate.shapes import box, cylinder
+from beltscape.simulate.rocks import ShapeSettings, compute_centroid, make_rock
+from beltscape.simulate.shapes import make_box, make_cylinder
 from strategies import seeds
 
 LAWS = [
@@ -24,16 +24,16 @@ def test_the_mass_of_drawn_sizes_follows_the_law(law):
     assert law.smallest_mm <= size[0] < 1.01 * law.smallest_mm
     assert size[-1] <= law.largest_mm
     passing = np.cumsum(size**3) / (size**3).sum()
-    np.testing.assert_allclose(law.passing(size), passing, atol=0.01)
+    np.testing.assert_allclose(law.share_passing(size), passing, atol=0.01)
 
 
 def test_passing_is_the_textbooks_between_its_ends():
     law = SizeSettings(median_mm=40, exponent=1.0, smallest_mm=1e-6, largest_mm=1e4)
     np.testing.assert_allclose(
-        law.passing(np.array([0, 40.0, 80, 120, 2e4])), [0, 0.5, 0.75, 0.875, 1], atol=1e-6
+        law.share_passing(np.array([0, 40.0, 80, 120, 2e4])), [0, 0.5, 0.75, 0.875, 1], atol=1e-6
     )
     law = SizeSettings(law="gaudin-schuhmann", exponent=0.5, smallest_mm=1e-9, largest_mm=100)
-    assert law.passing(np.array([25.0])) == pytest.approx(0.5, abs=1e-5)
+    assert law.share_passing(np.array([25.0])) == pytest.approx(0.5, abs=1e-5)
 
 
 def test_even_few_rocks_are_spread_over_all_sizes():
@@ -65,7 +65,7 @@ def test_a_rock_is_closed_about_its_centroid_and_has_its_size(seed, size, shape)
     rock = make_rock(size, shape, np.random.default_rng(seed))
     mesh = rock.mesh
     assert mesh.is_closed
-    np.testing.assert_allclose(centroid(mesh), 0, atol=1e-9 * size)
+    np.testing.assert_allclose(compute_centroid(mesh), 0, atol=1e-9 * size)
     extents = np.ptp(mesh.vertices_mm, axis=0)
     assert 0.03 * size**3 < mesh.volume_mm3 < np.prod(extents)
     # the middle extent along the principal axes is the size; no extent along any axis is below the smallest one
@@ -85,9 +85,9 @@ def test_a_rock_that_does_not_lean_lies_on_its_flat_side():
     assert (extents[:, 2] < 1.05 * extents[:, :2].min(axis=1)).mean() > 0.8
 
 
-@pytest.mark.parametrize("mesh", [box([3, 4, 5]), cylinder(2.0, 5.0)])
+@pytest.mark.parametrize("mesh", [make_box([3, 4, 5]), make_cylinder(2.0, 5.0)])
 def test_a_centroid_is_where_it_should_be(mesh):
-    np.testing.assert_allclose(centroid(mesh), [0, 0, 2.5], atol=1e-9)
+    np.testing.assert_allclose(compute_centroid(mesh), [0, 0, 2.5], atol=1e-9)
 
 
 def test_the_same_seed_makes_the_same_rock():

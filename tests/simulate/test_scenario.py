@@ -14,13 +14,13 @@ from beltscape.simulate.scenario import KINDS, Scenario
 def test_every_kind_needs_no_more_than_its_name(kind):
     scenario = read_scenario(kind, {})
     assert scenario.kind == kind
-    assert scenario.lit == (kind != "calibration")
+    assert scenario.is_lit == (kind != "calibration")
     assert Scenario.model_validate(scenario.model_dump(mode="json")) == scenario  # as truth/ keeps it
 
 
 def test_a_dead_projector_and_one_that_is_off_give_no_light():
-    assert not Scenario(kind="belt_empty", speckle=False).lit
-    assert not read_scenario("belt_empty", {"faults": {"dead_projector": True}}).lit
+    assert not Scenario(kind="belt_empty", speckle=False).is_lit
+    assert not read_scenario("belt_empty", {"faults": {"dead_projector": True}}).is_lit
 
 
 def test_paths_are_taken_from_the_files_folder(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.simulate.sensor import Sensor, expose, noise_seed
+from beltscape.simulate.sensor import Sensor, expose, make_noise_seed
 
 QUIET = {"shot_noise": False, "read_noise_e": 0.0, "electrons_at_1": 10_000.0, "full_well_e": 10_000.0}
 
@@ -65,9 +65,9 @@ def test_grey_weighs_colours_alike_and_rgb_keeps_them():
 
 def test_noise_has_a_seed_of_its_own_per_camera_and_frame():
     images = {
-        (camera, frame): expose(flat(0.5), Sensor(), noise_seed(1, camera, frame)).tobytes()
+        (camera, frame): expose(flat(0.5), Sensor(), make_noise_seed(1, camera, frame)).tobytes()
         for camera in ("cam0", "cam1")
         for frame in ("000", "001")
     }
     assert len(set(images.values())) == 4
-    assert expose(flat(0.5), Sensor(), noise_seed(1, "cam1", "000")).tobytes() == images["cam1", "000"]
+    assert expose(flat(0.5), Sensor(), make_noise_seed(1, "cam1", "000")).tobytes() == images["cam1", "000"]

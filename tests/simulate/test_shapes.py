@@ -7,22 +7,22 @@ from hypothesis import strategies as st
 
 from beltscape.simulate.shapes import (
     Mesh,
-    box,
-    cylinder,
-    divided,
-    extruded,
-    height_field,
-    icosahedron,
-    joined,
-    sphere,
+    make_box,
+    make_cylinder,
+    subdivide,
+    extrude,
+    triangulate_height_field,
+    make_icosahedron,
+    join_meshes,
+    make_sphere,
 )
 from strategies import poses
 
 SHAPES = {
-    "box": (box([30.0, 20.0, 7.0]), 30 * 20 * 7),
-    "cylinder": (cylinder(10.0, 90.0), np.pi * 100 * 90),
-    "sphere": (sphere(15.0), 4 / 3 * np.pi * 15**3),
-    "icosahedron": (icosahedron(), 2.536150710),
+    "box": (make_box([30.0, 20.0, 7.0]), 30 * 20 * 7),
+    "cylinder": (make_cylinder(10.0, 90.0), np.pi * 100 * 90),
+    "sphere": (make_sphere(15.0), 4 / 3 * np.pi * 15**3),
+    "icosahedron": (make_icosahedron(), 2.536150710),
 }
 
 
@@ -39,7 +39,7 @@ def test_moving_and_dividing_keep_volume_and_closedness(pose, name):
     mesh, volume = SHAPES[name]
     if len(mesh.faces) > 5000:
         return
-    changed = divided(mesh).moved(pose)
+    changed = subdivide(mesh).transform(pose)
     assert changed.is_closed
     assert len(changed.faces) == 4 * len(mesh.faces)
     assert changed.volume_mm3 == pytest.approx(volume, rel=1e-7)
@@ -47,7 +47,7 @@ def test_moving_and_dividing_keep_volume_and_closedness(pose, name):
 
 @pytest.mark.parametrize("radius", [5.0, 15.0, 35.0])
 def test_a_sphere_leaves_the_round_one_by_less_than_three_micrometres(radius):
-    mesh = sphere(radius)
+    mesh = make_sphere(radius)
     corners = mesh.vertices_mm[mesh.faces]
     weights = np.random.default_rng(1).dirichlet(np.ones(3), 7)  # places within each face
     on_faces = np.einsum("pk,fkd->fpd", weights, corners)
@@ -57,7 +57,7 @@ def test_a_sphere_leaves_the_round_one_by_less_than_three_micrometres(radius):
 
 @pytest.mark.parametrize("radius", [2.0, 10.0, 80.0])
 def test_a_cylinders_side_leaves_the_round_one_by_less_than_three_micrometres(radius):
-    mesh = cylinder(radius, 5.0)
+    mesh = make_cylinder(radius, 5.0)
     ring = mesh.vertices_mm[mesh.vertices_mm[:, 2] == 0][:-1]
     middles = (ring + np.roll(ring, 1, axis=0)) / 2
     for points in (ring, middles):
@@ -66,21 +66,21 @@ def test_a_cylinders_side_leaves_the_round_one_by_less_than_three_micrometres(ra
 
 def test_an_extrusion_is_closed_and_holds_section_times_length():
     outline = np.array([[-3.0, 2], [0, 1], [3, 2], [3, 1], [0, 0], [-3, 1]])
-    mesh = extruded(outline, np.array([-5.0, 0.0, 7.0]))
+    mesh = extrude(outline, np.array([-5.0, 0.0, 7.0]))
     assert mesh.is_closed
     assert mesh.volume_mm3 == pytest.approx(6 * 12)
 
 
 def test_a_height_field_looks_up_and_goes_through_its_nodes():
     x, y = np.array([0.0, 1, 3]), np.array([-1.0, 2])
-    mesh = height_field(x, y, np.array([[0.0, 1, 2], [3, 4, 9]]))
+    mesh = triangulate_height_field(x, y, np.array([[0.0, 1, 2], [3, 4, 9]]))
     a, b, c = np.moveaxis(mesh.vertices_mm[mesh.faces], 1, 0)
     assert (np.cross(b - a, c - a)[:, 2] > 0).all()
     np.testing.assert_array_equal(mesh.vertices_mm[4], [1, 2, 4])
 
 
 def test_joined_meshes_keep_their_volumes_and_a_missing_face_is_noticed():
-    both = joined([box([1, 2, 3]), sphere(2.0, 0.1)])
+    both = join_meshes([make_box([1, 2, 3]), make_sphere(2.0, 0.1)])
     assert both.is_closed
     assert both.volume_mm3 == pytest.approx(6 + 4 / 3 * np.pi * 8)
     assert not Mesh(both.vertices_mm, both.faces[1:]).is_closed

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
-from beltscape.simulate.shapes import Mesh, box, cylinder, height_field, sphere
-from beltscape.simulate.sight import in_image, pixel_rays
+from beltscape.simulate.shapes import Mesh, make_box, make_cylinder, triangulate_height_field, make_sphere
+from beltscape.simulate.sight import is_in_image, compute_pixel_rays
 from beltscape.simulate.trace import RayScene
 from beltscape.simulate.world import Solid
 from strategies import cameras, poses, seeds
@@ -25,7 +25,7 @@ def solid(mesh: Mesh, label: int = 2) -> Solid:
 
 def ground(z: float = 0.0) -> Mesh:
     ends = np.array([-2000.0, 2000.0])
-    return height_field(ends, ends, np.full((2, 2), z))
+    return triangulate_height_field(ends, ends, np.full((2, 2), z))
 
 
 def tilted() -> Pose:
@@ -52,8 +52,8 @@ def test_points_are_projected_as_opencv_projects_them(camera, pose, seed):
 @pytest.mark.parametrize("distorted", [False, True])
 def test_depth_of_a_plane_is_exact(distorted):
     pose = tilted()
-    rays = pixel_rays(LENS, pose, distorted=distorted)
-    hits = RayScene([solid(ground(12.0))]).hits(pose.center_mm, rays)
+    rays = compute_pixel_rays(LENS, pose, distorted=distorted)
+    hits = RayScene([solid(ground(12.0))]).cast(pose.center_mm, rays)
     expected = (12.0 - pose.center_mm[2]) / rays[:, 2]
     np.testing.assert_allclose(hits.distance, expected, rtol=0, atol=1e-9)
     points = pose.center_mm + hits.distance[:, None] * rays
@@ -69,8 +69,10 @@ def _pinhole(points):
 
 def test_depth_of_a_sphere_is_the_round_ones():
     pose, middle, radius = tilted(), np.array([20.0, -30, 35]), 35.0
-    rays = pixel_rays(LENS, pose, distorted=True)
-    hits = RayScene([solid(sphere(radius).moved(Pose(np.eye(3), middle)))]).hits(pose.center_mm, rays)
+    rays = compute_pixel_rays(LENS, pose, distorted=True)
+    hits = RayScene([solid(make_sphere(radius).transform(Pose(np.eye(3), middle)))]).cast(
+        pose.center_mm, rays
+    )
     o = pose.center_mm - middle
     a, b, c = (rays**2).sum(1), rays @ o, o @ o - radius**2
     root = b * b - a * c
@@ -86,8 +88,8 @@ def test_depth_of_a_sphere_is_the_round_ones():
 def test_depth_of_a_box_is_exact():
     pose = tilted()
     low, high = np.array([-40.0, -30, 0]), np.array([40.0, 30, 60])
-    rays = pixel_rays(LENS, pose, distorted=True)
-    hits = RayScene([solid(box([80, 60, 60]))]).hits(pose.center_mm, rays)
+    rays = compute_pixel_rays(LENS, pose, distorted=True)
+    hits = RayScene([solid(make_box([80, 60, 60]))]).cast(pose.center_mm, rays)
     one, two = (low - pose.center_mm) / rays, (high - pose.center_mm) / rays
     enter, leave = np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
     expected = np.where(enter <= leave, enter, np.inf)
@@ -99,9 +101,11 @@ def test_depth_of_a_box_is_exact():
 
 def test_depth_of_a_cylinder_is_the_round_ones():
     pose = tilted()
-    rays = pixel_rays(LENS, pose, distorted=True)
+    rays = compute_pixel_rays(LENS, pose, distorted=True)
     foot = np.array([150.0, 100, 0])
-    hits = RayScene([solid(cylinder(30.0, 90.0).moved(Pose(np.eye(3), foot)))]).hits(pose.center_mm, rays)
+    hits = RayScene([solid(make_cylinder(30.0, 90.0).transform(Pose(np.eye(3), foot)))]).cast(
+        pose.center_mm, rays
+    )
     o = pose.center_mm - foot
     a = (rays[:, :2] ** 2).sum(1)
     b, c = rays[:, :2] @ o[:2], o[:2] @ o[:2] - 900
@@ -127,7 +131,7 @@ def test_among_triangles_anyhow_the_nearest_is_met_where_float64_has_it(seed):
     soup = Mesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3))
     eye = rng.uniform([-100, -100, 500], [100, 100, 700])
     rays = rng.uniform(-200, 200, (400, 3)) - eye
-    found = RayScene([solid(soup)]).hits(eye, rays)
+    found = RayScene([solid(soup)]).cast(eye, rays)
     a, b, c = np.moveaxis(corners, 1, 0)
     # of each ray and face: signs of the volumes between ray and edges; where the ray crosses the plane
     normal = np.cross(b - a, c - a)
@@ -143,51 +147,51 @@ def test_among_triangles_anyhow_the_nearest_is_met_where_float64_has_it(seed):
 
 def test_no_ray_slips_between_triangles_and_of_two_close_surfaces_the_nearer_is_met():
     x = np.linspace(-50, 50, 101)
-    flat = height_field(x, x, np.zeros((101, 101)))
-    above = height_field(x, x, np.full((101, 101), 1e-3))
+    flat = triangulate_height_field(x, x, np.zeros((101, 101)))
+    above = triangulate_height_field(x, x, np.full((101, 101), 1e-3))
     scene = RayScene([solid(flat, 1), solid(above, 2)])
     rng = np.random.default_rng(2)
     nodes = rng.integers(-49, 50, (4000, 2)).astype(float)
     nodes[::2, 0] += 0.5  # half of the rays through nodes, half through edges
     targets = np.column_stack([nodes, np.full(4000, 1e-3)])
     eye = np.array([120.0, -80.0, 500.0])
-    hits = scene.hits(eye, targets - eye)
+    hits = scene.cast(eye, targets - eye)
     np.testing.assert_allclose(hits.distance, 1.0, rtol=0, atol=1e-12)
     assert (scene.label_of_face[hits.face] == 2).all()
 
 
 def test_a_ray_with_nan_meets_nothing():
-    hits = RayScene([solid(ground())]).hits(np.array([0.0, 0, 9]), np.array([[np.nan, 0, -1], [0, 0, -1.0]]))
+    hits = RayScene([solid(ground())]).cast(np.array([0.0, 0, 9]), np.array([[np.nan, 0, -1], [0, 0, -1.0]]))
     assert np.isinf(hits.distance[0])
     assert hits.distance[1] == pytest.approx(9)
     assert hits.face[0] == -1
-    nowhere = RayScene([solid(ground())]).hits(np.zeros(3), np.full((2, 3), np.nan))
+    nowhere = RayScene([solid(ground())]).cast(np.zeros(3), np.full((2, 3), np.nan))
     assert np.isinf(nowhere.distance).all()
 
 
 def test_a_wall_hides_what_is_behind_it():
-    scene = RayScene([solid(ground()), solid(box([10.0, 400, 50]))])
+    scene = RayScene([solid(ground()), solid(make_box([10.0, 400, 50]))])
     eye = np.array([100.0, 0, 100])
     x = np.array([60.0, -20, -94, -96, -150])  # the shadow of the wall's top edge at x = -5 … ends at -110
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])
     up = np.tile([0.0, 0, 1], (5, 1))
     edge = 100 - 105 * 100 / 50
-    np.testing.assert_array_equal(scene.visible_from(points, up, eye), (x > 0) | (x < edge))
-    assert not scene.visible_from(points, -up, eye).any()
+    np.testing.assert_array_equal(scene.is_visible_from(points, up, eye), (x > 0) | (x < edge))
+    assert not scene.is_visible_from(points, -up, eye).any()
 
 
 @settings(max_examples=20)
 @given(seed=seeds)
 def test_a_convex_body_is_seen_where_it_faces_the_eye(seed):
     rng = np.random.default_rng(seed)
-    ball = sphere(20.0, 0.1)
+    ball = make_sphere(20.0, 0.1)
     scene = RayScene([solid(ball)])
     eye = rng.normal(size=3)
     eye *= rng.uniform(40, 900) / np.linalg.norm(eye)
     faces = np.arange(len(ball.faces))
-    points, normals = scene.corners_mm.mean(axis=1), scene.normals(faces)
+    points, normals = scene.corners_mm.mean(axis=1), scene.face_normals(faces)
     facing = ((eye - points) * normals).sum(axis=1) > 0
-    np.testing.assert_array_equal(scene.visible_from(points, normals, eye), facing)
+    np.testing.assert_array_equal(scene.is_visible_from(points, normals, eye), facing)
 
 
 def test_points_far_aside_are_not_put_back_into_the_image():
@@ -196,7 +200,7 @@ def test_points_far_aside_are_not_put_back_into_the_image():
     )
     x = np.linspace(-3000, 3000, 401)
     points = np.column_stack([x, np.zeros(401), np.zeros(401)])
-    seen = in_image(folding, DOWN, points)
+    seen = is_in_image(folding, DOWN, points)
     pixels = folding.project(DOWN.apply(points))
     assert (np.abs(pixels[:, 0] - 99.5) < 50).sum() > (seen & (np.abs(pixels[:, 0] - 99.5) < 50)).sum()
     assert np.abs(x[seen]).max() < 700

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 
 from beltscape.simulate.heap import HeapSettings, make_heap
-from beltscape.simulate.load_truth import true_area_mm2, true_load
-from beltscape.simulate.shapes import box, sphere
+from beltscape.simulate.load_truth import compute_true_area_mm2, compute_true_load
+from beltscape.simulate.shapes import make_box, make_sphere
 from beltscape.simulate.trace import RayScene
-from beltscape.simulate.truth import ceilings, core_truth, core_view, rock_of_pixel
+from beltscape.simulate.truth import measurable_shares, trace_core_truth, trace_core_view, label_rocks
 from beltscape.simulate.world import Label
 from simulate.scenes import BELT, SIZE_PX, load, station, world
 
 
 def test_the_pinhole_grid_and_the_image_show_the_same_surface():
-    here, there = station(), world(load(box([80, 60, 50])))
+    here, there = station(), world(load(make_box([80, 60, 50])))
     camera, pose = here.rig.core_camera, here.core_from_world
-    pinhole, image = core_view(there, here), core_view(there, here, distorted=True)
+    pinhole, image = trace_core_view(there, here), trace_core_view(there, here, distorted=True)
     for truth, distorted in ((pinhole, False), (image, True)):
         rows, columns = np.nonzero(truth.label == Label.MATERIAL)
         assert len(rows) > 100
@@ -30,8 +30,8 @@ def test_the_pinhole_grid_and_the_image_show_the_same_surface():
 
 
 def test_views_and_light_are_those_of_a_box_that_casts_shadows():
-    here, there = station(), world(load(box([80, 60, 100])))
-    truth = core_truth(there, here)
+    here, there = station(), world(load(make_box([80, 60, 100])))
+    truth = trace_core_truth(there, here)
     camera = here.rig.core_camera
     points = here.core_from_world.inverse().apply(
         np.concatenate([camera.rays() * truth.depth_mm[..., None], truth.depth_mm[..., None]], axis=-1)
@@ -51,12 +51,12 @@ def test_views_and_light_are_those_of_a_box_that_casts_shadows():
     assert not truth.lit[shadow].any()
     assert truth.lit[flat & (x < -45)].all()
     np.testing.assert_array_equal(truth.views, truth.seen["cam1"].astype(int) + truth.seen["cam2"])
-    assert not core_truth(world(lit=False), here).lit.any()
+    assert not trace_core_truth(world(lit=False), here).lit.any()
 
 
 def test_the_pattern_ends_where_its_last_pixels_end():
     here = station()
-    truth = core_truth(world(), here)
+    truth = trace_core_truth(world(), here)
     points = here.core_from_world.inverse().apply(
         np.concatenate([here.rig.core_camera.rays(), np.ones((*SIZE_PX[::-1], 1))], axis=-1)
         * truth.depth_mm[..., None]
@@ -69,21 +69,21 @@ def test_the_pattern_ends_where_its_last_pixels_end():
 
 
 def test_ceilings_are_shares_of_the_region():
-    truth = core_truth(world(load(box([80, 60, 100]))), station())
+    truth = trace_core_truth(world(load(make_box([80, 60, 100]))), station())
     region = truth.label == Label.BELT
-    shares = ceilings(truth, region)
+    shares = measurable_shares(truth, region)
     assert shares["pixels"] == region.sum()
     assert shares["seen_cam1"] == pytest.approx(truth.seen["cam1"][region].mean())
     assert shares["lit_and_seen_by_2"] == pytest.approx((truth.lit & (truth.views == 2))[region].mean())
     assert 0 < shares["lit_and_seen_by_2"] < shares["lit_and_seen_by_1"] < shares["seen_by_1"] <= 1
-    assert ceilings(truth, np.zeros_like(region))["lit"] == 0
+    assert measurable_shares(truth, np.zeros_like(region))["lit"] == 0
 
 
 def test_the_rock_a_pixel_shows_is_where_the_record_says():
     heap = make_heap(HeapSettings(rocks=150, seed=2), BELT)
     there = world(*heap.solids)
-    truth = core_view(there, station())
-    rock = rock_of_pixel(truth, there.solids, heap)
+    truth = trace_core_view(there, station())
+    rock = label_rocks(truth, there.solids, heap)
     assert ((rock >= 0) <= (truth.label == Label.MATERIAL)).all()
     camera, pose = station().rig.core_camera, station().core_from_world
     rows, columns = np.nonzero(rock >= 0)
@@ -96,21 +96,21 @@ def test_the_rock_a_pixel_shows_is_where_the_record_says():
 
 
 def test_volume_of_a_box_and_of_a_sphere_on_the_belt():
-    cuboid = true_load(world(load(box([80, 60, 50]))), (-120, 120), (-100, 100))
+    cuboid = compute_true_load(world(load(make_box([80, 60, 50]))), (-120, 120), (-100, 100))
     assert cuboid.volume_mm3 == pytest.approx(80 * 60 * 50, rel=1e-9)
     assert cuboid.height_mm.max() == pytest.approx(50, abs=1e-9)
     # of a ball one sees the upper half from above; the rest counts as solid: a half ball on a cylinder
-    ball = true_load(world(load(sphere(40.0), 3.3, -7.7, 40.0)), (-120, 120), (-100, 100))
+    ball = compute_true_load(world(load(make_sphere(40.0), 3.3, -7.7, 40.0)), (-120, 120), (-100, 100))
     assert ball.volume_mm3 == pytest.approx(2 / 3 * np.pi * 40**3 + np.pi * 40**3, rel=1e-3)
     assert abs(ball.volume_mm3 - 5 / 3 * np.pi * 40**3) < ball.spread_mm3
     # a cap: the ball sunk into the belt down to 15 mm
-    cap = true_load(world(load(sphere(40.0), 3.3, -7.7, -25.0)), (-120, 120), (-100, 100))
+    cap = compute_true_load(world(load(make_sphere(40.0), 3.3, -7.7, -25.0)), (-120, 120), (-100, 100))
     assert cap.volume_mm3 == pytest.approx(np.pi * 15**2 * (40 - 5), rel=1e-3)
 
 
 def test_on_a_wing_the_load_is_what_is_above_the_slope():
-    slab = load(box([300, 100, 100]), 250.0)
-    found = true_load(world(slab), (-400, 400), (-80, 80), step_mm=0.5)
+    slab = load(make_box([300, 100, 100]), 250.0)
+    found = compute_true_load(world(slab), (-400, 400), (-80, 80), step_mm=0.5)
     x = np.linspace(100, BELT.half_width_mm[1], 200_001)
     expected = 100 * np.trapezoid(np.maximum(100 - BELT.height_at(x), 0) * (x <= 400), x)
     assert found.volume_mm3 == pytest.approx(expected, rel=1e-3)
@@ -118,18 +118,18 @@ def test_on_a_wing_the_load_is_what_is_above_the_slope():
 
 
 def test_cross_sections_add_up_to_the_volume():
-    there = world(load(box([80, 60, 50]), 10.0, 5.0), load(sphere(30.0), -60.0, -20.0, 30.0))
-    found = true_load(there, (-150, 150), (-100, 100))
+    there = world(load(make_box([80, 60, 50]), 10.0, 5.0), load(make_sphere(30.0), -60.0, -20.0, 30.0))
+    found = compute_true_load(there, (-150, 150), (-100, 100))
     step = found.y_mm[1] - found.y_mm[0]
     assert found.area_mm2.sum() * step == pytest.approx(found.volume_mm3, rel=1e-12)
     np.testing.assert_allclose(
-        true_area_mm2(there, np.array([30.0, -20.0, 70.0]), (-150, 150)),
+        compute_true_area_mm2(there, np.array([30.0, -20.0, 70.0]), (-150, 150)),
         [80 * 50, 60 * 30 + np.pi * 450 + (80 * 50 if abs(-25) < 30 else 0), 0],
         rtol=1e-3, atol=1e-9,
     )  # fmt: skip
 
 
 def test_a_ray_scene_may_be_shared():
-    here, there = station(), world(load(box([80, 60, 50])))
-    one, two = core_truth(there, here), core_truth(there, here, scene=RayScene(there.solids))
+    here, there = station(), world(load(make_box([80, 60, 50])))
+    one, two = trace_core_truth(there, here), trace_core_truth(there, here, scene=RayScene(there.solids))
     np.testing.assert_array_equal(one.depth_mm, two.depth_mm)

@@ -8,8 +8,8 @@ import pytest
 from beltscape.core.pose import Pose
 from beltscape.files.rig_json import read_rig
 from beltscape.simulate.heap import HeapSettings, make_heap
-from beltscape.simulate.module_solid import module_on_belt, module_solids
-from beltscape.simulate.truth_files import Known, write_boards, write_truth
+from beltscape.simulate.module_solid import place_module, make_module_solids
+from beltscape.simulate.truth_files import SceneDetails, write_boards, write_truth
 from beltscape.target.board import Chessboard, corner_points_mm
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 from simulate.scenes import BELT, station, world
@@ -26,9 +26,9 @@ MODULE = Module(
 
 
 def test_a_modules_truth_is_written_with_its_quantities(tmp_path):
-    pose = module_on_belt(MODULE, 5.0, -4.0, 20.0)
-    there = world(*module_solids(MODULE, pose))
-    known = Known(BELT, module=MODULE, world_from_module=pose, along_mm=(-120, 120))
+    pose = place_module(MODULE, 5.0, -4.0, 20.0)
+    there = world(*make_module_solids(MODULE, pose))
+    known = SceneDetails(BELT, module=MODULE, world_from_module=pose, along_mm=(-120, 120))
     write_truth(tmp_path, "module", there, station(), known)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "belt.json", "module_depth.npz", "module_load.npz", "module_module.json", "module_scene.json",
@@ -68,7 +68,7 @@ def test_a_modules_truth_is_written_with_its_quantities(tmp_path):
 def test_a_heaps_truth_is_the_same_bytes_twice(tmp_path):
     heap = make_heap(HeapSettings(rocks=60), BELT)
     for folder in ("one", "two"):
-        known = Known(BELT, heap=heap, along_mm=(-20, 20))
+        known = SceneDetails(BELT, heap=heap, along_mm=(-20, 20))
         write_truth(tmp_path / folder, "loaded", world(*heap.solids), station(), known)
     names = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert "loaded_rocks.npz" in names

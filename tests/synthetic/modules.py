@@ -9,8 +9,8 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.module_solid import module_solids
-from beltscape.simulate.shapes import box
+from beltscape.simulate.module_solid import make_module_solids
+from beltscape.simulate.shapes import make_box
 from beltscape.simulate.trace import RayScene
 from beltscape.simulate.world import Label, Solid
 from beltscape.target.module import Module
@@ -51,11 +51,11 @@ class Seen:
     """What a camera sees of a module that lies on a floor."""
 
     def __init__(self, there: Module, core_from_module: Pose) -> None:
-        floor = box([900.0, 900.0, 20.0]).moved(
+        floor = make_box([900.0, 900.0, 20.0]).transform(
             core_from_module @ Pose(np.eye(3), np.array([0.0, 0.0, -20.0 - there.base.size_mm[2]]))
         )
         ground = Solid("floor", int(Label.FLOOR), floor.vertices_mm, floor.faces, (0.2,) * 3)
-        solids = (*module_solids(there, core_from_module), ground)
+        solids = (*make_module_solids(there, core_from_module), ground)
         self._scene = RayScene(solids)
         self._base_mm = np.concatenate([solid.vertices_mm for solid in solids[:-1]])
 
@@ -63,7 +63,7 @@ class Seen:
         """Exact depth, said to be as good as told."""
         camera = rig().core_camera
         rays = np.concatenate([camera.rays(), np.ones((512, 612, 1))], axis=-1)
-        z = self._scene.hits(np.zeros(3), rays.reshape(-1, 3)).distance.reshape(512, 612)
+        z = self._scene.cast(np.zeros(3), rays.reshape(-1, 3)).distance.reshape(512, 612)
         z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
         ones = np.ones(z.shape, np.float32)
         return DepthMap(z, sigma_mm * ones, 4 * ones.astype(np.uint8), ones)
@@ -78,8 +78,8 @@ class Seen:
         width, height = high - low
         v, u = np.mgrid[: height * fine, : width * fine] / fine - 0.5 + 0.5 / fine
         x, y = (np.stack([u, v]) + (low - camera.center_px)[:, None, None]) / camera.focal_px[:, None, None]
-        hits = self._scene.hits(np.zeros(3), np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3))
-        normal = self._scene.normals(hits.face)
+        hits = self._scene.cast(np.zeros(3), np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3))
+        normal = self._scene.face_normals(hits.face)
         light = 60 - 100 * normal[:, 2] + 25 * normal[:, 0] + 15 * normal[:, 1]
         label = self._scene.label_of_face[hits.face]
         shade = np.where(label == Label.FLOOR, 0.2, np.where(label == Label.BASE, 0.6, 1.0))

@@ -22,16 +22,16 @@ from beltscape.files.text import read_text
 from beltscape.files.toml_text import read_toml, validated
 from beltscape.report.simulation import simulated_picture
 from beltscape.simulate.laboratory import DOWN
-from beltscape.simulate.load_truth import true_load
+from beltscape.simulate.load_truth import compute_true_load
 from beltscape.simulate.optics import Lens
 from beltscape.simulate.renderer import resolve_engine
 from beltscape.simulate.scenario import KINDS, Scenario
-from beltscape.simulate.stage import Stage
-from beltscape.simulate.tof import tof_camera
-from beltscape.simulate.tof_view import tof_of
-from beltscape.simulate.truth import core_view
+from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.tof import make_tof_camera
+from beltscape.simulate.tof_view import render_tof
+from beltscape.simulate.truth import trace_core_view
 from beltscape.simulate.truth_files import (
-    Known,
+    SceneDetails,
     write_arrays,
     write_belt,
     write_boards,
@@ -81,29 +81,29 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
         When the folder cannot be written to.
     """
     scenario = _with_engine(scenario)
-    stage = Stage(scenario)
-    _ready(stage)
-    _alone(stage, out)
+    scene = SimulatedScene(scenario)
+    _ready(scene)
+    _alone(scene, out)
     output_folder(out)
-    count = stage.frame_count
-    _write_truth(stage, out / "truth", reporter)
+    count = scene.frame_count
+    _write_truth(scene, out / "truth", reporter)
     for frame in range(count):
-        images = stage.frame(frame)
+        images = scene.render_frame(frame)
         for name, image in images.images.items():
             write_image(out / name / f"{images.frame}.png", image)
         if scenario.tof is not None:
-            _write_tof(stage, frame, out / "tof")
+            _write_tof(scene, frame, out / "tof")
         if frame == count // 2:  # of a moving heap: when it is there
-            view = core_view(stage.world(frame), stage.station)
+            view = trace_core_view(scene.world_at(frame), scene.station)
             write_image(out / "preview.png", simulated_picture(images, view.depth_mm))
         reporter.step("rendering", frame + 1, count)
     if scenario.kind == "belt_moving":
-        write_text(out / "encoder.csv", _encoder(stage))
-    if stage.board is not None:
-        write_text(out / "board.toml", board_toml(stage.board))
-    if stage.module is not None:
-        write_text(out / "module.toml", read_text(stage.module_file))
-    cameras = list(stage.station.rig.cameras)
+        write_text(out / "encoder.csv", _encoder(scene))
+    if scene.board is not None:
+        write_text(out / "board.toml", board_toml(scene.board))
+    if scene.module is not None:
+        write_text(out / "module.toml", read_text(scene.module_file))
+    cameras = list(scene.station.rig.cameras)
     return {
         "scene": scenario.kind,
         "capture": out,
@@ -120,22 +120,26 @@ def _with_engine(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"render": scenario.render.model_copy(update={"engine": engine})})
 
 
-def _ready(stage: Stage) -> None:
+def _ready(scene: SimulatedScene) -> None:
     """Everything that may be refused, before anything is written."""
-    known, scenario = stage.station.rig.cameras, stage.scenario
+    known, scenario = scene.station.rig.cameras, scene.scenario
     faults = scenario.faults
     for fault in (*faults.dirt, *faults.moved_camera, *faults.over_exposure, *faults.missing_frames):
         if fault.camera not in known:
             raise InputError(f"faults: the rig has no camera {fault.camera}; it has {', '.join(known)}")
-    _ = (stage.standing, stage.projector, stage.heap, stage.world_from_module, stage.world_from_board)
+    _ = (scene.current_station, scene.projector, scene.heap, scene.world_from_module, scene.world_from_board)
     for camera in known.values():
-        Lens(camera, scenario.optics, 1).coarse()  # refuses a distortion that folds
+        Lens(camera, scenario.optics, 1).make_coarse_pinhole()  # refuses a distortion that folds
 
 
-def _alone(stage: Stage, out: Path) -> None:
+def _alone(scene: SimulatedScene, out: Path) -> None:
     """InputError when images of another capture would stay among the new ones."""
-    frames = range(stage.frame_count)
-    own = {out / name / f"{stage.name(frame)}.png" for frame in frames for name in stage.delivering(frame)}
+    frames = range(scene.frame_count)
+    own = {
+        out / name / f"{scene.frame_name(frame)}.png"
+        for frame in frames
+        for name in scene.delivering_cameras(frame)
+    }
     others = sorted(path for path in out.glob("*/*") if path.suffix.lower() in EXTENSIONS and path not in own)
     if others:
         raise InputError(
@@ -151,45 +155,45 @@ def _resolve(values: dict[str, Any], folder: Path) -> None:
             own[key] = str(folder / own[key])
 
 
-def _write_truth(stage: Stage, folder: Path, reporter: Reporter) -> None:
-    scenario = stage.scenario
+def _write_truth(scene: SimulatedScene, folder: Path, reporter: Reporter) -> None:
+    scenario = scene.scenario
     reporter.step("truth", 0, 1)
     write_json(folder / "scenario.json", scenario.model_dump(mode="json"))
-    if stage.board is not None:
-        poses = {stage.name(i): pose for i, pose in enumerate(stage.world_from_board)}
-        write_boards(folder, stage.station, stage.board, poses)
+    if scene.board is not None:
+        poses = {scene.frame_name(i): pose for i, pose in enumerate(scene.world_from_board)}
+        write_boards(folder, scene.station, scene.board, poses)
     elif scenario.kind == "belt_moving":
-        _write_moving(stage, folder)
+        _write_moving(scene, folder)
     else:
-        known = Known(scenario.belt, stage.heap, stage.module, stage.world_from_module)
-        write_truth(folder, scenario.kind, stage.world(0), stage.station, known)
+        known = SceneDetails(scenario.belt, scene.heap, scene.module, scene.world_from_module)
+        write_truth(folder, scenario.kind, scene.world_at(0), scene.station, known)
     reporter.step("truth", 1, 1)
 
 
-def _write_moving(stage: Stage, folder: Path) -> None:
+def _write_moving(scene: SimulatedScene, folder: Path) -> None:
     """Where the heap is in every frame, its cross-sections from end to end, and the depth the core has before it."""
-    scenario = stage.scenario
-    write_station(folder, stage.station, stage.projector)
+    scenario = scene.scenario
+    write_station(folder, scene.station, scene.projector)
     write_belt(folder, scenario.belt)
     left, right = scenario.belt.half_width_mm
     half = scenario.belt.length_mm / 2
-    still = World((*stage.belt, *(stage.heap.solids if stage.heap else ())), None)
-    load = true_load(still, (-left, right), (-half, half), 1.0)
+    still = World((*scene.belt, *(scene.heap.solids if scene.heap else ())), None)
+    load = compute_true_load(still, (-left, right), (-half, half), 1.0)
     write_arrays(folder / "belt_moving_load.npz", y_mm=load.y_mm, area_mm2=load.area_mm2)
     depths, labels = [], []
-    for frame in range(stage.frame_count):
-        view = core_view(stage.world(frame), stage.station)
+    for frame in range(scene.frame_count):
+        view = trace_core_view(scene.world_at(frame), scene.station)
         depths.append(view.depth_mm.astype(np.float32))
         labels.append(view.label)
     write_arrays(folder / "belt_moving_depth.npz", depth_mm=np.stack(depths), label=np.stack(labels))
     frames = [
         {
-            "frame": stage.name(i),
-            "timestamp_s": stage.time_s(i),
-            "belt_position_mm": stage.belt_mm(i),
-            "heap_mm": stage.heap_mm(i),
+            "frame": scene.frame_name(i),
+            "timestamp_s": scene.time_s(i),
+            "belt_position_mm": scene.belt_position_mm(i),
+            "heap_mm": scene.heap_position_mm(i),
         }
-        for i in range(stage.frame_count)
+        for i in range(scene.frame_count)
     ]
     document = {
         "units": "mm",
@@ -201,27 +205,27 @@ def _write_moving(stage: Stage, folder: Path) -> None:
     write_json(folder / "belt_moving.json", document)
 
 
-def _encoder(stage: Stage) -> str:
-    scale = stage.scenario.motion.encoder_scale
+def _encoder(scene: SimulatedScene) -> str:
+    scale = scene.scenario.motion.encoder_scale
     rows = [
-        f"{stage.name(i)},{stage.time_s(i)!r},{abs(stage.belt_mm(i)) * scale!r}"
-        for i in range(stage.frame_count)
+        f"{scene.frame_name(i)},{scene.time_s(i)!r},{abs(scene.belt_position_mm(i)) * scale!r}"
+        for i in range(scene.frame_count)
     ]
     return "\n".join(["frame,timestamp_s,belt_position_mm", *rows]) + "\n"
 
 
-def _write_tof(stage: Stage, frame: int, folder: Path) -> None:
+def _write_tof(scene: SimulatedScene, frame: int, folder: Path) -> None:
     """What the time-of-flight camera measures, as a reconstruction that `measure` takes."""
-    spec = stage.scenario.tof
+    spec = scene.scenario.tof
     if spec is None:
         return
     tof_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
-    found = tof_of(stage.world(frame), tof_from_world, spec.camera, seed=stage.seed(frame))
-    camera = replace(tof_camera(spec.camera), name="tof")
+    found = render_tof(scene.world_at(frame), tof_from_world, spec.camera, seed=scene.frame_seed(frame))
+    camera = replace(make_tof_camera(spec.camera), name="tof")
     write_rig(folder / "rig.json", Rig("tof", {"tof": camera}, {"tof": Pose.identity()}))
     for name, values in (
         ("depth", found.depth_mm),
         ("sigma", found.sigma_mm),
         ("amplitude", found.amplitude_e),
     ):
-        write_float_tiff(folder / stage.name(frame) / f"{name}.tiff", values.astype(np.float32))
+        write_float_tiff(folder / scene.frame_name(frame) / f"{name}.tiff", values.astype(np.float32))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.simulate.shapes import extruded, height_field
+from beltscape.simulate.shapes import extrude, triangulate_height_field
 from beltscape.simulate.world import Label, Solid
 
 Millimetres = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
@@ -101,7 +101,7 @@ class BeltSettings(BaseModel):
         return self.sag_mm * np.sin(np.pi * y_mm / self.idler_pitch_mm) ** 2
 
 
-def belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
+def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
     """The belt, a closed slab whose upper side is `BeltSettings.height_at`, and the floor, a rectangle."""
     top, along = settings.section_mm, settings._along_mm
     step = np.gradient(top, axis=0)
@@ -110,11 +110,11 @@ def belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
         0.0,
         -1 / np.cos(np.deg2rad(settings.wing_deg)),
     ]  # cut upright: from above one sees no edge
-    mesh = extruded(np.concatenate([top, (top + settings.thickness_mm * down)[::-1]]), along)
+    mesh = extrude(np.concatenate([top, (top + settings.thickness_mm * down)[::-1]]), along)
     sections = np.arange(len(mesh.vertices_mm)) // (2 * len(top))
     hanging = mesh.vertices_mm - np.outer(settings._sag(along)[sections], [0, 0, 1])
     belt = Solid("belt", Label.BELT, hanging, mesh.faces, (settings.reflectance,) * 3)
     reach = np.array([-3.0, 3.0]) * max(settings.width_mm, settings.length_mm)
-    ground = height_field(reach, reach, np.full((2, 2), -settings.floor_mm))
+    ground = triangulate_height_field(reach, reach, np.full((2, 2), -settings.floor_mm))
     floor = Solid("floor", Label.FLOOR, ground.vertices_mm, ground.faces, (settings.floor_reflectance,) * 3)
     return belt, floor

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import SettingsError
 from beltscape.core.pose import Pose
-from beltscape.simulate.shapes import box
+from beltscape.simulate.shapes import make_box
 from beltscape.simulate.world import Label, Solid
 from beltscape.target.board import Board, CharucoBoard
 from beltscape.target.print_board import black_squares
@@ -22,7 +22,7 @@ _TEXELS = (64, 200)
 """Texels per square: at least, and at most for the sake of bits that end on whole texels."""
 
 
-def board_solid(
+def make_board_solid(
     board: Board, world_from_board: Pose, *, margin_mm: float | None = None, thickness_mm: float = 3.0
 ) -> Solid:
     """The board where it stands; its printed side is z = 0 of the board's frame and looks to its −z.
@@ -36,9 +36,9 @@ def board_solid(
     SettingsError
         for a board in OpenCV's legacy arrangement, which is not drawn.
     """
-    texture, texel_mm, margin_mm = _print(board, board.square_mm if margin_mm is None else margin_mm)
+    texture, texel_mm, margin_mm = _print_texture(board, board.square_mm if margin_mm is None else margin_mm)
     height, width = texture.shape[:2]
-    plate = box([width * texel_mm, height * texel_mm, thickness_mm])
+    plate = make_box([width * texel_mm, height * texel_mm, thickness_mm])
     columns, rows = board.grid
     middle = np.array([columns + 1, rows + 1]) * board.square_mm / 2
     on_board = plate.vertices_mm + np.array([*middle, 0.0])
@@ -60,7 +60,7 @@ def board_solid(
 
 
 @lru_cache(maxsize=4)
-def _print(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
+def _print_texture(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
     """(h, w, 3) reflectance of the printed side, the edge of a texel, the margin in whole texels, mm."""
     legacy, inverted = getattr(board, "legacy", None), getattr(board, "inverted", None)
     if legacy:
@@ -71,7 +71,7 @@ def _print(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, 
     columns, rows = board.grid
     ink = np.zeros(((rows + 1) * texels, (columns + 1) * texels))
     for x, y, width, height in black_squares(board) / texel_mm:
-        ink += np.outer(_covered(ink.shape[0], y, height), _covered(ink.shape[1], x, width))
+        ink += np.outer(_covered_shares(ink.shape[0], y, height), _covered_shares(ink.shape[1], x, width))
     ink = np.pad(ink.clip(0, 1), margin)
     if inverted:
         ink = 1 - ink
@@ -80,7 +80,7 @@ def _print(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, 
     return texture, texel_mm, margin * texel_mm
 
 
-def _covered(count: int, start: float, length: float) -> NDArray[np.float64]:
+def _covered_shares(count: int, start: float, length: float) -> NDArray[np.float64]:
     """(count,) share of each texel that [start, start + length] covers: edges between texels keep their place."""
     edges = np.arange(count + 1.0)
     within = np.clip(edges, start, start + length)

@@ -42,7 +42,7 @@ class Footprint:
         return slice(row - rows, row + rows + 1), slice(column - columns, column + columns + 1)
 
 
-def drop(
+def deposit_rocks(
     rocks: Sequence[Rock],
     fines: HeightField,
     belt: BeltSettings,
@@ -61,10 +61,10 @@ def drop(
     SettingsError
         where the belt or the fines are too small for the largest rock.
     """
-    prints = footprints(rocks)
-    ground = _Ground(fines, belt)
+    prints = rasterise_rocks(rocks)
+    maps = _HeightMaps(fines, belt)
     margins = np.max([rock.reach for rock in prints], axis=0, initial=0) if prints else np.zeros(2, int)
-    spots = ground.spots(int(margins[0]), int(margins[1]))
+    spots = maps.candidate_cells(int(margins[0]), int(margins[1]))
     if prints and not len(spots):
         raise SettingsError(
             f"no place for rocks of {max(rock.size_mm for rock in rocks):.0f} mm: widen the belt or make them smaller"
@@ -72,16 +72,16 @@ def drop(
     at = np.empty((len(prints), 3))
     for i, rock in enumerate(prints):
         tries = spots[rng.integers(len(spots), size=candidates)].tolist()
-        rests = [ground.rest(rock, row, column, bedding) for row, column in tries]
-        rises = [z - ground.soft[row, column] for z, (row, column) in zip(rests, tries, strict=True)]
+        rests = [maps.rest_height_mm(rock, row, column, bedding) for row, column in tries]
+        rises = [z - maps.fines_mm[row, column] for z, (row, column) in zip(rests, tries, strict=True)]
         best = int(np.argmin(rises))  # in a hollow rather than on top of others
         row, column = tries[best]
-        ground.add(rock, row, column, rests[best])
-        at[i] = ground.x_mm[column], ground.y_mm[row], rests[best]
+        maps.add(rock, row, column, rests[best])
+        at[i] = maps.x_mm[column], maps.y_mm[row], rests[best]
     return at
 
 
-def footprints(rocks: Sequence[Rock]) -> list[Footprint]:
+def rasterise_rocks(rocks: Sequence[Rock]) -> list[Footprint]:
     """Every rock on the raster: all are laid out side by side and looked at from below and from above."""
     if not rocks:
         return []
@@ -106,7 +106,7 @@ def footprints(rocks: Sequence[Rock]) -> list[Footprint]:
     for sign in (1.0, -1.0):  # up from below, then down from above
         start = np.column_stack([eyes, np.full(len(eyes), -sign * pitch)])
         way = np.tile([0.0, 0.0, sign], (len(eyes), 1))
-        sides.append(np.split(sign * (scene.hits(start, way).distance - pitch), ends))
+        sides.append(np.split(sign * (scene.cast(start, way).distance - pitch), ends))
     return [
         Footprint(
             bottom.reshape(2 * h + 1, 2 * w + 1),
@@ -117,7 +117,7 @@ def footprints(rocks: Sequence[Rock]) -> list[Footprint]:
     ]
 
 
-class _Ground:
+class _HeightMaps:
     """Height maps on the raster: belt, fines, and the tops of the rocks so far, -inf where there are none."""
 
     def __init__(self, fines: HeightField, belt: BeltSettings) -> None:
@@ -125,25 +125,25 @@ class _Ground:
         half = belt.length_mm / 2
         self.x_mm = RASTER_MM * np.arange(np.ceil(-left / RASTER_MM), np.floor(right / RASTER_MM) + 1)
         self.y_mm = RASTER_MM * np.arange(np.ceil(-half / RASTER_MM), np.floor(half / RASTER_MM) + 1)
-        self.firm = belt.height_at(self.x_mm, self.y_mm[:, None])
-        self.soft = fines.at(self.x_mm, self.y_mm[:, None])
-        self.tops = np.full(self.soft.shape, -np.inf)
+        self.belt_mm = belt.height_at(self.x_mm, self.y_mm[:, None])
+        self.fines_mm = fines.height_at(self.x_mm, self.y_mm[:, None])
+        self.rocks_mm = np.full(self.fines_mm.shape, -np.inf)
 
-    def spots(self, rows: int, columns: int) -> NDArray[np.int64]:
+    def candidate_cells(self, rows: int, columns: int) -> NDArray[np.int64]:
         """(K, 2) row and column of places so far from the edge: with fines, or without any all of the belt."""
-        there = self.soft > self.firm
+        there = self.fines_mm > self.belt_mm
         inner = np.zeros(there.shape, bool)
         inner[rows : len(self.y_mm) - rows, columns : len(self.x_mm) - columns] = True
         return np.argwhere(inner & there if there.any() else inner)
 
-    def rest(self, rock: Footprint, row: int, column: int, bedding: float) -> float:
+    def rest_height_mm(self, rock: Footprint, row: int, column: int, bedding: float) -> float:
         """Height at which a rock's centroid stops when it falls there."""
         window = rock.window(row, column)
-        hard = np.maximum(self.firm[window], self.tops[window])
-        below = np.maximum(hard, self.soft[window] - bedding * rock.height_mm)
+        hard = np.maximum(self.belt_mm[window], self.rocks_mm[window])
+        below = np.maximum(hard, self.fines_mm[window] - bedding * rock.height_mm)
         return float((below - rock.bottom_mm).max())
 
     def add(self, rock: Footprint, row: int, column: int, height: float) -> None:
         """Leave a rock there."""
-        tops = self.tops[rock.window(row, column)]
+        tops = self.rocks_mm[rock.window(row, column)]
         np.maximum(tops, rock.top_mm + height, out=tops)

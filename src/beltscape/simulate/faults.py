@@ -26,7 +26,7 @@ class _Fault(BaseModel):
 class DeadProjector(_Fault):
     """The projector's light is off."""
 
-    def on(self, world: World) -> World:
+    def apply(self, world: World) -> World:
         """The world without it."""
         return replace(world, projector=None)
 
@@ -40,7 +40,7 @@ class MovedCamera(_Fault):
     shift_mm: tuple[Millimetres, Millimetres, Millimetres] = (0.0, 0.0, 0.0)
     """Of its centre, in its own frame."""
 
-    def on(self, station: Station) -> Station:
+    def apply(self, station: Station) -> Station:
         """The station as it now stands; the rig that was calibrated is the old one's."""
         rig = station.rig
         turn = Pose.of(np.deg2rad(self.rotation_deg), (0.0, 0.0, 0.0))
@@ -63,7 +63,7 @@ class Dirt(_Fault):
     opacity: Annotated[float, Field(ge=0, le=1)] = 0.6
     """Share of the light that a speck's middle holds back."""
 
-    def on(self, irradiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    def apply(self, irradiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Light (H, W, 3) behind the dirt."""
         rows, columns = np.ogrid[: irradiance.shape[0], : irradiance.shape[1]]
         left = np.ones(irradiance.shape[:2])
@@ -79,7 +79,7 @@ class OverExposure(_Fault):
     camera: str
     factor: Annotated[float, Field(gt=0, le=1000)] = 4.0
 
-    def on(self, sensor: Sensor) -> Sensor:
+    def apply(self, sensor: Sensor) -> Sensor:
         """The sensor as it is driven."""
         return sensor.model_copy(update={"electrons_at_1": sensor.electrons_at_1 * self.factor})
 
@@ -92,7 +92,7 @@ class MissingFrames(_Fault):
     """1: all of them."""
     first: Annotated[int, Field(ge=0)] = 0
 
-    def has(self, camera: str, frame: int) -> bool:
+    def delivers(self, camera: str, frame: int) -> bool:
         """Whether this camera delivers the frame of this number."""
         lost = camera == self.camera and frame >= self.first and (frame - self.first) % self.every == 0
         return not lost

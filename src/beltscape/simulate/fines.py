@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.simulate.belt_solid import BeltSettings
-from beltscape.simulate.shapes import Mesh, height_field
+from beltscape.simulate.shapes import Mesh, triangulate_height_field
 
 Millimetres = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 _HIDDEN_MM = 2.0
@@ -57,7 +57,7 @@ class HeightField:
     height_mm: NDArray[np.float64]
     """(Ny, Nx)."""
 
-    def at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def height_at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Height of the triangles at places (broadcast), mm; -inf beside the field."""
         x, y = np.broadcast_arrays(x_mm, y_mm)
         u = (x - self.x_mm[0]) / (self.x_mm[1] - self.x_mm[0])
@@ -90,12 +90,12 @@ def make_fines(settings: FinesSettings, belt: BeltSettings, rng: np.random.Gener
     top += settings.waves_mm * waves / max(float(waves.std()), 1e-12)
     top[:, [0, -1]] = ground[:, [0, -1]] - _HIDDEN_MM  # what lies beyond the edge would have fallen off
     below = ground - _HIDDEN_MM
-    top = relaxed(np.maximum(top, below), x[1] - x[0], y[1] - y[0], slope, below)
+    top = limit_slope(np.maximum(top, below), x[1] - x[0], y[1] - y[0], slope, below)
     grains = settings.grain_mm * rng.normal(size=top.shape)
     return HeightField(x, y, np.where(top > below, np.maximum(top + grains, below), below))
 
 
-def relaxed(
+def limit_slope(
     height_mm: NDArray[np.float64], dx_mm: float, dy_mm: float, slope: float, ground_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(Ny, Nx) the highest surface below ``height_mm`` (but not below the ground) no steeper than ``slope``.
@@ -116,9 +116,9 @@ def relaxed(
             return height
 
 
-def fines_mesh(field: HeightField, belt: BeltSettings) -> Mesh:
+def make_fines_mesh(field: HeightField, belt: BeltSettings) -> Mesh:
     """The part of the field that looks out of the belt, and the cells around it."""
-    whole = height_field(field.x_mm, field.y_mm, field.height_mm)
+    whole = triangulate_height_field(field.x_mm, field.y_mm, field.height_mm)
     above = (field.height_mm > belt.height_at(field.x_mm, field.y_mm[:, None])).ravel()
     faces = whole.faces.reshape(-1, 6)  # both triangles of a cell
     faces = faces[above[faces].any(axis=1)].reshape(-1, 3)

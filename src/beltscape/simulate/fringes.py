@@ -45,7 +45,7 @@ class FringeSettings(BaseModel):
         return tuple(width_px / count for count in self.fringes)
 
 
-def fringe_pictures(settings: FringeSettings, size_px: tuple[int, int]) -> NDArray[np.float32]:
+def make_fringe_patterns(settings: FringeSettings, size_px: tuple[int, int]) -> NDArray[np.float32]:
     """(F, H, W) linear light 0..1 of a projector (W, H): all shifts of the first number of fringes, then the next."""
     width, height = size_px
     columns = np.arange(width)

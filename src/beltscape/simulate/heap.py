@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.simulate.belt_solid import BeltSettings
-from beltscape.simulate.dropping import drop
-from beltscape.simulate.fines import FinesSettings, HeightField, fines_mesh, make_fines
-from beltscape.simulate.material import Shades, fines_solid, rocks_solid
+from beltscape.simulate.dropping import deposit_rocks
+from beltscape.simulate.fines import FinesSettings, HeightField, make_fines_mesh, make_fines
+from beltscape.simulate.material import ReflectanceModel, make_fines_solid, make_rocks_solid
 from beltscape.simulate.rock_sizes import SizeSettings, draw_sizes
 from beltscape.simulate.rocks import Rock, ShapeSettings, make_rock
 from beltscape.simulate.world import Solid
@@ -80,21 +80,23 @@ def make_heap(settings: HeapSettings, belt: BeltSettings) -> Heap:
     rng = np.random.default_rng(shape_seed)
     rocks = [make_rock(size, settings.shapes, rng) for size in sizes.tolist()]
     rng = np.random.default_rng(place_seed)
-    places = drop(rocks, fines, belt, bedding=settings.bedding, candidates=settings.candidates, rng=rng)
+    places = deposit_rocks(
+        rocks, fines, belt, bedding=settings.bedding, candidates=settings.candidates, rng=rng
+    )
     rng = np.random.default_rng(shade_seed)
-    shades = Shades(settings.reflectance, settings.spread, settings.mottle)
+    reflectance_model = ReflectanceModel(settings.reflectance, settings.spread, settings.mottle)
     solids: list[Solid] = []
-    crust = fines_mesh(fines, belt)
+    crust = make_fines_mesh(fines, belt)
     if len(crust.faces):
-        solids.append(fines_solid(crust, shades, rng))
+        solids.append(make_fines_solid(crust, reflectance_model, rng))
     if rocks:
-        solids.append(rocks_solid([rock.mesh for rock in rocks], places, shades, rng))
+        solids.append(make_rocks_solid([rock.mesh for rock in rocks], places, reflectance_model, rng))
     return Heap(fines, _records(rocks, places), tuple(solids))
 
 
-def carried(solids: Sequence[Solid], along_mm: float) -> tuple[Solid, ...]:
+def shift_solids(solids: Sequence[Solid], along_mm: float) -> tuple[Solid, ...]:
     """The same solids after the belt has carried them that far along +y."""
-    return tuple(solid.carried(along_mm) for solid in solids)
+    return tuple(solid.shift(along_mm) for solid in solids)
 
 
 def _records(rocks: list[Rock], at_mm: NDArray[np.float64]) -> Rocks:

@@ -10,7 +10,9 @@ from beltscape.simulate.world import Station
 from beltscape.target.board import Board, corner_points_mm
 
 
-def board_poses(spec: BoardSpec, board: Board, station: Station, count: int, seed: int) -> tuple[Pose, ...]:
+def sample_board_poses(
+    spec: BoardSpec, board: Board, station: Station, count: int, seed: int
+) -> tuple[Pose, ...]:
     """world_from_board of ``count`` poses, spread over the core's view, over depths and over tilts to all sides.
 
     Places and depths follow a Halton-like sequence, tilts the golden angle: a few frames are spread as well as many.

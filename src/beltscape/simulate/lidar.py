@@ -58,14 +58,14 @@ def scan_lidar(
     profiles, sigmas = [], []
     for y in positions_mm(along_mm, step):
         eye = np.array([0.0, y, settings.height_mm])
-        distance = _mean_range(scene, world, eye, directions, across, settings)
+        distance = _mean_ranges(scene, world, eye, directions, across, settings)
         distance = distance + rng.normal(scale=settings.range_noise_mm, size=len(angles))
         profiles.append(eye + distance[:, None] * directions)
         sigmas.append(np.where(np.isfinite(distance), settings.range_noise_mm * np.cos(angles), np.nan))
     return ProfileScan(np.stack(profiles), np.stack(sigmas), step)
 
 
-def _mean_range(
+def _mean_ranges(
     scene: RayScene,
     world: World,
     eye: NDArray[np.float64],
@@ -79,10 +79,10 @@ def _mean_range(
     for right in offsets:
         for ahead in offsets:
             start = eye + right * across + np.array([0.0, ahead, 0.0])
-            hits = scene.hits(start, directions)
+            hits = scene.cast(start, directions)
             met = hits.face >= 0
             points = start + np.where(met, hits.distance, 0.0)[:, None] * directions
-            cosine = np.abs((scene.normals(hits.face) * directions).sum(axis=1))
+            cosine = np.abs((scene.face_normals(hits.face) * directions).sum(axis=1))
             back = reflectance_at(scene, world.solids, hits.face, points) * cosine
             light = np.where(met, back / np.maximum(hits.distance, 1.0) ** 2, 0.0)
             total += np.where(met, light * hits.distance, 0.0)

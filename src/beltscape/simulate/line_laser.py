@@ -28,8 +28,8 @@ from beltscape.core.pose import Pose
 from beltscape.simulate.profile_scan import positions_mm
 from beltscape.simulate.reflectance import reflectance_at
 from beltscape.simulate.sensor import Sensor, expose
-from beltscape.simulate.sight import in_image
-from beltscape.simulate.stage import BRIGHTEST
+from beltscape.simulate.sight import is_in_image
+from beltscape.simulate.stage import EXPOSURE_SHARE
 from beltscape.simulate.trace import RayScene
 from beltscape.simulate.world import Station, World
 
@@ -88,14 +88,14 @@ class LineImage:
     """(W,) what speckle adds to the line's middle, px; known to nobody but the simulator."""
 
 
-def laser_of(settings: LaserSettings, height_mm: float) -> Laser:
+def make_laser(settings: LaserSettings, height_mm: float) -> Laser:
     """A laser as high as the core, its plane through the x axis of the belt's level middle."""
     eye = np.array([0.0, settings.offset_mm, height_mm])
     normal = np.cross([1.0, 0.0, 0.0], eye)
     return Laser(eye, normal / np.linalg.norm(normal))
 
 
-def line_images(
+def render_line_images(
     world: World,
     station: Station,
     laser: Laser,
@@ -120,13 +120,13 @@ def line_images(
     peaks = peaks[peaks > 0]
     if not peaks.size:
         raise InputError("the camera sees nothing of the laser's line; move the laser or the camera")
-    electrons = BRIGHTEST * sensor.full_well_e / float(np.quantile(peaks, _BRIGHT)) / sensor.gain
+    electrons = EXPOSURE_SHARE * sensor.full_well_e / float(np.quantile(peaks, _BRIGHT)) / sensor.gain
     exposed = sensor.model_copy(update={"colour": "grey", "bits": 8, "electrons_at_1": electrons})
     rows = np.flatnonzero(np.max([light.max(axis=1) for light in probes], axis=0) > 0)
     spare = 4 * _BLUR_PX + scanner.camera.size_px[1] // 50
     first, last = max(0, rows[0] - spare), min(scanner.camera.size_px[1], rows[-1] + 1 + spare)
     rng = np.random.default_rng([seed, 1])
-    drift = speckle_px(settings, scanner.camera, float(station.core_from_world.center_mm[2]))
+    drift = speckle_sigma_px(settings, scanner.camera, float(station.core_from_world.center_mm[2]))
     for index, y in enumerate(places):
         light = scanner.light(float(y))[first:last].astype(np.float32)
         image = expose(light[..., None], exposed, [seed, 2, index])
@@ -134,7 +134,7 @@ def line_images(
         yield LineImage(float(y), int(first), image.astype(np.uint8), wander)
 
 
-def speckle_px(settings: LaserSettings, camera: Camera, distance_mm: float) -> float:
+def speckle_sigma_px(settings: LaserSettings, camera: Camera, distance_mm: float) -> float:
     """Standard deviation of the line's middle by speckle, px of the image."""
     sine = settings.aperture_mm / 2 / distance_mm
     on_surface = settings.speckle_contrast * settings.wavelength_nm * 1e-6 / (2 * np.pi * sine)
@@ -150,31 +150,31 @@ class _Scanner:
         self.camera, self._pose = station.rig.core_camera, station.core_from_world
         self._world, self._scene, self._laser = world, RayScene(world.solids), laser
         self._blur_px = max(blur_px, 1e-3)
-        self._directions, self._power = _fan(laser, settings, self.camera.size_px[0])
+        self._directions, self._power = _make_fan(laser, settings, self.camera.size_px[0])
 
     def light(self, along_mm: float) -> Array:
         """(H, W) light of the line, in units of its own."""
         carried = np.array([0.0, along_mm, 0.0])
         eye = self._laser.eye_mm + carried
         pose = Pose(self._pose.rotation, self._pose.translation_mm - self._pose.rotation @ carried)
-        hits = self._scene.hits(eye, self._directions)
+        hits = self._scene.cast(eye, self._directions)
         met = np.flatnonzero(hits.face >= 0)
         points = eye + hits.distance[met, None] * self._directions[met]
-        inside = in_image(self.camera, pose, points)
+        inside = is_in_image(self.camera, pose, points)
         met, points = met[inside], points[inside]
         face = hits.face[met]
-        normals = self._scene.normals(face)
-        seen = self._scene.visible_from(points, normals, pose.center_mm)
+        normals = self._scene.face_normals(face)
+        seen = self._scene.is_visible_from(points, normals, pose.center_mm)
         met, points, face, normals = met[seen], points[seen], face[seen], normals[seen]
         way = pose.center_mm - points
         far = np.linalg.norm(way, axis=1)
         back = (normals * way).sum(axis=1) / far**3  # what a matt surface sends into the lens
         bright = reflectance_at(self._scene, self._world.solids, face, points)
         pixels = self.camera.project(pose.apply(points))
-        return _spread(pixels, self._power[met] * bright * back, self.camera.size_px, self._blur_px)
+        return _blur_points(pixels, self._power[met] * bright * back, self.camera.size_px, self._blur_px)
 
 
-def _fan(laser: Laser, settings: LaserSettings, width_px: int) -> tuple[Array, Array]:
+def _make_fan(laser: Laser, settings: LaserSettings, width_px: int) -> tuple[Array, Array]:
     """(R, 3) directions of the fan's rays, over its thickness too, and (R,) the light that each carries."""
     half = np.deg2rad(settings.fan_deg) / 2
     angles = np.linspace(-half, half, settings.rays_per_px * width_px)
@@ -187,7 +187,7 @@ def _fan(laser: Laser, settings: LaserSettings, width_px: int) -> tuple[Array, A
     return np.concatenate(sheets), np.repeat(power / power.sum(), len(angles))
 
 
-def _spread(pixels: Array, light: Array, size_px: tuple[int, int], sigma_px: float) -> Array:
+def _blur_points(pixels: Array, light: Array, size_px: tuple[int, int], sigma_px: float) -> Array:
     """(H, W) image of points at pixels (N, 2), each blurred by the lens and gathered by the pixels' areas."""
     from scipy.special import ndtr
 

@@ -50,44 +50,44 @@ class TrueLoad:
         return (right - left) * (last - first)
 
 
-def true_load(
+def compute_true_load(
     world: World, across_mm: tuple[float, float], along_mm: tuple[float, float], step_mm: float = 0.5
 ) -> TrueLoad:
     """Look down onto the world and onto its belt alone, by a ray for every cell of about ``step_mm``.
 
     Everything but belt and floor counts as load, where it lies over the belt.
     """
-    x, y = (_middles(*ends, step_mm) for ends in (across_mm, along_mm))
-    return TrueLoad(x, y, _heights(world, x, y), across_mm, along_mm)
+    x, y = (_cell_centres(*ends, step_mm) for ends in (across_mm, along_mm))
+    return TrueLoad(x, y, _load_heights(world, x, y), across_mm, along_mm)
 
 
-def true_area_mm2(
+def compute_true_area_mm2(
     world: World, y_mm: NDArray[np.float64], across_mm: tuple[float, float], step_mm: float = 0.25
 ) -> NDArray[np.float64]:
     """(N,) the load's cross-section exactly at places along the belt (N,)."""
-    heights = _heights(world, _middles(*across_mm, step_mm), np.asarray(y_mm, np.float64))
+    heights = _load_heights(world, _cell_centres(*across_mm, step_mm), np.asarray(y_mm, np.float64))
     return heights.mean(axis=1) * (across_mm[1] - across_mm[0])
 
 
-def _heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def _load_heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """(Ny, Nx) load over the belt."""
     belt = [solid for solid in world.solids if solid.label == Label.BELT]
     high = max(float(solid.vertices_mm[:, 2].max()) for solid in world.solids) + _ABOVE_MM
-    empty, loaded = (_tops(RayScene(solids), x_mm, y_mm, high) for solids in (belt, world.solids))
+    empty, loaded = (_top_heights(RayScene(solids), x_mm, y_mm, high) for solids in (belt, world.solids))
     return np.where(np.isfinite(empty), np.maximum(loaded - empty, 0.0), 0.0)
 
 
-def _middles(first: float, last: float, step_mm: float) -> NDArray[np.float64]:
+def _cell_centres(first: float, last: float, step_mm: float) -> NDArray[np.float64]:
     """(N,) middles of an even number of equal cells."""
     count = 2 * max(1, int(np.ceil((last - first) / step_mm / 2 - 1e-9)))
     return first + (np.arange(count, dtype=np.float64) + 0.5) / count * (last - first)
 
 
-def _tops(
+def _top_heights(
     scene: RayScene, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], high_mm: float
 ) -> NDArray[np.float64]:
     """(Ny, Nx) height of what is seen from straight above; -inf where there is nothing."""
     x, y = np.meshgrid(x_mm, y_mm)
     eyes = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high_mm)])
-    hits = scene.hits(eyes, np.broadcast_to([0.0, 0.0, -1.0], eyes.shape))
+    hits = scene.cast(eyes, np.broadcast_to([0.0, 0.0, -1.0], eyes.shape))
     return (high_mm - hits.distance).reshape(x.shape)

@@ -16,11 +16,11 @@ from beltscape.core.pose import Pose
 from beltscape.simulate.world import Projector, World
 
 
-def emitters(mi: Any, world: World) -> dict[str, Any]:
+def make_emitters(mi: Any, world: World) -> dict[str, Any]:
     """Entries of a scene dictionary."""
     entries: dict[str, Any] = {}
     if world.projector is not None:
-        entries["projector"] = _projector(mi, world.projector)
+        entries["projector"] = _make_projector(mi, world.projector)
     # Without weight no ray is aimed at the hall's light, only reflected into it: no noise where nothing is in
     # its way, and every aimed ray is left to the projector. Alone it must have some weight.
     entries["hall"] = {
@@ -31,7 +31,7 @@ def emitters(mi: Any, world: World) -> dict[str, Any]:
     return entries
 
 
-def to_world(mi: Any, device_from_world: Pose) -> Any:
+def device_to_world(mi: Any, device_from_world: Pose) -> Any:
     """Mitsuba's transform of a camera or projector: its x axis points left and its y axis up, z along the view."""
     matrix = np.eye(4)
     matrix[:3, :3] = device_from_world.rotation.T * [-1.0, -1.0, 1.0]
@@ -39,7 +39,7 @@ def to_world(mi: Any, device_from_world: Pose) -> Any:
     return mi.ScalarTransform4f(matrix)
 
 
-def _projector(mi: Any, projector: Projector) -> dict[str, Any]:
+def _make_projector(mi: Any, projector: Projector) -> dict[str, Any]:
     camera = projector.camera
     width, height = camera.size_px
     if np.any(camera.distortion):
@@ -52,10 +52,10 @@ def _projector(mi: Any, projector: Projector) -> dict[str, Any]:
         )
     # One black texel around: outside the frame the nearest texel is repeated.
     texture = np.pad(np.float32(projector.pattern), ((1, 1), (1, 1), (0, 0)))
-    half_width, to_uv = _frustum(camera.focal_px, camera.center_px, (width + 2, height + 2))
+    half_width, to_uv = _symmetric_frustum(camera.focal_px, camera.center_px, (width + 2, height + 2))
     return {
         "type": "projector",
-        "to_world": to_world(mi, projector.projector_from_world),
+        "to_world": device_to_world(mi, projector.projector_from_world),
         "fov": float(np.rad2deg(2 * np.arctan(half_width))),
         "fov_axis": "x",
         # irradiance at 1 mm, of which Mitsuba takes π times, as radiance takes 1/π of it from a white surface
@@ -71,7 +71,7 @@ def _projector(mi: Any, projector: Projector) -> dict[str, Any]:
     }
 
 
-def _frustum(
+def _symmetric_frustum(
     focal_px: NDArray[np.float64], center_px: NDArray[np.float64], size_px: tuple[int, int]
 ) -> tuple[float, NDArray[np.float64]]:
     """Half width x/z of the symmetric frustum Mitsuba knows, and (3, 3) its uv → the uv of the bordered pattern."""

@@ -16,22 +16,24 @@ from numpy.typing import NDArray
 from beltscape.core.errors import InputError
 from beltscape.simulate.world import Solid
 
-Look = Literal["real", "shining", "white", "highlights"]
+Appearance = Literal["real", "emissive", "white", "highlights"]
 _ROUGHNESS = 0.2  # of the glossy share, Mitsuba's alpha: satin, a highlight some 20° wide
 
 
-def shapes(mi: Any, solids: Sequence[Solid], look: Look, *, texture_filter: str) -> dict[str, Any]:
+def make_shapes(
+    mi: Any, solids: Sequence[Solid], appearance: Appearance, *, texture_filter: str
+) -> dict[str, Any]:
     """Entries of a scene dictionary. Plain solids of one gloss become one mesh, coloured face by face."""
     plain: dict[float, list[Solid]] = {}
     entries: dict[str, Any] = {}
     for index, solid in enumerate(solids):
         _check(solid)
-        if solid.texture is not None and look in ("real", "shining"):
-            entries[f"textured_{index}"] = _textured(mi, solid, look, texture_filter)
+        if solid.texture is not None and appearance in ("real", "emissive"):
+            entries[f"textured_{index}"] = _make_textured_mesh(mi, solid, appearance, texture_filter)
         else:
-            plain.setdefault(solid.gloss if look in ("real", "highlights") else 0.0, []).append(solid)
+            plain.setdefault(solid.gloss if appearance in ("real", "highlights") else 0.0, []).append(solid)
     for index, (gloss, group) in enumerate(plain.items()):
-        entries[f"plain_{index}"] = _plain(mi, group, look, gloss)
+        entries[f"plain_{index}"] = _make_plain_mesh(mi, group, appearance, gloss)
     return entries
 
 
@@ -46,19 +48,19 @@ def _check(solid: Solid) -> None:
         raise InputError(f"solid {solid.name}: a face names a vertex that is not there")
 
 
-def _plain(mi: Any, group: list[Solid], look: Look, gloss: float) -> Any:
+def _make_plain_mesh(mi: Any, group: list[Solid], appearance: Appearance, gloss: float) -> Any:
     offsets = np.cumsum([0] + [len(solid.vertices_mm) for solid in group])
     vertices = np.concatenate([solid.vertices_mm for solid in group])
     faces = np.concatenate([solid.faces + at for solid, at in zip(group, offsets, strict=False)])
     colours = {"type": "mesh_attribute", "name": "face_color"}
-    mesh = _mesh(mi, vertices, faces, _surface(look, colours, gloss))
-    if look in ("real", "shining"):
+    mesh = _make_mesh(mi, vertices, faces, _surface_parts(appearance, colours, gloss))
+    if appearance in ("real", "emissive"):
         by_face = [np.tile(np.float32(solid.reflectance), (len(solid.faces), 1)) for solid in group]
         mesh.add_attribute("face_color", 3, np.concatenate(by_face).ravel())
     return mesh
 
 
-def _textured(mi: Any, solid: Solid, look: Look, texture_filter: str) -> Any:
+def _make_textured_mesh(mi: Any, solid: Solid, appearance: Appearance, texture_filter: str) -> Any:
     assert solid.texture is not None
     assert solid.uv is not None
     colours = {
@@ -68,16 +70,18 @@ def _textured(mi: Any, solid: Solid, look: Look, texture_filter: str) -> Any:
         "filter_type": texture_filter,
         "wrap_mode": "clamp",
     }
-    return _mesh(mi, solid.vertices_mm, solid.faces, _surface(look, colours, solid.gloss), solid.uv)
+    return _make_mesh(
+        mi, solid.vertices_mm, solid.faces, _surface_parts(appearance, colours, solid.gloss), solid.uv
+    )
 
 
-def _surface(look: Look, colours: dict[str, Any], gloss: float) -> dict[str, Any]:
+def _surface_parts(appearance: Appearance, colours: dict[str, Any], gloss: float) -> dict[str, Any]:
     """Parts of a shape. Surfaces have two sides, as open meshes are lit from below too; shining ones have one."""
-    if look == "shining":
+    if appearance == "emissive":
         return {"emitter": {"type": "area", "radiance": colours}}
-    if look == "white":
+    if appearance == "white":
         return {"surface": {"type": "twosided", "one": {"type": "diffuse", "reflectance": 1.0}}}
-    matt: dict[str, Any] = {"type": "diffuse", "reflectance": colours if look == "real" else 0.0}
+    matt: dict[str, Any] = {"type": "diffuse", "reflectance": colours if appearance == "real" else 0.0}
     if gloss == 0:
         return {"surface": {"type": "twosided", "one": matt}}
     shiny = {"type": "roughplastic", "diffuse_reflectance": matt["reflectance"], "alpha": _ROUGHNESS}
@@ -85,7 +89,7 @@ def _surface(look: Look, colours: dict[str, Any], gloss: float) -> dict[str, Any
     return {"surface": {"type": "twosided", "one": mixed}}
 
 
-def _mesh(
+def _make_mesh(
     mi: Any,
     vertices_mm: NDArray[np.float64],
     faces: NDArray[np.int64],

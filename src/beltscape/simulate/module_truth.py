@@ -9,7 +9,7 @@ from beltscape.core.pose import Pose
 from beltscape.target.module import Cube, Cylinder, Feature, Module
 
 
-def module_quantities(module: Module, world_from_module: Pose) -> dict[str, Any]:
+def describe_module(module: Module, world_from_module: Pose) -> dict[str, Any]:
     """The document of `<name>_module.json`.
 
     ``features`` has an entry ``{"name", "quantity", "true_mm"}`` for each quantity that measuring features names;
@@ -18,7 +18,7 @@ def module_quantities(module: Module, world_from_module: Pose) -> dict[str, Any]
     length, width, _ = module.base.size_mm
     entries = [("base", "length", length), ("base", "width", width)]
     for feature in module.features:
-        entries += [(feature.name, quantity, value) for quantity, value in _quantities(feature)]
+        entries += [(feature.name, quantity, value) for quantity, value in _list_quantities(feature)]
     cubes = sorted(module.cube, key=lambda cube: -cube.edge_mm)
     entries += [
         (f"step:{large.name}-{small.name}", "height_difference", large.edge_mm - small.edge_mm)
@@ -33,11 +33,11 @@ def module_quantities(module: Module, world_from_module: Pose) -> dict[str, Any]
         "features": [
             {"name": name, "quantity": quantity, "true_mm": value} for name, quantity, value in entries
         ],
-        "places": {feature.name: _place(feature, world_from_module) for feature in module.features},
+        "places": {feature.name: _locate(feature, world_from_module) for feature in module.features},
     }
 
 
-def _quantities(feature: Feature) -> list[tuple[str, float]]:
+def _list_quantities(feature: Feature) -> list[tuple[str, float]]:
     if isinstance(feature, Cube):
         return [("edge", feature.edge_mm), ("height", feature.edge_mm)]
     if isinstance(feature, Cylinder):
@@ -45,7 +45,7 @@ def _quantities(feature: Feature) -> list[tuple[str, float]]:
     return [("radius", feature.diameter_mm / 2)]
 
 
-def _place(feature: Feature, world_from_module: Pose) -> dict[str, Any]:
+def _locate(feature: Feature, world_from_module: Pose) -> dict[str, Any]:
     if isinstance(feature, Cube):
         height = feature.edge_mm
     else:

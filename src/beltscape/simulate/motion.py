@@ -16,13 +16,13 @@ from beltscape.simulate.world import Label, Station, World
 _STEP_PX = 0.3
 
 
-def moved(world: World, along_mm: float, labels: Collection[int] = (Label.MATERIAL,)) -> World:
+def shift_labelled(world: World, along_mm: float, labels: Collection[int] = (Label.MATERIAL,)) -> World:
     """The world with its solids of these labels moved along the belt; the projector stays."""
-    carried = tuple(solid.carried(along_mm) if solid.label in labels else solid for solid in world.solids)
+    carried = tuple(solid.shift(along_mm) if solid.label in labels else solid for solid in world.solids)
     return replace(world, solids=carried)
 
 
-def instants(
+def sample_exposure(
     world: World, station: Station, travel_mm: float, labels: Collection[int] = (Label.MATERIAL,)
 ) -> list[World]:
     """The world at as many instants of an exposure as keep each step on the belt below 0.3 px.
@@ -34,7 +34,7 @@ def instants(
         for name, camera in station.rig.cameras.items()
     )
     count = max(1, int(np.ceil(abs(travel_mm) * px_per_mm / _STEP_PX)))
-    return [moved(world, travel_mm * ((k + 0.5) / count - 0.5), labels) for k in range(count)]
+    return [shift_labelled(world, travel_mm * ((k + 0.5) / count - 0.5), labels) for k in range(count)]
 
 
 def render_exposure(
@@ -51,7 +51,7 @@ def render_exposure(
     a still.
     """
     settings = settings or RenderSettings()
-    shared = _shared(settings, len(worlds))
+    shared = _split_samples(settings, len(worlds))
     total: dict[str, NDArray[np.float32]] = {}
     for index, world in enumerate(worlds):
         share = (index, len(worlds))
@@ -61,7 +61,7 @@ def render_exposure(
     return {name: image / np.float32(len(worlds)) for name, image in total.items()}
 
 
-def _shared(settings: RenderSettings, count: int) -> RenderSettings:
+def _split_samples(settings: RenderSettings, count: int) -> RenderSettings:
     """What each of so many instants takes, to come to the settings' samples together."""
     samples = settings.passes * settings.oversample**2 / count
     oversample = settings.oversample if samples >= settings.oversample**2 else 1

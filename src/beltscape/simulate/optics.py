@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.camera import Camera
-from beltscape.simulate.pinhole import Pinhole, pinholes
+from beltscape.simulate.pinhole import Pinhole, make_pinholes
 
 _NODE_PX = 8.0
 _BAND_ROWS = 128  # of pixels developed at once, which bounds the memory
@@ -53,15 +53,17 @@ class Lens:
         self._margin = int(np.ceil(len(self._kernel) / 2 / oversample)) + 1
         self._reach = self._margin + 0.5
 
-    def pinholes(self, count: int) -> list[Pinhole]:
-        """What to render, to be averaged by `develop`; InputError where distortion folds inside the image."""
-        return self._pinholes(count, self.oversample, self.optics.aperture_mm)
+    def make_pinholes(self, count: int) -> list[Pinhole]:
+        """What to render, to be averaged by `integrate_pixels`; InputError where distortion folds inside the image."""
+        return self._make_pinholes(count, self.oversample, self.optics.aperture_mm)
 
-    def coarse(self) -> Pinhole:
+    def make_coarse_pinhole(self) -> Pinhole:
         """A pinhole of the camera's own resolution, covering what the others cover."""
-        return self._pinholes(1, 1, 0.0)[0]
+        return self._make_pinholes(1, 1, 0.0)[0]
 
-    def develop(self, pinholes: list[Pinhole], pictures: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    def integrate_pixels(
+        self, pinholes: list[Pinhole], pictures: list[NDArray[np.float32]]
+    ) -> NDArray[np.float32]:
         """The pinholes' pictures (h, w, 3) → light on the camera's pixels, (H, W, 3) float32."""
         import cv2
 
@@ -69,7 +71,7 @@ class Lens:
         for first, x, y in self._ideal_bands():
             light = np.zeros((*x.shape, 3), np.float32)
             for pinhole, picture in zip(pinholes, pictures, strict=True):
-                columns, rows = pinhole.pixels(x, y)
+                columns, rows = pinhole.project(x, y)
                 light += cv2.remap(
                     picture,
                     columns.astype(np.float32),
@@ -77,11 +79,11 @@ class Lens:
                     cv2.INTER_LINEAR,
                     borderMode=cv2.BORDER_REPLICATE,
                 )
-            bands.append(self._gathered(light / np.float32(len(pinholes)), first))
+            bands.append(self._integrate_band(light / np.float32(len(pinholes)), first))
         return np.concatenate(bands)
 
-    def _pinholes(self, count: int, oversample: int, aperture_mm: float) -> list[Pinhole]:
-        return pinholes(self.camera, oversample, count, self._reach, aperture_mm, self.optics.focus_mm)
+    def _make_pinholes(self, count: int, oversample: int, aperture_mm: float) -> list[Pinhole]:
+        return make_pinholes(self.camera, oversample, count, self._reach, aperture_mm, self.optics.focus_mm)
 
     def _ideal_bands(self) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
         """First row of a band of pixels, and x/z and y/z of all its sub-samples, margin included.
@@ -105,7 +107,7 @@ class Lens:
         n, margin = self.oversample, self._margin
         return first - margin - 0.5 + (np.arange((end - first + 2 * margin) * n) + 0.5) / n
 
-    def _gathered(self, light: NDArray[np.float32], first: int) -> NDArray[np.float32]:
+    def _integrate_band(self, light: NDArray[np.float32], first: int) -> NDArray[np.float32]:
         """Light on sub-samples of a band → on its pixels."""
         import cv2
 

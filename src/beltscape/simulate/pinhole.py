@@ -33,7 +33,7 @@ class Pinhole:
         """Full angle across the film's width."""
         return float(np.rad2deg(2 * np.arctan(self.film_px[0] / 2 / self.focal_px)))
 
-    def pixels(
+    def project(
         self, x: NDArray[np.float64], y: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x/z and y/z through the lens's centre → columns and rows of the rendered part, 0 at pixel centres."""
@@ -46,7 +46,7 @@ class Pinhole:
         return columns, rows
 
 
-def pinholes(
+def make_pinholes(
     camera: Camera, oversample: int, count: int, margin_px: float, aperture_mm: float, focus_mm: float
 ) -> list[Pinhole]:
     """``count`` pinholes whose pixel centres interleave, spread over the lens's aperture.
@@ -64,7 +64,7 @@ def pinholes(
         If the camera's distortion cannot be undone within the image and its margin.
     """
     focal = oversample * float(camera.focal_px.mean())
-    border = _undistorted_border(camera, margin_px)
+    border = _undistort_border(camera, margin_px)
     spare = aperture_mm / 2 / focus_mm * focal + 3
     low, high = border.min(axis=0) * focal - spare, border.max(axis=0) * focal + spare
     half = np.ceil(np.maximum(-low, high)).astype(int)
@@ -73,11 +73,13 @@ def pinholes(
     crop = (int(first[0]), int(first[1]), int(last[0] - first[0]), int(last[1] - first[1]))
     return [
         Pinhole(focal, film, crop, shift, lens, focus_mm)
-        for shift, lens in zip(_interleaved(count), _spread(count, aperture_mm), strict=True)
+        for shift, lens in zip(
+            _interleaved_offsets(count), _spread_over_disc(count, aperture_mm), strict=True
+        )
     ]
 
 
-def _interleaved(count: int) -> list[tuple[float, float]]:
+def _interleaved_offsets(count: int) -> list[tuple[float, float]]:
     """Offsets within ±0.5: a lattice, so that edges of any direction are met at evenly spaced places.
 
     The rank-1 lattice whose generator is next to the golden section; Fibonacci numbers are best. In the order that
@@ -85,19 +87,19 @@ def _interleaved(count: int) -> list[tuple[float, float]]:
     """
     coprime = [step for step in range(1, count + 1) if gcd(step, count) == 1]
     step = min(coprime, key=lambda s: abs(s - count * 0.618034))
-    stride = max(coprime, key=lambda s: _nearest(count, (1, s, s * step)))
+    stride = max(coprime, key=lambda s: _min_squared_distance(count, (1, s, s * step)))
     order = np.arange(count) * stride % count
     shifts = (np.column_stack([order, order * step % count]) + 0.5) / count - 0.5
     return [(float(x), float(y)) for x, y in shifts]
 
 
-def _nearest(count: int, generator: tuple[int, ...]) -> float:
+def _min_squared_distance(count: int, generator: tuple[int, ...]) -> float:
     """Smallest distance between points of the periodic lattice of multiples of a generator."""
     points = np.outer(np.arange(1, count), generator) % count
     return float((np.minimum(points, count - points) ** 2).sum(axis=1).min(initial=count**2))
 
 
-def _spread(count: int, aperture_mm: float) -> list[tuple[float, float]]:
+def _spread_over_disc(count: int, aperture_mm: float) -> list[tuple[float, float]]:
     """Points evenly over a disc (Vogel's spiral)."""
     k = np.arange(count)
     radius, angle = aperture_mm / 2 * np.sqrt((k + 0.5) / count), k * np.pi * (3 - np.sqrt(5))
@@ -106,7 +108,7 @@ def _spread(count: int, aperture_mm: float) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in points]
 
 
-def _undistorted_border(camera: Camera, margin_px: float) -> NDArray[np.float64]:
+def _undistort_border(camera: Camera, margin_px: float) -> NDArray[np.float64]:
     """(N, 2) x/z, y/z along the border of the image and its margin."""
     width, height = camera.size_px
     u, v = np.arange(-margin_px, width + margin_px), np.arange(-margin_px, height + margin_px)

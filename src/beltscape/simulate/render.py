@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.simulate.lit_scene import LitScene
 from beltscape.simulate.optics import Lens, Optics
 from beltscape.simulate.renderer import Engine, load_mitsuba
-from beltscape.simulate.view import View
+from beltscape.simulate.view import ViewRenderer
 from beltscape.simulate.world import Station, World
 
 
@@ -84,12 +84,14 @@ def render(
     for name, its_optics in optics.items():
         lens = Lens(station.rig.cameras[name], its_optics, settings.oversample)
         seeds = np.random.default_rng([seed, crc32(name.encode())])
-        view = View(mi, station.cam_from_world(name), seeds)
+        view = ViewRenderer(mi, station.cam_from_world(name), seeds)
         index, count = share
-        pinholes = lens.pinholes(settings.passes * count)[index::count]
+        pinholes = lens.make_pinholes(settings.passes * count)[index::count]
         if settings.bounces > 0:
-            pictures = scene.scattered(view, pinholes, settings.bounces)
+            pictures = scene.render_paths(view, pinholes, settings.bounces)
         else:
-            pictures = scene.direct(view, pinholes, lens.coarse(), settings.ambient_samples)
-        images[name] = lens.develop(pinholes, pictures)
+            pictures = scene.render_direct(
+                view, pinholes, lens.make_coarse_pinhole(), settings.ambient_samples
+            )
+        images[name] = lens.integrate_pixels(pinholes, pictures)
     return images

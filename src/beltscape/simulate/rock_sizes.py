@@ -35,7 +35,7 @@ class SizeSettings(BaseModel):
             )
         return self
 
-    def passing(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def share_passing(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Share of the mass of rocks no larger than sizes (N,), 0 at the smallest and 1 at the largest."""
         ends = self._uncut(np.array([self.smallest_mm, self.largest_mm]))
         inside = np.clip(size_mm, self.smallest_mm, self.largest_mm)
@@ -54,7 +54,9 @@ def draw_sizes(settings: SizeSettings, count: int, rng: np.random.Generator) -> 
     """
     edges = np.geomspace(settings.smallest_mm, settings.largest_mm, _STEPS + 1)
     middles = np.sqrt(edges[1:] * edges[:-1])
-    number = np.cumsum(np.diff(settings.passing(edges)) / middles**3)  # so much mass in rocks of d³ each
+    number = np.cumsum(
+        np.diff(settings.share_passing(edges)) / middles**3
+    )  # so much mass in rocks of d³ each
     share = np.concatenate([[0.0], number / number[-1]])
     quantiles = (np.arange(count) + rng.random(count)) / max(count, 1)
     return rng.permutation(np.interp(quantiles, share, edges))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.pose import Pose
-from beltscape.simulate.shapes import Mesh, divided
+from beltscape.simulate.shapes import Mesh, subdivide
 
 _CORNERS = (13, 26)
 _WAVES = 12
@@ -46,16 +46,18 @@ def make_rock(size_mm: float, settings: ShapeSettings, rng: np.random.Generator)
 
     Points move along their radius only, so that the mesh stays closed and cannot cut itself.
     """
-    mesh = _hull(settings, rng)
+    mesh = _make_hull(settings, rng)
     for _ in range(2 if size_mm >= _FINE_MM else 1):
-        mesh = divided(mesh)
-    mesh = _rough(mesh, settings.roughness, rng)
+        mesh = subdivide(mesh)
+    mesh = _roughen(mesh, settings.roughness, rng)
     upright = mesh.vertices_mm @ _principal_axes(mesh)  # x longest, z shortest
     scale = size_mm / float(np.ptp(upright[:, 1]))
-    return Rock(Mesh(upright * scale, mesh.faces).moved(_lying(settings.lean_deg, rng)), size_mm)
+    return Rock(
+        Mesh(upright * scale, mesh.faces).transform(_draw_orientation(settings.lean_deg, rng)), size_mm
+    )
 
 
-def _hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
+def _make_hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
     """Convex polyhedron about its centroid, of radius about 1."""
     from scipy.spatial import ConvexHull
 
@@ -69,10 +71,10 @@ def _hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
     faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
     used, index = np.unique(faces, return_inverse=True)
     mesh = Mesh(points[used], index.reshape(faces.shape))
-    return Mesh(mesh.vertices_mm - centroid(mesh), mesh.faces)
+    return Mesh(mesh.vertices_mm - compute_centroid(mesh), mesh.faces)
 
 
-def _rough(mesh: Mesh, roughness: float, rng: np.random.Generator) -> Mesh:
+def _roughen(mesh: Mesh, roughness: float, rng: np.random.Generator) -> Mesh:
     """Vertices moved along their radius by a sum of random waves; again about its centroid."""
     waves = rng.normal(size=(_WAVES, 3))
     waves *= (rng.uniform(3, 9, _WAVES) / np.linalg.norm(waves, axis=1))[:, None]
@@ -80,10 +82,10 @@ def _rough(mesh: Mesh, roughness: float, rng: np.random.Generator) -> Mesh:
     noise = np.cos(mesh.vertices_mm @ waves.T + phase).sum(axis=1) * np.sqrt(2 / _WAVES)
     factor = np.clip(1 + roughness * noise, 0.3, None)
     pushed = Mesh(mesh.vertices_mm * factor[:, None], mesh.faces)
-    return Mesh(pushed.vertices_mm - centroid(pushed), mesh.faces)
+    return Mesh(pushed.vertices_mm - compute_centroid(pushed), mesh.faces)
 
 
-def centroid(mesh: Mesh) -> NDArray[np.float64]:
+def compute_centroid(mesh: Mesh) -> NDArray[np.float64]:
     """(3,) middle of a closed mesh's volume."""
     about = mesh.vertices_mm.mean(axis=0)
     a, b, c = np.moveaxis((mesh.vertices_mm - about)[mesh.faces], 1, 0)
@@ -102,7 +104,7 @@ def _principal_axes(mesh: Mesh) -> NDArray[np.float64]:
     return axes if np.linalg.det(axes) > 0 else axes * [1, 1, -1]
 
 
-def _lying(lean_deg: float, rng: np.random.Generator) -> Pose:
+def _draw_orientation(lean_deg: float, rng: np.random.Generator) -> Pose:
     """On its flat side, leaning a little, turned anyhow about the vertical, either side up."""
     turn, towards = rng.uniform(0, 2 * np.pi, 2)
     lean = np.deg2rad(lean_deg) * rng.normal()

@@ -199,6 +199,6 @@ class Scenario(_Part):
         return self
 
     @property
-    def lit(self) -> bool:
+    def is_lit(self) -> bool:
         """Whether the projector's pattern is on the scene."""
         return self.speckle and self.kind != "calibration" and not self.faults.dead_projector

@@ -49,7 +49,7 @@ def expose(
     sensor
         How light becomes numbers.
     seed
-        Of the noise; see `noise_seed`. The same seed gives the same image.
+        Of the noise; see `make_noise_seed`. The same seed gives the same image.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def expose(
         (H, W), or (H, W, 3) RGB for a sensor of colours; uint8, or uint16 for more than 8 bits.
     """
     generator = np.random.default_rng(seed)
-    electrons = _filtered(irradiance, sensor) * np.float32(sensor.electrons_at_1)
+    electrons = _apply_filter(irradiance, sensor) * np.float32(sensor.electrons_at_1)
     if sensor.shot_noise:
         electrons = generator.poisson(electrons).astype(np.float32)
     electrons = np.minimum(electrons, np.float32(sensor.full_well_e))
@@ -70,15 +70,15 @@ def expose(
     kind = np.uint8 if sensor.bits == 8 else np.uint16
     level = np.clip(signal, 0.0, 1.0) ** (1 / sensor.gamma)
     image = np.rint(top * level).astype(kind)
-    return _demosaiced(image) if sensor.colour == "demosaiced" else image
+    return _demosaic(image) if sensor.colour == "demosaiced" else image
 
 
-def noise_seed(seed: int, camera: str, frame: str) -> list[int]:
+def make_noise_seed(seed: int, camera: str, frame: str) -> list[int]:
     """A seed of its own for every image of a capture, whatever the order in which they are made."""
     return [seed, crc32(camera.encode()), crc32(frame.encode())]
 
 
-def _filtered(irradiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.float32]:
+def _apply_filter(irradiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.float32]:
     """Light behind each pixel's own filter: (H, W), or (H, W, 3) where each pixel has all three."""
     light = np.maximum(irradiance, np.float32(0))
     if sensor.colour == "rgb":
@@ -92,7 +92,7 @@ def _filtered(irradiance: NDArray[np.float32], sensor: Sensor) -> NDArray[np.flo
     return mosaic
 
 
-def _demosaiced(mosaic: NDArray[np.uint8 | np.uint16]) -> NDArray[np.uint8 | np.uint16]:
+def _demosaic(mosaic: NDArray[np.uint8 | np.uint16]) -> NDArray[np.uint8 | np.uint16]:
     import cv2
 
     return np.asarray(cv2.cvtColor(mosaic, cv2.COLOR_BayerRGGB2RGB), mosaic.dtype)

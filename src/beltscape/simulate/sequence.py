@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.simulate.motion import moved
+from beltscape.simulate.motion import shift_labelled
 from beltscape.simulate.render import RenderSettings, render
 from beltscape.simulate.sensor import Sensor, expose
-from beltscape.simulate.stage import BRIGHT, BRIGHTEST, Stage
+from beltscape.simulate.stage import EXPOSURE_QUANTILE, EXPOSURE_SHARE, SimulatedScene
 from beltscape.simulate.world import Label, Projector, Solid, World
 
 _CHANNELS = 3
 """The renderer's colours, each of which carries another picture."""
 
 
-def sequence(
-    stage: Stage,
+def render_sequence(
+    scene: SimulatedScene,
     projector: Projector,
     pictures: NDArray[np.float32],
     *,
@@ -37,7 +37,7 @@ def sequence(
 
     Parameters
     ----------
-    stage
+    scene
         The scene; its first frame.
     projector
         Who projects; its own pattern is not used.
@@ -66,18 +66,18 @@ def sequence(
         raise InputError(
             f"pictures are {pictures.shape[1:]}, the projector has {height} rows, {width} columns"
         )
-    light = _moving if travel_mm else _still
-    world = _grey(stage.world(0))
-    blur = stage.scenario.projector.blur_px
-    seen = light(stage, world, projector, _blurred(pictures, blur), travel_mm, settings, seed)
-    sensor = _exposed(stage.scenario.sensor, seen)
+    render_light = _render_moving if travel_mm else _render_still
+    world = _remove_colour(scene.world_at(0))
+    blur = scene.scenario.projector.blur_px
+    seen = render_light(scene, world, projector, _blur(pictures, blur), travel_mm, settings, seed)
+    sensor = _set_exposure(scene.scenario.sensor, seen)
     # one noise for each image: as a sensor of three colours whose colours are images of their own
     images = [expose(image[..., None], sensor, [seed, k])[..., 0] for k, image in enumerate(seen)]
     return np.stack(images).astype(np.uint8)
 
 
-def _still(
-    stage: Stage,
+def _render_still(
+    scene: SimulatedScene,
     world: World,
     projector: Projector,
     pictures: Sequence[NDArray[np.float32]],
@@ -91,13 +91,13 @@ def _still(
     for first in range(0, len(pictures), _CHANNELS):
         group = pictures[first : first + _CHANNELS]
         padded = [*group, *[group[-1]] * (_CHANNELS - len(group))]
-        light = _light(stage, world, projector, np.stack(padded, axis=-1), settings, seed)
+        light = _render_pattern(scene, world, projector, np.stack(padded, axis=-1), settings, seed)
         seen += [light[..., k] for k in range(len(group))]
     return np.stack(seen)
 
 
-def _moving(
-    stage: Stage,
+def _render_moving(
+    scene: SimulatedScene,
     world: World,
     projector: Projector,
     pictures: Sequence[NDArray[np.float32]],
@@ -110,9 +110,9 @@ def _moving(
     middle = (len(pictures) - 1) / 2
     return np.stack(
         [
-            _light(
-                stage,
-                moved(world, (k - middle) * travel_mm, carried),
+            _render_pattern(
+                scene,
+                shift_labelled(world, (k - middle) * travel_mm, carried),
                 projector,
                 np.repeat(picture[..., None], _CHANNELS, axis=-1),
                 settings,
@@ -123,8 +123,8 @@ def _moving(
     )
 
 
-def _light(
-    stage: Stage,
+def _render_pattern(
+    scene: SimulatedScene,
     world: World,
     projector: Projector,
     pattern: NDArray[np.float32],
@@ -132,13 +132,13 @@ def _light(
     seed: int,
 ) -> NDArray[np.float32]:
     """(H, W, 3) light on the core camera under a pattern (h, w, 3)."""
-    core = stage.station.rig.core
+    core = scene.station.rig.core
     lit = replace(world, projector=replace(projector, pattern=np.ascontiguousarray(pattern)))
-    how = settings or stage.scenario.render
-    return render(lit, stage.station, {core: stage.scenario.optics}, how, seed=seed)[core]
+    how = settings or scene.scenario.render
+    return render(lit, scene.station, {core: scene.scenario.optics}, how, seed=seed)[core]
 
 
-def _blurred(pictures: NDArray[np.float32], sigma_px: float) -> list[NDArray[np.float32]]:
+def _blur(pictures: NDArray[np.float32], sigma_px: float) -> list[NDArray[np.float32]]:
     """Each as the projector's lens lets it out."""
     if sigma_px == 0:
         return list(pictures)
@@ -146,20 +146,20 @@ def _blurred(pictures: NDArray[np.float32], sigma_px: float) -> list[NDArray[np.
     return [np.asarray(cv2.GaussianBlur(one, (0, 0), sigma_px, borderType=border)) for one in pictures]
 
 
-def _grey(world: World) -> World:
+def _remove_colour(world: World) -> World:
     """The world as a monochrome camera under white light has it: each surface of the mean of its colours."""
-    return replace(world, solids=tuple(_without_colour(solid) for solid in world.solids))
+    return replace(world, solids=tuple(_average_channels(solid) for solid in world.solids))
 
 
-def _without_colour(solid: Solid) -> Solid:
+def _average_channels(solid: Solid) -> Solid:
     if solid.texture is None:
         return replace(solid, reflectance=(float(np.mean(solid.reflectance)),) * 3)
     mean = (solid.texture * np.float32(solid.reflectance)).mean(axis=-1, keepdims=True)
     return replace(solid, reflectance=(1.0, 1.0, 1.0), texture=np.repeat(mean, 3, axis=-1))
 
 
-def _exposed(sensor: Sensor, seen: NDArray[np.float32]) -> Sensor:
+def _set_exposure(sensor: Sensor, seen: NDArray[np.float32]) -> Sensor:
     """The sensor, monochrome, exposed for the brightest of the images."""
-    full = max(float(np.quantile(seen.max(axis=0), BRIGHT)), 1e-6)
-    electrons = BRIGHTEST * sensor.full_well_e / full / sensor.gain
+    full = max(float(np.quantile(seen.max(axis=0), EXPOSURE_QUANTILE)), 1e-6)
+    electrons = EXPOSURE_SHARE * sensor.full_well_e / full / sensor.gain
     return sensor.model_copy(update={"colour": "rgb", "bits": 8, "electrons_at_1": electrons})

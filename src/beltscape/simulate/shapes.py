@@ -20,7 +20,7 @@ class Mesh:
     faces: NDArray[np.int64]
     """(F, 3) vertex indices, counter-clockwise seen from outside."""
 
-    def moved(self, to_from_mesh: Pose) -> Mesh:
+    def transform(self, to_from_mesh: Pose) -> Mesh:
         """The same mesh in another frame."""
         return Mesh(to_from_mesh.apply(self.vertices_mm), self.faces)
 
@@ -40,7 +40,7 @@ class Mesh:
         return np.unique(forth).size == forth.size and bool(np.array_equal(np.sort(forth), np.sort(back)))
 
 
-def joined(meshes: Sequence[Mesh]) -> Mesh:
+def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Several meshes as one; vertices and faces keep their order."""
     starts = np.cumsum([0, *(len(mesh.vertices_mm) for mesh in meshes[:-1])])
     return Mesh(
@@ -49,7 +49,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def box(size_mm: Sequence[float]) -> Mesh:
+def make_box(size_mm: Sequence[float]) -> Mesh:
     """Cuboid about the origin in x and y, standing on z = 0."""
     half_x, half_y, height = size_mm[0] / 2, size_mm[1] / 2, size_mm[2]
     outline = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
@@ -58,7 +58,7 @@ def box(size_mm: Sequence[float]) -> Mesh:
     return Mesh(vertices, _split(np.array([[3, 2, 1, 0], [4, 5, 6, 7], *sides])))
 
 
-def cylinder(radius_mm: float, height_mm: float, tolerance_mm: float = 0.002) -> Mesh:
+def make_cylinder(radius_mm: float, height_mm: float, tolerance_mm: float = 0.002) -> Mesh:
     """Upright cylinder about the z axis, standing on z = 0.
 
     A regular prism of the cylinder's own volume; its side leaves the round one by at most ``tolerance_mm``.
@@ -79,23 +79,23 @@ def cylinder(radius_mm: float, height_mm: float, tolerance_mm: float = 0.002) ->
     return Mesh(vertices, np.concatenate([bottom, top, side]))
 
 
-def sphere(radius_mm: float, tolerance_mm: float = 0.002) -> Mesh:
+def make_sphere(radius_mm: float, tolerance_mm: float = 0.002) -> Mesh:
     """Sphere about the origin: an icosahedron, divided until it leaves the sphere by at most ``tolerance_mm``.
 
     It has the sphere's own volume, so that vertices lie a little outside, the middles of faces a little inside.
     """
-    mesh = icosahedron()
+    mesh = make_icosahedron()
     while True:
         inner = np.linalg.norm(mesh.vertices_mm[mesh.faces].mean(axis=1), axis=1).min()
         if (1 - inner) * radius_mm <= tolerance_mm:
             break
-        mesh = divided(mesh)
+        mesh = subdivide(mesh)
         mesh = Mesh(mesh.vertices_mm / np.linalg.norm(mesh.vertices_mm, axis=1)[:, None], mesh.faces)
     scale = np.cbrt(4 / 3 * np.pi / mesh.volume_mm3)
     return Mesh(mesh.vertices_mm * (radius_mm * scale), mesh.faces)
 
 
-def icosahedron() -> Mesh:
+def make_icosahedron() -> Mesh:
     """Regular icosahedron with its vertices on the unit sphere."""
     golden = (1 + np.sqrt(5)) / 2
     rings = np.array([[0, y, z] for y in (-1.0, 1.0) for z in (-golden, golden)])
@@ -114,7 +114,7 @@ def icosahedron() -> Mesh:
     return Mesh(vertices / np.hypot(1, golden), faces)
 
 
-def divided(mesh: Mesh) -> Mesh:
+def subdivide(mesh: Mesh) -> Mesh:
     """Every triangle cut into four at the middles of its edges; the shape stays."""
     edges = np.sort(np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
     unique, index = np.unique(edges, axis=0, return_inverse=True)
@@ -128,7 +128,7 @@ def divided(mesh: Mesh) -> Mesh:
     )
 
 
-def extruded(outline_mm: NDArray[np.float64], along_mm: NDArray[np.float64]) -> Mesh:
+def extrude(outline_mm: NDArray[np.float64], along_mm: NDArray[np.float64]) -> Mesh:
     """Closed bar along y: a cross-section of x, z, upper side first from left to right, then the lower back.
 
     Parameters
@@ -154,7 +154,7 @@ def extruded(outline_mm: NDArray[np.float64], along_mm: NDArray[np.float64]) -> 
     return Mesh(vertices, _split(np.concatenate([sides, front, back])))
 
 
-def height_field(
+def triangulate_height_field(
     x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], height_mm: NDArray[np.float64]
 ) -> Mesh:
     """Open surface over a grid, its outside up.

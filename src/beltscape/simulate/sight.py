@@ -9,7 +9,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 
 
-def pixel_rays(camera: Camera, cam_from_world: Pose, *, distorted: bool) -> NDArray[np.float64]:
+def compute_pixel_rays(camera: Camera, cam_from_world: Pose, *, distorted: bool) -> NDArray[np.float64]:
     """(H·W, 3) rays of all pixels, row by row, in the world, one millimetre long along the optical axis.
 
     A distance in lengths of such a ray is a depth in mm. ``distorted``: through the pixels of the image as the
@@ -24,7 +24,7 @@ def pixel_rays(camera: Camera, cam_from_world: Pose, *, distorted: bool) -> NDAr
     return np.column_stack([plane, np.ones(len(plane))]) @ cam_from_world.rotation
 
 
-def in_image(camera: Camera, cam_from_world: Pose, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_in_image(camera: Camera, cam_from_world: Pose, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) whether world points (N, 3) fall into the image: before the camera and on a pixel."""
     points = cam_from_world.apply(points_mm)
     pixels = camera.project(points)

@@ -8,7 +8,7 @@ from itertools import count
 
 from beltscape.core.frames import FrameSet
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import Stage
+from beltscape.simulate.stage import SimulatedScene
 
 
 class SimulatedSource:
@@ -19,17 +19,17 @@ class SimulatedSource:
     """
 
     def __init__(self, scenario: Scenario, *, frames: int | None = None) -> None:
-        self.stage = Stage(scenario)
+        self.scene = SimulatedScene(scenario)
         self._frames = frames
 
     @property
     def cameras(self) -> tuple[str, ...]:
         """Names of the cameras."""
-        return tuple(self.stage.station.rig.cameras)
+        return tuple(self.scene.station.rig.cameras)
 
     def __len__(self) -> int:
         return sys.maxsize if self._frames is None else self._frames
 
     def __iter__(self) -> Iterator[FrameSet]:
         for frame in count() if self._frames is None else range(self._frames):
-            yield self.stage.frame(frame)
+            yield self.scene.render_frame(frame)

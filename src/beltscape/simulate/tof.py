@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.simulate.tof_phase import LIGHT_MM_S, combined, phase_sigma_mm
+from beltscape.simulate.tof_phase import LIGHT_MM_S, combine_phases, distance_sigma_mm
 from beltscape.simulate.tof_settings import TofSettings
-from beltscape.simulate.tof_surface import Surface, surface
+from beltscape.simulate.tof_surface import TofSurface, make_surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class TofFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class TofTruth:
     """What stands before the camera, as rays through sub-pixels meet it: s×s of them in every pixel."""
 
     depth_mm: NDArray[np.float64]
@@ -61,22 +61,22 @@ class Truth:
     """(H·s, W·s) of the angle between the ray back and the surface's normal; None: from the depth's differences."""
 
 
-def tof_camera(settings: TofSettings) -> Camera:
+def make_tof_camera(settings: TofSettings) -> Camera:
     """The camera's pinhole: square enough for its two angles of view, axis in the middle."""
     size = np.array(settings.size_px, np.float64)
     focal = size / 2 / np.tan(np.deg2rad(settings.angle_deg) / 2)
     return Camera("tof", settings.size_px, focal, (size - 1) / 2, np.zeros(5))
 
 
-def subpixel_rays(settings: TofSettings, samples: int) -> NDArray[np.float64]:
+def compute_subpixel_rays(settings: TofSettings, samples: int) -> NDArray[np.float64]:
     """(H·s, W·s, 2) x/z, y/z of s×s rays evenly over every pixel."""
-    camera, (width, height) = tof_camera(settings), settings.size_px
+    camera, (width, height) = make_tof_camera(settings), settings.size_px
     u = ((np.arange(width * samples) + 0.5) / samples - 0.5 - camera.center_px[0]) / camera.focal_px[0]
     v = ((np.arange(height * samples) + 0.5) / samples - 0.5 - camera.center_px[1]) / camera.focal_px[1]
     return np.stack(np.meshgrid(u, v), axis=-1)
 
 
-def tof_frame(truth: Truth, settings: TofSettings, seed: int) -> TofFrame:
+def simulate_tof_frame(truth: TofTruth, settings: TofSettings, seed: int) -> TofFrame:
     """One frame; the same truth, settings and seed give the same bytes.
 
     Raises
@@ -84,32 +84,34 @@ def tof_frame(truth: Truth, settings: TofSettings, seed: int) -> TofFrame:
     InputError
         When the arrays do not belong to each other or to the camera.
     """
-    samples = _samples(truth, settings)
-    rays = subpixel_rays(settings, samples)
-    seen = surface(truth.depth_mm, truth.albedo, truth.cosine, rays, samples)
+    samples = _rays_per_pixel(truth, settings)
+    rays = compute_subpixel_rays(settings, samples)
+    surface = make_surface(truth.depth_mm, truth.albedo, truth.cosine, rays, samples)
     rng = np.random.default_rng(seed)
-    phasors = np.array([_phasor(seen, settings, frequency) for frequency in settings.modulation_hz])
-    offset = _offset(seen, settings)
+    phasors = np.array(
+        [_compute_phasor(surface, settings, frequency) for frequency in settings.modulation_hz]
+    )
+    offset = _compute_offset(surface, settings)
     noise = np.sqrt((np.maximum(offset, 1e-12) + settings.read_noise_e**2) / 2)
     drawn = rng.normal(size=(2, *phasors.shape))
     found = phasors + noise * (drawn[0] + 1j * drawn[1])
     amplitude = np.abs(found)
-    sigma = phase_sigma_mm(noise, np.maximum(np.abs(phasors), 1e-12), settings.modulation_hz)
-    distance, sigma = combined(np.angle(found), sigma, settings.modulation_hz)
+    sigma = distance_sigma_mm(noise, np.maximum(np.abs(phasors), 1e-12), settings.modulation_hz)
+    distance, sigma = combine_phases(np.angle(found), sigma, settings.modulation_hz)
     least = amplitude.min(axis=0)
     distance = distance + settings.intensity_error_mm * settings.intensity_half_e / (
         settings.intensity_half_e + least
     )
-    good = seen.hit & (least >= settings.min_amplitude_e) & (offset <= settings.full_well_e)
-    along = 1 / np.linalg.norm(seen.rays, axis=-1)
+    good = surface.hit & (least >= settings.min_amplitude_e) & (offset <= settings.full_well_e)
+    along = 1 / np.linalg.norm(surface.rays, axis=-1)
     return TofFrame(
         np.where(good, distance * along, np.nan).astype(np.float32),
-        np.where(seen.hit, least, 0).astype(np.float32),
+        np.where(surface.hit, least, 0).astype(np.float32),
         np.where(good, sigma * along, np.nan).astype(np.float32),
     )
 
 
-def wiggling_mm(
+def compute_wiggling_mm(
     distance_mm: NDArray[np.float64], settings: TofSettings, frequency_hz: float
 ) -> NDArray[np.float64]:
     """The cyclic error of one surface's distance at one frequency: what the aliased harmonics turn its phasor by."""
@@ -119,7 +121,7 @@ def wiggling_mm(
     return turn * LIGHT_MM_S / (4 * np.pi * frequency_hz)
 
 
-def _samples(truth: Truth, settings: TofSettings) -> int:
+def _rays_per_pixel(truth: TofTruth, settings: TofSettings) -> int:
     width, height = settings.size_px
     rows, columns = truth.depth_mm.shape
     samples = rows // height
@@ -135,26 +137,30 @@ def _samples(truth: Truth, settings: TofSettings) -> int:
     return samples
 
 
-def _phasor(seen: Surface, settings: TofSettings, frequency_hz: float) -> NDArray[np.complex128]:
+def _compute_phasor(
+    surface: TofSurface, settings: TofSettings, frequency_hz: float
+) -> NDArray[np.complex128]:
     """(H, W) electrons of modulation, as four samples find them, without noise."""
-    from beltscape.simulate.tof_multipath import one_bounce
+    from beltscape.simulate.tof_multipath import compute_one_bounce
 
-    turn = np.exp(4j * np.pi * frequency_hz / LIGHT_MM_S * seen.distance_mm)
-    direct = seen.pixels(settings.amplitude_e * seen.strength * _aliased(turn, settings))
+    turn = np.exp(4j * np.pi * frequency_hz / LIGHT_MM_S * surface.distance_mm)
+    direct = surface.average_pixels(settings.amplitude_e * surface.strength * _add_harmonics(turn, settings))
     total = direct
     if settings.multipath:
-        late = settings.amplitude_e * one_bounce(seen, settings, frequency_hz)
-        total = total + np.where(seen.hit, late, 0)
+        late = settings.amplitude_e * compute_one_bounce(surface, settings, frequency_hz)
+        total = total + np.where(surface.hit, late, 0)
     return settings.contrast * ((1 - settings.scatter) * total + settings.scatter * total.mean())
 
 
-def _aliased(turn: NDArray[np.complex128], settings: TofSettings) -> NDArray[np.complex128]:
+def _add_harmonics(turn: NDArray[np.complex128], settings: TofSettings) -> NDArray[np.complex128]:
     """The phasor exp(iφ) with the third and fifth harmonic, which four samples take for exp(-3iφ) and exp(5iφ)."""
     third, fifth = settings.harmonics
     return turn + third * np.conj(turn) ** 3 + fifth * turn**5
 
 
-def _offset(seen: Surface, settings: TofSettings) -> NDArray[np.float64]:
+def _compute_offset(surface: TofSurface, settings: TofSettings) -> NDArray[np.float64]:
     """(H, W) electrons of a sample, modulated or not: they make the shot noise."""
-    own = seen.pixels(settings.amplitude_e * seen.strength + settings.ambient_e * seen.albedo)
+    own = surface.average_pixels(
+        settings.amplitude_e * surface.strength + settings.ambient_e * surface.albedo
+    )
     return (1 - settings.scatter) * own + settings.scatter * own.mean()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from beltscape.simulate.tof_phase import LIGHT_MM_S
 from beltscape.simulate.tof_settings import TofSettings
-from beltscape.simulate.tof_surface import Surface
+from beltscape.simulate.tof_surface import TofSurface
 
 Array = NDArray[np.float64]
 
@@ -26,15 +26,21 @@ _PAIRS = 1 << 19
 """Pairs of points and discs at a time."""
 
 
-def one_bounce(seen: Surface, settings: TofSettings, frequency_hz: float) -> NDArray[np.complex128]:
-    """(H, W) phasor of the light over one second surface, in units of `Surface.strength`."""
-    discs, points = _places(seen, settings.patch_px), _places(seen, settings.receiver_px)
-    albedo = seen.pixels(seen.albedo)
-    area = _areas_mm2(seen, settings.patch_px)[discs]
-    lit = albedo[discs] * _cosine(seen)[discs] / (np.linalg.norm(seen.points_mm[discs], axis=1) / 1000) ** 2
-    known = np.isfinite(seen.normals[points]).all(axis=1)
+def compute_one_bounce(
+    surface: TofSurface, settings: TofSettings, frequency_hz: float
+) -> NDArray[np.complex128]:
+    """(H, W) phasor of the light over one second surface, in units of `TofSurface.strength`."""
+    discs, points = _block_centres(surface, settings.patch_px), _block_centres(surface, settings.receiver_px)
+    albedo = surface.average_pixels(surface.albedo)
+    area = _areas_mm2(surface, settings.patch_px)[discs]
+    lit = (
+        albedo[discs]
+        * _cosine(surface)[discs]
+        / (np.linalg.norm(surface.points_mm[discs], axis=1) / 1000) ** 2
+    )
+    known = np.isfinite(surface.normals[points]).all(axis=1)
     arriving = np.zeros(len(points[0]), np.complex128)
-    discs_at, discs_to = seen.points_mm[discs], seen.normals[discs]
+    discs_at, discs_to = surface.points_mm[discs], surface.normals[discs]
     use = np.isfinite(lit) & np.isfinite(area)
     sources = (discs_at[use], discs_to[use], area[use], lit[use])
     which = np.flatnonzero(known)
@@ -42,12 +48,14 @@ def one_bounce(seen: Surface, settings: TofSettings, frequency_hz: float) -> NDA
     for start in range(0, len(which), rows):
         some = which[start : start + rows]
         at = (points[0][some], points[1][some])
-        arriving[some] = gathered(seen.points_mm[at], seen.normals[at], sources, frequency_hz)
-    grid = _grid(arriving, seen, settings.receiver_px)
-    return albedo * _spread(grid, seen.hit.shape, settings.receiver_px)
+        arriving[some] = integrate_irradiance(
+            surface.points_mm[at], surface.normals[at], sources, frequency_hz
+        )
+    grid = _reshape(arriving, surface, settings.receiver_px)
+    return albedo * _interpolate(grid, surface.hit.shape, settings.receiver_px)
 
 
-def gathered(
+def integrate_irradiance(
     points: Array, normals: Array, sources: tuple[Array, Array, Array, Array], frequency_hz: float
 ) -> NDArray[np.complex128]:
     """(N,) phasor of irradiance at points (N, 3) from discs: places, normals, areas mm², their radiosity."""
@@ -63,32 +71,32 @@ def gathered(
     return ((share * lit) * np.exp(1j * phase)).sum(axis=1)
 
 
-def _places(seen: Surface, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _block_centres(surface: TofSurface, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of the pixels in the middles of step×step blocks."""
-    rows, columns = (np.arange(step // 2, n, step) for n in seen.hit.shape)
+    rows, columns = (np.arange(step // 2, n, step) for n in surface.hit.shape)
     row, column = np.meshgrid(rows, columns, indexing="ij")
     return row.ravel(), column.ravel()
 
 
-def _cosine(seen: Surface) -> Array:
+def _cosine(surface: TofSurface) -> Array:
     """(H, W) between normal and the way back to the camera; NaN where unknown."""
-    return -(seen.normals * seen.rays).sum(axis=-1) / np.linalg.norm(seen.rays, axis=-1)
+    return -(surface.normals * surface.rays).sum(axis=-1) / np.linalg.norm(surface.rays, axis=-1)
 
 
-def _areas_mm2(seen: Surface, step: int) -> Array:
+def _areas_mm2(surface: TofSurface, step: int) -> Array:
     """(H, W) area of surface behind a step×step block about each pixel: its solid angle · distance² / cosine."""
-    du = seen.rays[0, 1, 0] - seen.rays[0, 0, 0]
-    dv = seen.rays[1, 0, 1] - seen.rays[0, 0, 1]
-    slant = np.linalg.norm(seen.rays, axis=-1) * np.maximum(_cosine(seen), 0.05)
-    return seen.points_mm[..., 2] ** 2 * du * dv * step**2 / slant
+    du = surface.rays[0, 1, 0] - surface.rays[0, 0, 0]
+    dv = surface.rays[1, 0, 1] - surface.rays[0, 0, 1]
+    slant = np.linalg.norm(surface.rays, axis=-1) * np.maximum(_cosine(surface), 0.05)
+    return surface.points_mm[..., 2] ** 2 * du * dv * step**2 / slant
 
 
-def _grid(values: NDArray[np.complex128], seen: Surface, step: int) -> NDArray[np.complex128]:
-    rows, columns = (len(range(step // 2, n, step)) for n in seen.hit.shape)
+def _reshape(values: NDArray[np.complex128], surface: TofSurface, step: int) -> NDArray[np.complex128]:
+    rows, columns = (len(range(step // 2, n, step)) for n in surface.hit.shape)
     return values.reshape(rows, columns)
 
 
-def _spread(grid: NDArray[np.complex128], shape: tuple[int, ...], step: int) -> NDArray[np.complex128]:
+def _interpolate(grid: NDArray[np.complex128], shape: tuple[int, ...], step: int) -> NDArray[np.complex128]:
     """(H, W) values of pixels between those of the grid, bilinear; constant beyond its rim."""
     rows, columns = ((np.arange(n) - step // 2) / step for n in shape)
     x, y = (grid.astype(np.float32) for grid in np.meshgrid(columns, rows))

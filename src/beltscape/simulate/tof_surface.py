@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class TofSurface:
     """Per sub-pixel, s×s of them in a pixel; 0 for strength where there is nothing."""
 
     samples: int
@@ -31,13 +31,15 @@ class Surface:
     normals: Array
     """(H, W, 3) there, towards the camera; NaN: unknown."""
 
-    def pixels(self, values: NDArray) -> NDArray:
+    def average_pixels(self, values: NDArray) -> NDArray:
         """Mean over each pixel: (H·s, W·s) → (H, W)."""
         rows, columns = (n // self.samples for n in values.shape)
         return values.reshape(rows, self.samples, columns, self.samples).mean(axis=(1, 3))
 
 
-def surface(depth_mm: Array, albedo: Array, cosine: Array | None, rays: Array, samples: int) -> Surface:
+def make_surface(
+    depth_mm: Array, albedo: Array, cosine: Array | None, rays: Array, samples: int
+) -> TofSurface:
     """Surfaces from true depth (H·s, W·s) along rays (H·s, W·s, 2) x/z, y/z, with s ``samples`` per pixel.
 
     Without cosines they come from the depth: each axis takes the smaller of the differences to both neighbours, so
@@ -47,14 +49,14 @@ def surface(depth_mm: Array, albedo: Array, cosine: Array | None, rays: Array, s
     met = np.isfinite(depth_mm) & (depth_mm > 0)
     depth = np.where(met, depth_mm, np.nan)
     if cosine is None:
-        cosine = _cosines(depth, rays, length)
+        cosine = _estimate_cosines(depth, rays, length)
     distance = np.where(met, depth * length, 0.0)
     back = np.where(met, albedo * np.clip(cosine, 0, 1) / np.where(met, distance / 1000, 1) ** 2, 0.0)
     middle = (slice(samples // 2, None, samples),) * 2
-    points = _points(depth[middle], rays[middle])
+    points = _unproject(depth[middle], rays[middle])
     rows, columns = (n // samples for n in depth_mm.shape)
     centres = rays.reshape(rows, samples, columns, samples, 2).mean(axis=(1, 3))
-    return Surface(
+    return TofSurface(
         samples=samples,
         rays=np.concatenate([centres, np.ones((rows, columns, 1))], axis=-1),
         distance_mm=distance,
@@ -62,23 +64,23 @@ def surface(depth_mm: Array, albedo: Array, cosine: Array | None, rays: Array, s
         strength=back,
         hit=met.reshape(rows, samples, columns, samples).any(axis=(1, 3)),
         points_mm=points,
-        normals=_normals(points),
+        normals=_estimate_normals(points),
     )
 
 
-def _points(depth_mm: Array, rays: Array) -> Array:
+def _unproject(depth_mm: Array, rays: Array) -> Array:
     """(H, W, 3) in the camera's frame; NaN where there is no depth."""
     return np.concatenate([rays * depth_mm[..., None], depth_mm[..., None]], axis=-1)
 
 
-def _cosines(depth_mm: Array, rays: Array, length: Array) -> Array:
+def _estimate_cosines(depth_mm: Array, rays: Array, length: Array) -> Array:
     """(H, W) between surface normal and ray; 1 where the normal is unknown."""
-    normals = _normals(_points(depth_mm, rays))
+    normals = _estimate_normals(_unproject(depth_mm, rays))
     cosine = -((normals[..., :2] * rays).sum(axis=-1) + normals[..., 2]) / length
     return np.where(np.isfinite(cosine), cosine, 1.0)
 
 
-def _normals(points: Array) -> Array:
+def _estimate_normals(points: Array) -> Array:
     """(H, W, 3) unit normals towards the camera; NaN where a neighbour is missing on both sides of an axis."""
     down, right = _smaller_difference(points, 0), _smaller_difference(points, 1)
     normal = np.cross(down, right)

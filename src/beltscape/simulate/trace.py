@@ -20,9 +20,9 @@ from beltscape.simulate.world import Solid
 
 _WINDOW_MM = 0.01
 """Surfaces as near as this behind each other are told apart in float64."""
-_CLEAR_MM = 0.005
+_OFFSET_MM = 0.005
 """How far before its surface a point is when one asks what it sees."""
-_ON_EDGE = 1e-9
+_EDGE_TOLERANCE = 1e-9
 """Barycentric coordinate down to which a ray meets a triangle: none slips between two."""
 _BLOCK = 1 << 18
 _PASSES = 4
@@ -66,7 +66,7 @@ class RayScene:
         self._embree: Any = EmbreeScene()
         TriangleMesh(self._embree, vertices.astype(np.float32), self._faces.astype(np.int32))
 
-    def hits(self, origins_mm: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits:
+    def cast(self, origins_mm: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits:
         """First hits of rays from (N, 3) or (3,) along (N, 3); a ray with NaN in it meets nothing."""
         origins = np.broadcast_to(origins_mm, directions.shape)
         distance = np.full(len(directions), np.inf)
@@ -74,10 +74,10 @@ class RayScene:
         for start in range(0, len(directions), _BLOCK):
             block = np.arange(start, min(start + _BLOCK, len(directions)))
             block = block[np.isfinite(directions[block]).all(axis=1)]
-            distance[block], face[block] = self._block(origins[block], directions[block])
+            distance[block], face[block] = self._cast_block(origins[block], directions[block])
         return Hits(distance, face)
 
-    def free(self, origins_mm: NDArray[np.float64], ends_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def is_free(self, origins_mm: NDArray[np.float64], ends_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) whether nothing stands between points (N, 3) and points (N, 3) or (3,)."""
         free = np.zeros(len(origins_mm), bool)
         ends = np.broadcast_to(ends_mm, origins_mm.shape)
@@ -90,53 +90,53 @@ class RayScene:
             )
         return free
 
-    def normals(self, faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    def face_normals(self, faces: NDArray[np.int64]) -> NDArray[np.float64]:
         """(N, 3) unit normals, outward, of faces (N,); NaN for -1."""
         a, b, c = np.moveaxis(self.corners_mm[faces], 1, 0)
         normal = np.cross(b - a, c - a)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         return np.where(faces[:, None] >= 0, normal, np.nan)
 
-    def visible_from(
+    def is_visible_from(
         self, points_mm: NDArray[np.float64], normals: NDArray[np.float64], eye_mm: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """(N,) whether surface points (N, 3) with outward normals (N, 3) face the eye (3,) and it sees them."""
         facing = ((eye_mm - points_mm) * normals).sum(axis=1) > 0
-        facing[facing] = self.free(points_mm[facing] + _CLEAR_MM * normals[facing], eye_mm)
+        facing[facing] = self.is_free(points_mm[facing] + _OFFSET_MM * normals[facing], eye_mm)
         return facing
 
-    def _block(
+    def _cast_block(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], passes: int = _PASSES
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Distances and faces; rays that float64 finds to pass the face beside are sent on behind it."""
-        rough, face = self._cast(origins, directions)
+        rough, face = self._cast_embree(origins, directions)
         distance = np.full(len(origins), np.inf)
         there = np.flatnonzero(face >= 0)
         at, along = origins[there] + rough[there, None] * directions[there], directions[there]
-        step, inside = _meet(at, along, self.corners_mm[face[there]])
+        step, inside = _intersect(at, along, self.corners_mm[face[there]])
         distance[there] = np.where(inside, rough[there] + step, np.inf)
         # from just behind the hit, back: another face is met first where two surfaces are near each other
         window = _WINDOW_MM / np.linalg.norm(along, axis=1)
-        _, second = self._cast(at + window[:, None] * along, -along, 2 * window)
+        _, second = self._cast_embree(at + window[:, None] * along, -along, 2 * window)
         other = np.flatnonzero((second >= 0) & (second != face[there]) & inside)
-        step, met = _meet(at[other], along[other], self.corners_mm[second[other]])
+        step, met = _intersect(at[other], along[other], self.corners_mm[second[other]])
         rays, nearer = there[other], rough[there[other]] + step
         better = met & (nearer < distance[rays])
         distance[rays[better]], face[rays[better]] = nearer[better], second[other][better]
         for i in np.flatnonzero(~inside):
             ray = there[i]
-            near, face[ray] = self._around(at[i], along[i], (face[ray], second[i]))
+            near, face[ray] = self._intersect_near(at[i], along[i], (face[ray], second[i]))
             distance[ray] = rough[ray] + near
         lost = there[~np.isfinite(distance[there])]
         if lost.size and passes:
             window = _WINDOW_MM / np.linalg.norm(directions[lost], axis=1)
             ahead = rough[lost] + window
             beyond = origins[lost] + ahead[:, None] * directions[lost]
-            further, face[lost] = self._block(beyond, directions[lost], passes - 1)
+            further, face[lost] = self._cast_block(beyond, directions[lost], passes - 1)
             distance[lost] = ahead + further
         return distance, face
 
-    def _cast(
+    def _cast_embree(
         self,
         origins: NDArray[np.float64],
         directions: NDArray[np.float64],
@@ -149,13 +149,15 @@ class RayScene:
         )
         return found["tfar"].astype(np.float64), found["primID"].astype(np.int64)
 
-    def _around(
+    def _intersect_near(
         self, at: NDArray[np.float64], along: NDArray[np.float64], faces: Sequence[int]
     ) -> tuple[float, int]:
         """Where a ray through a place meets the faces or a neighbour first, from there; (inf, -1): nowhere."""
-        near = np.unique(np.concatenate([self._neighbours(face) for face in faces if face >= 0]))
+        near = np.unique(np.concatenate([self._neighbouring_faces(face) for face in faces if face >= 0]))
         count = (len(near), 3)
-        step, met = _meet(np.broadcast_to(at, count), np.broadcast_to(along, count), self.corners_mm[near])
+        step, met = _intersect(
+            np.broadcast_to(at, count), np.broadcast_to(along, count), self.corners_mm[near]
+        )
         # a neighbour met farther off is another part of a large face's surroundings, and for the next cast
         met &= np.abs(step) * np.linalg.norm(along) < _WINDOW_MM
         if not met.any():
@@ -163,13 +165,13 @@ class RayScene:
         first = int(np.argmin(np.where(met, step, np.inf)))
         return float(step[first]), int(near[first])
 
-    def _neighbours(self, face: int) -> NDArray[np.int64]:
+    def _neighbouring_faces(self, face: int) -> NDArray[np.int64]:
         """Faces that share a vertex with a face, itself among them."""
         spans = [slice(*self._first_by_vertex[vertex : vertex + 2]) for vertex in self._faces[face]]
         return np.concatenate([self._faces_by_vertex[span] for span in spans])
 
 
-def _meet(
+def _intersect(
     at: NDArray[np.float64], along: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(N,) where lines from (N, 3) along (N, 3) meet the planes of triangles (N, 3, 3); (N,) whether within them."""
@@ -182,6 +184,6 @@ def _meet(
         u = (from_a * across).sum(axis=1) * scale
         turned = np.cross(from_a, ab)
         v = (along * turned).sum(axis=1) * scale
-        return (ac * turned).sum(axis=1) * scale, (u >= -_ON_EDGE) & (v >= -_ON_EDGE) & (
-            u + v <= 1 + _ON_EDGE
+        return (ac * turned).sum(axis=1) * scale, (u >= -_EDGE_TOLERANCE) & (v >= -_EDGE_TOLERANCE) & (
+            u + v <= 1 + _EDGE_TOLERANCE
         )

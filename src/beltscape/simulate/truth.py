@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.simulate.heap import Heap
-from beltscape.simulate.sight import in_image, pixel_rays
+from beltscape.simulate.sight import is_in_image, compute_pixel_rays
 from beltscape.simulate.trace import RayScene
 from beltscape.simulate.world import Label, Projector, Solid, Station, World
 
@@ -49,7 +49,7 @@ class CoreTruth(CoreView):
         return views
 
 
-def core_view(
+def trace_core_view(
     world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
 ) -> CoreView:
     """Trace the core camera's undistorted pinhole grid, or (``distorted``) its image as it is taken.
@@ -58,19 +58,23 @@ def core_view(
     """
     scene = scene or RayScene(world.solids)
     camera, pose = station.rig.core_camera, station.core_from_world
-    return _Surface.met(scene, pose.center_mm, pixel_rays(camera, pose, distorted=distorted)).view(camera)
+    return _SurfacePoints.trace(
+        scene, pose.center_mm, compute_pixel_rays(camera, pose, distorted=distorted)
+    ).view(camera)
 
 
-def core_truth(
+def trace_core_truth(
     world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
 ) -> CoreTruth:
-    """`core_view`, and from which auxiliaries and from the projector each of its points is in view."""
+    """`trace_core_view`, and from which auxiliaries and from the projector each of its points is in view."""
     scene = scene or RayScene(world.solids)
     camera, pose = station.rig.core_camera, station.core_from_world
-    surface = _Surface.met(scene, pose.center_mm, pixel_rays(camera, pose, distorted=distorted))
+    surface = _SurfacePoints.trace(
+        scene, pose.center_mm, compute_pixel_rays(camera, pose, distorted=distorted)
+    )
     view = surface.view(camera)
     seen = {
-        name: surface.seen_by(station.rig.cameras[name], station.cam_from_world(name))
+        name: surface.is_visible_in(station.rig.cameras[name], station.cam_from_world(name))
         for name in station.rig.auxiliaries
     }
     shape = view.label.shape
@@ -79,13 +83,13 @@ def core_truth(
         label=view.label,
         solid=view.solid,
         face=view.face,
-        seen={name: surface.spread(there, False).reshape(shape) for name, there in seen.items()},
-        lit=surface.spread(surface.lit_by(world.projector), False).reshape(shape),
+        seen={name: surface.scatter_to_rays(there, False).reshape(shape) for name, there in seen.items()},
+        lit=surface.scatter_to_rays(surface.is_lit_by(world.projector), False).reshape(shape),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Surface:
+class _SurfacePoints:
     """The places that rays met."""
 
     scene: RayScene
@@ -99,14 +103,14 @@ class _Surface:
     """(N,)."""
 
     @classmethod
-    def met(cls, scene: RayScene, eye_mm: NDArray[np.float64], rays: NDArray[np.float64]) -> _Surface:
+    def trace(cls, scene: RayScene, eye_mm: NDArray[np.float64], rays: NDArray[np.float64]) -> _SurfacePoints:
         """By rays (R, 3) from an eye (3,)."""
-        hits = scene.hits(eye_mm, rays)
+        hits = scene.cast(eye_mm, rays)
         hit = hits.face >= 0
         depth = hits.distance[hit]
         return cls(scene, hit, depth, eye_mm + depth[:, None] * rays[hit], hits.face[hit])
 
-    def spread(self, values: NDArray[Any], empty: float) -> NDArray[Any]:
+    def scatter_to_rays(self, values: NDArray[Any], empty: float) -> NDArray[Any]:
         """(R,) values (N,) back in the place of their rays."""
         whole = np.full(len(self.hit), empty, values.dtype)
         whole[self.hit] = values
@@ -117,33 +121,33 @@ class _Surface:
         shape = camera.size_px[::-1]
         solid = self.scene.solid_of_face[self.face]
         return CoreView(
-            depth_mm=self.spread(self.depth_mm, np.nan).reshape(shape),
-            label=self.spread(self.scene.label_of_face[self.face], Label.NOTHING).reshape(shape),
-            solid=self.spread(solid, -1).reshape(shape),
-            face=self.spread(self.face - self.scene.first_face[solid], -1).reshape(shape),
+            depth_mm=self.scatter_to_rays(self.depth_mm, np.nan).reshape(shape),
+            label=self.scatter_to_rays(self.scene.label_of_face[self.face], Label.NOTHING).reshape(shape),
+            solid=self.scatter_to_rays(solid, -1).reshape(shape),
+            face=self.scatter_to_rays(self.face - self.scene.first_face[solid], -1).reshape(shape),
         )
 
-    def seen_by(self, camera: Camera, cam_from_world: Pose) -> NDArray[np.bool_]:
+    def is_visible_in(self, camera: Camera, cam_from_world: Pose) -> NDArray[np.bool_]:
         """(N,) whether they are in the camera's image and not hidden."""
-        inside = in_image(camera, cam_from_world, self.points_mm)
-        normals = self.scene.normals(self.face[inside])
-        inside[inside] = self.scene.visible_from(self.points_mm[inside], normals, cam_from_world.center_mm)
+        inside = is_in_image(camera, cam_from_world, self.points_mm)
+        normals = self.scene.face_normals(self.face[inside])
+        inside[inside] = self.scene.is_visible_from(self.points_mm[inside], normals, cam_from_world.center_mm)
         return inside
 
-    def lit_by(self, projector: Projector | None) -> NDArray[np.bool_]:
+    def is_lit_by(self, projector: Projector | None) -> NDArray[np.bool_]:
         """(N,) whether the pattern reaches them."""
         if projector is None:
             return np.zeros(len(self.face), bool)
-        return self.seen_by(pattern_camera(projector), projector.projector_from_world)
+        return self.is_visible_in(make_pattern_camera(projector), projector.projector_from_world)
 
 
-def pattern_camera(projector: Projector) -> Camera:
+def make_pattern_camera(projector: Projector) -> Camera:
     """The projector as a camera as large as its pattern."""
     camera, (rows, columns) = projector.camera, projector.pattern.shape[:2]
     return Camera(camera.name, (columns, rows), camera.focal_px, camera.center_px, camera.distortion)
 
 
-def ceilings(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, float]:
+def measurable_shares(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, float]:
     """Shares (0..1) of a region's pixels (H, W) that can be measured at all: lit, seen, lit and seen by so many."""
     count = max(int(region.sum()), 1)
     lit, views = truth.lit[region], truth.views[region]
@@ -155,7 +159,7 @@ def ceilings(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, float]:
     return shares
 
 
-def rock_of_pixel(truth: CoreView, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
+def label_rocks(truth: CoreView, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
     """(H, W) number of the heap's rock that a pixel shows, -1 where it shows none."""
     which = [i for i, solid in enumerate(solids) if solid.name == "rocks"]
     rock = np.searchsorted(heap.rocks.first_face, truth.face, side="right") - 1

@@ -34,18 +34,25 @@ from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.simulate.belt_solid import BeltSettings
 from beltscape.simulate.heap import Heap
-from beltscape.simulate.load_truth import TrueLoad, true_load
-from beltscape.simulate.module_truth import module_quantities
-from beltscape.simulate.sight import in_image
+from beltscape.simulate.load_truth import TrueLoad, compute_true_load
+from beltscape.simulate.module_truth import describe_module
+from beltscape.simulate.sight import is_in_image
 from beltscape.simulate.trace import RayScene
-from beltscape.simulate.truth import CoreTruth, CoreView, ceilings, core_truth, core_view, rock_of_pixel
+from beltscape.simulate.truth import (
+    CoreTruth,
+    CoreView,
+    measurable_shares,
+    trace_core_truth,
+    trace_core_view,
+    label_rocks,
+)
 from beltscape.simulate.world import Label, Projector, Station, World
 from beltscape.target.board import Board, corner_points_mm
 from beltscape.target.module import Module
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known:
+class SceneDetails:
     """What is known of a scene beyond its solids."""
 
     belt: BeltSettings
@@ -59,16 +66,16 @@ class Known:
     """Box of the volume in y."""
 
 
-def write_truth(folder: Path, name: str, world: World, station: Station, known: Known) -> None:
+def write_truth(folder: Path, name: str, world: World, station: Station, known: SceneDetails) -> None:
     """Write everything true about one scene into a folder, and the rig's truth beside it."""
     write_station(folder, station, world.projector)
     write_belt(folder, known.belt)
     scene = RayScene(world.solids)
-    truth = core_truth(world, station, scene=scene)
-    image = core_view(world, station, distorted=True, scene=scene)
+    truth = trace_core_truth(world, station, scene=scene)
+    image = trace_core_view(world, station, distorted=True, scene=scene)
     write_depth(folder / f"{name}_depth.npz", world, truth, image, known.heap)
     left, right = known.belt.half_width_mm
-    load = true_load(world, known.across_mm or (-left, right), known.along_mm)
+    load = compute_true_load(world, known.across_mm or (-left, right), known.along_mm)
     write_arrays(
         folder / f"{name}_load.npz",
         x_mm=load.x_mm,
@@ -78,7 +85,7 @@ def write_truth(folder: Path, name: str, world: World, station: Station, known: 
     )
     write_json(folder / f"{name}_scene.json", _summary(world, truth, load))
     if known.module is not None and known.world_from_module is not None:
-        document = module_quantities(known.module, known.world_from_module)
+        document = describe_module(known.module, known.world_from_module)
         write_json(folder / f"{name}_module.json", document)
     if known.heap is not None:
         rocks = known.heap.rocks
@@ -124,7 +131,7 @@ def write_boards(folder: Path, station: Station, board: Board, world_from_board:
     for frame, pose in world_from_board.items():
         at = pose.apply(corners)
         inside = {
-            name: int(in_image(camera, station.cam_from_world(name), at).sum())
+            name: int(is_in_image(camera, station.cam_from_world(name), at).sum())
             for name, camera in station.rig.cameras.items()
         }
         frames[frame] = {
@@ -138,7 +145,7 @@ def write_boards(folder: Path, station: Station, board: Board, world_from_board:
 
 def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, heap: Heap | None) -> None:
     """A scene's depth file, as described above."""
-    rocks = {} if heap is None else {"rock": rock_of_pixel(truth, world.solids, heap)}
+    rocks = {} if heap is None else {"rock": label_rocks(truth, world.solids, heap)}
     write_arrays(
         path,
         depth_mm=truth.depth_mm.astype(np.float32),
@@ -170,7 +177,7 @@ def _summary(world: World, truth: CoreTruth, load: TrueLoad) -> dict[str, Any]:
         "units": "mm",
         "labels": labels,
         "ceilings": {
-            name: ceilings(truth, np.isin(truth.label, wanted))
+            name: measurable_shares(truth, np.isin(truth.label, wanted))
             for name, wanted in regions.items()
             if np.isin(truth.label, wanted).any()
         },

@@ -47,7 +47,7 @@ class Solid:
     gloss: float = 0.0
     """Share of light that is reflected as by a rough plastic surface; 0: purely diffuse."""
 
-    def carried(self, along_mm: float) -> Solid:
+    def shift(self, along_mm: float) -> Solid:
         """The same after the belt has carried it that far along +y."""
         return replace(self, vertices_mm=self.vertices_mm + np.array([0.0, along_mm, 0.0]))
 

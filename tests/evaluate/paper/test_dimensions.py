@@ -9,9 +9,9 @@ from beltscape.core.pose import Pose
 from beltscape.evaluate.paper.dimensions import largest_error_mm, rows_of
 from beltscape.evaluate.paper.features import paper_names
 from beltscape.evaluate.paper.numbers import Dimension, paper_numbers
-from beltscape.simulate.module_truth import module_quantities
+from beltscape.simulate.module_truth import describe_module
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import Stage
+from beltscape.simulate.stage import SimulatedScene
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 
 CUBES = ("step:a-b height_difference", "step:b-c height_difference")
@@ -20,11 +20,11 @@ EDGE = Dimension(row=1, name="edge", of=("a edge",), actual_mm=100, table2_mm=10
 
 
 def test_every_row_is_a_true_dimension_of_the_module():
-    module = Stage(Scenario(kind="module")).module
+    module = SimulatedScene(Scenario(kind="module")).module
     assert module is not None
     known = {
         f"{e['name']} {e['quantity']}": e["true_mm"]
-        for e in module_quantities(module, Pose.identity())["features"]
+        for e in describe_module(module, Pose.identity())["features"]
     }
     numbers = paper_numbers()
     assert [d.row for d in numbers.dimension] == list(range(1, 13))

@@ -10,10 +10,10 @@ from scipy.special import ndtr
 
 from beltscape.evaluate.peers.line_laser import line_middles, profiles_of
 from beltscape.evaluate.peers.profiles import depth_of_profiles
-from beltscape.simulate.line_laser import LaserSettings, laser_of, line_images, speckle_px
+from beltscape.simulate.line_laser import LaserSettings, make_laser, render_line_images, speckle_sigma_px
 from beltscape.simulate.sensor import Sensor
-from beltscape.simulate.shapes import box
-from beltscape.simulate.truth import core_view
+from beltscape.simulate.shapes import make_box
+from beltscape.simulate.truth import trace_core_view
 from simulate import scenes
 
 
@@ -49,13 +49,13 @@ def test_sigma_is_what_noise_does():
 
 def test_profiles_lie_on_the_surface_and_leave_its_shadow_out():
     station = scenes.station()
-    world = scenes.world(scenes.load(box((120.0, 100.0, 60.0))), lit=False)
+    world = scenes.world(scenes.load(make_box((120.0, 100.0, 60.0))), lit=False)
     settings = LaserSettings(step_mm=4.0, speckle_contrast=0.0, rays_per_px=4)
-    laser = laser_of(settings, 740.0)
-    images = list(line_images(world, station, laser, settings, Sensor(), along_mm=(-160, 160), blur_px=0.6))
+    laser = make_laser(settings, 740.0)
+    images = list(render_line_images(world, station, laser, settings, Sensor(), along_mm=(-160, 160), blur_px=0.6))
     scan = profiles_of(images, station, laser, settings.step_mm)
     depth = depth_of_profiles(scan, station)
-    view = core_view(world, station)
+    view = trace_core_view(world, station)
     top = (view.label == 2) & depth.measured
     error = np.abs(depth.depth_mm - view.depth_mm)
     assert top.sum() > 100
@@ -65,6 +65,6 @@ def test_profiles_lie_on_the_surface_and_leave_its_shadow_out():
 
 def test_speckle_is_as_small_as_the_aperture_is_large():
     camera = scenes.station().rig.core_camera
-    small, large = (speckle_px(LaserSettings(aperture_mm=a), camera, 740.0) for a in (1.0, 4.0))
+    small, large = (speckle_sigma_px(LaserSettings(aperture_mm=a), camera, 740.0) for a in (1.0, 4.0))
     assert small == pytest.approx(4 * large)
-    assert speckle_px(LaserSettings(speckle_contrast=0.0), camera, 740.0) == 0
+    assert speckle_sigma_px(LaserSettings(speckle_contrast=0.0), camera, 740.0) == 0

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.evaluate.peers.phase import Phase, phase_of, unwrapped
-from beltscape.simulate.fringes import FringeSettings, fringe_pictures
+from beltscape.simulate.fringes import FringeSettings, make_fringe_patterns
 
 
 def images_of(phase: np.ndarray, steps: int, mean: float = 100.0, modulation: float = 60.0) -> np.ndarray:
@@ -40,7 +40,7 @@ def test_without_modulation_nothing_is_known():
 @given(st.lists(st.floats(2.5, 7.5), min_size=1, max_size=3))
 def test_columns_of_pictures_are_found_exactly(ratios: list[float]):
     fringes = FringeSettings(fringes=tuple(np.cumprod([1.0, *ratios])), steps=5)
-    pictures = fringe_pictures(fringes, (640, 1)).reshape(len(fringes.fringes), 5, 1, 640)
+    pictures = make_fringe_patterns(fringes, (640, 1)).reshape(len(fringes.fringes), 5, 1, 640)
     phases = [phase_of(one, np.full((1, 640), 0.002)) for one in pictures]
     column, sigma = unwrapped(phases, fringes.periods_px(640), gate=6.0)
     off = np.mod(column[0] - np.arange(640) + 320, 640) - 320  # where the coarse fringe begins it also ends

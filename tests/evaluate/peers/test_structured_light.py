@@ -11,11 +11,11 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.evaluate.peers.structured_light import DecodeSettings, decode
-from beltscape.simulate.fringes import FringeSettings, fringe_pictures
-from beltscape.simulate.laboratory import projector
-from beltscape.simulate.sequence import sequence
-from beltscape.simulate.stage import Stage
-from beltscape.simulate.truth import core_truth
+from beltscape.simulate.fringes import FringeSettings, make_fringe_patterns
+from beltscape.simulate.laboratory import make_projector
+from beltscape.simulate.sequence import render_sequence
+from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.truth import trace_core_truth
 from simulate.tiny import tiny
 
 CORE = Camera("cam0", (160, 120), np.array([150.0, 151.0]), np.array([79.0, 60.5]), np.zeros(5))
@@ -72,22 +72,22 @@ ONE = FringeSettings(fringes=(1.0,), steps=3)
 
 
 @pytest.fixture(scope="module")
-def stage() -> Stage:
-    return Stage(tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)}))
+def stage() -> SimulatedScene:
+    return SimulatedScene(tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)}))
 
 
-def measured(stage: Stage, travel_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def measured(stage: SimulatedScene, travel_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) errors by a single broad fringe, and where the module is lit."""
-    light = projector(stage.scenario.projector)
-    images = sequence(stage, light, fringe_pictures(ONE, light.camera.size_px), travel_mm=travel_mm)
+    light = make_projector(stage.scenario.projector)
+    images = render_sequence(stage, light, make_fringe_patterns(ONE, light.camera.size_px), travel_mm=travel_mm)
     pose = light.projector_from_world @ stage.station.core_from_world.inverse()
     settings = DecodeSettings(most_sigma_mm=100)
     found = decode(images, stage.station.rig.core_camera, light.camera, pose, ONE, settings)
-    truth = core_truth(replace(stage.world(0), projector=light), stage.station)
+    truth = trace_core_truth(replace(stage.world_at(0), projector=light), stage.station)
     return found.depth_mm - truth.depth_mm, truth.lit & (truth.label >= 10)
 
 
-def test_a_module_at_rest_is_measured_and_a_moving_one_is_not(stage: Stage):
+def test_a_module_at_rest_is_measured_and_a_moving_one_is_not(stage: SimulatedScene):
     rest, lit = measured(stage, 0.0)
     moving, _ = measured(stage, 15.0)
     assert np.isfinite(rest[lit]).mean() > 0.95

@@ -14,7 +14,7 @@ from beltscape.evaluate.truth import Truth, read_truth
 from beltscape.files.json_text import read_json
 from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import Stage
+from beltscape.simulate.stage import SimulatedScene
 
 SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
 """Name → share of the sensor's pixels in each direction."""
@@ -40,7 +40,7 @@ class Scene:
     """What stands on the belt, as scenes are named."""
     capture: Path
     truth: Truth
-    stage: Stage | None
+    stage: SimulatedScene | None
     """To look at it with other sensors; None where the capture is not ours."""
 
 
@@ -106,7 +106,7 @@ def _scene(folder: Path, name: str) -> Scene:
     own, kind = folder / name / "truth", str(SCENES[name]["kind"])
     truth = read_truth(own if own.is_dir() else folder / "truth", kind).truths[0]
     scenario = own / "scenario.json"
-    stage = Stage(_scenario(scenario)) if scenario.is_file() else None
+    stage = SimulatedScene(_scenario(scenario)) if scenario.is_file() else None
     return Scene(name, kind, folder / name, truth, stage)
 
 
@@ -117,9 +117,9 @@ def _there(scenario: Scenario, capture: Path) -> bool:
         return False
     if _scenario(document) != scenario:
         raise InputError(f"{capture}: rendered with other settings; remove it, or choose another --out")
-    stage = Stage(scenario)
+    stage = SimulatedScene(scenario)
     images = (
-        capture / name / f"{stage.name(frame)}.png"
+        capture / name / f"{stage.frame_name(frame)}.png"
         for frame in range(stage.frame_count)
         for name in stage.station.rig.cameras
     )

@@ -21,13 +21,13 @@ from beltscape.files.images import read_image
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from beltscape.report.depth_picture import frame_picture
-from beltscape.simulate.fringes import FringeSettings, fringe_pictures
-from beltscape.simulate.laboratory import projector
+from beltscape.simulate.fringes import FringeSettings, make_fringe_patterns
+from beltscape.simulate.laboratory import make_projector
 from beltscape.simulate.lidar import LidarSettings, scan_lidar
-from beltscape.simulate.line_laser import LaserSettings, laser_of, line_images, speckle_px
+from beltscape.simulate.line_laser import LaserSettings, make_laser, render_line_images, speckle_sigma_px
 from beltscape.simulate.render import RenderSettings
-from beltscape.simulate.sequence import sequence
-from beltscape.simulate.stage import Stage
+from beltscape.simulate.sequence import render_sequence
+from beltscape.simulate.stage import SimulatedScene
 from beltscape.simulate.world import Projector
 from beltscape.stereo.cloud import CloudBuilder
 
@@ -52,37 +52,37 @@ class Peer:
     """In a line."""
     images: str
     """What one surface takes."""
-    measure: Callable[[Stage, int], DepthMap]
+    measure: Callable[[SimulatedScene, int], DepthMap]
     """Scene, seed → depth on the core's pinhole grid."""
     sees_images: bool = False
     """Whether it could take an image under even light, too."""
 
 
-def scanner_projector(stage: Stage, *, beside: bool) -> Projector:
+def scanner_projector(stage: SimulatedScene, *, beside: bool) -> Projector:
     """The projector ``BESIDE_MM`` across from the core, or where the rig has its own."""
     spec = stage.scenario.projector
     if beside:
         spec = spec.model_copy(update={"position_mm": (BESIDE_MM, 0.0, stage.scenario.rig.height_mm)})
-    return projector(spec)
+    return make_projector(spec)
 
 
-def structured_light(stage: Stage, seed: int, *, beside: bool, travel_mm: float = 0.0) -> DepthMap:
+def structured_light(stage: SimulatedScene, seed: int, *, beside: bool, travel_mm: float = 0.0) -> DepthMap:
     """Shifted fringes; the belt travels so far from picture to picture."""
     light, fringes = scanner_projector(stage, beside=beside), FringeSettings()
-    pictures = fringe_pictures(fringes, light.camera.size_px)
+    pictures = make_fringe_patterns(fringes, light.camera.size_px)
     how = QUICK if travel_mm else AT_REST
-    images = sequence(stage, light, pictures, travel_mm=travel_mm, settings=how, seed=seed)
+    images = render_sequence(stage, light, pictures, travel_mm=travel_mm, settings=how, seed=seed)
     pose = light.projector_from_world @ stage.station.core_from_world.inverse()
     return decode(images, stage.station.rig.core_camera, light.camera, pose, fringes)
 
 
-def line_laser(stage: Stage, seed: int) -> DepthMap:
+def line_laser(stage: SimulatedScene, seed: int) -> DepthMap:
     """A profile each millimetre of belt."""
     settings, station = LaserSettings(offset_mm=BESIDE_MM), stage.station
     height = float(station.core_from_world.center_mm[2])
-    laser = laser_of(settings, height)
-    images = line_images(
-        stage.world(0),
+    laser = make_laser(settings, height)
+    images = render_line_images(
+        stage.world_at(0),
         station,
         laser,
         settings,
@@ -91,14 +91,14 @@ def line_laser(stage: Stage, seed: int) -> DepthMap:
         blur_px=stage.scenario.optics.psf_sigma_px,
         seed=seed,
     )
-    wander = speckle_px(settings, station.rig.core_camera, height)
+    wander = speckle_sigma_px(settings, station.rig.core_camera, height)
     scan = profiles_of(images, station, laser, settings.step_mm, speckle_px=wander)
     return depth_of_profiles(scan, station)
 
 
-def lidar(stage: Stage, seed: int) -> DepthMap:
+def lidar(stage: SimulatedScene, seed: int) -> DepthMap:
     """600 profiles a second over the belt at speed."""
-    scan = scan_lidar(stage.world(0), LidarSettings(), speed_mm_s=SPEED_MM_S, along_mm=ALONG_MM, seed=seed)
+    scan = scan_lidar(stage.world_at(0), LidarSettings(), speed_mm_s=SPEED_MM_S, along_mm=ALONG_MM, seed=seed)
     return depth_of_profiles(scan, stage.station)
 
 

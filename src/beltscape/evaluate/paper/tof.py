@@ -15,7 +15,7 @@ from beltscape.evaluate.paper.surfaces import FRAME, Found
 from beltscape.evaluate.truth import Truth
 from beltscape.files.reconstruction import read_frame
 from beltscape.simulate.laboratory import DOWN
-from beltscape.simulate.truth import core_view
+from beltscape.simulate.truth import trace_core_view
 from beltscape.simulate.world import Station
 
 TOF = "time of flight"
@@ -48,7 +48,7 @@ def smoothed(found: Found) -> Found:
 def _truth(scene: Scene, rig: Rig, tof_from_world: Pose) -> Truth:
     """What the camera has before it; its grid has no auxiliaries, and so nothing that none of them sees."""
     assert scene.stage is not None
-    view = core_view(scene.stage.world(0), Station(rig, tof_from_world))
+    view = trace_core_view(scene.stage.world_at(0), Station(rig, tof_from_world))
     return replace(
         scene.truth,
         rig=rig,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.simulate.profile_scan import ProfileScan
-from beltscape.simulate.sight import pixel_rays
+from beltscape.simulate.sight import compute_pixel_rays
 from beltscape.simulate.trace import RayScene
 from beltscape.simulate.world import Label, Solid, Station
 
@@ -29,8 +29,8 @@ def depth_of_profiles(scan: ProfileScan, station: Station) -> DepthMap:
         return DepthMap(nothing, nothing, zeros.astype(np.uint8), zeros.astype(np.float32))
     vertices, sigma = np.nan_to_num(scan.points_mm.reshape(-1, 3)), scan.sigma_mm.ravel()
     surface = Solid("profiles", Label.MATERIAL, vertices, faces, (1.0, 1.0, 1.0))
-    rays = pixel_rays(camera, pose, distorted=False)
-    hits = RayScene([surface]).hits(pose.center_mm, rays)
+    rays = compute_pixel_rays(camera, pose, distorted=False)
+    hits = RayScene([surface]).cast(pose.center_mm, rays)
     met = hits.face >= 0
     depth = np.where(met, hits.distance, np.nan)
     at = pose.center_mm + np.where(met, depth, 0.0)[:, None] * rays

@@ -10,7 +10,7 @@ import pytest
 import beltscape.cli.main as program
 from beltscape.service.access import Access
 from beltscape.service.access import accounts as accounts_module
-from beltscape.service.access.passwords import Cost
+from beltscape.service.access.passwords import ScryptCost
 
 PASSWORD = "coal on the belt"
 
@@ -19,7 +19,7 @@ PASSWORD = "coal on the belt"
 def desk(tmp_path, monkeypatch):
     """A project with a data folder; cheap passwords."""
     monkeypatch.setitem(program.COMMANDS, "users", "who may open the page")
-    monkeypatch.setattr(accounts_module, "Cost", lambda: Cost(4, 8, 1))
+    monkeypatch.setattr(accounts_module, "ScryptCost", lambda: ScryptCost(4, 8, 1))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "project.toml").write_text('data = "kept"\n')
     (tmp_path / "kept").mkdir()
@@ -50,9 +50,9 @@ def test_the_service_sees_it_at_once(monkeypatch, desk):
     users(monkeypatch, "add", "kept", "anna", "--role=engineer", "--password-stdin", said=PASSWORD)
     assert access.setup_token is None
     token = access.log_in("anna", PASSWORD, "")
-    assert access.who(token)
+    assert access.identify(token)
     assert users(monkeypatch, "passwd", "kept", "anna", "--password-stdin", said="ore on the belt") == 0
-    assert access.who(token) is None
+    assert access.identify(token) is None
     assert access.log_in("anna", "ore on the belt", "")
     access.close()
 
@@ -132,6 +132,6 @@ def test_a_programs_key_is_shown_once(monkeypatch, capsys, desk):
     assert capsys.readouterr().out.split() == ["prometheus", "key"]
     assert users(monkeypatch, "unkey", "kept", "prometheus") == 0
     assert access.keys.find(key) is None
-    assert [entry["what"] for entry in access.audit.last(2)] == ["key removed", "key made"]
+    assert [entry["what"] for entry in access.audit.read_last(2)] == ["key removed", "key made"]
     access.close()
     assert users(monkeypatch, "unkey", "kept", "prometheus") == 2

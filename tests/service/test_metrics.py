@@ -104,7 +104,7 @@ def test_a_program_elsewhere_reads_them_by_its_key(tmp_path):
     there = made.browser()
     there.address = "10.1.2.3"
     assert there("GET", "/metrics").status_code == 401
-    key = made.access.keys.make("prometheus")
+    key = made.access.keys.create("prometheus")
     answer = there("GET", "/metrics", {"authorization": f"Bearer {key}"})
     assert answer.status_code == 200
     assert answer.headers["content-type"] == MEDIA_TYPE

@@ -43,7 +43,7 @@ def start(tmp_path):
     def started(web: Web | None = None, **access: object):
         door = Access(tmp_path, AccessSettings(**access), CHEAP)
         opened.append(door)
-        if door.accounts.setup_open:
+        if door.accounts.is_setup_open:
             door.accounts.add("anna", "operator", PASSWORD)
         running = serve(application(door), web or Web())
         opened.append(running)

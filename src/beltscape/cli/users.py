@@ -103,7 +103,7 @@ def _role(access: Access, arguments: argparse.Namespace) -> None:
 
 
 def _key(access: Access, arguments: argparse.Namespace) -> str:
-    key = access.keys.make(arguments.name)
+    key = access.keys.create(arguments.name)
     _note(access, "key made", {"key": arguments.name})
     return key
 

@@ -8,7 +8,7 @@ from fastapi.responses import FileResponse
 from beltscape import __version__
 from beltscape.core.live import Controls
 from beltscape.service import live, metrics
-from beltscape.service.access import Access, install
+from beltscape.service.access import Access, install_access
 from beltscape.service.api import controls as controls_api
 from beltscape.service.api import export, pictures, state
 from beltscape.service.api import history as history_api
@@ -35,7 +35,7 @@ def create_app(
     behind = Behind(hub, history, controls, settings)
     for room in (state, pictures, controls_api, history_api, export, metrics):
         app.include_router(room.routes(behind))
-    live.install(app, behind)
+    live.add_live_route(app, behind)
     app.mount("/page", files(), name="page")
 
     @app.get("/", include_in_schema=False)
@@ -43,5 +43,5 @@ def create_app(
         """The operator's page."""
         return FileResponse(FOLDER / "index.html")
 
-    install(app, access, public=("/metrics",) if settings.metrics_open else ())
+    install_access(app, access, public=("/metrics",) if settings.metrics_open else ())
     return app

@@ -29,7 +29,7 @@ from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from numpy.typing import NDArray
 
 from beltscape.core.belt_record import BeltRecord
-from beltscape.service.access import socket_user
+from beltscape.service.access import get_socket_user
 from beltscape.service.api.common import Behind
 from beltscape.service.api.state import StateOut
 from beltscape.service.hub import Hub, Point
@@ -159,13 +159,13 @@ def binary(header: dict[str, object], counts: NDArray[np.uint16]) -> bytes:
     return len(head).to_bytes(4, "little") + head + counts.astype("<u2").tobytes()
 
 
-def install(app: FastAPI, behind: Behind) -> None:
+def add_live_route(app: FastAPI, behind: Behind) -> None:
     """Add the WebSocket to the app."""
 
     @app.websocket(PATH)
     async def live(socket: WebSocket) -> None:
-        user = socket_user(socket)
-        if user is None or not user.may("viewer"):
+        user = get_socket_user(socket)
+        if user is None or not user.has_role("viewer"):
             await socket.close(1008)
             return
         await socket.accept()

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Request, Response
 
 from beltscape import __version__
 from beltscape.core.live import CameraState
-from beltscape.service.access import User, needs
+from beltscape.service.access import User, require_role
 from beltscape.service.api.common import Behind, refusals
 from beltscape.service.hub import Hub, Now
 from beltscape.service.shown.durations import BOUNDS_S
@@ -201,7 +201,7 @@ def _alarms(now: Now) -> list[Family]:
 def routes(behind: Behind) -> APIRouter:
     """GET /metrics."""
     router = APIRouter(tags=["metrics"])
-    viewer = needs("viewer")
+    viewer = require_role("viewer")
 
     def reader(request: Request) -> User | None:
         """Whoever may look; with ``metrics_open`` also programs on this machine."""

@@ -16,7 +16,7 @@ from beltscape.files.systemd import notify
 from beltscape.pipeline.live.assembly import Assembled, Ways, assemble
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
-from beltscape.service.access.tls import certificate_ends
+from beltscape.service.access.tls import read_expiry
 from beltscape.service.app import create_app
 from beltscape.service.hub import Hub
 from beltscape.service.log import Log
@@ -80,7 +80,7 @@ def days_left(certificate: Path | None, key: Path | None) -> Callable[[], float]
     """How many days the certificate is still good for; NaN without one."""
     if certificate is None or key is None:
         return lambda: float("nan")
-    ends = certificate_ends(certificate, key)
+    ends = read_expiry(certificate, key)
     return lambda: (ends - time()) / _DAY_S
 
 

@@ -15,9 +15,9 @@ from starlette.types import ASGIApp
 from uvicorn import Config, Server
 
 from beltscape.core.errors import OutputError, SettingsError
-from beltscape.service.access.connections import protocols
+from beltscape.service.access.connections import make_protocols
 from beltscape.service.access.settings import LimitSettings
-from beltscape.service.access.tls import certificate_note, tls_context
+from beltscape.service.access.tls import create_tls_context, describe_expiry
 
 STOP_S = 2.0
 """How long stopping may take."""
@@ -84,7 +84,7 @@ def check_listening(settings: Listening) -> None:
     """Raise what `serve` would where the page cannot be served as ``settings`` say; nothing is left open."""
     _judged(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
-        tls_context(settings.tls_certificate, settings.tls_key)
+        create_tls_context(settings.tls_certificate, settings.tls_key)
     _listener(settings.host, settings.port).close()
 
 
@@ -93,11 +93,11 @@ def serve(app: ASGIApp, settings: Listening) -> Running:
     limits, tls = settings.limits, None
     warnings = _judged(settings.host, limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
-        tls = tls_context(settings.tls_certificate, settings.tls_key)
-        ending = certificate_note(settings.tls_certificate, settings.tls_key)
+        tls = create_tls_context(settings.tls_certificate, settings.tls_key)
+        ending = describe_expiry(settings.tls_certificate, settings.tls_key)
         warnings += (ending,) if ending else ()
     listener = _listener(settings.host, settings.port)
-    http, websocket = protocols(limits, tls)
+    http, websocket = make_protocols(limits, tls)
     config = Config(
         app, loop="asyncio", http=http, ws=websocket, lifespan="auto",
         log_config=None, log_level="error", access_log=False, server_header=False, backlog=_BACKLOG,

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import httpx
 from fastapi import Depends, FastAPI, WebSocket
 
-from beltscape.service.access import Access, User, install, needs, socket_user
-from beltscape.service.access.passwords import Cost
+from beltscape.service.access import Access, User, get_socket_user, install_access, require_role
+from beltscape.service.access.passwords import ScryptCost
 
-CHEAP = Cost(log2_n=4, r=8, p=1)
+CHEAP = ScryptCost(log2_n=4, r=8, p=1)
 PASSWORD = "coal on the belt"
 
 
@@ -53,20 +53,20 @@ def application(access: Access, **more: Any) -> FastAPI:
     app = FastAPI()
 
     @app.get("/look")
-    def look(user: Annotated[User, Depends(needs("viewer"))]) -> dict[str, str]:
+    def look(user: Annotated[User, Depends(require_role("viewer"))]) -> dict[str, str]:
         return {"name": user.name, "role": user.role}
 
     @app.post("/alarms/{name}/acknowledge")
-    def acknowledge(name: str, user: Annotated[User, Depends(needs("operator"))]) -> dict[str, str]:
+    def acknowledge(name: str, user: Annotated[User, Depends(require_role("operator"))]) -> dict[str, str]:
         return {"by": user.name}
 
     @app.get("/api/export")
-    def export(user: Annotated[User, Depends(needs("viewer"))]) -> dict[str, str]:
+    def export(user: Annotated[User, Depends(require_role("viewer"))]) -> dict[str, str]:
         return {}
 
     @app.websocket("/live")
     async def live(websocket: WebSocket) -> None:
-        user = socket_user(websocket)
+        user = get_socket_user(websocket)
         assert user is not None
         await websocket.accept()
         listening = asyncio.create_task(until_it_ends(websocket))
@@ -74,5 +74,5 @@ def application(access: Access, **more: Any) -> FastAPI:
             await websocket.send_text(user.name)
             await asyncio.sleep(0.02)
 
-    install(app, access, **more)
+    install_access(app, access, **more)
     return app

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.accounts import NAME_MOST, known_as, usable
+from beltscape.service.access.accounts import MAX_NAME_LENGTH, normalise_name, validate_name
 from beltscape.service.access.database import Database
 from beltscape.service.access.roles import ROLES, User
 
@@ -49,12 +49,12 @@ def test_the_last_engineer_stays(access):
 
 def test_setup_closes_for_ever(make):
     accounts = make().accounts
-    assert accounts.setup_open
+    assert accounts.is_setup_open
     accounts.add("anna", "engineer", PASSWORD, first=True)
-    assert not accounts.setup_open
+    assert not accounts.is_setup_open
     with pytest.raises(InputError, match="setup is over"):
         accounts.add("eve", "engineer", PASSWORD, first=True)
-    assert not make().accounts.setup_open
+    assert not make().accounts.is_setup_open
 
 
 def test_what_is_refused_leaves_nothing(make):
@@ -63,7 +63,7 @@ def test_what_is_refused_leaves_nothing(make):
         with pytest.raises(InputError):
             accounts.add(name, role, password)
     assert accounts.list() == ()
-    assert accounts.setup_open
+    assert accounts.is_setup_open
     for call in (accounts.remove, lambda n: accounts.set_role(n, "viewer")):
         with pytest.raises(InputError, match="there is none"):
             call("nobody")
@@ -72,13 +72,13 @@ def test_what_is_refused_leaves_nothing(make):
 @given(st.text(max_size=50))
 def test_a_usable_name_is_plain(name):
     try:
-        kept = usable(name)
+        kept = validate_name(name)
     except InputError as error:
         assert "\n" not in str(error)
         return
-    assert 1 <= len(kept) <= NAME_MOST
+    assert 1 <= len(kept) <= MAX_NAME_LENGTH
     assert kept.isprintable()
-    assert kept == known_as(kept) == usable(kept)
+    assert kept == normalise_name(kept) == validate_name(kept)
     assert not set(kept) & set("/\\ <>&\"'%")
 
 
@@ -87,7 +87,7 @@ def test_a_usable_name_is_plain(name):
 )
 def test_names_that_nobody_can_have(name):
     with pytest.raises(InputError):
-        usable(name)
+        validate_name(name)
 
 
 def test_only_the_owner_reads_the_database(make, tmp_path):
@@ -105,7 +105,7 @@ def test_something_else_in_its_place_is_said_in_one_line(tmp_path):
 
 def test_a_role_may_what_those_before_it_may():
     for i, own in enumerate(ROLES):
-        assert [User("a", own).may(role) for role in ROLES] == [j <= i for j in range(3)]
+        assert [User("a", own).has_role(role) for role in ROLES] == [j <= i for j in range(3)]
 
 
 def test_another_process_may_change_them_meanwhile(make, tmp_path):

@@ -49,15 +49,15 @@ def test_a_line_torn_by_a_power_failure_swallows_no_other(tmp_path):
     with audit.path.open("ab") as file:
         file.write(b'{"at": "2026-')
     audit.write("logout", "anna")
-    assert [e["what"] for e in audit.last(10)] == ["logout", "login"]
+    assert [e["what"] for e in audit.read_last(10)] == ["logout", "login"]
 
 
 def test_the_newest_come_first_and_no_more_than_asked_for(tmp_path):
     audit = Audit(tmp_path, 10**6, 2)
-    assert audit.last(5) == []
+    assert audit.read_last(5) == []
     for i in range(20):
         audit.write("login", f"user{i}", detail={"n": i})
-    assert [e["n"] for e in audit.last(3)] == [19, 18, 17]
+    assert [e["n"] for e in audit.read_last(3)] == [19, 18, 17]
 
 
 def test_threads_write_whole_lines(tmp_path):

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.service.access.checks import host_allowed, own_names, path_allowed, same_origin
+from beltscape.service.access.checks import is_host_allowed, is_path_allowed, is_same_origin, list_own_names
 
-NAMES = own_names(("Belt.Plant.example",))
+NAMES = list_own_names(("Belt.Plant.example",))
 
 
 def judged(target: str) -> bool:
     """As uvicorn hands a path on."""
-    return path_allowed(unquote(target), target.encode())
+    return is_path_allowed(unquote(target), target.encode())
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_no_path_that_passes_leads_upwards(text):
      "BELT.plant.example.:443"],
 )  # fmt: skip
 def test_hosts_one_may_call_it_by(host):
-    assert host_allowed(host, NAMES)
+    assert is_host_allowed(host, NAMES)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_hosts_one_may_call_it_by(host):
      "localhost\r\nX: y"],
 )  # fmt: skip
 def test_hosts_of_somebody_else(host):
-    assert not host_allowed(host, NAMES)
+    assert not is_host_allowed(host, NAMES)
 
 
 OWN = {"host": "belt.example:8460"}
@@ -92,9 +92,9 @@ OWN = {"host": "belt.example:8460"}
     ],
 )
 def test_only_the_own_page_changes_anything(headers, unsafe, fine):
-    assert same_origin({**OWN, **headers}, "http", unsafe=unsafe) == fine
+    assert is_same_origin({**OWN, **headers}, "http", unsafe=unsafe) == fine
 
 
 def test_a_socket_has_the_origin_of_its_page():
-    assert same_origin({**OWN, "origin": "https://belt.example:8460"}, "wss", unsafe=True)
-    assert not same_origin({**OWN, "origin": "http://belt.example:8460"}, "wss", unsafe=True)
+    assert is_same_origin({**OWN, "origin": "https://belt.example:8460"}, "wss", unsafe=True)
+    assert not is_same_origin({**OWN, "origin": "http://belt.example:8460"}, "wss", unsafe=True)

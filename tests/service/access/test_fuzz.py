@@ -17,7 +17,7 @@ from hypothesis.errors import Unsatisfiable
 from beltscape.core.live import CameraHealth
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.roles import ROLES, User
-from beltscape.service.access.sessions import page_token
+from beltscape.service.access.sessions import derive_page_token
 from beltscape.service.app import create_app
 from beltscape.service.hub import Hub
 from beltscape.service.settings import WebSettings
@@ -77,7 +77,7 @@ class Caller:
             token = self.session(role)
             headers += [
                 (b"cookie", f"beltscape={token}".encode()),
-                (b"x-beltscape-token", page_token(token).encode()),
+                (b"x-beltscape-token", derive_page_token(token).encode()),
             ]
         target = urlsplit(prepared.url or "")
         raw = target.path.encode("ascii")

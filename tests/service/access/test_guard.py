@@ -216,7 +216,7 @@ def test_what_is_done_is_written_down_by_itself(app, access):
     browser("GET", "/api/export?since_ms=1&until_ms=2")
     browser("GET", "/look")
     browser("POST", "/alarms/overload/none")
-    newest, older = access.audit.last(2)
+    newest, older = access.audit.read_last(2)
     assert newest["what"] == "export"
     assert newest["query"] == "since_ms=1&until_ms=2"
     assert older["what"] == "acknowledge"

@@ -15,7 +15,7 @@ def bearer(key: str) -> dict[str, str]:
 
 
 def test_it_reads_and_only_that(access, app):
-    key = access.keys.make("Prometheus")
+    key = access.keys.create("Prometheus")
     browser = Browser(app)
     assert browser("GET", "/look", bearer(key)).json() == {"name": "key prometheus", "role": "viewer"}
     assert browser("GET", "/look", {"authorization": f"bearer  {key}"}).status_code == 200
@@ -29,11 +29,11 @@ def test_it_reads_and_only_that(access, app):
 def test_it_acts_for_nobody_who_is_signed_in(access, app):
     browser = Browser(app)
     browser.log_in("the-engineer")
-    assert browser("POST", "/alarms/a/acknowledge", bearer(access.keys.make("a"))).status_code == 403
+    assert browser("POST", "/alarms/a/acknowledge", bearer(access.keys.create("a"))).status_code == 403
 
 
 def test_the_live_channel_is_for_people(access):
-    headers = {"host": "localhost", "origin": "http://localhost", **bearer(access.keys.make("a"))}
+    headers = {"host": "localhost", "origin": "http://localhost", **bearer(access.keys.create("a"))}
     scope = {
         "type": "websocket", "scheme": "ws", "path": "/live", "raw_path": b"/live", "query_string": b"",
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
@@ -66,8 +66,8 @@ def test_other_schemes_are_not_looked_at(access, app):
 
 
 def test_a_new_one_and_none_end_the_old(access, app):
-    old, browser = access.keys.make("a"), Browser(app)
-    new = access.keys.make("A")
+    old, browser = access.keys.create("a"), Browser(app)
+    new = access.keys.create("A")
     assert browser("GET", "/look", bearer(old)).status_code == 401
     assert browser("GET", "/look", bearer(new)).status_code == 200
     access.keys.remove("a")
@@ -78,7 +78,7 @@ def test_a_new_one_and_none_end_the_old(access, app):
 
 
 def test_it_is_not_kept_itself(access, tmp_path):
-    key = access.keys.make("a")
+    key = access.keys.create("a")
     kept = b"".join(path.read_bytes() for path in tmp_path.glob("users.db*"))
     assert b"users" in kept
     assert key.encode() not in kept
@@ -86,5 +86,5 @@ def test_it_is_not_kept_itself(access, tmp_path):
 
 def test_it_may_not_ask_too_often(make):
     access = make(requests_per_s=1, requests_burst=5)
-    browser, key = Browser(application(access)), access.keys.make("a")
+    browser, key = Browser(application(access)), access.keys.create("a")
     assert 429 in {browser("GET", "/look", bearer(key)).status_code for _ in range(8)}

@@ -12,7 +12,7 @@ import pytest
 from fastapi import FastAPI
 
 import beltscape.service.access as access_package
-from beltscape.service.access import Access, install
+from beltscape.service.access import Access, install_access
 from beltscape.service.server import serve
 from beltscape.service.static import FOLDER, files
 from service.access.door import CHEAP, PASSWORD
@@ -28,7 +28,7 @@ def door(tmp_path):
     app.mount("/page", files())
     app.add_api_route("/", lambda: {"the": "belt"})
     with closing(Access(tmp_path, None, CHEAP)) as access:
-        install(app, access)
+        install_access(app, access)
         with closing(serve(app, Web())) as running:
             yield access, running.address
 

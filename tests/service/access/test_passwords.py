@@ -9,41 +9,41 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.passwords import Cost, accepted, hashed, matches
+from beltscape.service.access.passwords import ScryptCost, hash_password, validate_password, verify_password
 
-CHEAP = Cost(log2_n=4, r=8, p=1)
+CHEAP = ScryptCost(log2_n=4, r=8, p=1)
 
 
 @given(st.text(max_size=40), st.text(max_size=40))
 @settings(max_examples=30)
 def test_only_the_same_password_matches(one, other):
-    kept = hashed(one, CHEAP)
-    assert matches(one, kept)
+    kept = hash_password(one, CHEAP)
+    assert verify_password(one, kept)
     if other != one:
         import unicodedata
 
         same = unicodedata.normalize("NFKC", one) == unicodedata.normalize("NFKC", other)
-        assert matches(other, kept) == same
+        assert verify_password(other, kept) == same
 
 
 def test_the_same_password_is_never_kept_alike_and_never_as_it_is():
-    kept = {hashed("coal on the belt", CHEAP) for _ in range(4)}
+    kept = {hash_password("coal on the belt", CHEAP) for _ in range(4)}
     assert len(kept) == 4
     assert not any("coal" in one for one in kept)
     assert all(re.fullmatch(r"scrypt\$4\$8\$1\$[\w+/]{22}==\$[\w+/]{43}=", one) for one in kept)
 
 
 def test_costs_are_kept_so_old_hashes_hold_when_they_grow():
-    assert matches("coal on the belt", hashed("coal on the belt", Cost(5, 4, 2)))
+    assert verify_password("coal on the belt", hash_password("coal on the belt", ScryptCost(5, 4, 2)))
 
 
 def test_an_umlaut_is_the_same_however_it_was_typed():
-    assert matches("fo\u0308rderband 12", hashed("f\u00f6rderband 12", CHEAP))
+    assert verify_password("fo\u0308rderband 12", hash_password("f\u00f6rderband 12", CHEAP))
 
 
 def test_a_guess_costs_what_owasp_asks_for():
     """OWASP's password storage sheet: N = 2^15, r = 8, p = 3 is one of its least settings."""
-    assert Cost() == Cost(log2_n=15, r=8, p=3)
+    assert ScryptCost() == ScryptCost(log2_n=15, r=8, p=3)
 
 
 @pytest.mark.parametrize(
@@ -57,5 +57,5 @@ def test_a_guess_costs_what_owasp_asks_for():
 )
 def test_weak_ones_are_refused_without_saying_them_again(password, line):
     with pytest.raises(InputError, match=line) as raised:
-        accepted(password, "meier")
+        validate_password(password, "meier")
     assert password not in str(raised.value)

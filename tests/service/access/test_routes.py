@@ -28,7 +28,7 @@ def test_the_first_start(make):
     assert browser("GET", "/look").json() == {"name": "anna", "role": "engineer"}
     assert browser("GET", "/api/access/state").json()["setup"] is False
     assert access.setup_token is None
-    assert access.invitation is None
+    assert access.setup_message is None
 
 
 def test_the_token_is_said_at_the_start_and_never_kept(make, tmp_path, caplog):
@@ -54,7 +54,7 @@ def test_without_the_token_there_is_no_setup(make):
     for wrong in ("0000-0000-0000-0000-0000", (access.setup_token or "")[:-1], "\u0660" * 20):
         assert set_up(browser, wrong).status_code == 409
     assert access.accounts.list() == ()
-    assert [e["what"] for e in access.audit.last(9)] == ["setup failed"] * 3
+    assert [e["what"] for e in access.audit.read_last(9)] == ["setup failed"] * 3
 
 
 def test_the_setup_is_over_for_ever(make):
@@ -183,7 +183,7 @@ def test_the_account_is_not(app):
 
 
 def test_a_full_disk_keeps_nobody_out(app, access):
-    access._database.rows("PRAGMA query_only = 1")
+    access._database.select("PRAGMA query_only = 1")
     browser = Browser(app)
     assert browser.log_in("the-engineer").status_code == 200
     assert browser("GET", "/look").status_code == 200

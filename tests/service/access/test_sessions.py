@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import OutputError
 from beltscape.service.access.database import Database
 from beltscape.service.access.roles import User
-from beltscape.service.access.sessions import PER_USER, UNKEPT_S, Sessions, page_token
+from beltscape.service.access.sessions import IN_MEMORY_LIFE_S, MAX_PER_USER, Sessions, derive_page_token
 
 IDLE_S, LIFE_S = 3600.0, 10_000.0
 ANNA = User("anna", "engineer")
@@ -34,8 +34,8 @@ def clock():
 @pytest.fixture
 def database(tmp_path):
     found = Database(tmp_path)
-    with found.change() as change:
-        change.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
+    with found.transaction() as connection:
+        connection.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
     yield found
     found.close()
 
@@ -53,7 +53,7 @@ def test_a_session_survives_a_restart(sessions, database, clock):
 
 def test_only_its_hash_is_kept(sessions, database):
     token = sessions.open(ANNA, "::1")
-    ((kept,),) = database.rows("SELECT token FROM sessions")
+    ((kept,),) = database.select("SELECT token FROM sessions")
     assert kept == hashlib.sha256(token.encode()).hexdigest()
     assert sessions.find(kept) is None
 
@@ -84,8 +84,8 @@ def test_no_step_of_the_clock_prolongs_one(tmp_path_factory, steps):
     """Wherever the clock is set to, a session older than its life by that clock is over."""
     clock = Clock()
     database = Database(tmp_path_factory.mktemp("steps"))
-    with database.change() as change:
-        change.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
+    with database.transaction() as connection:
+        connection.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
     sessions = Sessions(database, IDLE_S, LIFE_S, clock)
     token, born = sessions.open(ANNA, ""), clock.now
     for step in steps:
@@ -103,48 +103,48 @@ def test_logging_out_ends_it_for_ever(sessions):
 
 def test_a_removed_user_has_none(sessions, database):
     token = sessions.open(ANNA, "")
-    with database.change() as change:
-        change.execute("DELETE FROM users")
+    with database.transaction() as connection:
+        connection.execute("DELETE FROM users")
     assert sessions.find(token) is None
-    assert database.rows("SELECT count(*) FROM sessions") == [(0,)]
+    assert database.select("SELECT count(*) FROM sessions") == [(0,)]
 
 
 def test_a_role_changes_at_once(sessions, database):
     token = sessions.open(ANNA, "")
-    with database.change() as change:
-        change.execute("UPDATE users SET role = 'viewer'")
+    with database.transaction() as connection:
+        connection.execute("UPDATE users SET role = 'viewer'")
     assert sessions.find(token) == User("anna", "viewer")
 
 
 def test_there_are_never_many(sessions, database, clock):
     first = sessions.open(ANNA, "")
-    for _ in range(PER_USER):
+    for _ in range(MAX_PER_USER):
         clock.now += 1
         last = sessions.open(ANNA, "")
-    assert database.rows("SELECT count(*) FROM sessions") == [(PER_USER,)]
+    assert database.select("SELECT count(*) FROM sessions") == [(MAX_PER_USER,)]
     assert (sessions.find(first), sessions.find(last)) == (None, ANNA)
 
 
 def test_a_full_disk_locks_nobody_in_or_out(sessions, database, clock):
     token = sessions.open(ANNA, "")
-    database.rows("PRAGMA max_page_count = 1")
-    database.rows("PRAGMA query_only = 1")
+    database.select("PRAGMA max_page_count = 1")
+    database.select("PRAGMA query_only = 1")
     with pytest.raises(OutputError, match="make room"):
         sessions.open(ANNA, "")
-    unkept = sessions.open_unkept(ANNA)
+    unkept = sessions.open_in_memory(ANNA)
     assert sessions.find(unkept) == ANNA
     clock.now += 100
     assert sessions.find(token) == ANNA
     sessions.close(token)
     assert sessions.find(token) is None
-    clock.now += UNKEPT_S
+    clock.now += IN_MEMORY_LIFE_S
     assert sessions.find(unkept) is None
-    other = sessions.open_unkept(ANNA)
+    other = sessions.open_in_memory(ANNA)
     sessions.close(other)
     assert sessions.find(other) is None
 
 
 @given(st.text(max_size=80))
 def test_no_other_token_opens(text):
-    assert page_token(text) != page_token(text + "x")
-    assert len(page_token(text.encode("utf-8", "replace").decode())) == 64
+    assert derive_page_token(text) != derive_page_token(text + "x")
+    assert len(derive_page_token(text.encode("utf-8", "replace").decode())) == 64

@@ -5,7 +5,14 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.service.access.throttle import ACCOUNT, ADDRESS, REMEMBERED, Buckets, Throttle, network
+from beltscape.service.access.throttle import (
+    ACCOUNT,
+    ADDRESS,
+    MAX_ENTRIES,
+    Throttle,
+    TokenBuckets,
+    normalise_address,
+)
 
 
 class Clock:
@@ -25,7 +32,7 @@ def guesses_within(seconds: float, names: int, addresses: int) -> int:
         waits = [throttle.wait_s(*pair) for pair in pairs]
         for pair, wait_s in zip(pairs, waits, strict=True):
             if wait_s == 0 and throttle.wait_s(*pair) == 0:
-                throttle.failed(*pair)
+                throttle.count_failure(*pair)
                 tries += 1
         clock.now += max(min(waits), 0.01)
     return tries
@@ -42,14 +49,14 @@ def test_many_addresses_guess_one_account_slowly():
 
 
 def test_delays_grow_and_end():
-    assert [ADDRESS.after(n) for n in (0, 9, 10, 11, 12, 30, 10_000)] == [0, 0, 1, 2, 4, 900, 900]
+    assert [ADDRESS.compute_s(n) for n in (0, 9, 10, 11, 12, 30, 10_000)] == [0, 0, 1, 2, 4, 900, 900]
 
 
 def test_a_user_is_not_locked_out_where_he_was_before():
     throttle = Throttle(Clock())
-    throttle.succeeded("anna", "desk")
+    throttle.count_success("anna", "desk")
     for i in range(100):
-        throttle.failed("anna", f"stranger{i}")
+        throttle.count_failure("anna", f"stranger{i}")
     assert throttle.wait_s("anna", "desk") == 0
     assert throttle.wait_s("anna", "elsewhere") > 0
 
@@ -58,27 +65,27 @@ def test_a_right_password_does_not_free_an_address():
     """Else somebody with one account could guess at the others for ever."""
     throttle = Throttle(Clock())
     for _ in range(12):
-        throttle.failed("anna", "desk")
-    throttle.succeeded("bert", "desk")
-    assert throttle.wait_s("carl", "desk") == ADDRESS.after(12)
+        throttle.count_failure("anna", "desk")
+    throttle.count_success("bert", "desk")
+    assert throttle.wait_s("carl", "desk") == ADDRESS.compute_s(12)
 
 
 def test_failures_are_forgotten():
     clock = Clock()
     throttle = Throttle(clock)
     for _ in range(30):
-        throttle.failed("anna", "desk")
+        throttle.count_failure("anna", "desk")
     clock.now += ADDRESS.forget_s + 1
     assert throttle.wait_s("anna", "desk") == 0
 
 
 def test_memory_is_bounded():
-    throttle, buckets = Throttle(Clock()), Buckets(1, 1, Clock())
-    for i in range(3 * REMEMBERED):
-        throttle.failed(f"n{i}", f"a{i}")
-        throttle.succeeded(f"m{i}", f"b{i}")
+    throttle, buckets = Throttle(Clock()), TokenBuckets(1, 1, Clock())
+    for i in range(3 * MAX_ENTRIES):
+        throttle.count_failure(f"n{i}", f"a{i}")
+        throttle.count_success(f"m{i}", f"b{i}")
         buckets.take(f"k{i}")
-    assert len(throttle._failures) == len(throttle._known) == len(buckets._left) == REMEMBERED
+    assert len(throttle._failures) == len(throttle._logged_in) == len(buckets._left) == MAX_ENTRIES
 
 
 @given(
@@ -88,7 +95,7 @@ def test_memory_is_bounded():
 )
 def test_a_bucket_gives_no_more_than_its_rate(rate_hz, burst, pauses):
     clock = Clock()
-    buckets = Buckets(rate_hz, burst, clock)
+    buckets = TokenBuckets(rate_hz, burst, clock)
     allowed = 0
     for pause in pauses:
         clock.now += pause
@@ -100,8 +107,8 @@ def test_a_bucket_gives_no_more_than_its_rate(rate_hz, burst, pauses):
 
 
 def test_what_counts_as_one_address():
-    assert network("192.0.2.7") == "192.0.2.7"
-    assert network("::ffff:192.0.2.7") == "192.0.2.7"
-    assert network("2001:db8::1") == network("2001:db8::ffff:1") == "2001:db8::/64"
-    assert network("fe80::1%eth0") == network("fe80::2")
-    assert network("no address") == "no address"
+    assert normalise_address("192.0.2.7") == "192.0.2.7"
+    assert normalise_address("::ffff:192.0.2.7") == "192.0.2.7"
+    assert normalise_address("2001:db8::1") == normalise_address("2001:db8::ffff:1") == "2001:db8::/64"
+    assert normalise_address("fe80::1%eth0") == normalise_address("fe80::2")
+    assert normalise_address("no address") == "no address"

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.tls import certificate_ends, certificate_note, tls_context
+from beltscape.service.access.tls import create_tls_context, describe_expiry, read_expiry
 from service.access.certificates import certificate, ended
 
 
@@ -18,49 +18,49 @@ def pair(tmp_path_factory):
 
 
 def test_a_good_one(pair):
-    context = tls_context(*pair)
+    context = create_tls_context(*pair)
     assert context.minimum_version is ssl.TLSVersion.TLSv1_2
-    assert certificate_ends(*pair) == pytest.approx(time.time() + 90 * 86_400, abs=120)
-    assert certificate_note(*pair) is None
+    assert read_expiry(*pair) == pytest.approx(time.time() + 90 * 86_400, abs=120)
+    assert describe_expiry(*pair) is None
 
 
 def test_its_end_is_told_a_month_before(pair):
     now = time.time()
-    assert certificate_note(*pair, now + 59 * 86_400) is None
-    note = certificate_note(*pair, now + 70 * 86_400)
+    assert describe_expiry(*pair, now + 59 * 86_400) is None
+    note = describe_expiry(*pair, now + 70 * 86_400)
     assert note == f"{pair[0]}: the certificate ends in 20 days; make a new one and start the service again"
-    assert "has ended" in str(certificate_note(*pair, now + 91 * 86_400))
+    assert "has ended" in str(describe_expiry(*pair, now + 91 * 86_400))
 
 
 def test_one_that_has_ended_is_told_and_still_served(tmp_path):
     """After a power failure the service must start with what there is."""
     pair = ended(tmp_path)
-    assert time.time() - 2 * 86_400 < certificate_ends(*pair) < time.time()
-    assert "has ended; make a new one" in str(certificate_note(*pair))
-    assert tls_context(*pair)
+    assert time.time() - 2 * 86_400 < read_expiry(*pair) < time.time()
+    assert "has ended; make a new one" in str(describe_expiry(*pair))
+    assert create_tls_context(*pair)
 
 
 def test_another_key(pair, tmp_path):
     _, other = certificate(tmp_path, "other")
     with pytest.raises(InputError, match=r"other\.key\.pem: is not the key of .*one\.pem"):
-        tls_context(pair[0], other)
+        create_tls_context(pair[0], other)
 
 
 def test_files_that_are_none(pair, tmp_path):
     cert, key = pair
     with pytest.raises(InputError, match=r"gone\.pem: the TLS certificate cannot be read \(No such file"):
-        tls_context(tmp_path / "gone.pem", key)
+        create_tls_context(tmp_path / "gone.pem", key)
     with pytest.raises(InputError, match=r"gone\.pem: the TLS key cannot be read"):
-        tls_context(cert, tmp_path / "gone.pem")
+        create_tls_context(cert, tmp_path / "gone.pem")
     nonsense = tmp_path / "nonsense.pem"
     nonsense.write_bytes(b"\x30\x82")
     with pytest.raises(InputError, match=r"nonsense\.pem: holds no PEM certificate; convert it"):
-        tls_context(nonsense, key)
+        create_tls_context(nonsense, key)
     with pytest.raises(InputError, match=r"nonsense\.pem: holds no PEM private key; convert it"):
-        tls_context(cert, nonsense)
+        create_tls_context(cert, nonsense)
 
 
 def test_a_key_with_a_passphrase(tmp_path):
     pair = certificate(tmp_path, "locked", 90, "-passout", "pass:secret")
     with pytest.raises(InputError, match=r"locked\.key\.pem: has a passphrase; give the key without one"):
-        tls_context(*pair)
+        create_tls_context(*pair)

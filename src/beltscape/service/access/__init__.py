@@ -1,8 +1,8 @@
-"""Who may come in, what a request may look like, and the log of who did what."""
+"""Access control: users, sessions and keys, limits on requests, and the audit log."""
 
 from beltscape.service.access.access import Access
-from beltscape.service.access.depends import address_of, needs, socket_user
-from beltscape.service.access.install import install
+from beltscape.service.access.depends import get_address, get_socket_user, require_role
+from beltscape.service.access.install import install_access
 from beltscape.service.access.roles import Role, User
 from beltscape.service.access.settings import AccessSettings, LimitSettings
 
@@ -12,8 +12,8 @@ __all__ = [
     "LimitSettings",
     "Role",
     "User",
-    "address_of",
-    "install",
-    "needs",
-    "socket_user",
+    "get_address",
+    "get_socket_user",
+    "install_access",
+    "require_role",
 ]

@@ -1,4 +1,4 @@
-"""The door: users, sessions, throttling and the audit log of one data folder."""
+"""Access control of one data folder: users, sessions, keys, throttling and the audit log together."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import secrets
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.service.access.accounts import Accounts, known_as
+from beltscape.service.access.accounts import Accounts, normalise_name
 from beltscape.service.access.audit import Audit
 from beltscape.service.access.database import Database
 from beltscape.service.access.keys import Keys
-from beltscape.service.access.passwords import Cost
+from beltscape.service.access.passwords import ScryptCost
 from beltscape.service.access.queue import PasswordQueue
 from beltscape.service.access.roles import ANONYMOUS, User
 from beltscape.service.access.sessions import Sessions
 from beltscape.service.access.settings import AccessSettings
-from beltscape.service.access.throttle import Buckets, Throttle
+from beltscape.service.access.throttle import Throttle, TokenBuckets
 
 
 class Access:
-    """Everything about who may come in. ``folder`` is the project's data folder; for any thread."""
+    """Identifies users and programs. ``folder`` is the project's data folder. Thread-safe."""
 
     def __init__(
-        self, folder: Path, settings: AccessSettings | None = None, cost: Cost | None = None
+        self, folder: Path, settings: AccessSettings | None = None, cost: ScryptCost | None = None
     ) -> None:
         self.settings = settings or AccessSettings()
         self._database = Database(folder)
@@ -34,18 +34,18 @@ class Access:
         self.keys = Keys(self._database)
         self.audit = Audit(folder, int(self.settings.audit_file_mb * 1e6), self.settings.audit_files)
         self.throttle = Throttle()
-        self.requests = Buckets(self.settings.requests_per_s, self.settings.requests_burst)
+        self.requests = TokenBuckets(self.settings.requests_per_s, self.settings.requests_burst)
         self.passwords = PasswordQueue(self.throttle)
-        self._setup_token = _spoken(secrets.token_hex(10))
+        self._setup_token = _format_token(secrets.token_hex(10))
 
     @property
     def setup_token(self) -> str | None:
-        """What the first engineer is asked for at /setup; None once there has been a user. New at every start."""
-        return self._setup_token if self.accounts.setup_open else None
+        """Token that /setup asks of the first engineer, new at every start; None once there has been a user."""
+        return self._setup_token if self.accounts.is_setup_open else None
 
     @property
-    def invitation(self) -> str | None:
-        """The line to print at the start while there is no user yet."""
+    def setup_message(self) -> str | None:
+        """Line to print at the start while there is no user yet, or None."""
         token = self.setup_token
         return (
             token
@@ -53,11 +53,13 @@ class Access:
         )
 
     def set_up(self, token: str, name: str, password: str, address: str) -> User:
-        """Create the first engineer. InputError where the token is wrong or the setup is over."""
+        """Create the first engineer. InputError if the token is wrong or the setup is over."""
         expected = self.setup_token
-        right = hmac.compare_digest(_plain(token).encode(), _plain(self._setup_token).encode())
-        if expected is None or not right:
-            self.throttle.failed("", address)
+        is_right = hmac.compare_digest(
+            _normalise_token(token).encode(), _normalise_token(self._setup_token).encode()
+        )
+        if expected is None or not is_right:
+            self.throttle.count_failure("", address)
             self.audit.write("setup failed", ANONYMOUS, address)
             if expected is None:
                 raise InputError("the setup is over: log in, or use `beltscape users` on the machine itself")
@@ -67,58 +69,58 @@ class Access:
         return user
 
     def log_in(self, name: str, password: str, address: str) -> str | None:
-        """A new session's token; None where name or password is wrong. Ask ``throttle.wait_s`` before."""
-        user = self._checked(name, password, address, "login")
+        """Return a new session's token; None if name or password is wrong. Check ``throttle.wait_s`` first."""
+        user = self._verify_password(name, password, address, "login")
         if user is None:
             return None
         self.audit.write("login", user.name, address)
-        return self._opened(user, address)
+        return self._open_session(user, address)
 
     def change_password(self, user: User, old: str, new: str, address: str) -> str | None:
-        """All of the user's sessions end; a new one's token. None where the old password is wrong."""
-        if self._checked(user.name, old, address, "password change") is None:
+        """Change the password, end all sessions and return a new one's token; None if ``old`` is wrong."""
+        if self._verify_password(user.name, old, address, "password change") is None:
             return None
         self.accounts.set_password(user.name, new)
         self.audit.write("password changed", user.name, address, {"user": user.name})
-        return self._opened(user, address)
+        return self._open_session(user, address)
 
-    def _checked(self, name: str, password: str, address: str, what: str) -> User | None:
-        name = known_as(name)
+    def _verify_password(self, name: str, password: str, address: str, action: str) -> User | None:
+        name = normalise_name(name)
         user = self.accounts.check(name, password)
         if user is None:
-            self.throttle.failed(name, address)
-            self.audit.write(f"{what} failed", name, address)
+            self.throttle.count_failure(name, address)
+            self.audit.write(f"{action} failed", name, address)
         else:
-            self.throttle.succeeded(user.name, address)
+            self.throttle.count_success(user.name, address)
         return user
 
-    def _opened(self, user: User, address: str) -> str:
+    def _open_session(self, user: User, address: str) -> str:
         try:
             return self.sessions.open(user, address)
         except OutputError:
-            return self.sessions.open_unkept(user)
+            return self.sessions.open_in_memory(user)
 
-    def who(self, token: str | None, *, touch: bool = True) -> User | None:
-        """Whose session it is; without one whoever ``anonymous_role`` says, or None."""
+    def identify(self, token: str | None, *, touch: bool = True) -> User | None:
+        """Return the session's user; without a session the anonymous user if the settings allow one, else None."""
         user = self.sessions.find(token, touch=touch) if token else None
         if user is None and self.settings.anonymous_role is not None:
             return User(ANONYMOUS, self.settings.anonymous_role)
         return user
 
     @staticmethod
-    def anonymous(user: User) -> bool:
-        """Whether somebody has not logged in."""
+    def is_anonymous(user: User) -> bool:
+        """Return whether the user has not logged in."""
         return user.name == ANONYMOUS
 
     def close(self) -> None:
-        """No more is asked."""
+        """Close the database and the password thread."""
         self.passwords.close()
         self._database.close()
 
 
-def _spoken(token: str) -> str:
+def _format_token(token: str) -> str:
     return "-".join(token[i : i + 4] for i in range(0, len(token), 4))
 
 
-def _plain(token: str) -> str:
+def _normalise_token(token: str) -> str:
     return "".join(c for c in token.lower() if c.isascii() and c.isalnum())

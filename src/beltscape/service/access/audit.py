@@ -1,4 +1,4 @@
-"""Who did what, when and from where: ``audit.jsonl``, one JSON object a line, only ever appended to."""
+"""The audit log ``audit.jsonl``: who did what, when and from where, one JSON object per line, append-only."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 FILE = "audit.jsonl"
-_LONGEST = 300
+_MAX_VALUE_LENGTH = 300
 
 
 class Audit:
-    """The audit log of a data folder; for any thread. A full disk is counted, never raised."""
+    """The audit log of a data folder. Thread-safe; entries lost to a full disk are counted, not raised."""
 
     def __init__(
         self, folder: Path, file_bytes: int, files: int, clock: Callable[[], float] = time.time
@@ -27,36 +27,40 @@ class Audit:
         """Entries that could not be written."""
 
     def write(
-        self, what: str, who: str, address: str = "", detail: Mapping[str, str | int | float] | None = None
+        self,
+        action: str,
+        actor: str,
+        address: str = "",
+        detail: Mapping[str, str | int | float] | None = None,
     ) -> None:
         """Append one entry; it is on disk when this returns. Values are cut at 300 characters."""
         entry = {
             "at": datetime.fromtimestamp(self._clock(), UTC).isoformat(timespec="milliseconds"),
-            "what": what,
-            "who": who[:_LONGEST],
-            "from": address[:_LONGEST],
-            **{key: v[:_LONGEST] if isinstance(v, str) else v for key, v in (detail or {}).items()},
+            "what": action,
+            "who": actor[:_MAX_VALUE_LENGTH],
+            "from": address[:_MAX_VALUE_LENGTH],
+            **{key: v[:_MAX_VALUE_LENGTH] if isinstance(v, str) else v for key, v in (detail or {}).items()},
         }
-        # ASCII only: no control character, line end or look-alike letter can fake an entry
+        # ASCII only, so that no control character, line end or look-alike letter can fake an entry
         line = json.dumps(entry, ensure_ascii=True) + "\n"
         with self._lock:
             try:
-                self._set_aside()
+                self._rotate()
                 self._append(line.encode())
             except OSError:
                 self.lost += 1
 
-    def last(self, most: int) -> list[dict]:
-        """The newest entries of the current file, newest first."""
+    def read_last(self, count: int) -> list[dict]:
+        """Return the newest entries of the current file, newest first."""
         with self._lock:
             try:
                 with self.path.open("rb") as file:
-                    file.seek(max(0, file.seek(0, os.SEEK_END) - 1024 * most))
+                    file.seek(max(0, file.seek(0, os.SEEK_END) - 1024 * count))
                     lines = file.read().splitlines()
             except OSError:
                 return []
         entries = []
-        for line in reversed(lines[-most:]):
+        for line in reversed(lines[-count:]):
             try:
                 entries.append(json.loads(line))
             except ValueError:
@@ -67,14 +71,14 @@ class Audit:
         file = os.open(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o600)
         try:
             size = os.fstat(file).st_size
-            # a line that a power failure cut must not swallow the next one
-            torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"
-            os.write(file, b"\n" * torn + line)
+            # a line cut by a power failure must not join the next one
+            is_torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"
+            os.write(file, b"\n" * is_torn + line)
             os.fsync(file)
         finally:
             os.close(file)
 
-    def _set_aside(self) -> None:
+    def _rotate(self) -> None:
         if not self.path.exists() or self.path.stat().st_size < self._file_bytes:
             return
         stamp = datetime.fromtimestamp(self._clock(), UTC).strftime("%Y%m%dT%H%M%S%f")

@@ -1,4 +1,4 @@
-"""What the requests of /api/access bring."""
+"""Request bodies of /api/access."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Annotated
 from fastapi import Depends
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.service.access.depends import needs
-from beltscape.service.access.passwords import MOST
+from beltscape.service.access.depends import require_role
+from beltscape.service.access.passwords import MAX_LENGTH
 from beltscape.service.access.roles import Role, User
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
-Password = Annotated[str, Field(min_length=1, max_length=MOST)]
-Viewer = Annotated[User, Depends(needs("viewer"))]
-Engineer = Annotated[User, Depends(needs("engineer"))]
+Password = Annotated[str, Field(min_length=1, max_length=MAX_LENGTH)]
+Viewer = Annotated[User, Depends(require_role("viewer"))]
+Engineer = Annotated[User, Depends(require_role("engineer"))]
 
 
 class _Body(BaseModel):
@@ -22,34 +22,34 @@ class _Body(BaseModel):
 
 
 class Credentials(_Body):
-    """Who logs in."""
+    """Name and password of a login."""
 
     name: Name
     password: Password
 
 
 class FirstEngineer(Credentials):
-    """Who is created at the setup."""
+    """The engineer that the setup creates."""
 
     token: Annotated[str, Field(min_length=1, max_length=64)]
-    """What the program printed at its start."""
+    """Setup token that the program printed at its start."""
 
 
 class NewPassword(_Body):
-    """One's own password."""
+    """A change of one's own password."""
 
     old: Password
     new: Password
 
 
 class NewUser(Credentials):
-    """A further user."""
+    """A user to add."""
 
     role: Role
 
 
 class Changes(_Body):
-    """What becomes different about a user; what is left out stays."""
+    """Changes of a user; fields left out stay as they are."""
 
     role: Role | None = None
     password: Password | None = None

@@ -1,4 +1,4 @@
-"""What can be wrong with a request before anybody looks at what it wants."""
+"""Checks of a request's host, path and origin before any route handles it; pure functions."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from collections.abc import Mapping
 UNSAFE = frozenset({"POST", "PUT", "PATCH", "DELETE"})
 METHODS = UNSAFE | {"GET", "HEAD", "OPTIONS"}
 HEADERS_MAX, HEADERS_MAX_BYTES = 100, 16_384
-"""Most headers, and longest all of them; the connection's own limit holds only for what comes in pieces."""
+"""Most headers, and their total length; the connection's own limit holds only for headers in several pieces."""
 TARGET_MAX = 4096
 """Longest path and query together, bytes."""
 _NAME = re.compile(r"(?P<name>\[[0-9a-fA-F:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(?::\d{1,5})?")
 
 
-def host_allowed(host: str, names: frozenset[str]) -> bool:
-    """Whether a browser may have called the service by this Host header.
+def is_host_allowed(host: str, names: frozenset[str]) -> bool:
+    """Return whether the Host header names this service.
 
-    IP addresses always, since no foreign name server can point one elsewhere (DNS rebinding); else ``names``.
+    IP addresses are always allowed, since no foreign name server can redirect one (DNS rebinding); else ``names``.
     """
-    found = _NAME.fullmatch(host)
-    if found is None:
+    match = _NAME.fullmatch(host)
+    if match is None:
         return False
-    name = found["name"].lower().rstrip(".")
+    name = match["name"].lower().rstrip(".")
     if name in names:
         return True
     try:
@@ -34,15 +34,15 @@ def host_allowed(host: str, names: frozenset[str]) -> bool:
     return True
 
 
-def own_names(allowed: tuple[str, ...]) -> frozenset[str]:
-    """``allowed``, localhost and what this machine calls itself, in lower case."""
+def list_own_names(allowed: tuple[str, ...]) -> frozenset[str]:
+    """Return ``allowed``, localhost and this machine's own name, in lower case."""
     return frozenset(n.lower().rstrip(".") for n in (*allowed, "localhost", socket.gethostname()))
 
 
-def path_allowed(path: str, raw: bytes) -> bool:
-    """Whether a path says plainly what it names.
+def is_path_allowed(path: str, raw: bytes) -> bool:
+    """Return whether a path is plain.
 
-    No way upwards, no empty or hidden part, no separator in disguise, nothing encoded twice, no control character.
+    A plain path has no "..", no empty or hidden part, no encoded separator, no control character, no double encoding.
     """
     if not path.startswith("/") or not path.isprintable() or any(c in path for c in "\\%\ufffd"):
         return False
@@ -53,10 +53,10 @@ def path_allowed(path: str, raw: bytes) -> bool:
     return all(part and not part.startswith(".") for part in parts[:-1]) and not parts[-1].startswith(".")
 
 
-def same_origin(headers: Mapping[str, str], scheme: str, *, unsafe: bool) -> bool:
-    """Whether a request comes from the service's own page, or from no page at all.
+def is_same_origin(headers: Mapping[str, str], scheme: str, *, unsafe: bool) -> bool:
+    """Return whether a request comes from the service's own page, or from no page at all.
 
-    ``unsafe``: it may change something. Others may also be a link that somebody follows from elsewhere.
+    ``unsafe``: the request may change something. Other requests may also follow a link from another site.
     """
     own = f"{ {'ws': 'http', 'wss': 'https'}.get(scheme, scheme) }://{headers.get('host', '')}"
     origin, site = headers.get("origin"), headers.get("sec-fetch-site")

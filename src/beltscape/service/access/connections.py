@@ -1,6 +1,6 @@
-"""What happens on a connection before there is a request: how many there may be, and how slow they may be.
+"""Limits on connections: their number, their rate of reads, and time limits that uvicorn lacks.
 
-uvicorn has no time limit for headers, for readers who do not read, and none for TLS handshakes but asyncio's 60 s.
+uvicorn limits neither the time for headers nor that for clients that do not read; asyncio allows 60 s for TLS.
 """
 
 from __future__ import annotations
@@ -15,81 +15,81 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from beltscape.service.access.settings import LimitSettings
-from beltscape.service.access.throttle import Pace, network
+from beltscape.service.access.throttle import WorkLimiter, normalise_address
 
 PIECE_BYTES = 4096
-"""What counts as one more read."""
+"""Bytes that count as one more read."""
 
 
-class Connections:
-    """Those that are open; used from the event loop only."""
+class ConnectionCounter:
+    """Counts and paces the open connections; used from the event loop only."""
 
     def __init__(self, limits: LimitSettings) -> None:
         self.limits = limits
         self._open: dict[asyncio.BaseTransport, str] = {}
-        self._of: Counter[str] = Counter()
-        self._pace = Pace(limits.reads_per_s)
-        self._pace_of = Pace(limits.reads_per_s_per_address)
+        self._per_address: Counter[str] = Counter()
+        self._total_limiter = WorkLimiter(limits.reads_per_s)
+        self._address_limiter = WorkLimiter(limits.reads_per_s_per_address)
 
-    def enter(self, transport: asyncio.BaseTransport) -> bool:
-        """Count a new one; False: there are too many, and it is not counted."""
+    def add(self, transport: asyncio.BaseTransport) -> bool:
+        """Count a new connection; return False, without counting it, if there are too many."""
         peer = transport.get_extra_info("peername")
-        address = network(peer[0]) if peer else ""
+        address = normalise_address(peer[0]) if peer else ""
         limits = self.limits
         if len(self._open) >= limits.connections_max:
             return False
-        for_many = address in limits.trusted_proxies
-        if self._of[address] >= limits.connections_per_address and not for_many:
+        is_proxy = address in limits.trusted_proxies
+        if self._per_address[address] >= limits.connections_per_address and not is_proxy:
             return False
         self._open[transport] = address
-        self._of[address] += 1
+        self._per_address[address] += 1
         return True
 
-    def read(self, transport: asyncio.BaseTransport, size: int) -> float:
-        """So many bytes were read; seconds until more may be."""
+    def count_read(self, transport: asyncio.BaseTransport, size: int) -> float:
+        """Count ``size`` bytes read; return the seconds until the next read is allowed."""
         address, cost = self._open.get(transport, ""), 1 + size / PIECE_BYTES
-        of_all = self._pace.spend("all", cost)
+        total_wait_s = self._total_limiter.spend("all", cost)
         return (
-            of_all
+            total_wait_s
             if address in self.limits.trusted_proxies
-            else max(of_all, self._pace_of.spend(address, cost))
+            else max(total_wait_s, self._address_limiter.spend(address, cost))
         )
 
-    def change(self, old: asyncio.BaseTransport, new: asyncio.BaseTransport) -> None:
-        """The same connection, by another transport from now on."""
+    def replace(self, old: asyncio.BaseTransport, new: asyncio.BaseTransport) -> None:
+        """Continue a connection under another transport."""
         self._open[new] = self._open.pop(old)
 
-    def leave(self, transport: asyncio.BaseTransport) -> None:
-        """It is closed."""
+    def remove(self, transport: asyncio.BaseTransport) -> None:
+        """Stop counting a closed connection."""
         address = self._open.pop(transport, None)
         if address is not None:
-            self._of[address] -= 1
-            if not self._of[address]:
-                del self._of[address]
+            self._per_address[address] -= 1
+            if not self._per_address[address]:
+                del self._per_address[address]
 
 
-class Door(H11Protocol):
-    """HTTP as uvicorn speaks it, with limits; TLS inside, so that handshakes count as connections."""
+class LimitedHttpProtocol(H11Protocol):
+    """uvicorn's HTTP with limits. TLS starts inside, so that handshakes count as connections."""
 
-    counted: ClassVar[Connections]
+    counter: ClassVar[ConnectionCounter]
     tls: ClassVar[ssl.SSLContext | None]
-    _deadline: asyncio.TimerHandle | None = None
-    _stuck: asyncio.TimerHandle | None = None
+    _header_timer: asyncio.TimerHandle | None = None
+    _write_timer: asyncio.TimerHandle | None = None
     _handshake: asyncio.Task[None] | None = None
-    _early = b""  # what came between the handshake and its being noticed
+    _early_data = b""  # received between the handshake and the switch to it
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Let it in, or cut it off."""
-        if not self.counted.enter(transport):
+        """Accept the connection, or close it if there are too many."""
+        if not self.counter.add(transport):
             transport.abort()
         elif self.tls is None:
-            self._ready(transport)
+            self._start_http(transport)
         else:
             transport.pause_reading()
             self._handshake = self.loop.create_task(self._encrypt(transport, self.tls))
 
     async def _encrypt(self, plain: asyncio.Transport, context: ssl.SSLContext) -> None:
-        limit_s = self.counted.limits.header_timeout_s
+        limit_s = self.counter.limits.header_timeout_s
         encrypted = None
         try:
             encrypted = await self.loop.start_tls(
@@ -98,59 +98,59 @@ class Door(H11Protocol):
         except OSError:  # SSLError, TimeoutError and a reset are OSErrors
             plain.abort()
         if encrypted is None or encrypted.is_closing():
-            self.counted.leave(plain)
+            self.counter.remove(plain)
         else:
-            self.counted.change(plain, encrypted)
-            self._ready(encrypted)
+            self.counter.replace(plain, encrypted)
+            self._start_http(encrypted)
 
-    def _ready(self, transport: asyncio.Transport) -> None:
+    def _start_http(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
-        self._expect_headers()
-        self._rest(0)
-        if self._early:
-            early, self._early = self._early, b""
-            self.data_received(early)
+        self._start_header_timer()
+        self._throttle_reading(0)
+        if self._early_data:
+            early_data, self._early_data = self._early_data, b""
+            self.data_received(early_data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
-        if self.transport is None:  # refused, or in its handshake
+        """Stop counting the connection."""
+        if self.transport is None:  # refused, or still in its handshake
             return
-        self.counted.leave(self.transport)
-        self._no_longer_expected()
+        self.counter.remove(self.transport)
+        self._stop_header_timer()
         self.resume_writing()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take it; whoever has begun a request must finish its headers in time."""
+        """Process data; the headers of a request that has begun must arrive in time."""
         if self.transport is None:
-            self._early += data
+            self._early_data += data
             return
-        self._rest(len(data))
+        self._throttle_reading(len(data))
         super().data_received(data)
         idle = self.timeout_keep_alive_task is not None
         if self.conn.their_state is h11.IDLE and not idle and not self.transport.is_closing():
-            self._expect_headers()
+            self._start_header_timer()
         else:
-            self._no_longer_expected()
+            self._stop_header_timer()
 
     def pause_writing(self) -> None:
-        """He does not read."""
+        """Start the time limit of a client that does not read."""
         super().pause_writing()
-        self._stuck = self.loop.call_later(self.counted.limits.write_timeout_s, self.transport.abort)
+        self._write_timer = self.loop.call_later(self.counter.limits.write_timeout_s, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """He reads."""
-        self._stuck = _cancelled(self._stuck)
+        """Stop that time limit."""
+        self._write_timer = _cancel(self._write_timer)
         super().resume_writing()
 
-    def _rest(self, size: int) -> None:
-        wait_s = self.counted.read(self.transport, size)
+    def _throttle_reading(self, size: int) -> None:
+        wait_s = self.counter.count_read(self.transport, size)
         if wait_s:
             self.transport.pause_reading()
-            self.loop.call_later(wait_s, self._go_on)
+            self.loop.call_later(wait_s, self._resume_reading)
 
-    def _go_on(self) -> None:
-        # after an upgrade the socket decides
+    def _resume_reading(self) -> None:
+        # after an upgrade the WebSocket protocol resumes reading itself
         if (
             self.transport.get_protocol() is self
             and not self.flow.read_paused
@@ -158,56 +158,60 @@ class Door(H11Protocol):
         ):
             self.transport.resume_reading()
 
-    def _expect_headers(self) -> None:
-        if self._deadline is None:
-            limit_s = self.counted.limits.header_timeout_s
-            self._deadline = self.loop.call_later(limit_s, self.transport.abort)
+    def _start_header_timer(self) -> None:
+        if self._header_timer is None:
+            limit_s = self.counter.limits.header_timeout_s
+            self._header_timer = self.loop.call_later(limit_s, self.transport.abort)
 
-    def _no_longer_expected(self) -> None:
-        self._deadline = _cancelled(self._deadline)
+    def _stop_header_timer(self) -> None:
+        self._header_timer = _cancel(self._header_timer)
 
 
-class Socket(WebSocketsSansIOProtocol):
-    """WebSockets as uvicorn speaks them; who does not read is cut off."""
+class LimitedWebSocketProtocol(WebSocketsSansIOProtocol):
+    """uvicorn's WebSockets with limits; a client that does not read is disconnected."""
 
-    counted: ClassVar[Connections]
-    _stuck: asyncio.TimerHandle | None = None
+    counter: ClassVar[ConnectionCounter]
+    _write_timer: asyncio.TimerHandle | None = None
 
     def data_received(self, data: bytes) -> None:
-        """Take it; not too often."""
-        wait_s = self.counted.read(self.transport, len(data))
+        """Process data, no faster than the limits allow."""
+        wait_s = self.counter.count_read(self.transport, len(data))
         if wait_s:
             self.transport.pause_reading()
-            self.loop.call_later(wait_s, self._go_on)
+            self.loop.call_later(wait_s, self._resume_reading)
         super().data_received(data)
 
-    def _go_on(self) -> None:
+    def _resume_reading(self) -> None:
         if not self.read_paused and not self.transport.is_closing():
             self.transport.resume_reading()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
-        self.counted.leave(self.transport)
-        self._stuck = _cancelled(self._stuck)
+        """Stop counting the connection."""
+        self.counter.remove(self.transport)
+        self._write_timer = _cancel(self._write_timer)
         super().connection_lost(exc)
 
     def pause_writing(self) -> None:
-        """He does not read."""
+        """Start the time limit of a client that does not read."""
         super().pause_writing()
-        self._stuck = self.loop.call_later(self.counted.limits.write_timeout_s, self.transport.abort)
+        self._write_timer = self.loop.call_later(self.counter.limits.write_timeout_s, self.transport.abort)
 
     def resume_writing(self) -> None:
-        """He reads."""
-        self._stuck = _cancelled(self._stuck)
+        """Stop that time limit."""
+        self._write_timer = _cancel(self._write_timer)
         super().resume_writing()
 
 
-def protocols(limits: LimitSettings, tls: ssl.SSLContext | None) -> tuple[type[Door], type[Socket]]:
-    """Both, counting together."""
-    shared = {"counted": Connections(limits), "tls": tls}
-    return type("CountedDoor", (Door,), shared), type("CountedSocket", (Socket,), shared)
+def make_protocols(
+    limits: LimitSettings, tls: ssl.SSLContext | None
+) -> tuple[type[LimitedHttpProtocol], type[LimitedWebSocketProtocol]]:
+    """Return the HTTP and the WebSocket protocol with one common counter."""
+    shared = {"counter": ConnectionCounter(limits), "tls": tls}
+    return type("CountedHttp", (LimitedHttpProtocol,), shared), type(
+        "CountedWebSocket", (LimitedWebSocketProtocol,), shared
+    )
 
 
-def _cancelled(timer: asyncio.TimerHandle | None) -> None:
+def _cancel(timer: asyncio.TimerHandle | None) -> None:
     if timer is not None:
         timer.cancel()

@@ -1,4 +1,4 @@
-"""The session's cookie."""
+"""The session cookie: read from a request, set and deleted in a response."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
 TOKEN_HEADER = "x-beltscape-token"
-"""Header in which the page sends its token with everything that changes something."""
+"""Header in which the page sends its token with every request that changes something."""
 
 
-def session_of(connection: HTTPConnection) -> str | None:
-    """The session's token that a request brings, or None."""
-    token = connection.cookies.get(_name(connection))
+def read_session_token(connection: HTTPConnection) -> str | None:
+    """Return a request's session token, or None."""
+    token = connection.cookies.get(_cookie_name(connection))
     return token if token and len(token) <= 100 else None
 
 
-def give(response: Response, connection: HTTPConnection, token: str, life_s: float) -> None:
-    """Have the browser keep a token: no script sees it, no other site sends it."""
+def set_session_cookie(response: Response, connection: HTTPConnection, token: str, life_s: float) -> None:
+    """Set the cookie: no script can read it, no other site sends it."""
     https = connection.scope["scheme"] == "https"
     response.set_cookie(
-        _name(connection),
+        _cookie_name(connection),
         token,
         max_age=int(life_s),
         path="/",
@@ -29,12 +29,12 @@ def give(response: Response, connection: HTTPConnection, token: str, life_s: flo
     )
 
 
-def take_away(response: Response, connection: HTTPConnection) -> None:
-    """Have the browser forget it."""
+def delete_session_cookie(response: Response, connection: HTTPConnection) -> None:
+    """Delete the cookie."""
     https = connection.scope["scheme"] == "https"
-    response.delete_cookie(_name(connection), path="/", secure=https, httponly=True, samesite="strict")
+    response.delete_cookie(_cookie_name(connection), path="/", secure=https, httponly=True, samesite="strict")
 
 
-def _name(connection: HTTPConnection) -> str:
+def _cookie_name(connection: HTTPConnection) -> str:
     # the prefix binds the cookie to this host and to TLS
     return "__Host-beltscape" if connection.scope["scheme"] in ("https", "wss") else "beltscape"

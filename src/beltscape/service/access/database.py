@@ -1,4 +1,4 @@
-"""users.db: users, their sessions, programs' keys, and whether the setup is over."""
+"""The database users.db: users, their sessions, programs' keys, and whether the setup is over."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class Database:
                 f"{self.path}: no user database ({error}); restore it from the backup, or remove it and set up anew"
             ) from error
 
-    def rows(self, query: str, *values: object) -> list[tuple]:
-        """All rows of a query."""
+    def select(self, query: str, *values: object) -> list[tuple]:
+        """Return all rows of a query."""
         with self._lock:
             return self._connection.execute(query, values).fetchall()
 
     @contextmanager
-    def change(self) -> Iterator[sqlite3.Connection]:
-        """A transaction: on disk when it ends, undone where it raises. OutputError where it cannot be written."""
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """Open a transaction: on disk when it ends, undone if it raises. OutputError if it cannot be written."""
         with self._lock:
             try:
                 self._connection.execute("BEGIN IMMEDIATE")
@@ -72,6 +72,6 @@ class Database:
                 ) from error
 
     def close(self) -> None:
-        """No more is asked."""
+        """Close the connection."""
         with self._lock:
             self._connection.close()

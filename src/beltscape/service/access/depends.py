@@ -1,4 +1,4 @@
-"""What a route asks about whoever calls it. The guard has looked already; these only read what it found."""
+"""FastAPI dependencies of routes: the caller's user, role and address, as the guard has identified them."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from fastapi import HTTPException, Request, WebSocket
 from starlette.requests import HTTPConnection
 
 from beltscape.service.access.roles import Role, User
-from beltscape.service.access.throttle import network
+from beltscape.service.access.throttle import normalise_address
 
 USER = "beltscape.user"
-"""Key of the scope under which the guard puts the User, or None."""
+"""Key of the ASGI scope under which the guard stores the User, or None."""
 
 
-def needs(role: Role) -> Callable[[Request], User]:
-    """A dependency that gives the user if he may do what ``role`` may, else answers 401 or 403."""
+def require_role(role: Role) -> Callable[[Request], User]:
+    """Return a dependency that gives the user who has at least ``role``, and answers 401 or 403 otherwise."""
 
     def user(request: Request) -> User:
-        found = request.scope.get(USER)
-        if found is None:
+        caller = request.scope.get(USER)
+        if caller is None:
             raise HTTPException(401, "log in first")
-        if not found.may(role):
-            raise HTTPException(403, f"only for the role {role}; you are {found.role}")
-        return found
+        if not caller.has_role(role):
+            raise HTTPException(403, f"only for the role {role}; you are {caller.role}")
+        return caller
 
     return user
 
 
-def socket_user(websocket: WebSocket) -> User | None:
-    """Who opens a WebSocket; None: close it. The guard closes it when the session ends."""
+def get_socket_user(websocket: WebSocket) -> User | None:
+    """Return the user who opens a WebSocket; None: close it. The guard closes it when the session ends."""
     return websocket.scope.get(USER)
 
 
-def address_of(connection: HTTPConnection) -> str:
-    """Where a request comes from, as throttling and the audit log count addresses."""
-    return network(connection.client.host) if connection.client else ""
+def get_address(connection: HTTPConnection) -> str:
+    """Return a request's address as throttling and the audit log count addresses."""
+    return normalise_address(connection.client.host) if connection.client else ""

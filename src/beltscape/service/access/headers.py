@@ -1,4 +1,4 @@
-"""Headers that tell the browser what a page of ours never does."""
+"""Security headers of every response, and the content security policy."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _ALWAYS = {
 }
 
 
-def policy(script_hashes: tuple[str, ...] = ()) -> str:
-    """The content security policy: everything from here, nothing inline but scripts of the given sha256-…."""
+def build_policy(script_hashes: tuple[str, ...] = ()) -> str:
+    """Return the content security policy: own resources only, inline scripts only with the given sha256-… hashes."""
     scripts = " ".join(["'self'", *(f"'{h}'" for h in script_hashes)])
     return (
         f"default-src 'none'; script-src {scripts}; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
@@ -23,14 +23,14 @@ def policy(script_hashes: tuple[str, ...] = ()) -> str:
     )
 
 
-def adding_headers(send: Send, content_policy: str, *, https: bool) -> Send:
-    """``send`` that adds them to every answer; what an answer says itself about caching is kept."""
+def add_security_headers(send: Send, content_policy: str, *, https: bool) -> Send:
+    """Return ``send`` that adds the headers to every response; a response's own caching header is kept."""
     added = {**_ALWAYS, "content-security-policy": content_policy}
     if https:
         added["strict-transport-security"] = "max-age=31536000"
     pairs = [(name.encode(), value.encode()) for name, value in added.items()]
 
-    async def sending(message: Message) -> None:
+    async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             own = [(name, value) for name, value in message.get("headers", []) if name.lower() != b"server"]
             if not any(name.lower() == b"cache-control" for name, _ in own):
@@ -38,4 +38,4 @@ def adding_headers(send: Send, content_policy: str, *, https: bool) -> Send:
             message = {**message, "headers": [*own, *pairs]}
         await send(message)
 
-    return sending
+    return send_with_headers

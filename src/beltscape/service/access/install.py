@@ -1,4 +1,4 @@
-"""Putting the door into an application."""
+"""Adds access control to an application: routes, pages, error handlers and the guard."""
 
 from __future__ import annotations
 
@@ -13,54 +13,54 @@ from fastapi.responses import Response
 from beltscape.core.errors import OutputError
 from beltscape.service.access.access import Access
 from beltscape.service.access.guard import Guard
-from beltscape.service.access.headers import policy
+from beltscape.service.access.headers import build_policy
 from beltscape.service.access.pages import add_pages
 from beltscape.service.access.session_routes import SessionRoutes
 from beltscape.service.access.user_routes import UserRoutes
 
-PUBLIC = (
+PUBLIC_PATHS = (
     "/login", "/setup", "/page/", "/access/", "/favicon.ico",
     "/api/access/state", "/api/access/login", "/api/access/setup",
 )  # fmt: skip
-"""What everybody may call: the files that pages are made of, and the way in."""
+"""Paths without login: files of the pages, login and setup."""
 _REFUSALS: dict[int | str, dict[str, Any]] = {
     401: {"description": "Not logged in, or name or password is wrong"},
     403: {"description": "The role does not allow it, or the request comes from another site"},
-    409: {"description": "What is asked for does not fit; the answer says why"},
+    409: {"description": "The request does not fit the current state; the answer says why"},
     429: {"description": "Too many requests or passwords; Retry-After says when to try again"},
 }
 AUDITED_READS = ("/api/export",)
-"""Reads that go into the audit log, as every change does."""
+"""Reads that are logged in the audit log, as every change is."""
 
 
-def install(
+def install_access(
     app: FastAPI, access: Access, *, public: tuple[str, ...] = (), script_hashes: tuple[str, ...] = ()
 ) -> None:
-    """Add the routes and, around everything else, the guard. Call it last.
+    """Add the routes of access and, around everything else, the guard. Call it last.
 
-    Without a user every path is refused but the door's own and those of ``public`` ("/metrics", or "/static/" for all
-    below it), which decide for themselves. ``script_hashes``: of inline scripts that the pages may have ("sha256-…").
+    Without login only ``PUBLIC_PATHS`` and ``public`` ("/metrics", or "/static/" with all below it) are served, which
+    check access themselves. ``script_hashes``: hashes of inline scripts that the pages may have ("sha256-…").
     """
     routes = APIRouter(prefix="/api/access", tags=["access"], responses=_REFUSALS)
     SessionRoutes(access).add_to(routes)
     UserRoutes(access).add_to(routes)
     app.include_router(routes)
     add_pages(app)
-    app.add_exception_handler(RequestValidationError, _unfit)
-    app.add_exception_handler(OutputError, _unwritable)
+    app.add_exception_handler(RequestValidationError, _describe_invalid_request)
+    app.add_exception_handler(OutputError, _describe_write_error)
     app.add_middleware(
         Guard,
         access=access,
-        public=(*PUBLIC, *public),
-        policy=policy(script_hashes),
+        public=(*PUBLIC_PATHS, *public),
+        policy=build_policy(script_hashes),
         audited=AUDITED_READS,
     )
-    if access.invitation:
-        logging.getLogger("beltscape.access").warning(access.invitation)
+    if access.setup_message:
+        logging.getLogger("beltscape.access").warning(access.setup_message)
 
 
-def _unfit(_request: Request, error: Exception) -> Response:
-    """What does not fit, without saying the value again: it may be a password, or no valid JSON (NaN)."""
+def _describe_invalid_request(_request: Request, error: Exception) -> Response:
+    """Return the validation errors without the values, which may be passwords or no valid JSON (NaN)."""
     errors = error.errors() if isinstance(error, RequestValidationError) else []
     detail = [
         {"loc": [str(p)[:100] for p in e["loc"]], "msg": e["msg"], "type": e["type"]} for e in errors[:20]
@@ -68,5 +68,5 @@ def _unfit(_request: Request, error: Exception) -> Response:
     return Response(json.dumps({"detail": detail}), 422, media_type="application/json")
 
 
-def _unwritable(_request: Request, error: Exception) -> Response:
+def _describe_write_error(_request: Request, error: Exception) -> Response:
     return Response(json.dumps({"detail": str(error)}), 507, media_type="application/json")

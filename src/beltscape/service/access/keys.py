@@ -1,4 +1,4 @@
-"""Keys by which programs read without signing in: a Prometheus on another machine, a script."""
+"""API keys by which programs read without signing in, such as a Prometheus on another machine."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from starlette.requests import HTTPConnection
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.accounts import usable
+from beltscape.service.access.accounts import validate_name
 from beltscape.service.access.database import Database
 from beltscape.service.access.roles import User
-from beltscape.service.access.sessions import kept_as
+from beltscape.service.access.sessions import hash_token
 
 _SCHEME = "bearer "
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """What a list of keys shows."""
+    """A key as the list of keys shows it."""
 
     name: str
     created_s: int
@@ -27,38 +27,38 @@ class Key:
 
 
 class Keys:
-    """The keys in ``users.db``; only their hashes are kept. Whoever brings one is a viewer, and only reads."""
+    """The keys in ``users.db``, stored as hashes. A key has the role viewer and allows reading only."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def list(self) -> tuple[Key, ...]:
-        """All keys by name."""
+        """Return all keys by name."""
         return tuple(
-            Key(*row) for row in self._database.rows("SELECT name, created_s FROM keys ORDER BY name")
+            Key(*row) for row in self._database.select("SELECT name, created_s FROM keys ORDER BY name")
         )
 
-    def make(self, name: str) -> str:
-        """A new key, 256 random bits, shown this once; an older one of that name does no longer."""
+    def create(self, name: str) -> str:
+        """Return a new key of 256 random bits, which cannot be shown again; it replaces an older one of that name."""
         token = secrets.token_urlsafe(32)
-        with self._database.change() as change:
-            values = (usable(name), kept_as(token), int(time.time()))
-            change.execute("INSERT OR REPLACE INTO keys VALUES (?, ?, ?)", values)
+        with self._database.transaction() as connection:
+            values = (validate_name(name), hash_token(token), int(time.time()))
+            connection.execute("INSERT OR REPLACE INTO keys VALUES (?, ?, ?)", values)
         return token
 
     def remove(self, name: str) -> None:
-        """It opens nothing any more, from the next request on. InputError where there is none."""
-        with self._database.change() as change:
-            if not change.execute("DELETE FROM keys WHERE name = ?", (usable(name),)).rowcount:
+        """Remove a key from the next request on. InputError if there is none."""
+        with self._database.transaction() as connection:
+            if not connection.execute("DELETE FROM keys WHERE name = ?", (validate_name(name),)).rowcount:
                 raise InputError(f"key {name[:32]!r}: there is none; see `beltscape users list`")
 
     def find(self, token: str) -> User | None:
-        """Who brings it: a viewer by the key's name; None where there is no such key."""
-        rows = self._database.rows("SELECT name FROM keys WHERE token = ?", kept_as(token))
+        """Return a viewer with the key's name; None if there is no such key."""
+        rows = self._database.select("SELECT name FROM keys WHERE token = ?", hash_token(token))
         return User(f"key {rows[0][0]}", "viewer") if rows else None
 
 
-def key_of(connection: HTTPConnection) -> str | None:
-    """The key that a request brings in ``Authorization: Bearer``, or None."""
-    given = connection.headers.get("authorization", "")
-    return given[len(_SCHEME) :].strip() if given[: len(_SCHEME)].lower() == _SCHEME else None
+def read_key(connection: HTTPConnection) -> str | None:
+    """Return the key in a request's ``Authorization: Bearer`` header, or None."""
+    header = connection.headers.get("authorization", "")
+    return header[len(_SCHEME) :].strip() if header[: len(_SCHEME)].lower() == _SCHEME else None

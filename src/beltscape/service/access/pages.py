@@ -1,4 +1,4 @@
-"""The pages of access: /login, /setup, /account. Words, colours and type come from the operator's page."""
+"""The pages /login, /setup and /account. Texts, colours and fonts come from the operator's page."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ PAGES = ("login", "setup", "account")
 
 
 def add_pages(app: FastAPI) -> None:
-    """Serve them, and what they are made of at /access/."""
+    """Serve the pages, and their files at /access/."""
     app.mount("/access", StaticFiles(directory=FOLDER), name="access-page")
     for name in PAGES:
-        _add(app, name)
+        _add_page(app, name)
 
 
-def _add(app: FastAPI, name: str) -> None:
+def _add_page(app: FastAPI, name: str) -> None:
     def page() -> FileResponse:
         return FileResponse(FOLDER / f"{name}.html")
 

@@ -1,6 +1,6 @@
-"""Passwords: what is kept of them, and which are too weak.
+"""Password hashes (scrypt, RFC 7914) and the rules for new passwords.
 
-scrypt after RFC 7914; its costs are kept with every hash, so that they can grow later.
+The cost parameters are stored with every hash, so that they can be raised later.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from dataclasses import dataclass
 
 from beltscape.core.errors import InputError
 
-LEAST = 10
-MOST = 200
+MIN_LENGTH = 10
+MAX_LENGTH = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
-    """What one guess costs: 128·r·2^log2_n bytes of memory, p times."""
+class ScryptCost:
+    """Cost of one hash: 128·r·2^log2_n bytes of memory, p times. The default is the least that OWASP recommends."""
 
     log2_n: int = 15
     r: int = 8
     p: int = 3
 
 
-def hashed(password: str, cost: Cost) -> str:
-    """What is kept of a password: ``scrypt$log2_n$r$p$salt$hash``, the last two in base64."""
+def hash_password(password: str, cost: ScryptCost) -> str:
+    """Return a password's hash as ``scrypt$log2_n$r$p$salt$hash``, the last two in base64."""
     salt = os.urandom(16)
     parts = (salt, _scrypt(password, salt, cost))
     return "$".join(
@@ -36,20 +36,20 @@ def hashed(password: str, cost: Cost) -> str:
     )
 
 
-def matches(password: str, kept: str) -> bool:
-    """Whether ``kept`` was made of this password; takes the same time whether or not."""
+def verify_password(password: str, kept: str) -> bool:
+    """Return whether ``kept`` is a hash of this password, in constant time."""
     kind, log2_n, r, p, salt, digest = kept.split("$")
     if kind != "scrypt":
         raise InputError(f"users.db: unknown kind of password hash {kind!r}; set the password anew")
-    found = _scrypt(password, base64.b64decode(salt), Cost(int(log2_n), int(r), int(p)))
-    return hmac.compare_digest(found, base64.b64decode(digest))
+    computed = _scrypt(password, base64.b64decode(salt), ScryptCost(int(log2_n), int(r), int(p)))
+    return hmac.compare_digest(computed, base64.b64decode(digest))
 
 
-def accepted(password: str, name: str) -> str:
-    """``password`` if it is strong enough for ``name``, or InputError saying what is wrong."""
+def validate_password(password: str, name: str) -> str:
+    """Return ``password`` if it is strong enough for ``name``, else raise InputError with the reason."""
     plain = unicodedata.normalize("NFKC", password)
-    if not LEAST <= len(plain) <= MOST:
-        raise InputError(f"password: must have {LEAST} to {MOST} characters, not {len(plain)}")
+    if not MIN_LENGTH <= len(plain) <= MAX_LENGTH:
+        raise InputError(f"password: must have {MIN_LENGTH} to {MAX_LENGTH} characters, not {len(plain)}")
     if len(set(plain)) < 5:
         raise InputError("password: too few different characters; use at least 5")
     if len(name) > 2 and name.casefold() in plain.casefold():
@@ -57,7 +57,7 @@ def accepted(password: str, name: str) -> str:
     return password
 
 
-def _scrypt(password: str, salt: bytes, cost: Cost) -> bytes:
+def _scrypt(password: str, salt: bytes, cost: ScryptCost) -> bytes:
     plain = unicodedata.normalize("NFKC", password).encode("utf-8", "surrogatepass")
     n = 2**cost.log2_n
     return hashlib.scrypt(plain, salt=salt, n=n, r=cost.r, p=cost.p, maxmem=2 * 128 * cost.r * n, dklen=32)

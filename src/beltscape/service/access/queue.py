@@ -1,4 +1,4 @@
-"""Slow work on passwords: one at a time, few waiting, and none for whoever guesses."""
+"""A queue for password hashing: one at a time, few waiting, throttled against guessing."""
 
 from __future__ import annotations
 
@@ -11,60 +11,60 @@ from typing import TypeVar
 from fastapi import HTTPException
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.throttle import Buckets, Throttle
+from beltscape.service.access.throttle import Throttle, TokenBuckets
 
-WAITING = 8
-"""Passwords that may wait to be looked at; whoever comes then is sent away."""
-STRANGERS_HZ, STRANGERS_AT_ONCE = 0.5, 30
-"""Passwords looked at for those who were never logged in from where they are, all together."""
+MAX_WAITING = 8
+"""Passwords that may wait for their check; further ones are refused."""
+UNKNOWN_HZ, UNKNOWN_BURST = 0.5, 30
+"""Rate and burst of password checks for all accounts and addresses without an earlier login together."""
 Result = TypeVar("Result")
 
 
 class PasswordQueue:
-    """Its one thread keeps many logins at once from taking the metering's memory and cores."""
+    """Hashes in one thread, so that many logins at once do not take memory and cores from the measurement."""
 
     def __init__(self, throttle: Throttle) -> None:
         self._throttle = throttle
         self._thread = ThreadPoolExecutor(1, "beltscape-passwords")
         self._waiting = 0
-        self._strangers = Buckets(STRANGERS_HZ, STRANGERS_AT_ONCE)
+        self._unknown = TokenBuckets(UNKNOWN_HZ, UNKNOWN_BURST)
 
-    async def guess(self, work: Callable[[], Result], account: str, address: str) -> Result:
-        """``work`` for somebody who may be guessing: HTTPException 429 while ``account`` or ``address`` must wait."""
+    async def run_throttled(self, work: Callable[[], Result], account: str, address: str) -> Result:
+        """Run ``work`` that checks a password; HTTPException 429 while ``account`` or ``address`` must wait."""
 
-        def unless_guessing() -> Result:
+        def run_unless_blocked() -> Result:
             wait_s = self._throttle.wait_s(account, address)
             if wait_s:
-                raise _wait(wait_s)
+                raise _make_retry_error(wait_s)
             return work()
 
-        # strangers from many addresses take a small share of one core, and do not hold up who was here before
-        wait_s = 0.0 if self._throttle.knows(account, address) else self._strangers.take("")
-        if wait_s or self._waiting >= WAITING:
-            raise _wait(max(wait_s, 2))
-        return await self.run(unless_guessing)
+        # guesses from many unknown addresses take a small share of one core and do not delay known users
+        wait_s = 0.0 if self._throttle.has_logged_in(account, address) else self._unknown.take("")
+        if wait_s or self._waiting >= MAX_WAITING:
+            raise _make_retry_error(max(wait_s, 2))
+        return await self.run(run_unless_blocked)
 
     async def run(self, work: Callable[[], Result]) -> Result:
-        """``work`` in the thread; HTTPException 409 where its input does not do."""
+        """Run ``work`` in the thread; HTTPException 409 if it raises InputError."""
         self._waiting += 1
         try:
-            return await asyncio.get_running_loop().run_in_executor(self._thread, or_conflict, work)
+            return await asyncio.get_running_loop().run_in_executor(self._thread, convert_input_errors, work)
         finally:
             self._waiting -= 1
 
     def close(self) -> None:
-        """No more comes."""
+        """Stop the thread."""
         self._thread.shutdown(cancel_futures=True)
 
 
-def or_conflict(work: Callable[[], Result]) -> Result:
-    """What ``work`` gives; where its input does not do, the answer 409 with its message."""
+def convert_input_errors(work: Callable[[], Result]) -> Result:
+    """Return the result of ``work``; an InputError becomes HTTPException 409 with its message."""
     try:
         return work()
     except InputError as error:
         raise HTTPException(409, str(error)) from error
 
 
-def _wait(wait_s: float) -> HTTPException:
+def _make_retry_error(wait_s: float) -> HTTPException:
     seconds = math.ceil(wait_s)
     return HTTPException(429, f"try again in {seconds} s", {"retry-after": str(seconds)})

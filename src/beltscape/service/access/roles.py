@@ -1,4 +1,4 @@
-"""Who somebody is, and what that allows."""
+"""Roles and users."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 Role = Literal["viewer", "operator", "engineer"]
-"""viewer: looks; operator: also acknowledges and keeps recordings; engineer: also users and settings"""
+"""viewer: reads; operator: also acknowledges alarms and keeps recordings; engineer: also manages users"""
 ROLES: tuple[Role, ...] = ("viewer", "operator", "engineer")
-"""From the least to the most; each may do what those before it may."""
+"""From least to most; each role includes those before it."""
 ANONYMOUS = "anonymous"
-"""Name of whoever has not logged in; no user may have it."""
+"""Name of users who have not logged in; no account may have it."""
 
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Somebody who may come in."""
+    """An identified user."""
 
     name: str
     role: Role
 
-    def may(self, role: Role) -> bool:
-        """Whether this user may do what ``role`` may."""
+    def has_role(self, role: Role) -> bool:
+        """Return whether the user's role includes ``role``."""
         return ROLES.index(self.role) >= ROLES.index(role)

@@ -1,4 +1,4 @@
-"""Who is logged in. Only hashes of the tokens are kept, so that a stolen backup opens no session."""
+"""Login sessions. Only hashes of the tokens are stored, so that a stolen backup opens no session."""
 
 from __future__ import annotations
 
@@ -13,62 +13,63 @@ from beltscape.core.errors import OutputError
 from beltscape.service.access.database import Database
 from beltscape.service.access.roles import User
 
-PER_USER = 32
-"""Sessions of one user; the one unused longest makes way."""
-UNKEPT_S = 3600
-"""How long a session lasts that could not be written down."""
+MAX_PER_USER = 32
+"""Sessions of one user; beyond, the one unused longest is removed."""
+IN_MEMORY_LIFE_S = 3600
+"""Life of a session that could not be written to disk."""
 _TOUCH_S = 60
 _CLOCK_BACK_S = 300
 
 
 class Sessions:
-    """The sessions in ``users.db``, for any thread. They survive restarts."""
+    """The sessions in ``users.db``; they survive restarts. Thread-safe."""
 
     def __init__(
         self, database: Database, idle_s: float, life_s: float, clock: Callable[[], float] = time.time
     ) -> None:
         self._database = database
         self._idle_s, self._life_s, self._clock = idle_s, life_s, clock
-        # only where the disk is full: sessions that were ended, or opened, without its knowing
+        # while the disk is full: sessions that were ended, or opened, without being written
         self._ended: set[str] = set()
-        self._unkept: dict[str, tuple[User, int]] = {}
+        self._in_memory: dict[str, tuple[User, int]] = {}
 
     def open(self, user: User, address: str) -> str:
-        """A new session's token, 256 random bits. OutputError where it cannot be kept."""
+        """Open a session and return its token of 256 random bits. OutputError if it cannot be written."""
         token, now = secrets.token_urlsafe(32), int(self._clock())
-        with self._database.change() as change:
-            self._sweep(change, now)
-            change.execute(
+        with self._database.transaction() as connection:
+            self._delete_expired(connection, now)
+            connection.execute(
                 "DELETE FROM sessions WHERE name = ?1 AND token NOT IN "
                 "(SELECT token FROM sessions WHERE name = ?1 ORDER BY seen_s DESC LIMIT ?2)",
-                (user.name, PER_USER - 1),
+                (user.name, MAX_PER_USER - 1),
             )
-            change.execute(
-                "INSERT INTO sessions VALUES (?, ?, ?, ?, ?)", (kept_as(token), user.name, now, now, address)
+            connection.execute(
+                "INSERT INTO sessions VALUES (?, ?, ?, ?, ?)",
+                (hash_token(token), user.name, now, now, address),
             )
         return token
 
-    def open_unkept(self, user: User) -> str:
-        """A session for an hour that ends with the process: for when the disk is full and somebody must look."""
+    def open_in_memory(self, user: User) -> str:
+        """Open a session in memory for an hour: access must remain possible while the disk is full."""
         token = secrets.token_urlsafe(32)
         now = int(self._clock())
-        alive = {k: v for k, v in self._unkept.items() if 0 <= now - v[1] < UNKEPT_S}
-        self._unkept = dict([*alive.items(), (kept_as(token), (user, now))][-PER_USER:])
+        valid = {k: v for k, v in self._in_memory.items() if 0 <= now - v[1] < IN_MEMORY_LIFE_S}
+        self._in_memory = dict([*valid.items(), (hash_token(token), (user, now))][-MAX_PER_USER:])
         return token
 
     def find(self, token: str, *, touch: bool = True) -> User | None:
-        """Whose session it is; None where it never was or has ended. ``touch``: it is used now."""
-        key, now = kept_as(token), int(self._clock())
-        rows = self._database.rows(
+        """Return the session's user; None if there is no such session. ``touch``: count this as a use."""
+        key, now = hash_token(token), int(self._clock())
+        rows = self._database.select(
             "SELECT u.name, role, s.created_s, seen_s FROM sessions s JOIN users u USING(name) WHERE token = ?",
             key,
         )
         if key in self._ended:
             return None
         if not rows:
-            return self._unkept_user(key, now)
+            return self._find_in_memory(key, now)
         name, role, created_s, seen_s = rows[0]
-        if not self._alive(now, created_s, seen_s):
+        if not self._is_valid(now, created_s, seen_s):
             self._end(key)
             return None
         if touch and abs(now - seen_s) >= _TOUCH_S:
@@ -76,50 +77,50 @@ class Sessions:
         return User(name, role)
 
     def close(self, token: str) -> None:
-        """Log out; at once even where that cannot be written."""
-        self._end(kept_as(token))
+        """End a session at once, even if that cannot be written."""
+        self._end(hash_token(token))
 
-    def _unkept_user(self, key: str, now: int) -> User | None:
-        user, since_s = self._unkept.get(key, (None, 0))
-        if user is None or not 0 <= now - since_s < UNKEPT_S:
+    def _find_in_memory(self, key: str, now: int) -> User | None:
+        user, since_s = self._in_memory.get(key, (None, 0))
+        if user is None or not 0 <= now - since_s < IN_MEMORY_LIFE_S:
             return None
         query = "SELECT name, role FROM users WHERE name = ? AND changed_s <= ?"
-        rows = self._database.rows(query, user.name, since_s)
+        rows = self._database.select(query, user.name, since_s)
         return User(*rows[0]) if rows else None
 
-    def _alive(self, now: int, created_s: int, seen_s: int) -> bool:
-        # a session from the future tells that the clock was set back: nobody knows its age, so it ends
+    def _is_valid(self, now: int, created_s: int, seen_s: int) -> bool:
+        # a session from the future means that the clock was set back: its age is unknown, so it ends
         return (
             -_CLOCK_BACK_S <= now - created_s < self._life_s and -_CLOCK_BACK_S <= now - seen_s < self._idle_s
         )
 
     def _touch(self, key: str, now: int) -> None:
         try:
-            with self._database.change() as change:
-                change.execute("UPDATE sessions SET seen_s = ? WHERE token = ?", (now, key))
+            with self._database.transaction() as connection:
+                connection.execute("UPDATE sessions SET seen_s = ? WHERE token = ?", (now, key))
         except OutputError:
-            pass  # a full disk must not lock people out; the session only ends earlier
+            pass  # a full disk must not lock users out; the session only ends earlier
 
     def _end(self, key: str) -> None:
-        self._unkept.pop(key, None)
+        self._in_memory.pop(key, None)
         try:
-            with self._database.change() as change:
-                change.execute("DELETE FROM sessions WHERE token = ?", (key,))
+            with self._database.transaction() as connection:
+                connection.execute("DELETE FROM sessions WHERE token = ?", (key,))
         except OutputError:
             self._ended.add(key)
 
-    def _sweep(self, change: sqlite3.Connection, now: int) -> None:
-        change.execute(
+    def _delete_expired(self, connection: sqlite3.Connection, now: int) -> None:
+        connection.execute(
             "DELETE FROM sessions WHERE created_s <= ? OR seen_s <= ?",
             (now - self._life_s, now - self._idle_s),
         )
 
 
-def page_token(token: str) -> str:
-    """What the page sends beside the cookie, so that another site cannot act for its user."""
+def derive_page_token(token: str) -> str:
+    """Return the token that the page sends beside the cookie, so that no other site can act for the user (CSRF)."""
     return hmac.new(token.encode(), b"beltscape page", hashlib.sha256).hexdigest()
 
 
-def kept_as(token: str) -> str:
-    """What of a token is written down: a hash."""
+def hash_token(token: str) -> str:
+    """Return the hash under which a token is stored."""
     return hashlib.sha256(token.encode("utf-8", "replace")).hexdigest()

@@ -1,4 +1,4 @@
-"""Who may come in and how: bounds of sessions, logins and requests."""
+"""Settings of access: sessions, requests and connections."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class AccessSettings(BaseModel):
-    """[web.access]: users, sessions and what one address may ask for."""
+    """[web.access]: users, sessions and request limits."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     anonymous_role: Literal["viewer"] | None = None
-    """What somebody is who has not logged in; None: must log in. "viewer" suits a wall display."""
+    """Role without login; None: login is required. "viewer" suits a wall display."""
     allowed_hosts: tuple[str, ...] = ()
     """Names by which browsers may call the service, beside IP addresses, localhost and the machine's own name."""
     session_idle_hours: float = Field(12, gt=0, le=24 * 30)
-    """A session ends when nothing was asked for so long."""
+    """A session ends after this time without a request."""
     session_days: float = Field(7, gt=0, le=90)
-    """A session ends so long after the login in any case."""
+    """A session ends this long after the login in any case."""
     requests_per_s: float = Field(50, gt=0, le=100_000)
-    """Requests one address, and one user, may make in the long run."""
+    """Sustained request rate of one address, and of one user."""
     requests_burst: int = Field(300, ge=1, le=1_000_000)
-    """Requests that may come at once."""
+    """Requests allowed at once."""
     body_max_bytes: int = Field(65_536, ge=1024, le=64 * 2**20)
     """Longest request body."""
     body_timeout_s: float = Field(10, gt=0, le=300)
@@ -33,26 +33,26 @@ class AccessSettings(BaseModel):
     sockets_per_address: int = Field(16, ge=1, le=4096)
     """Of those, from one address."""
     audit_file_mb: float = Field(10, gt=0, le=1000)
-    """The audit log is set aside when it has grown so large."""
+    """The audit log is rotated at this size."""
     audit_files: int = Field(10, ge=1, le=1000)
-    """So many of those set aside are kept."""
+    """Number of rotated audit logs that are kept."""
 
 
 class LimitSettings(BaseModel):
-    """[web.limits]: what the listening socket puts up with."""
+    """[web.limits]: limits of the listening socket."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     allow_plain_http: bool = False
     """Listen beyond this machine without TLS: passwords and figures can then be read on the way."""
     trusted_proxies: tuple[str, ...] = ()
-    """Addresses of proxies whose X-Forwarded-For and X-Forwarded-Proto are believed."""
+    """Addresses of proxies whose X-Forwarded-For and X-Forwarded-Proto are trusted."""
     connections_max: int = Field(256, ge=8, le=65_536)
     """Connections open at the same time; further ones are closed at once."""
     connections_per_address: int = Field(64, ge=1, le=65_536)
     """Of those, from one address."""
     reads_per_s: float = Field(400, gt=0, le=1e6)
-    """Pieces of 4 KiB read from all connections; who sends more waits, so that the measuring keeps its time."""
+    """Reads of 4 KiB from all connections; faster senders wait, so that the measurement is not slowed."""
     reads_per_s_per_address: float = Field(150, gt=0, le=1e6)
     """Of those, from one address."""
     header_max_bytes: int = Field(16_384, ge=4096, le=262_144)
@@ -62,6 +62,6 @@ class LimitSettings(BaseModel):
     header_timeout_s: float = Field(10, gt=0, le=300)
     """A TLS handshake, and a request's headers, must have arrived within this time."""
     write_timeout_s: float = Field(20, gt=0, le=600)
-    """A reader who takes nothing for so long is cut off."""
+    """A client that reads nothing for this time is disconnected."""
     keep_alive_s: int = Field(15, ge=1, le=600)
     """An idle connection is closed after this time."""

@@ -1,4 +1,4 @@
-"""Open WebSockets: how many there may be, and that none outlives its session."""
+"""Limits on WebSockets: their number, their incoming messages, and the end of their session."""
 
 from __future__ import annotations
 
@@ -12,68 +12,68 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 
 from beltscape.service.access.access import Access
-from beltscape.service.access.cookie import session_of
-from beltscape.service.access.depends import USER, address_of
-from beltscape.service.access.throttle import Buckets
+from beltscape.service.access.cookie import read_session_token
+from beltscape.service.access.depends import USER, get_address
+from beltscape.service.access.throttle import TokenBuckets
 
-LOOK_S = 1.0
-"""How often an open socket's session is looked at."""
-OVER = 4401
-"""Code with which a socket is closed when its session has ended."""
-
-
-SAID_HZ, SAID_AT_ONCE = 5.0, 50
-"""How much a page may say; ours says nothing."""
+SESSION_CHECK_S = 1.0
+"""Interval at which an open socket's session is checked."""
+SESSION_ENDED_CODE = 4401
+"""WebSocket close code after the end of the session."""
+INCOMING_HZ, INCOMING_BURST = 5.0, 50
+"""Rate and burst of messages from a page; the operator's page sends none."""
 
 
-class Sockets:
-    """Counts them and watches over them; used from the event loop only."""
+class WebSocketLimiter:
+    """Counts open WebSockets and ends those without a valid session; used from the event loop only."""
 
     def __init__(self, access: Access) -> None:
         self._access = access
         self._open: Counter[str] = Counter()
 
     async def run(self, app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let ``app`` have a socket, while there are not too many and its session lasts."""
-        address, settings = address_of(HTTPConnection(scope)), self._access.settings
+        """Run ``app`` on a WebSocket if there are not too many, until its session ends."""
+        address, settings = get_address(HTTPConnection(scope)), self._access.settings
         if self._open.total() >= settings.sockets_max or self._open[address] >= settings.sockets_per_address:
             await receive()
             await send({"type": "websocket.close", "code": 1013, "reason": "too many pages are open"})
             return
         self._open[address] += 1
         try:
-            with suppress(WebSocketDisconnect):  # the page has gone while it was sent something
-                await app(scope, _unhurried(receive), self._watched(scope, send))
+            with suppress(WebSocketDisconnect):  # the page closed while a message was sent
+                await app(scope, _limit_incoming(receive), self._check_session_on_send(scope, send))
         finally:
             self._open[address] -= 1
             if not self._open[address]:
                 del self._open[address]
 
-    def _watched(self, scope: Scope, send: Send) -> Send:
-        """``send`` that closes the socket instead once its session has ended or its role has changed."""
-        token, user = session_of(HTTPConnection(scope)), scope[USER]
-        looked = time.monotonic()
+    def _check_session_on_send(self, scope: Scope, send: Send) -> Send:
+        """Return ``send`` that closes the socket once its session has ended or its role has changed."""
+        token, user = read_session_token(HTTPConnection(scope)), scope[USER]
+        checked_s = time.monotonic()
 
-        async def sending(message: Message) -> None:
-            nonlocal looked
-            if message["type"] == "websocket.send" and time.monotonic() - looked >= LOOK_S:
-                looked = time.monotonic()
-                if await run_in_threadpool(self._access.who, token, touch=False) != user:
-                    await send({"type": "websocket.close", "code": OVER, "reason": "log in again"})
-                    raise WebSocketDisconnect(OVER)
+        async def send_checked(message: Message) -> None:
+            nonlocal checked_s
+            if message["type"] == "websocket.send" and time.monotonic() - checked_s >= SESSION_CHECK_S:
+                checked_s = time.monotonic()
+                if await run_in_threadpool(self._access.identify, token, touch=False) != user:
+                    await send(
+                        {"type": "websocket.close", "code": SESSION_ENDED_CODE, "reason": "log in again"}
+                    )
+                    raise WebSocketDisconnect(SESSION_ENDED_CODE)
             await send(message)
 
-        return sending
+        return send_checked
 
 
-def _unhurried(receive: Receive) -> Receive:
-    """``receive`` that ends where a page says too much."""
-    said = Buckets(SAID_HZ, SAID_AT_ONCE)
+def _limit_incoming(receive: Receive) -> Receive:
+    """Return ``receive`` that disconnects a page that sends too much."""
+    buckets = TokenBuckets(INCOMING_HZ, INCOMING_BURST)
 
-    async def receiving() -> Message:
+    async def receive_limited() -> Message:
         message = await receive()
-        if message["type"] == "websocket.receive" and said.take(""):
+        if message["type"] == "websocket.receive" and buckets.take(""):
             return {"type": "websocket.disconnect", "code": 1008}
         return message
 
-    return receiving
+    return receive_limited

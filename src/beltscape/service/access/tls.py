@@ -1,4 +1,4 @@
-"""The certificate: looked at when the service starts, and while it runs for the day it ends."""
+"""The TLS certificate: checked when the service starts, its expiry also while it runs."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from pathlib import Path
 from beltscape.core.errors import InputError
 
 SOON_DAYS = 30
-"""A certificate that ends within this time is worth a note."""
+"""A certificate that expires within this time is reported."""
 _NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL
 
 
-def tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
-    """What a server needs for TLS 1.2 or later. InputError naming the file and the mend where they do not do."""
+def create_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
+    """Return a server context for TLS 1.2 or later. InputError with file and fix if they cannot be used."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.options |= ssl.OP_NO_COMPRESSION | ssl.OP_NO_RENEGOTIATION | ssl.OP_CIPHER_SERVER_PREFERENCE
     context.set_ciphers("ECDHE+AESGCM:ECDHE+CHACHA20")
-    for path, what in ((certificate, "certificate"), (key, "key")):
-        _there(path, what)
+    for path, kind in ((certificate, "certificate"), (key, "key")):
+        _check_readable(path, kind)
     try:
-        context.load_cert_chain(certificate, key, password=lambda: _locked(key))
+        context.load_cert_chain(certificate, key, password=lambda: _refuse_passphrase(key))
     except ssl.SSLError as error:
-        raise InputError(_in_words(certificate, key, error)) from error
+        raise InputError(_describe_error(certificate, key, error)) from error
     return context
 
 
-def certificate_ends(certificate: Path, key: Path) -> float:
-    """When the certificate ends, seconds since 1970.
+def read_expiry(certificate: Path, key: Path) -> float:
+    """Return when the certificate expires, seconds since 1970.
 
-    The standard library decodes no leaf certificate from a file, so a server that has it and a client that trusts
-    nothing else shake hands in memory. InputError where they do not: what no browser would take either. One that has
-    ended, or does not hold yet, is no error.
+    The standard library decodes no leaf certificate from a file, so a server with it and a client that trusts only it
+    perform a handshake in memory. InputError if that fails, as it would in a browser. An expired certificate, or one
+    that is not valid yet, is no error.
     """
-    server = tls_context(certificate, key)  # says what is wrong with the files
+    server = create_tls_context(certificate, key)  # raises InputError if the files cannot be used
     client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     client.check_hostname = False
-    # one that has ended is read as well: the service must start with it after a power failure, and say so
+    # expired certificates are accepted here: the service must start with one after a power failure, and report it
     client.verify_flags |= ssl.VerifyFlags(ssl.VERIFY_X509_PARTIAL_CHAIN | _NO_CHECK_TIME)
     client.load_verify_locations(certificate)
     to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
@@ -58,10 +58,10 @@ def certificate_ends(certificate: Path, key: Path) -> float:
     return ssl.cert_time_to_seconds(ends)
 
 
-def certificate_note(certificate: Path, key: Path, now_s: float | None = None) -> str | None:
-    """What is to be said of the certificate, in one line; None: it is well for a month and more."""
+def describe_expiry(certificate: Path, key: Path, now_s: float | None = None) -> str | None:
+    """Return one line about a certificate that fails or expires soon; None if it is valid for a month or more."""
     try:
-        days = (certificate_ends(certificate, key) - (time.time() if now_s is None else now_s)) / 86_400
+        days = (read_expiry(certificate, key) - (time.time() if now_s is None else now_s)) / 86_400
     except InputError as error:
         return str(error)
     if days > SOON_DAYS:
@@ -70,18 +70,18 @@ def certificate_note(certificate: Path, key: Path, now_s: float | None = None) -
     return f"{certificate}: the certificate {when}; make a new one and start the service again"
 
 
-def _there(path: Path, what: str) -> None:
+def _check_readable(path: Path, kind: str) -> None:
     try:
         path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path}: the TLS {what} cannot be read ({error.strerror})") from error
+        raise InputError(f"{path}: the TLS {kind} cannot be read ({error.strerror})") from error
 
 
-def _locked(key: Path) -> str:
+def _refuse_passphrase(key: Path) -> str:
     raise InputError(f"{key}: has a passphrase; give the key without one, readable for the service alone")
 
 
-def _in_words(certificate: Path, key: Path, error: ssl.SSLError) -> str:
+def _describe_error(certificate: Path, key: Path, error: ssl.SSLError) -> str:
     if error.reason == "KEY_VALUES_MISMATCH":
         return f"{key}: is not the key of {certificate}; give the one it was made with"
     if b"-----BEGIN CERTIFICATE-----" not in certificate.read_bytes():

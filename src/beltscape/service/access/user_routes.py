@@ -1,4 +1,4 @@
-"""/api/access: what engineers do about users, and the audit log."""
+"""Routes of /api/access for user management and the audit log."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 
 from beltscape.service.access.access import Access
-from beltscape.service.access.accounts import known_as
+from beltscape.service.access.accounts import normalise_name
 from beltscape.service.access.bodies import Changes, Engineer, Name, NewUser
-from beltscape.service.access.depends import address_of
-from beltscape.service.access.queue import or_conflict
+from beltscape.service.access.depends import get_address
+from beltscape.service.access.queue import convert_input_errors
 
 
 class UserRoutes:
-    """The routes about users; for engineers."""
+    """The routes of user management; for engineers."""
 
     def __init__(self, access: Access) -> None:
         self._access = access
 
     def add_to(self, routes: APIRouter) -> None:
-        """Put them under ``routes``."""
+        """Add the routes to ``routes``."""
         routes.add_api_route("/users", self.users, methods=["GET"])
         routes.add_api_route("/users", self.add, methods=["POST"], status_code=201)
         routes.add_api_route("/users/{name}", self.change, methods=["PATCH"])
@@ -29,19 +29,19 @@ class UserRoutes:
         routes.add_api_route("/audit", self.audit, methods=["GET"])
 
     def users(self, _: Engineer) -> list[dict[str, Any]]:
-        """All users: name, role, when created and given their password, open sessions."""
+        """Return all users: name, role, times of creation and last password change, open sessions."""
         return [asdict(account) for account in self._access.accounts.list()]
 
     async def add(self, body: NewUser, request: Request, user: Engineer) -> dict[str, str]:
-        """Add one."""
-        access, address = self._access, address_of(request)
+        """Add a user."""
+        access, address = self._access, get_address(request)
         new = await access.passwords.run(lambda: access.accounts.add(body.name, body.role, body.password))
         access.audit.write("user added", user.name, address, {"user": new.name, "role": new.role})
         return {"name": new.name, "role": new.role}
 
     async def change(self, name: Name, body: Changes, request: Request, user: Engineer) -> dict[str, str]:
-        """Another role or password for one; a new password ends his sessions."""
-        access, address, kept = self._access, address_of(request), known_as(name)
+        """Change a user's role or password; a new password ends the user's sessions."""
+        access, address, kept = self._access, get_address(request), normalise_name(name)
 
         def apply() -> None:
             access.accounts.find(name)
@@ -56,11 +56,13 @@ class UserRoutes:
         return {"name": kept}
 
     def remove(self, name: Name, request: Request, user: Engineer) -> dict[str, str]:
-        """Take one away, with his sessions."""
-        or_conflict(lambda: self._access.accounts.remove(name))
-        self._access.audit.write("user removed", user.name, address_of(request), {"user": known_as(name)})
-        return {"name": known_as(name)}
+        """Remove a user with all sessions."""
+        convert_input_errors(lambda: self._access.accounts.remove(name))
+        self._access.audit.write(
+            "user removed", user.name, get_address(request), {"user": normalise_name(name)}
+        )
+        return {"name": normalise_name(name)}
 
     def audit(self, _: Engineer, most: Annotated[int, Query(ge=1, le=1000)] = 200) -> list[dict[str, Any]]:
-        """What was done last, newest first."""
-        return self._access.audit.last(most)
+        """Return the last entries of the audit log, newest first."""
+        return self._access.audit.read_last(most)

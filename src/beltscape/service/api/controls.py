@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, HTTPException
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.service.access import User, needs
+from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AlarmName, Behind, Out, refusals
 
 
@@ -29,7 +29,7 @@ def routes(behind: Behind) -> APIRouter:
     router = APIRouter(prefix="/api", tags=["controls"])
 
     @router.post("/alarms/{name}/acknowledge", responses=refusals(404, 409))
-    def acknowledge(name: AlarmName, user: Annotated[User, Depends(needs("operator"))]) -> Done:
+    def acknowledge(name: AlarmName, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
         """Say that somebody has seen the alarm of that name."""
         if all(alarm.name != name for alarm in behind.hub.now().alarms):
             raise HTTPException(404, "there is no alarm of that name")
@@ -38,7 +38,7 @@ def routes(behind: Behind) -> APIRouter:
         return Done(by=user.name)
 
     @router.post("/recording/keep", responses=refusals(409))
-    def keep(wish: KeepRecording, user: Annotated[User, Depends(needs("operator"))]) -> Done:
+    def keep(wish: KeepRecording, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
         """Keep the raw frames that the ring of the last minutes holds now."""
         if not behind.controls.keep_recording(wish.reason, user.name):
             raise HTTPException(409, "nothing is being recorded, or what there is was kept already")

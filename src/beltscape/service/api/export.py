@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
 from beltscape.core.belt_record import BeltRecord
-from beltscape.service.access import User, needs
+from beltscape.service.access import User, require_role
 from beltscape.service.api.common import Behind, WallMs, not_before, refusals
 from beltscape.service.api.history import MS_NS, readable
 from beltscape.sinks.csv_sink import HEADER, csv_line
@@ -39,7 +39,7 @@ def routes(behind: Behind) -> APIRouter:
         | {200: {"content": {kind: {} for kind in MEDIA_TYPES.values()}, "description": "The table"}},
     )
     def export(
-        _: Annotated[User, Depends(needs("viewer"))],
+        _: Annotated[User, Depends(require_role("viewer"))],
         since_ms: WallMs,
         until_ms: WallMs,
         kind: Annotated[Format, Query(alias="format", description="Kind of table")] = "csv",

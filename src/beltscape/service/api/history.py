@@ -14,11 +14,11 @@ from pydantic import Field
 
 from beltscape.core.belt_record import BeltRecord, Standing
 from beltscape.core.errors import BeltscapeError
-from beltscape.service.access import User, needs
+from beltscape.service.access import User, require_role
 from beltscape.service.api.common import Behind, Number, Out, WallMs, not_before, refusals
 
 MS_NS = 1_000_000
-Viewer = Annotated[User, Depends(needs("viewer"))]
+Viewer = Annotated[User, Depends(require_role("viewer"))]
 RecordNumber = Annotated[int, Query(ge=0, le=2**53, description="Number of an entry of the ledger")]
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, HTTPException, Response
 
-from beltscape.service.access import User, needs
+from beltscape.service.access import User, require_role
 from beltscape.service.api.common import Behind, CameraName, refusals
 from beltscape.service.shown.picture import MEDIA_TYPE
 
@@ -20,7 +20,7 @@ def routes(behind: Behind) -> APIRouter:
         response_class=Response,
         responses=refusals(404) | {200: {"content": {MEDIA_TYPE: {}}, "description": "WebP"}},
     )
-    def picture(name: CameraName, _: Annotated[User, Depends(needs("viewer"))]) -> Response:
+    def picture(name: CameraName, _: Annotated[User, Depends(require_role("viewer"))]) -> Response:
         """The camera's last image; ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` say which and of when."""
         made = behind.hub.picture(name)
         if made is None:

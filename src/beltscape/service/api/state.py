@@ -9,7 +9,7 @@ from pydantic import Field
 
 from beltscape.core.belt_record import Standing, Totals
 from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
-from beltscape.service.access import User, needs
+from beltscape.service.access import User, require_role
 from beltscape.service.api.common import Behind, Number, Out, refusals
 from beltscape.service.hub import Now
 from beltscape.service.settings import Language
@@ -197,12 +197,12 @@ def routes(behind: Behind) -> APIRouter:
     router = APIRouter(prefix="/api", tags=["now"])
 
     @router.get("/state", responses=refusals())
-    def state(_: Annotated[User, Depends(needs("viewer"))]) -> StateOut:
+    def state(_: Annotated[User, Depends(require_role("viewer"))]) -> StateOut:
         """Flow, totals, cameras and alarms as they are now."""
         return StateOut.of(behind.hub.now())
 
     @router.get("/page", responses=refusals())
-    def page(user: Annotated[User, Depends(needs("viewer"))]) -> PageOut:
+    def page(user: Annotated[User, Depends(require_role("viewer"))]) -> PageOut:
         """Who is signed in, and how the page is set."""
         from beltscape import __version__
 

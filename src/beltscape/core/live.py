@@ -128,14 +128,14 @@ class RecordSink(Protocol):
 
 
 class Controls(Protocol):
-    """What people may ask of a running system; each call says whether it did something."""
+    """Operator actions on a running system; each call returns whether it had an effect."""
 
     def acknowledge(self, alarm: str, by: str) -> bool:
-        """Somebody has seen the alarm of that name."""
+        """Acknowledge the alarm of that name."""
         ...
 
     def keep_recording(self, reason: str, by: str) -> bool:
-        """Keep what the ring of recorded frames holds now."""
+        """Keep the frames that the recording ring holds now."""
         ...
 
 

@@ -1,1 +1,1 @@
-"""Where frame sets come from."""
+"""Sources of frame sets: capture folders, replayed captures, GenICam cameras; and the belt's encoder."""

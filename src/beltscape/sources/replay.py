@@ -15,7 +15,7 @@ _RATE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Cue:
+class FrameTime:
     """When a frame of the capture was taken, and where the belt was."""
 
     frame: str
@@ -32,10 +32,10 @@ class ReplaySource:
     """
 
     def __init__(
-        self, folder: FolderSource, cues: Sequence[Cue], *, paced: bool = True, loop: bool = False
+        self, folder: FolderSource, frame_times: Sequence[FrameTime], *, paced: bool = True, loop: bool = False
     ) -> None:
-        """``cues`` in the order of time; one without images gives a frame set without images."""
-        self._folder, self._cues, self._paced, self._loop = folder, tuple(cues), paced, loop
+        """``frame_times`` in the order of time; one without images gives a frame set without images."""
+        self._folder, self._cues, self._paced, self._loop = folder, tuple(frame_times), paced, loop
         self._closed = threading.Event()
         self._taken: dict[str, int] = dict.fromkeys(folder.cameras, 0)
         self._missed: dict[str, int] = dict.fromkeys(folder.cameras, 0)
@@ -50,15 +50,15 @@ class ReplaySource:
         start, first = monotonic_ns(), self._cues[0].time_ns
         rounds = 0
         while not self._closed.is_set():
-            for cue in self._cues:
-                shifted = self._shifted(cue, rounds)
+            for frame_time in self._cues:
+                shifted = self._shifted(frame_time, rounds)
                 if self._paced and self._closed.wait(
                     max(0, start + shifted.time_ns - first - monotonic_ns()) * 1e-9
                 ):
                     return
                 if self._closed.is_set():
                     return
-                yield self._frames(cue, shifted)
+                yield self._frames(frame_time, shifted)
             rounds += 1
             if not self._loop:
                 return
@@ -79,19 +79,19 @@ class ReplaySource:
         message = f"{name}: no image in the capture so far" if state == "lost" else ""
         return CameraHealth(name, state, taken, missed, rate_hz if taken else 0.0, float("nan"), message)
 
-    def _shifted(self, cue: Cue, rounds: int) -> Cue:
+    def _shifted(self, frame_time: FrameTime, rounds: int) -> FrameTime:
         if not rounds:
-            return cue
+            return frame_time
         first, last, steps = self._cues[0], self._cues[-1], max(len(self._cues) - 1, 1)
         around = rounds * (steps + 1) / steps
-        time = cue.time_ns + round(around * (last.time_ns - first.time_ns))
-        position = cue.position_mm
+        time = frame_time.time_ns + round(around * (last.time_ns - first.time_ns))
+        position = frame_time.position_mm
         if position is not None and first.position_mm is not None and last.position_mm is not None:
             position += around * (last.position_mm - first.position_mm)
-        return Cue(f"{cue.frame}-{rounds}", time, position)
+        return FrameTime(f"{frame_time.frame}-{rounds}", time, position)
 
-    def _frames(self, cue: Cue, shifted: Cue) -> FrameSet:
-        images = self._folder.images(cue.frame)
+    def _frames(self, frame_time: FrameTime, shifted: FrameTime) -> FrameSet:
+        images = self._folder.images(frame_time.frame)
         for name in self.cameras:
             counts = self._taken if name in images else self._missed
             counts[name] += 1

@@ -47,14 +47,14 @@ def udp(tmp_path):
 
 def test_datagrams_are_heard(udp):
     encoder, send = udp()
-    assert encoder.at(monotonic_ns(), "f") is None
+    assert encoder.position_at(monotonic_ns(), "f") is None
     send("100.5")
     assert until(lambda: encoder.silent_s < 0.5 and encoder._track._times_ns)
     first = monotonic_ns()
     sleep(0.01)
     send("110.5\n")
     assert until(lambda: encoder._track._times_ns[-1] > first)
-    position = encoder.at(first, "f")
+    position = encoder.position_at(first, "f")
     assert 100.5 <= position <= 110.5
     assert encoder.trouble == ""
 
@@ -75,7 +75,7 @@ def test_datagrams_of_strangers_do_not_count(udp):
     encoder, send = udp(sender="127.0.0.2")
     send("1")
     assert until(lambda: "127.0.0.1" in encoder.trouble)
-    assert encoder.at(monotonic_ns(), "f") is None
+    assert encoder.position_at(monotonic_ns(), "f") is None
 
 
 def test_several_lines_in_a_datagram(udp):
@@ -103,12 +103,12 @@ def test_a_growing_file_is_followed(tmp_path):
             for k in range(5):
                 file.write(f"f{k},{100 + 0.01 * k},{1000 + 20 * k}\n")
                 file.flush()
-        assert until(lambda: encoder.at(monotonic_ns(), "f4") == 1080)
-        assert encoder.at(monotonic_ns(), "f2") == 1040
-        assert encoder.at(monotonic_ns(), "old") is None
+        assert until(lambda: encoder.position_at(monotonic_ns(), "f4") == 1080)
+        assert encoder.position_at(monotonic_ns(), "f2") == 1040
+        assert encoder.position_at(monotonic_ns(), "old") is None
         path.rename(tmp_path / "encoder.csv.1")
         path.write_text("frame,timestamp_s,belt_position_mm\nf5,100.05,1100\n")
-        assert until(lambda: encoder.at(monotonic_ns(), "f5") == 1100)
+        assert until(lambda: encoder.position_at(monotonic_ns(), "f5") == 1100)
         assert encoder.trouble == ""
     finally:
         encoder.close()
@@ -125,19 +125,19 @@ def test_a_folder_in_the_files_place_is_told(tmp_path):
 def test_a_captures_table_is_by_frame(tmp_path):
     (tmp_path / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\na.png,0.0,10\nb,0.1,40\n")
     encoder = open_encoder(EncoderSettings(kind="capture"), tmp_path / "elsewhere", capture=tmp_path)
-    assert [encoder.at(None, name) for name in ("a", "b", "c")] == [10, 40, None]
+    assert [encoder.position_at(None, name) for name in ("a", "b", "c")] == [10, 40, None]
     assert isnan(encoder.silent_s)
     named = open_encoder(EncoderSettings(kind="capture", path="encoder.csv"), tmp_path)
-    assert named.at(0, "b") == 40
+    assert named.position_at(0, "b") == 40
     with pytest.raises(InputError, match="for a replay"):
         open_encoder(EncoderSettings(kind="capture"), tmp_path)
 
 
 def test_a_told_speed_goes_on_from_the_ledgers_end(tmp_path):
     encoder = open_encoder(EncoderSettings(kind="constant", speed_mm_s=2000), tmp_path, resume_mm=500.0)
-    assert encoder.at(7_000_000_000, "a") == 500
-    assert encoder.at(7_500_000_000, "b") == 1500
-    assert encoder.at(None, "c") is None
+    assert encoder.position_at(7_000_000_000, "a") == 500
+    assert encoder.position_at(7_500_000_000, "b") == 1500
+    assert encoder.position_at(None, "c") is None
 
 
 @pytest.mark.parametrize("kind", ["camera", "none"])

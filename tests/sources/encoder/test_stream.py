@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.origin import Origin
+from beltscape.sources.encoder.origin import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.stream import Stream
-from beltscape.sources.encoder.text import parse
+from beltscape.sources.encoder.stream import ReadingStream
+from beltscape.sources.encoder.text import parse_reading
 from strategies import floats
 
 SETTINGS = EncoderSettings(kind="udp", wait_s=0)
@@ -25,7 +25,7 @@ def test_a_reading_is_read_as_it_was_written(position, stamp):
         (f"f7,{stamp!r},{position!r}", round(stamp * 1e9), "f7"),
         (f"f7.png,{stamp!r},{position!r}", round(stamp * 1e9), "f7"),
     ):
-        reading = parse(line)
+        reading = parse_reading(line)
         assert reading is not None
         assert (reading.count, reading.stamp_ns, reading.frame) == (position, stamp_ns, frame)
 
@@ -34,7 +34,7 @@ def test_a_reading_is_read_as_it_was_written(position, stamp):
     "line", ["", "  ", "frame,timestamp_s,belt_position_mm", "timestamp_s,belt_position_mm"]
 )
 def test_headers_and_empty_lines_say_nothing(line):
-    assert parse(line) is None
+    assert parse_reading(line) is None
 
 
 @pytest.mark.parametrize(
@@ -42,97 +42,97 @@ def test_headers_and_empty_lines_say_nothing(line):
 )
 def test_what_is_no_reading_is_refused(line):
     with pytest.raises(ValueError, match=r"."):
-        parse(line)
+        parse_reading(line)
 
 
 @given(st.text(max_size=400))
 def test_no_text_harms(line):
-    stream = Stream(SETTINGS)
-    stream.take("1.0", 10)
-    stream.take(line, 20)
+    stream = ReadingStream(SETTINGS)
+    stream.add_line("1.0", 10)
+    stream.add_line(line, 20)
     assert isinstance(stream.trouble, str)
     assert "\n" not in stream.trouble
 
 
 def test_positions_between_arrivals():
-    stream = Stream(SETTINGS)
+    stream = ReadingStream(SETTINGS)
     for k in range(5):
-        stream.take(f"{100 + 10 * k}", k * 10 * MS)
-    assert stream.at(25 * MS, "f") == pytest.approx(125)
-    assert stream.at(None, "f") is None
+        stream.add_line(f"{100 + 10 * k}", k * 10 * MS)
+    assert stream.position_at(25 * MS, "f") == pytest.approx(125)
+    assert stream.position_at(None, "f") is None
 
 
 def test_device_times_are_laid_on_this_machines():
-    stream = Stream(SETTINGS)
+    stream = ReadingStream(SETTINGS)
     for k, delay in enumerate((3, 0, 5, 9, 2)):
-        stream.take(f"{1.7e9 + 0.01 * k:.6f},{20 * k}", (1000 + 10 * k + delay) * MS)
-    assert stream.at(1035 * MS, "f") == pytest.approx(70, abs=0.01)
+        stream.add_line(f"{1.7e9 + 0.01 * k:.6f},{20 * k}", (1000 + 10 * k + delay) * MS)
+    assert stream.position_at(1035 * MS, "f") == pytest.approx(70, abs=0.01)
 
 
 def test_device_times_may_be_disbelieved():
-    stream = Stream(EncoderSettings(kind="udp", wait_s=0, times="arrival"))
+    stream = ReadingStream(EncoderSettings(kind="udp", wait_s=0, times="arrival"))
     for k, delay in enumerate((3, 0, 5)):
-        stream.take(f"{1.7e9 + 0.01 * k:.6f},{20 * k}", (1000 + 10 * k + delay) * MS)
-    assert stream.at(1010 * MS, "f") == 20
+        stream.add_line(f"{1.7e9 + 0.01 * k:.6f},{20 * k}", (1000 + 10 * k + delay) * MS)
+    assert stream.position_at(1010 * MS, "f") == 20
 
 
 def test_steady_times_are_this_machines_own():
-    stream = Stream(EncoderSettings(kind="file", path="x", wait_s=0, times="steady"))
+    stream = ReadingStream(EncoderSettings(kind="file", path="x", wait_s=0, times="steady"))
     for k in range(3):
-        stream.take(f"{5 + 0.01 * k:.3f},{20 * k}", 6_000 * MS)
-    assert stream.at(5_010 * MS, "f") == 20
+        stream.add_line(f"{5 + 0.01 * k:.3f},{20 * k}", 6_000 * MS)
+    assert stream.position_at(5_010 * MS, "f") == 20
 
 
 def test_a_named_frame_has_its_own_reading():
-    stream = Stream(SETTINGS)
-    stream.take("f1.png,0.0,50", 0)
-    stream.take("f2,0.1,60", 100 * MS)
-    assert stream.at(77 * MS, "f1") == 50
-    assert stream.at(None, "f2") == 60
+    stream = ReadingStream(SETTINGS)
+    stream.add_line("f1.png,0.0,50", 0)
+    stream.add_line("f2,0.1,60", 100 * MS)
+    assert stream.position_at(77 * MS, "f1") == 50
+    assert stream.position_at(None, "f2") == 60
     # a name that comes again much later is not that frame
-    assert stream.at(3_600_000 * MS, "f1") is None
+    assert stream.position_at(3_600_000 * MS, "f1") is None
 
 
 def test_what_is_wrong_is_told():
-    stream = Stream(SETTINGS)
+    stream = ReadingStream(SETTINGS)
     assert stream.trouble == ""
     now = monotonic_ns()
-    stream.take("rubbish", now)
+    stream.add_line("rubbish", now)
     assert "rubbish" in stream.trouble
-    backwards = Stream(SETTINGS)
+    backwards = ReadingStream(SETTINGS)
     for k in range(20):
-        backwards.take(f"{-100 * k}", now + k * 20 * MS)
+        backwards.add_line(f"{-100 * k}", now + k * 20 * MS)
     assert "backwards by 1900 mm" in backwards.trouble
-    jumped = Stream(SETTINGS)
+    jumped = ReadingStream(SETTINGS)
     for position in (5e6, 5e6 + 1, 7.0):
-        jumped.take(f"{position}", now)
+        jumped.add_line(f"{position}", now)
     assert "jumped" in jumped.trouble
 
 
 def test_silence_grows_and_ends():
-    stream = Stream(SETTINGS)
+    stream = ReadingStream(SETTINGS)
     now = monotonic_ns()
-    stream.take("1", now - 5_000 * MS)
+    stream.add_line("1", now - 5_000 * MS)
     assert 5 <= stream.silent_s < 6
-    stream.take("nonsense", now)
+    stream.add_line("nonsense", now)
     assert stream.silent_s >= 5
-    stream.take("2", monotonic_ns())
+    stream.add_line("2", monotonic_ns())
     assert stream.silent_s < 1
 
 
 def test_the_count_goes_on_over_a_reset_and_a_restart(tmp_path):
     """Device: 900 m, reset, 40 m; the program is started anew at 40 m and again at 60 m."""
-    origin = Origin(tmp_path / "encoder.json", SETTINGS)
-    first = Stream(SETTINGS, origin)
-    first.take("900000", 0)
-    first.take("0", 10 * MS)
+    offset = EncoderOffset(tmp_path / "encoder.json", SETTINGS)
+    first = ReadingStream(SETTINGS, offset)
+    first.add_line("900000", 0)
+    first.add_line("0", 10 * MS)
     for k in range(1, 41):
-        first.take(f"{1000 * k}", 10 * MS + k * 1000 * MS)
-    end = first.at(40_010 * MS, "f")
+        first.add_line(f"{1000 * k}", 10 * MS + k * 1000 * MS)
+    end = first.position_at(40_010 * MS, "f")
     assert end == 940_000
-    second = Stream(SETTINGS, Origin(tmp_path / "encoder.json", SETTINGS), resume_mm=end)
-    second.take("60000", 5)
-    assert second.at(5, "f") == 960_000
+    second = ReadingStream(SETTINGS, EncoderOffset(tmp_path / "encoder.json", SETTINGS), resume_mm=end)
+    second.add_line("60000", 5)
+    assert second.position_at(5, "f") == 960_000
     assert second.trouble == ""
 
 
@@ -142,21 +142,21 @@ def test_the_count_goes_on_over_a_reset_and_a_restart(tmp_path):
 def test_a_spoilt_origin_counts_as_none(tmp_path, text):
     path = tmp_path / "encoder.json"
     path.write_text(text)
-    assert Origin(path, SETTINGS).read_mm() == 0
+    assert EncoderOffset(path, SETTINGS).read_mm() == 0
 
 
 def test_an_origin_is_its_encoders_own(tmp_path):
     path = tmp_path / "encoder.json"
-    assert Origin(path, SETTINGS).write_mm(12.5) == ""
+    assert EncoderOffset(path, SETTINGS).write_mm(12.5) == ""
     assert json.loads(path.read_text())["format"] == "beltscape-encoder/1"
-    assert Origin(path, SETTINGS).read_mm() == 12.5
-    assert Origin(path, EncoderSettings(kind="udp", mm_per_count=0.5)).read_mm() == 0
+    assert EncoderOffset(path, SETTINGS).read_mm() == 12.5
+    assert EncoderOffset(path, EncoderSettings(kind="udp", mm_per_count=0.5)).read_mm() == 0
 
 
 def test_an_origin_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "data").write_text("a file in the way")
-    stream = Stream(SETTINGS, Origin(tmp_path / "data" / "encoder.json", SETTINGS))
+    stream = ReadingStream(SETTINGS, EncoderOffset(tmp_path / "data" / "encoder.json", SETTINGS))
     now = monotonic_ns()
     for line in ("900000", "0"):
-        stream.take(line, now)
+        stream.add_line(line, now)
     assert any("cannot be written" in text for _, text in stream._notices.values())

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.sources.encoder.device_clock import DeviceClock
-from beltscape.sources.encoder.track import Track
+from beltscape.sources.encoder.track import PositionTrack
 from strategies import floats
 
 MS = 1_000_000
@@ -17,7 +17,7 @@ GAPS = st.lists(st.integers(1, 90), min_size=1, max_size=40)
 
 
 def track(readings, silent_ms=100):
-    out = Track(silent_ms * MS)
+    out = PositionTrack(silent_ms * MS)
     for time_ms, position in readings:
         out.add(round(time_ms * MS), position)
     return out
@@ -28,7 +28,7 @@ def test_a_steady_belt_is_found_anywhere(gaps, speed, start, place):
     times = [sum(gaps[:k]) for k in range(len(gaps) + 1)]
     found = track([(t, start + speed * t) for t in times])
     time_ns = round(place * times[-1] * MS)
-    assert found.at(time_ns) == pytest.approx(start + speed * time_ns / MS, abs=1e-6)
+    assert found.position_at(time_ns) == pytest.approx(start + speed * time_ns / MS, abs=1e-6)
 
 
 @given(GAPS, st.data())
@@ -38,61 +38,61 @@ def test_it_lies_between_its_neighbours(gaps, data):
     places = [sum(steps[: k + 1]) for k in range(len(times))]
     found = track(zip(times, places, strict=True))
     asked = sorted(data.draw(st.lists(floats(0, times[-1]), min_size=1, max_size=20)))
-    positions = [found.at(round(t * MS)) for t in asked]
+    positions = [found.position_at(round(t * MS)) for t in asked]
     assert positions == sorted(positions)
     assert places[0] <= positions[0] <= positions[-1] <= places[-1]
 
 
 def test_before_the_first_reading_and_without_any_nothing_is_told():
-    assert Track(MS).at(5) is None
-    assert track([(10, 1.0), (20, 2.0)]).at(10 * MS - 1) is None
-    assert track([(10, 1.0)]).at(10 * MS) == 1.0
-    assert track([(10, 1.0)]).at(11 * MS) is None
+    assert PositionTrack(MS).position_at(5) is None
+    assert track([(10, 1.0), (20, 2.0)]).position_at(10 * MS - 1) is None
+    assert track([(10, 1.0)]).position_at(10 * MS) == 1.0
+    assert track([(10, 1.0)]).position_at(11 * MS) is None
 
 
 def test_within_a_silence_nothing_is_told():
     found = track([(0, 0.0), (10, 1.0), (200, 2.0), (210, 3.0)])
-    assert [found.at(t * MS) for t in (10, 11, 199, 200, 205)] == [1.0, None, None, 2.0, 2.5]
+    assert [found.position_at(t * MS) for t in (10, 11, 199, 200, 205)] == [1.0, None, None, 2.0, 2.5]
 
 
 def test_it_goes_on_for_twice_its_last_interval():
     found = track([(0, 0.0), (10, 1.0)])
-    assert found.at(30 * MS) == pytest.approx(3.0)
-    assert found.at(30 * MS + 1) is None
+    assert found.position_at(30 * MS) == pytest.approx(3.0)
+    assert found.position_at(30 * MS + 1) is None
     slow = track([(0, 0.0), (90, 9.0)])
-    assert slow.at(190 * MS) == pytest.approx(19.0)
-    assert slow.at(190 * MS + 1) is None
+    assert slow.position_at(190 * MS) == pytest.approx(19.0)
+    assert slow.position_at(190 * MS + 1) is None
 
 
 def test_a_reading_that_is_no_later_replaces_the_last():
     found = track([(0, 0.0), (10, 1.0), (10, 2.0), (9, 3.0)])
-    assert found.at(10 * MS) == 3.0
-    assert found.at(5 * MS) == 1.5
+    assert found.position_at(10 * MS) == 3.0
+    assert found.position_at(5 * MS) == 1.5
 
 
 def test_memory_is_bounded_and_the_newest_are_kept():
     found = track((k, float(k)) for k in range(100_000))
-    assert found.at(99_999 * MS) == 99_999.0
-    assert found.at(81_000 * MS) == 81_000.0
-    assert found.at(50_000 * MS) is None
+    assert found.position_at(99_999 * MS) == 99_999.0
+    assert found.position_at(81_000 * MS) == 81_000.0
+    assert found.position_at(50_000 * MS) is None
 
 
 def test_a_frame_waits_for_the_reading_after_it():
     now = monotonic_ns()
-    found = Track(1_000 * MS)
+    found = PositionTrack(1_000 * MS)
     found.add(now - 20 * MS, 0.0)
     found.add(now - 10 * MS, 1.0)
     later = Timer(0.02, found.add, (now + 10 * MS, 2.0))
     later.start()
-    assert found.at(now, wait_ns=5_000 * MS) == pytest.approx(1.5)
+    assert found.position_at(now, wait_ns=5_000 * MS) == pytest.approx(1.5)
     later.join()
 
 
 def test_nobody_waits_for_one_that_is_silent_or_closed():
     silent = track([(0, 0.0), (10, 1.0)])
     begun = monotonic_ns()
-    assert silent.at(monotonic_ns(), wait_ns=5_000 * MS) is None
-    speaking = Track(10_000 * MS)
+    assert silent.position_at(monotonic_ns(), wait_ns=5_000 * MS) is None
+    speaking = PositionTrack(10_000 * MS)
     speaking.add(begun, 0.0)
     waiting = Thread(target=speaking.at, args=(begun + 1, 60_000 * MS))
     waiting.start()

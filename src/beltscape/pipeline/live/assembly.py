@@ -17,7 +17,7 @@ from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.files.atomic import output_folder
 from beltscape.files.rig_json import read_rig
-from beltscape.measure.capacity import full_area_mm2
+from beltscape.measure.capacity import compute_capacity_mm2
 from beltscape.pipeline.checked_matcher import sequence_matcher
 from beltscape.pipeline.flow import Instant, fitted, instants_of
 from beltscape.pipeline.flow_chain import depths_over, ground_under
@@ -38,7 +38,7 @@ from beltscape.sinks.settings import CsvSettings
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.genicam.source import open_cameras
-from beltscape.sources.replay import Cue, ReplaySource
+from beltscape.sources.replay import FrameTime, ReplaySource
 
 _FOR_EVER_NS, _PAGE = 1 << 62, 5000
 
@@ -110,7 +110,7 @@ def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> A
         recorder=Recorder(ways.data / "recordings", settings.recording) if recording else None,
         board=AlarmBoard(settings.alarms),
         looker=Looker(belt, camera, watch.lumps_every_s, watch.edges_every_s),
-        gauges=Gauges(full_area_mm2(belt, float(np.deg2rad(watch.surcharge_deg)))),
+        gauges=Gauges(compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg)))),
         observer=observer,
         reporter=reporter,
         ticks=settings.cameras is not None,
@@ -174,13 +174,13 @@ def open_source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, 
     folder = open_capture(project.place(settings.capture.folder), rig, reporter)
     table = folder.folder / "encoder.csv" if settings.encoder.kind == "capture" else None
     instants = instants_of(folder, table, settings.capture.frames_per_s, reporter)
-    cues = [_cue(project, instant) for instant in instants]
-    return ReplaySource(folder, cues, paced=paced, loop=settings.capture.loop)
+    frame_times = [_frame_time(project, instant) for instant in instants]
+    return ReplaySource(folder, frame_times, paced=paced, loop=settings.capture.loop)
 
 
-def _cue(project: Project[RunSettings], instant: Instant) -> Cue:
+def _frame_time(project: Project[RunSettings], instant: Instant) -> FrameTime:
     if instant.time_ns is None:
         raise InputError(
             f"{project.path}: [capture] has no encoder.csv that tells its times; give frames_per_s = …"
         )
-    return Cue(instant.frame, instant.time_ns, instant.position_mm)
+    return FrameTime(instant.frame, instant.time_ns, instant.position_mm)

@@ -153,7 +153,7 @@ class Engine:
         encoder = self._parts.encoder
         if encoder is None or frames.position_mm is not None:
             return frames
-        return replace(frames, position_mm=encoder.at(frames.time_ns, frames.frame))
+        return replace(frames, position_mm=encoder.position_at(frames.time_ns, frames.frame))
 
     def _work(self) -> None:
         """Frame sets from the queue into the ledger."""

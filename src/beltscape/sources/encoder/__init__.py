@@ -1,1 +1,1 @@
-"""Where the belt is: encoders of every kind behind one call."""
+"""The belt's encoder: its position by frame or time, from a file, datagrams, a table or a constant speed."""

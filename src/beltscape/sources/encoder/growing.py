@@ -1,4 +1,4 @@
-"""The new lines of a text file that another program goes on writing."""
+"""Reading of lines that another program appends to a text file."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _CHUNK = 1 << 20
 _LONGEST = 1 << 16
 
 
-class GrowingFile:
-    """Lines as they are finished: half-written ones wait, a rotated file is read to its end before the new one.
+class FileTail:
+    """Reads appended lines once they are complete; a rotated file is read to its end before its successor.
 
-    What is there at first was written before anybody listened and is left out; a file that comes later, or in
-    place of another, is read from its beginning.
+    Lines that the file holds at first are skipped; a file that appears later, or replaces another, is read from its
+    beginning.
     """
 
     def __init__(self, path: Path) -> None:
@@ -24,21 +24,21 @@ class GrowingFile:
         self._rest = b""
         if path.is_file():
             self._open()
-            self._skip()
+            self._skip_present()
 
-    def lines(self) -> list[str]:
-        """All that were finished since the call before; OSError where the file cannot be read."""
+    def read_lines(self) -> list[str]:
+        """Return the lines completed since the previous call; OSError if the file cannot be read."""
         if self._file is None and not self._open():
             return []
         lines = self._read()
-        if self._replaced():
-            lines += self._read()  # what came between the last look and the renaming
+        if self._is_replaced():
+            lines += self._read()  # lines written between the last read and the renaming
             self._open()
             lines += self._read()
         return lines
 
     def close(self) -> None:
-        """No more is wanted."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -52,8 +52,8 @@ class GrowingFile:
             return False
         return True
 
-    def _skip(self) -> None:
-        """To the beginning of the line that is being written."""
+    def _skip_present(self) -> None:
+        """Move to the beginning of the line that is being written."""
         if self._file is None:
             return
         size = self._file.seek(0, os.SEEK_END)
@@ -73,11 +73,11 @@ class GrowingFile:
             *whole, self._rest = (self._rest + chunk).split(b"\n")
             lines += [line.decode("utf-8", "replace").strip() for line in whole]
             if len(self._rest) > _LONGEST:
-                self._rest = self._rest[:_LONGEST]  # no line of ours: refused once it ends
+                self._rest = self._rest[:_LONGEST]  # longer than any reading: refused once it ends
         return lines
 
-    def _replaced(self) -> bool:
-        """Whether another file lies under the name."""
+    def _is_replaced(self) -> bool:
+        """Return whether the path now names another file."""
         if self._file is None:
             return False
         try:

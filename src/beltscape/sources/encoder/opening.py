@@ -1,11 +1,11 @@
-"""Settings → the encoder they ask for."""
+"""Opening of the encoder that the settings describe."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.sources.encoder.origin import Origin
+from beltscape.sources.encoder.origin import EncoderOffset
 from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.simple import ConstantEncoder, TableEncoder
@@ -21,22 +21,22 @@ def open_encoder(
     data: Path | None = None,
     resume_mm: float | None = None,
 ) -> Encoder | None:
-    """The encoder, listening; None for "camera" (frame sets bring their position) and "none".
+    """Open the encoder; return None for "camera" (frame sets carry their position) and "none".
 
-    ``beside`` is the folder that paths are relative to, ``capture`` the capture that is replayed, ``data`` the
-    folder in which a reset encoder's offset is kept, ``resume_mm`` where the ledger of the belt ended.
+    ``beside`` is the folder that paths are relative to, ``capture`` the replayed capture, ``data`` the folder in
+    which a reset encoder's offset is stored, ``resume_mm`` the end of the belt ledger.
 
     Raises
     ------
     InputError
-        When its table does not fit or its address cannot be listened at.
+        When its table is invalid or its address cannot be opened.
     """
-    origin = None if data is None else Origin(data / "encoder.json", settings)
+    offset = None if data is None else EncoderOffset(data / "encoder.json", settings)
     match settings.kind:
         case "file":
-            return TailEncoder(beside / settings.path, settings, origin, resume_mm)
+            return TailEncoder(beside / settings.path, settings, offset, resume_mm)
         case "udp":
-            return UdpEncoder(settings, origin, resume_mm)
+            return UdpEncoder(settings, offset, resume_mm)
         case "constant":
             return ConstantEncoder(settings.speed_mm_s or 0.0, resume_mm or 0.0)
         case "capture":

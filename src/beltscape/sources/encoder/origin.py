@@ -1,4 +1,4 @@
-"""encoder.json: what must be added to the encoder's own count, kept over restarts of the program."""
+"""The encoder's offset in encoder.json, which is added to its count and kept over restarts of the program."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from beltscape.sources.encoder.settings import EncoderSettings
 FORMAT = "beltscape-encoder/1"
 
 
-class Origin:
-    """The offset of one encoder; a file of another encoder, or one that cannot be read, counts as none."""
+class EncoderOffset:
+    """The stored offset of one encoder; a file that is unreadable or of another encoder counts as none."""
 
     def __init__(self, path: Path, settings: EncoderSettings) -> None:
         self._path = path
-        self._whose = {
+        self._identity = {
             "format": FORMAT,
             "kind": settings.kind,
             "mm_per_count": settings.mm_per_count,
@@ -26,19 +26,19 @@ class Origin:
         }
 
     def read_mm(self) -> float:
-        """The offset; 0 where none was ever needed."""
+        """Return the offset; 0 without a stored one."""
         try:
             document = json.loads(self._path.read_text(encoding="utf-8"))
-            if {key: document[key] for key in self._whose} == self._whose:
+            if {key: document[key] for key in self._identity} == self._identity:
                 return float(document["offset_mm"])
         except (OSError, ValueError, KeyError, TypeError):
-            pass  # without it positions start at the ledger's end
+            pass  # without an offset positions start at the ledger's end
         return 0.0
 
     def write_mm(self, offset_mm: float) -> str:
-        """Keep it; what hindered that, in one line, or nothing."""
+        """Store the offset; return the reason of a failure in one line, or an empty text."""
         try:
-            write_text(self._path, json.dumps({**self._whose, "offset_mm": offset_mm}) + "\n")
+            write_text(self._path, json.dumps({**self._identity, "offset_mm": offset_mm}) + "\n")
         except OutputError as error:
             return str(error)
         return ""

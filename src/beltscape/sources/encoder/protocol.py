@@ -1,4 +1,4 @@
-"""What every encoder can be asked."""
+"""The interface of all encoders."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from typing import Protocol
 
 
 class Encoder(Protocol):
-    """Tells where the belt was, from any thread."""
+    """Source of the belt's position; usable from any thread."""
 
-    def at(self, time_ns: int | None, frame: str) -> float | None:
-        """Position (mm) at a frame's steady time; None: silent then, or before the first reading."""
+    def position_at(self, time_ns: int | None, frame: str) -> float | None:
+        """Return the position (mm) at a frame's monotonic time; None: no reading near it."""
         ...
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the last reading, or since it was opened; NaN for one that cannot be silent."""
+        """Seconds since the last reading, or since opening; NaN for encoders that cannot fall silent."""
         ...
 
     @property
     def trouble(self) -> str:
-        """What is wrong with what it says, and the mend, in one line; empty: nothing."""
+        """The fault of its readings, and the fix, in one line; empty without a fault."""
         ...
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop receiving readings."""
         ...

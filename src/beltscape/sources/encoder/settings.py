@@ -1,4 +1,4 @@
-"""What one may choose of the encoder."""
+"""Settings of the encoder."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 EncoderKind = Literal["capture", "file", "udp", "constant", "camera", "none"]
-"""capture: a recorded capture's encoder.csv, by frame; file: a CSV file that grows; udp: datagrams; constant: a told
+"""capture: a recorded capture's encoder.csv, by frame; file: a CSV file that grows; udp: datagrams; constant: a given
 speed; camera: the cameras send it with their images; none: the belt's motion is taken from the material"""
 
 
@@ -19,16 +19,16 @@ class EncoderSettings(BaseModel):
     path: str = ""
     """The file that grows, or a recorded table in place of the capture's own; beside project.toml unless absolute."""
     host: str = "127.0.0.1"
-    """Address that datagrams are awaited on; one that other machines reach should name the ``sender``."""
+    """Address that receives datagrams; if other machines can reach it, ``sender`` should be set."""
     port: Annotated[int, Field(ge=1, le=65_535)] = 8461
     sender: str = ""
-    """Address of the only machine whose datagrams count; empty: any."""
+    """Address of the only machine whose datagrams are accepted; empty: any."""
     speed_mm_s: Annotated[float, Field(ge=0, le=20_000)] | None = None
-    """Of a belt without encoder that always runs at one speed."""
+    """Speed of a belt without an encoder that always runs at one speed."""
     times: Literal["device", "arrival", "steady"] = "device"
-    """device: timestamps are of any clock, laid on this machine's by the readings that took least to arrive;
-    arrival: they are not believed; steady: they are of this machine's CLOCK_MONOTONIC. A reading without one is
-    stamped on arrival."""
+    """device: timestamps of any clock, converted to this machine's by the readings with the least delay; arrival:
+    timestamps are ignored; steady: timestamps of this machine's CLOCK_MONOTONIC. A reading without one is stamped
+    on arrival."""
     mm_per_count: Annotated[float, Field(gt=0, le=1000)] = 1.0
     """1 where positions come in mm."""
     counter_bits: Literal[16, 32] | None = None
@@ -38,11 +38,11 @@ class EncoderSettings(BaseModel):
     fastest_mm_s: Annotated[float, Field(gt=0, le=50_000)] = 12_000.0
     """A step that is longer than this within ``silent_s`` is no travel but a reset or a fault."""
     silent_s: Annotated[float, Field(gt=0, le=60)] = 1.0
-    """Between readings farther apart it tells nothing: it must speak so often, also while the belt stands."""
+    """Longest gap between readings that is interpolated; the encoder must send this often, also on a stopped belt."""
     wait_s: Annotated[float, Field(ge=0, le=1)] = 0.05
     """How long a frame waits for the reading after it."""
     poll_s: Annotated[float, Field(ge=0.001, le=1)] = 0.02
-    """How often the growing file is looked at."""
+    """Interval between reads of the growing file."""
 
     @model_validator(mode="after")
     def _complete(self) -> EncoderSettings:

@@ -1,4 +1,4 @@
-"""Encoders that nothing need be listened for: a recorded table, a told speed."""
+"""Encoders without a device: a recorded table, a constant speed."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from beltscape.files.encoder_csv import read_encoder
 
 
 class TableEncoder:
-    """A capture's encoder.csv, by frame name; positions as they stand there."""
+    """Positions of a capture's encoder.csv, by frame name."""
 
     def __init__(self, path: Path) -> None:
-        """InputError where the table does not fit."""
-        self._positions_mm = {one.frame: one.belt_position_mm for one in read_encoder(path)}
+        """Read the table; InputError if it is invalid."""
+        self._positions_mm = {reading.frame: reading.belt_position_mm for reading in read_encoder(path)}
 
-    def at(self, time_ns: int | None, frame: str) -> float | None:  # noqa: ARG002
-        """Position in that frame; None for one that the table does not name."""
+    def position_at(self, time_ns: int | None, frame: str) -> float | None:  # noqa: ARG002
+        """Return the position in that frame; None for a frame that is not in the table."""
         return self._positions_mm.get(frame)
 
     @property
     def silent_s(self) -> float:
-        """It cannot be silent."""
+        """NaN: it cannot fall silent."""
         return float("nan")
 
     @property
     def trouble(self) -> str:
-        """The table was read as a whole."""
+        """Empty: the table is checked as a whole when it is read."""
         return ""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing."""
 
 
 class ConstantEncoder:
-    """A belt that always runs at one speed, from the first frame on; what passed before that is not known."""
+    """A belt that runs at one speed from the first frame on; travel before that frame is unknown."""
 
     def __init__(self, speed_mm_s: float, start_mm: float = 0.0) -> None:
-        """``start_mm``: where the ledger of the belt ended."""
+        """``start_mm``: the end of the belt ledger."""
         self._speed_mm_s, self._start_mm = speed_mm_s, start_mm
         self._first_ns: int | None = None
 
-    def at(self, time_ns: int | None, frame: str) -> float | None:  # noqa: ARG002
-        """Position at a time; None for a frame whose time is not known."""
+    def position_at(self, time_ns: int | None, frame: str) -> float | None:  # noqa: ARG002
+        """Return the position at a time; None for a frame without a time."""
         if time_ns is None:
             return None
         if self._first_ns is None:
@@ -50,13 +50,13 @@ class ConstantEncoder:
 
     @property
     def silent_s(self) -> float:
-        """It cannot be silent."""
+        """NaN: it cannot fall silent."""
         return float("nan")
 
     @property
     def trouble(self) -> str:
-        """Nobody listens to it."""
+        """Empty: it has no readings."""
         return ""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing."""

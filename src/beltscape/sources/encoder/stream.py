@@ -1,4 +1,4 @@
-"""An encoder whose readings come one after the other."""
+"""An encoder whose readings arrive one after the other as lines of text."""
 
 from __future__ import annotations
 
@@ -6,65 +6,65 @@ from collections import OrderedDict
 from threading import Lock
 from time import monotonic_ns
 
-from beltscape.sources.encoder.count import Count
+from beltscape.sources.encoder.count import CountUnwrapper
 from beltscape.sources.encoder.device_clock import DeviceClock
-from beltscape.sources.encoder.origin import Origin
+from beltscape.sources.encoder.origin import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.text import Reading, parse
-from beltscape.sources.encoder.track import Track
+from beltscape.sources.encoder.text import Reading, parse_reading
+from beltscape.sources.encoder.track import PositionTrack
 
 _FRAMES = 10_000
 _RECENT_NS = 60_000_000_000
 
 
-class Stream:
-    """Takes lines from one thread, tells positions to any.
+class ReadingStream:
+    """Converts lines, added by one thread, to positions, read by any.
 
-    Positions are the device's own count in mm, signed as the belt moves, so they go on over restarts of the
-    program; see `Count` for wraps and resets.
+    Positions are the device's own count in mm, signed as the belt moves, so they continue over restarts of the
+    program; see `CountUnwrapper` for wraps and resets.
     """
 
     def __init__(
-        self, settings: EncoderSettings, origin: Origin | None = None, resume_mm: float | None = None
+        self, settings: EncoderSettings, offset: EncoderOffset | None = None, resume_mm: float | None = None
     ) -> None:
         self._settings = settings
-        self._track = Track(round(settings.silent_s * 1e9))
+        self._track = PositionTrack(round(settings.silent_s * 1e9))
         self._clock = DeviceClock()
-        self._origin = origin
-        self._count = Count(settings, 0.0 if origin is None else origin.read_mm(), resume_mm)
+        self._offset = offset
+        self._count = CountUnwrapper(settings, 0.0 if offset is None else offset.read_mm(), resume_mm)
         self._frames: OrderedDict[str, tuple[int, float]] = OrderedDict()
         self._lock = Lock()
-        self._heard_ns = monotonic_ns()
+        self._last_reading_ns = monotonic_ns()
         self._notices: dict[str, tuple[int, str]] = {}
 
-    def take(self, line: str, arrival_ns: int) -> None:
-        """A line that came at a steady time; what is no reading is noted and left out."""
+    def add_line(self, line: str, arrival_ns: int) -> None:
+        """Add a line that arrived at a monotonic time; a line that is no reading is skipped with a notice."""
         try:
-            reading = parse(line)
+            reading = parse_reading(line)
         except ValueError as error:
-            self.note(
+            self.add_notice(
                 "line", f"a reading {line[:40]!r} cannot be read ({error}); check what sends it", arrival_ns
             )
             return
         if reading is not None:
-            self._take(reading, arrival_ns)
+            self._add_reading(reading, arrival_ns)
 
-    def _take(self, reading: Reading, arrival_ns: int) -> None:
+    def _add_reading(self, reading: Reading, arrival_ns: int) -> None:
         time_ns = self._time_ns(reading, arrival_ns)
         if time_ns is None:
             return
         with self._lock:
             jumps = self._count.jumps
             position = self._count.position_mm(reading.count, time_ns)
-            self._heard_ns = arrival_ns
+            self._last_reading_ns = arrival_ns
             if reading.frame:
                 self._frames[reading.frame] = arrival_ns, position
                 if len(self._frames) > _FRAMES:
                     self._frames.popitem(last=False)
-            jumped = self._count.jumps > jumps
+            has_jumped = self._count.jumps > jumps
         self._track.add(time_ns, position)
-        if jumped:
-            self._keep_origin(arrival_ns)
+        if has_jumped:
+            self._save_offset(arrival_ns)
 
     def _time_ns(self, reading: Reading, arrival_ns: int) -> int | None:
         if reading.stamp_ns is None or self._settings.times == "arrival":
@@ -73,40 +73,40 @@ class Stream:
             return min(reading.stamp_ns, arrival_ns)
         return self._clock.steady_ns(reading.stamp_ns, arrival_ns)
 
-    def _keep_origin(self, now_ns: int) -> None:
-        by = self._count.jump_mm
-        self.note(
-            "jump", f"its count jumped by {by:.0f} mm; it was reset, or fastest_mm_s is too low", now_ns
+    def _save_offset(self, now_ns: int) -> None:
+        jump_mm = self._count.jump_mm
+        self.add_notice(
+            "jump", f"its count jumped by {jump_mm:.0f} mm; it was reset, or fastest_mm_s is too low", now_ns
         )
-        hindered = "" if self._origin is None else self._origin.write_mm(self._count.offset_mm)
-        if hindered:
-            self.note("origin", hindered, now_ns)
+        failure = "" if self._offset is None else self._offset.write_mm(self._count.offset_mm)
+        if failure:
+            self.add_notice("offset", failure, now_ns)
 
-    def note(self, kind: str, text: str, now_ns: int) -> None:
-        """Something is wrong; told for a minute."""
+    def add_notice(self, kind: str, text: str, now_ns: int) -> None:
+        """Add a fault to ``trouble`` for one minute."""
         with self._lock:
             self._notices[kind] = (now_ns, text)
 
-    def at(self, time_ns: int | None, frame: str) -> float | None:
-        """Position at a frame: the reading that names it, else at its steady time."""
+    def position_at(self, time_ns: int | None, frame: str) -> float | None:
+        """Return the position at a frame: by the reading that names it, else by its monotonic time."""
         with self._lock:
-            heard_ns, named = self._frames.get(frame, (0, None))
-        # a name that came up again after a restart of the cameras is another frame
-        if named is not None and (time_ns is None or abs(time_ns - heard_ns) < _RECENT_NS):
+            named_ns, named = self._frames.get(frame, (0, None))
+        # a name that is used again after a restart of the cameras is another frame
+        if named is not None and (time_ns is None or abs(time_ns - named_ns) < _RECENT_NS):
             return named
         if time_ns is None:
             return None
-        return self._track.at(time_ns, round(self._settings.wait_s * 1e9))
+        return self._track.position_at(time_ns, round(self._settings.wait_s * 1e9))
 
     @property
     def silent_s(self) -> float:
-        """Seconds since the last reading that could be used, or since it was opened."""
+        """Seconds since the last usable reading, or since opening."""
         with self._lock:
-            return max(0, monotonic_ns() - self._heard_ns) * 1e-9
+            return max(0, monotonic_ns() - self._last_reading_ns) * 1e-9
 
     @property
     def trouble(self) -> str:
-        """What was wrong within the last minute; running backwards for as long as it does."""
+        """The fault of the last minute, in one line; running backwards for as long as it lasts."""
         now_ns = monotonic_ns()
         with self._lock:
             back = self._count.back_mm
@@ -116,5 +116,5 @@ class Stream:
         return recent[0] if recent else ""
 
     def close(self) -> None:
-        """Nobody waits any longer."""
+        """End all waits for readings."""
         self._track.close()

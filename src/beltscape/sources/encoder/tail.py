@@ -1,4 +1,4 @@
-"""Encoder readings at the end of a file that grows."""
+"""Encoder readings that another program appends to a file."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from threading import Event, Thread
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
-from beltscape.sources.encoder.growing import GrowingFile
-from beltscape.sources.encoder.origin import Origin
+from beltscape.sources.encoder.growing import FileTail
+from beltscape.sources.encoder.origin import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.stream import Stream
+from beltscape.sources.encoder.stream import ReadingStream
 
 
-class TailEncoder(Stream):
-    """Looks at the file every few milliseconds, in a thread of its own; survives its being rotated or away."""
+class TailEncoder(ReadingStream):
+    """Polls the file in a thread of its own; the file may be rotated, removed and created again."""
 
     def __init__(
         self,
         path: Path,
         settings: EncoderSettings,
-        origin: Origin | None = None,
+        offset: EncoderOffset | None = None,
         resume_mm: float | None = None,
     ) -> None:
-        """A file that is not there yet is waited for; InputError where one may not read it."""
-        super().__init__(settings, origin, resume_mm)
+        """Start polling; the file may appear later. InputError if it may not be read."""
+        super().__init__(settings, offset, resume_mm)
         self._path = path
         try:
-            self._file = GrowingFile(path)
+            self._file = FileTail(path)
         except OSError as error:
             raise InputError(
                 f"{path}: cannot be read ({error.strerror or error}); check its rights"
@@ -40,15 +40,15 @@ class TailEncoder(Stream):
         while not self._stop.wait(self._settings.poll_s):
             now_ns = monotonic_ns()
             try:
-                for line in self._file.lines():
-                    self.take(line, now_ns)
+                for line in self._file.read_lines():
+                    self.add_line(line, now_ns)
             except OSError as error:
                 reason = error.strerror or str(error)
-                self.note("file", f"{self._path}: cannot be read ({reason}); check its rights", now_ns)
+                self.add_notice("file", f"{self._path}: cannot be read ({reason}); check its rights", now_ns)
         self._file.close()
 
     def close(self) -> None:
-        """Stop looking."""
+        """Stop polling."""
         super().close()
         self._stop.set()
         self._thread.join()

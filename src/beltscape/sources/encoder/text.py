@@ -1,4 +1,4 @@
-"""One reading as a line of text."""
+"""Parsing of one encoder reading from a line of text."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from beltscape.files.encoder_csv import HEADER
 from beltscape.files.images import EXTENSIONS
 
 LONGEST = 256
-"""Characters; what is longer is no reading."""
+"""Characters; a longer line is no reading."""
 _LARGEST = 1e15
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a line says."""
+    """The content of one line."""
 
     count: float
-    """The device's count or position, as it is."""
+    """The device's raw count or position."""
     stamp_ns: int | None
-    """Its timestamp, on whatever clock."""
+    """Its timestamp, on any clock."""
     frame: str
-    """Name of the frame it belongs to; empty where none is named."""
+    """Name of its frame; empty without one."""
 
 
-def parse(line: str) -> Reading | None:
-    """``position``, ``timestamp,position`` or ``frame,timestamp,position``; None for an empty line or a header.
+def parse_reading(line: str) -> Reading | None:
+    """Parse ``position``, ``timestamp,position`` or ``frame,timestamp,position``; None for an empty line or a header.
 
     Raises
     ------
@@ -40,17 +40,17 @@ def parse(line: str) -> Reading | None:
     if len(line) > LONGEST or len(cells) > 3:
         raise ValueError("not position, timestamp,position or frame,timestamp,position")
     *before, last = cells
-    stamp_ns = round(_number(before[-1]) * 1e9) if before else None
-    return Reading(_number(last), stamp_ns, _frame(before[0]) if len(before) == 2 else "")
+    stamp_ns = round(_parse_number(before[-1]) * 1e9) if before else None
+    return Reading(_parse_number(last), stamp_ns, _frame_name(before[0]) if len(before) == 2 else "")
 
 
-def _frame(text: str) -> str:
-    """A frame's name, with or without its image file's ending."""
+def _frame_name(text: str) -> str:
+    """Return a frame's name without its image file's extension."""
     name = Path(text)
     return name.stem if name.suffix.lower() in EXTENSIONS else text
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     value = float(text)
     if not math.isfinite(value) or abs(value) > _LARGEST:
         raise ValueError(f"{text!r} is no finite number")

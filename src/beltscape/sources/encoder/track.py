@@ -1,4 +1,4 @@
-"""Readings over time, and the position between them."""
+"""Positions of the belt over time, interpolated between readings."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from time import monotonic_ns
 
 _MOST = 20_000
 _BEYOND = 2
-"""So many times its last interval a track goes on at its last speed."""
+"""A track is extrapolated at its last speed for this multiple of its last interval."""
 
 
-class Track:
-    """Positions at steady times; bounded in memory; from any thread."""
+class PositionTrack:
+    """Positions at monotonic times; bounded in memory; usable from any thread."""
 
     def __init__(self, silent_ns: int) -> None:
-        """Over a gap longer than ``silent_ns`` nothing is told."""
+        """``silent_ns``: gaps longer than this are not interpolated."""
         self._silent_ns = silent_ns
         self._times_ns: list[int] = []
         self._positions_mm: list[float] = []
@@ -23,7 +23,7 @@ class Track:
         self._closed = False
 
     def add(self, time_ns: int, position_mm: float) -> None:
-        """A further reading; one that is no later than the last takes its place."""
+        """Add a reading; one that is not later than the last replaces it."""
         with self._changed:
             if self._times_ns and time_ns <= self._times_ns[-1]:
                 self._positions_mm[-1] = position_mm
@@ -35,32 +35,32 @@ class Track:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Nothing more comes: nobody needs to wait."""
+        """End all waits; no more readings follow."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
-    def at(self, time_ns: int, wait_ns: int = 0) -> float | None:
-        """Position at a time, linear between readings; waits so long for the reading after it.
+    def position_at(self, time_ns: int, wait_ns: int = 0) -> float | None:
+        """Return the position at a time, linear between readings; wait up to ``wait_ns`` for the reading after it.
 
-        After the last reading it goes on at the last speed for twice the last interval, but not into silence. None
-        before the first reading, within a gap, and beyond.
+        After the last reading the position is extrapolated at the last speed for twice the last interval, but not
+        beyond ``silent_ns``. None before the first reading, within a gap, and beyond the extrapolation.
         """
         with self._changed:
-            if self._speaking(wait_ns):
+            if self._expects_reading(wait_ns):
                 self._changed.wait_for(
                     lambda: self._closed or (bool(self._times_ns) and self._times_ns[-1] >= time_ns),
                     wait_ns * 1e-9,
                 )
-            return self._at(time_ns)
+            return self._interpolate(time_ns)
 
-    def _speaking(self, wait_ns: int) -> bool:
-        """Whether a reading may be expected: waiting for one that is silent would only hold up frames."""
+    def _expects_reading(self, wait_ns: int) -> bool:
+        """Return whether a reading is due; waiting for a silent encoder would only delay frames."""
         if wait_ns <= 0 or not self._times_ns:
             return False
         return monotonic_ns() - self._times_ns[-1] < self._silent_ns
 
-    def _at(self, time_ns: int) -> float | None:
+    def _interpolate(self, time_ns: int) -> float | None:
         times, positions = self._times_ns, self._positions_mm
         after = bisect_left(times, time_ns)
         if after < len(times) and times[after] == time_ns:

@@ -1,4 +1,4 @@
-"""Encoder readings as datagrams."""
+"""Encoder readings received as UDP datagrams."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from threading import Event, Thread
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
-from beltscape.sources.encoder.origin import Origin
+from beltscape.sources.encoder.origin import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.stream import Stream
+from beltscape.sources.encoder.stream import ReadingStream
 
 _LARGEST = 2048
 _PATIENCE_S = 0.2
 
 
-class UdpEncoder(Stream):
-    """Text datagrams ``position`` or ``timestamp,position``, one or several lines each, stamped as they arrive."""
+class UdpEncoder(ReadingStream):
+    """Receives text datagrams ``position`` or ``timestamp,position``, one or several lines each."""
 
     def __init__(
-        self, settings: EncoderSettings, origin: Origin | None = None, resume_mm: float | None = None
+        self, settings: EncoderSettings, offset: EncoderOffset | None = None, resume_mm: float | None = None
     ) -> None:
-        """InputError where nobody may listen at that address."""
-        super().__init__(settings, origin, resume_mm)
-        self._socket = _listening(settings.host, settings.port)
+        """Start receiving; InputError if the address cannot be opened."""
+        super().__init__(settings, offset, resume_mm)
+        self._socket = _open_socket(settings.host, settings.port)
         self._stop = Event()
         self._thread = Thread(target=self._run, name="encoder", daemon=True)
         self._thread.start()
@@ -36,25 +36,29 @@ class UdpEncoder(Stream):
                 continue
             except OSError as error:
                 now_ns = monotonic_ns()
-                self.note("socket", f"datagrams cannot be received ({error}); check the network", now_ns)
+                self.add_notice(
+                    "socket", f"datagrams cannot be received ({error}); check the network", now_ns
+                )
                 self._stop.wait(_PATIENCE_S)
                 continue
             now_ns = monotonic_ns()
             if self._settings.sender and sender[0] != self._settings.sender:
-                self.note("sender", f"datagrams of {sender[0]} are left out; sender says otherwise", now_ns)
+                self.add_notice(
+                    "sender", f"datagrams of {sender[0]} are left out; set sender to accept them", now_ns
+                )
                 continue
             for line in data.decode("utf-8", "replace").splitlines():
-                self.take(line, now_ns)
+                self.add_line(line, now_ns)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop receiving."""
         super().close()
         self._stop.set()
         self._thread.join()
         self._socket.close()
 
 
-def _listening(host: str, port: int) -> socket.socket:
+def _open_socket(host: str, port: int) -> socket.socket:
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]
         sock = socket.socket(family, socket.SOCK_DGRAM)

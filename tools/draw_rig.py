@@ -12,70 +12,27 @@ from pathlib import Path
 
 from beltscape.simulate.belt_solid import BeltSettings
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
+from drawing import AXIS, BELT, BOX, CAMERA, LIGHT, Sheet, document
 
 OUT = Path(__file__).parents[1] / "docs/images/rig.svg"
 SCALE = 0.46
 """px per mm."""
 ACROSS_MM, ALONG_MM = (-250.0, 250.0), (-150.0, 150.0)
-CAMERA, AXIS, BELT, LIGHT, BOX = "#1f5fa8", "#c02f2f", "#3c3c3c", "#b07a00", "#1d7a46"
-STYLE = """<style>text{font:13px sans-serif;fill:#222}.t{font-size:15px;font-weight:bold}.c{fill:#1f5fa8}
-.a{fill:#c02f2f;font-style:italic;font-weight:bold}.b{fill:#1d7a46}.l{fill:#8a6000}</style>"""
 
 
-class Sheet:
-    """SVG elements in mm about an origin, the second coordinate upwards."""
-
-    def __init__(self, left: float, down: float) -> None:
-        self.left, self.down, self.parts = left, down, list[str]()
-
-    def at(self, point: tuple[float, float]) -> tuple[float, float]:
-        """Return the place on the page, px."""
-        return self.left + SCALE * point[0], self.down - SCALE * point[1]
-
-    def line(
-        self,
-        points: list[tuple[float, float]],
-        color: str,
-        width: float = 1.5,
-        dash: str = "",
-        fill: str = "none",
-    ) -> None:
-        """Draw a line through points; filled, it is closed."""
-        places = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.at, points))
-        kind = "polyline" if fill == "none" else "polygon"
-        dashes = f' stroke-dasharray="{dash}"' if dash else ""
-        self.parts.append(
-            f'<{kind} points="{places}" fill="{fill}" stroke="{color}" stroke-width="{width}"{dashes}/>'
+def axis_end_on(sheet: Sheet, point: tuple[float, float], name: str, *, towards: bool) -> None:
+    """Draw an axis that points at the reader (a dot) or away (a cross)."""
+    x, y = sheet.at(point)
+    sheet.parts.append(
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="6" fill="#fff" stroke="{AXIS}" stroke-width="2"/>'
+    )
+    if towards:
+        sheet.parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{AXIS}"/>')
+    else:
+        sheet.parts.append(
+            f'<path d="M{x - 4:.1f} {y - 4:.1f}l8 8m0-8l-8 8" stroke="{AXIS}" stroke-width="1.6"/>'
         )
-
-    def text(self, point: tuple[float, float], words: str, kind: str = "", anchor: str = "start") -> None:
-        """Write words at a place."""
-        x, y = self.at(point)
-        self.parts.append(
-            f'<text x="{x:.1f}" y="{y:.1f}" class="{kind}" text-anchor="{anchor}">{words}</text>'
-        )
-
-    def arrow(self, start: tuple[float, float], end: tuple[float, float], color: str) -> None:
-        """Draw an arrow."""
-        length = hypot(end[0] - start[0], end[1] - start[1])
-        x, y = (end[0] - start[0]) / length, (end[1] - start[1]) / length
-        head = [(end[0] - 22 * x + side * 9 * y, end[1] - 22 * y - side * 9 * x) for side in (1, -1)]
-        self.line([start, end], color, 2.2)
-        self.line([end, *head], color, 1, fill=color)
-
-    def axis_end_on(self, point: tuple[float, float], name: str, *, towards: bool) -> None:
-        """Draw an axis that points at the reader (a dot) or away (a cross)."""
-        x, y = self.at(point)
-        self.parts.append(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="6" fill="#fff" stroke="{AXIS}" stroke-width="2"/>'
-        )
-        if towards:
-            self.parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.2" fill="{AXIS}"/>')
-        else:
-            self.parts.append(
-                f'<path d="M{x - 4:.1f} {y - 4:.1f}l8 8m0-8l-8 8" stroke="{AXIS}" stroke-width="1.6"/>'
-            )
-        self.text((point[0] - 20, point[1] - 42), name, "a", "end")
+    sheet.text((point[0] - 20, point[1] - 42), name, "a", "end")
 
 
 def trough(belt: BeltSettings) -> list[tuple[float, float]]:
@@ -134,7 +91,7 @@ def frame(
     for end, name in zip((one, two), names, strict=True):
         sheet.arrow(origin, end, AXIS)
         sheet.text((end[0] + 10, end[1] + 8), name, "a")
-    sheet.axis_end_on(origin, end_on, towards=towards)
+    axis_end_on(sheet, origin, end_on, towards=towards)
 
 
 def plan(sheet: Sheet, rig: RigSpec, belt: BeltSettings) -> None:
@@ -168,15 +125,11 @@ def square(sheet: Sheet, place: tuple[float, float]) -> None:
 def drawing() -> str:
     """Return the drawing as SVG."""
     rig, belt, projector = RigSpec(), BeltSettings(), ProjectorSpec()
-    left, right = Sheet(235.0, 480.0), Sheet(690.0, 290.0)
+    left, right = Sheet(235.0, 480.0, SCALE), Sheet(690.0, 290.0, SCALE)
     section(left, rig, belt, projector)
     plan(right, rig, belt)
-    parts = "\n".join([*left.parts, *right.parts])
-    return (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 920 540" width="920" height="540" role="img">\n'
-        "<title>A rig seen along the belt and from above: core, four auxiliaries, projector, belt frame</title>\n"
-        f'{STYLE}\n<rect width="920" height="540" fill="#fff"/>\n{parts}\n</svg>\n'
-    )
+    title = "A rig seen along the belt and from above: core, four auxiliaries, projector, belt frame"
+    return document(title, (920, 540), [left, right])
 
 
 if __name__ == "__main__":

@@ -1,12 +1,30 @@
-"""The drawing of a rig is the one that its program draws, of the laboratory as it is."""
+"""Drawings of the manual are those that their programs draw, of settings and geometry as they are."""
 
 from __future__ import annotations
 
 import runpy
 
+import pytest
+
 from docs.system import ROOT
 
+FIGURES = ("pyramid.svg", "candidates.svg", "hole.svg")
 
-def test_the_drawing_is_current():
+
+@pytest.fixture(autouse=True)
+def tools_importable(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "tools")
+
+
+def test_rig_drawing_is_current():
     module = runpy.run_path(str(ROOT / "tools/draw_rig.py"))
     assert module["OUT"].read_text() == module["drawing"](), "run python tools/draw_rig.py"
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_figure_is_current_and_shown(name):
+    module = runpy.run_path(str(ROOT / "tools/draw_figures.py"))
+    assert set(module["FIGURES"]) == set(FIGURES)
+    drawn = module["FIGURES"][name]()
+    assert (module["OUT"] / name).read_text() == drawn, "run python tools/draw_figures.py"
+    assert any(f"images/{name}" in page.read_text() for page in (ROOT / "docs").glob("*.md"))

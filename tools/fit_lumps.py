@@ -86,7 +86,7 @@ def main(out: str, *captures: str) -> None:
     x, y = (np.concatenate([pair[k] for pair in found]) for k in range(2))
     mean, scale = x.mean(axis=0), x.std(axis=0) + np.float32(1e-3)
     layers = tuple((weights, offsets) for weights, offsets in fit((x - mean) / scale, y, rng))
-    document = Network(mean, scale, layers).document()
+    document = Network(mean, scale, layers).to_document()
     Path(out).write_text(json.dumps(document, separators=(",", ":")) + "\n", encoding="utf-8")
 
 

@@ -10,9 +10,9 @@ import pytest
 from belt_scenes import Block, Cone, Scene, camera_of, depth_map, trough
 
 from beltscape.measure.belt import learn_belt
-from beltscape.measure.capacity import full_area_mm2
+from beltscape.measure.capacity import compute_capacity_mm2
 from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.solid import load_mesh, surface_mesh
+from beltscape.measure.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume import Volume, measure_volume
 
 TROUGH = trough(300, (250, 25))
@@ -59,7 +59,7 @@ def test_capacity_is_dins_for_three_rolls() -> None:
     chord = flat + (b - flat) * np.cos(angle)
     surcharged = chord**2 * np.tan(surcharge) / 4
     level = (flat + (b - flat) / 2 * np.cos(angle)) * (b - flat) / 2 * np.sin(angle)
-    assert full_area_mm2(belt, surcharge) == pytest.approx(surcharged + level, rel=0.01)
+    assert compute_capacity_mm2(belt, surcharge) == pytest.approx(surcharged + level, rel=0.01)
 
 
 def test_volume_adds_up_over_boxes(cone: Volume) -> None:
@@ -81,12 +81,12 @@ def test_volume_does_not_depend_on_where_the_camera_stands(cone: Volume, view: d
 
 def test_the_body_is_closed_and_holds_the_volume() -> None:
     found = measured((CONE, Block((-80.0, 60.0), (60.0, 60.0, 40.0))), camera=camera_of(460))
-    body = load_mesh(found)
+    body = build_load_mesh(found)
     assert body.volume_mm3 == pytest.approx(found.volume_mm3, rel=2e-3)
     sides = np.sort(
         np.concatenate([body.faces[:, [0, 1]], body.faces[:, [1, 2]], body.faces[:, [2, 0]]]), axis=1
     )
     assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()
-    top = surface_mesh(found)
+    top = build_surface_mesh(found)
     normal = np.cross(*(top.vertices_mm[top.faces[:, k]] - top.vertices_mm[top.faces[:, 0]] for k in (1, 2)))
     assert (normal[:, 2] > 0).all()

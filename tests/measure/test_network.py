@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.measure.network import Network, shipped
+from beltscape.measure.network import Network, load_network
 
 
 def test_it_does_its_sums() -> None:
@@ -27,8 +27,8 @@ def test_it_does_its_sums() -> None:
 
 @pytest.mark.parametrize("name", ["holes", "brinks", "lumps"])
 def test_shipped_ones_come_through_their_documents(name: str) -> None:
-    found = shipped(name)
-    document = found.document()
+    found = load_network(name)
+    document = found.to_document()
     assert document["layers"][-1]["offsets"] == pytest.approx(found.layers[-1][1].tolist())
     assert found.layers[-1][0].shape[1] == 2
     assert found.mean.shape == found.scale.shape == (found.layers[0][0].shape[0],)

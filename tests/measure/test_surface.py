@@ -5,7 +5,7 @@ from belt_scenes import Ball, Scene, depth_map, trough
 
 from beltscape.core.depth import DepthMap
 from beltscape.measure.belt import find_belt
-from beltscape.measure.surface import Grid, height_map, sampling_of
+from beltscape.measure.surface import Grid, compute_height_map, compute_sampling
 from beltscape.measure.trust import trusted
 
 FLAT = trough(900)
@@ -13,9 +13,9 @@ FLAT = trough(900)
 
 def surface_of(scene: Scene, depth: DepthMap):
     belt = find_belt(depth_map(Scene(FLAT).depth_mm()), scene.camera)
-    sampling = sampling_of(depth, scene.camera)
+    sampling = compute_sampling(depth, scene.camera)
     grid = Grid.over((-150.0, 150.0), (-150.0, 150.0), sampling.pixel_mm)
-    return height_map(depth, scene.camera, belt.belt_from_core, grid, depth.measured, sampling), grid
+    return compute_height_map(depth, scene.camera, belt.belt_from_core, grid, depth.measured, sampling), grid
 
 
 def test_heights_of_a_ball() -> None:

@@ -1,4 +1,4 @@
-"""How much a belt can carry on each millimetre, and how the load lies on it."""
+"""The capacity of a belt (cross-section of its full load), its middle, and the load's centroid."""
 
 from __future__ import annotations
 
@@ -10,20 +10,19 @@ from beltscape.core.belt_model import Belt
 _STEP_MM = 0.5
 
 
-def full_area_mm2(belt: Belt, surcharge_rad: float) -> float:
-    """Cross-section of the fully loaded belt, by DIN 22101:2011-12, section 5, on the belt's own shape.
+def compute_capacity_mm2(belt: Belt, surcharge_rad: float) -> float:
+    """Return the cross-section of the fully loaded belt by DIN 22101:2011-12, section 5, on the measured shape.
 
     The load fills the belt's usable width and rises from both its ends at the surcharge angle to a ridge in the
-    middle (A = A1 + A2 there, with A1 = w²·tan β / 4 over the chord w). Of a belt of width B along its surface
+    middle (A = A1 + A2 in the standard, with A1 = w²·tan β / 4 over the chord w). The usable width of a belt of
+    width B along its surface, centred, is
 
-        b = 0.9·B - 50 mm for B ≤ 2 m, b = B - 250 mm for wider ones
+        b = 0.9·B - 50 mm for B ≤ 2 m, b = B - 250 mm for wider belts.
 
-    is usable, the same from both ends. The width reaches from end to end as far as these were seen, else as far
-    as the belt was: then the capacity is that of the part seen, and less than the belt's.
-
-    DIN's three straight rolls are replaced by the cross-section as it was learned.
+    The width extends from edge to edge where both were found, else over the measured part: then the result is the
+    capacity of that part, which is less than the belt's. The measured cross-section replaces DIN's straight idlers.
     """
-    left, right = _ends(belt)
+    left, right = _find_belt_ends(belt)
     x = np.linspace(left, right, max(3, int((right - left) / _STEP_MM)))
     z = belt.height_mm(x)
     run = np.r_[0.0, np.cumsum(np.hypot(np.diff(x), np.diff(z)))]
@@ -39,8 +38,8 @@ def full_area_mm2(belt: Belt, surcharge_rad: float) -> float:
     return float(np.trapezoid(chord + ridge - belt.height_mm(inside), inside))
 
 
-def belt_middle_mm(belt: Belt) -> tuple[float, float]:
-    """Middle of the belt in x, and its σ: of its ends where both were seen, else of the trough, to a node's width."""
+def find_belt_middle(belt: Belt) -> tuple[float, float]:
+    """Return the belt's middle in x and its σ: between its edges if both were found, else the trough's, to a node."""
     edges = belt.edges
     if edges is not None and np.isfinite(edges.left_mm) and np.isfinite(edges.right_mm):
         sigma = 0.5 * float(np.hypot(edges.left_sigma_mm, edges.right_sigma_mm))
@@ -48,16 +47,16 @@ def belt_middle_mm(belt: Belt) -> tuple[float, float]:
     return belt.middle_mm, float(np.median(np.diff(belt.x_mm)))
 
 
-def centre_mm(
-    weight_mm2: NDArray[np.float64], load_mm: NDArray[np.float64], place_mm: NDArray[np.float64]
+def compute_centroid_mm(
+    weight_mm2: NDArray[np.float64], load_mm: NDArray[np.float64], position_mm: NDArray[np.float64]
 ) -> float:
-    """Mean of a place over the load's volume, cell by cell (Ny, Nx) each."""
+    """Return the mean of a coordinate over the load's volume; all arguments (Ny, Nx)."""
     part = weight_mm2 * load_mm
-    return float(np.sum(part * place_mm) / np.sum(part))
+    return float(np.sum(part * position_mm) / np.sum(part))
 
 
-def _ends(belt: Belt) -> tuple[float, float]:
-    """Ends of the belt in x, as far as they were seen."""
+def _find_belt_ends(belt: Belt) -> tuple[float, float]:
+    """Return the belt's edges in x where they were found, else the ends of the measured part."""
     left, right = belt.across_mm
     if belt.edges is not None:
         left = belt.edges.left_mm if np.isfinite(belt.edges.left_mm) else left

@@ -1,4 +1,4 @@
-"""What one may choose when measuring volume."""
+"""Settings of the volume measurement."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 Surcharge = Annotated[float, Field(ge=0, le=45)]
-"""Angle in degrees at which the load of a full belt rises from its sides; of a moving belt, some 15° below the angle
+"""Surcharge angle in degrees, at which the load of a full moving belt rises from its sides; some 15° below the angle
 of repose."""
 SURCHARGE_DEG = 20.0
 
@@ -17,9 +17,9 @@ class VolumeSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     cell_mm: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Edge of a cell of the height map given back; None = three pixels on the belt: nine points in a typical
-    cell. It is rounded to whole pixels. The volume itself is summed over cells of one pixel."""
+    """Edge of a cell of the resulting height map, rounded to whole pixels; None = three pixels on the belt. The
+    volume itself is summed over cells of one pixel."""
     profile_every_mm: Annotated[float, Field(ge=0.1, le=10_000)] = 50.0
-    """Longest stretch of belt that one cross-section stands for."""
+    """Longest stretch of belt that one cross-section averages over."""
     surcharge_deg: Surcharge = SURCHARGE_DEG
-    """Of a full belt, against which the fill level is measured."""
+    """Surcharge angle of the full belt that the fill level refers to."""

@@ -1,4 +1,4 @@
-"""The load as a closed body, and its surface, as triangles."""
+"""Triangle meshes of the load as a closed body, and of its upper surface."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beltscape.measure.volume import Volume
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles in the belt frame."""
+    """A triangle mesh in the belt frame."""
 
     vertices_mm: NDArray[np.float64]
     """(N, 3)."""
@@ -23,22 +23,22 @@ class Mesh:
 
     @property
     def volume_mm3(self) -> float:
-        """Volume that a closed mesh encloses (divergence theorem); what is inside out counts as negative."""
+        """Return the volume that a closed mesh encloses (divergence theorem); negative if it is inside out."""
         a, b, c = (self.vertices_mm[self.faces[:, k]] for k in range(3))
         return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def surface_mesh(volume: Volume) -> Mesh:
-    """What one sees from above within the box: load and bare belt, interpolated cells included; open below."""
-    x, y, top, _ = _sheets(volume)
-    return Mesh(_points(x, y, top), _sheet(*top.shape))
+def build_surface_mesh(volume: Volume) -> Mesh:
+    """Return the upper surface within the box: load and bare belt, interpolated cells included."""
+    x, y, top, _ = _sample_surfaces(volume)
+    return Mesh(_stack_points(x, y, top), _triangulate_grid(*top.shape))
 
 
-def load_mesh(volume: Volume) -> Mesh:
-    """The load between belt and surface within the box, closed by walls along the box: it encloses the volume."""
-    x, y, top, bottom = _sheets(volume)
+def build_load_mesh(volume: Volume) -> Mesh:
+    """Return the load between belt and surface, closed by walls along the box: it encloses the volume."""
+    x, y, top, bottom = _sample_surfaces(volume)
     rows, columns = top.shape
-    upper = _sheet(rows, columns)
+    upper = _triangulate_grid(rows, columns)
     lower = upper[:, ::-1] + rows * columns
     index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     # around the box, counter-clockwise from above
@@ -48,44 +48,47 @@ def load_mesh(volume: Volume) -> Mesh:
     walls = np.concatenate(
         [np.stack([ring, under, following], 1), np.stack([following, under, under_following], 1)]
     )
-    vertices = np.concatenate([_points(x, y, top), _points(x, y, bottom)])
+    vertices = np.concatenate([_stack_points(x, y, top), _stack_points(x, y, bottom)])
     return Mesh(vertices, np.concatenate([upper, lower, walls]).astype(np.int32))
 
 
-def _sheets(
+def _sample_surfaces(
     volume: Volume,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Columns, rows, and over them (Ny, Nx) the heights of the surface and of the belt below it."""
+    """Return x, y of the nodes, and the heights (Ny, Nx) of the surface and of the belt below it."""
     x, y = (
-        _nodes(*ends) for ends in ((volume.load.x_mm, volume.across_mm), (volume.load.y_mm, volume.along_mm))
+        _select_nodes(*ends)
+        for ends in ((volume.load.x_mm, volume.across_mm), (volume.load.y_mm, volume.along_mm))
     )
-    load = _bilinear(volume, x, y)
+    load = _interpolate_load(volume, x, y)
     belt: Belt = volume.belt
     bottom = belt.surface_mm(x, y)
     return x, y, bottom + load, np.asarray(bottom, np.float64)
 
 
-def _nodes(centres_mm: NDArray[np.float64], limits_mm: Range) -> NDArray[np.float64]:
-    """The box's ends and the cells' centres between them."""
+def _select_nodes(centres_mm: NDArray[np.float64], limits_mm: Range) -> NDArray[np.float64]:
+    """Return the box's ends and the cells' centres between them."""
     inside = centres_mm[(centres_mm > limits_mm[0] + 1e-6) & (centres_mm < limits_mm[1] - 1e-6)]
     return np.r_[limits_mm[0], inside, limits_mm[1]]
 
 
-def _bilinear(volume: Volume, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The load (Ny, Nx) between its cells' centres, constant beyond the outermost."""
+def _interpolate_load(
+    volume: Volume, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the load (Ny, Nx) interpolated between its cells' centres, constant beyond the outermost."""
     load = volume.load
     across = np.array([np.interp(x_mm, load.x_mm, row) for row in load.height_mm])
     return np.array([np.interp(y_mm, load.y_mm, column) for column in across.T]).T
 
 
-def _points(
+def _stack_points(
     x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], z_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     return np.stack([*np.meshgrid(x_mm, y_mm), z_mm], axis=-1).reshape(-1, 3)
 
 
-def _sheet(rows: int, columns: int) -> NDArray[np.int32]:
-    """Two triangles for every square of a grid of nodes, counter-clockwise from above."""
+def _triangulate_grid(rows: int, columns: int) -> NDArray[np.int32]:
+    """Return two triangles for every square of a grid of nodes, counter-clockwise from above."""
     index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)])

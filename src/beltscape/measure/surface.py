@@ -1,4 +1,4 @@
-"""Depth map → heights on a grid in the belt frame."""
+"""Height maps: the heights of a depth map on a grid in the belt frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GRAZING = float(np.tan(np.deg2rad(10.0)))
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Square cells in the belt frame."""
+    """A grid of square cells in the belt frame."""
 
     origin_mm: tuple[float, float]
     """(x, y) of the centre of cell (0, 0)."""
@@ -30,17 +30,17 @@ class Grid:
 
     @property
     def x_mm(self) -> NDArray[np.float64]:
-        """(Nx,) centres of the columns."""
+        """Return the centres of the columns (Nx,)."""
         return self.origin_mm[0] + self.cell_mm * np.arange(self.shape[1], dtype=np.float64)
 
     @property
     def y_mm(self) -> NDArray[np.float64]:
-        """(Ny,) centres of the rows."""
+        """Return the centres of the rows (Ny,)."""
         return self.origin_mm[1] + self.cell_mm * np.arange(self.shape[0], dtype=np.float64)
 
     @classmethod
     def over(cls, across_mm: tuple[float, float], along_mm: tuple[float, float], cell_mm: float) -> Grid:
-        """Smallest grid whose cells' centres enclose a box."""
+        """Return the smallest grid whose cells' centres enclose a box."""
         columns = int(np.ceil((across_mm[1] - across_mm[0]) / cell_mm)) + 1
         rows = int(np.ceil((along_mm[1] - along_mm[0]) / cell_mm)) + 1
         return cls((across_mm[0], along_mm[0]), cell_mm, (rows, columns))
@@ -48,59 +48,60 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Heights on a grid, with the two parts of their uncertainty apart."""
+    """Heights on a grid, with the correlated part of their uncertainty."""
 
     heights: HeightMap
-    """Height per cell and its whole σ; NaN where a cell was not measured."""
+    """Height and σ of each cell; NaN where a cell was not measured."""
     noise_mm: NDArray[np.float64]
-    """(Ny, Nx) the part of σ that neighbouring cells share: the depth map's own."""
+    """(Ny, Nx) the part of σ that comes from the depth map, shared by neighbouring cells."""
 
 
-def blocks_mean(values: NDArray[np.generic], side: int) -> NDArray[np.float64]:
-    """Means (Ny // side, Nx // side) over square blocks of cells; a rest at the far ends is left out."""
+def average_blocks(values: NDArray[np.generic], side: int) -> NDArray[np.float64]:
+    """Return means (Ny // side, Nx // side) over square blocks of cells; a remainder at the far ends is left out."""
     rows, columns = values.shape[0] // side, values.shape[1] // side
     blocks = values[: rows * side, : columns * side].reshape(rows, side, columns, side)
     return blocks.astype(np.float64).mean(axis=(1, 3))
 
 
-def closed(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(Ny, Nx) measured cells and the pinholes between neighbouring points."""
+def close_pinholes(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the measured cells (Ny, Nx) together with the pinholes between neighbouring points."""
     padded = np.pad(measured, 1).astype(np.uint8)
     return cv2.morphologyEx(padded, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How finely a depth map samples a surface."""
+    """The sampling of a surface by a depth map."""
 
     pixel_mm: float
-    """Edge of a pixel on a surface square to the axis at the median depth."""
+    """Edge of a pixel on a surface perpendicular to the axis at the median depth."""
     step_mm: float
-    """Largest depth step between neighbouring pixels on one surface: seen under 10°, which no matcher measures."""
+    """Largest depth step between neighbouring pixels of one surface: at a grazing angle of 10°, below which no
+    matcher measures."""
 
 
-def sampling_of(depth: DepthMap, camera: Camera) -> Sampling:
-    """Of a depth map in a camera's view."""
+def compute_sampling(depth: DepthMap, camera: Camera) -> Sampling:
+    """Return the sampling of a depth map in a camera's view."""
     measured = depth.measured
-    seen_mm, noise_mm = (
+    distance_mm, noise_mm = (
         float(np.median(values[measured])) if measured.any() else 0.0
         for values in (depth.depth_mm, depth.sigma_mm)
     )
-    pixel_mm = seen_mm / float(camera.focal_px.mean())
+    pixel_mm = distance_mm / float(camera.focal_px.mean())
     return Sampling(pixel_mm, pixel_mm / _GRAZING + 6 * noise_mm)
 
 
 def _grid_from_pixel(
     camera: Camera, belt_from_core: Pose, start_mm: NDArray[np.float64], cell_mm: float
 ) -> NDArray[np.float64]:
-    """(3, 4) from pixels times their depth to columns and rows from ``start_mm`` (2,) on, and heights in mm."""
-    moved = belt_from_core.translation_mm - [*start_mm, 0.0]
-    transform = np.column_stack([belt_from_core.rotation @ np.linalg.inv(camera.matrix), moved])
+    """Return the (3, 4) transform from pixels times depth to columns, rows (0 at ``start_mm`` (2,)) and height mm."""
+    offset = belt_from_core.translation_mm - [*start_mm, 0.0]
+    transform = np.column_stack([belt_from_core.rotation @ np.linalg.inv(camera.matrix), offset])
     transform[:2] /= cell_mm
     return transform
 
 
-def height_map(
+def compute_height_map(
     depth: DepthMap,
     camera: Camera,
     belt_from_core: Pose,
@@ -108,13 +109,13 @@ def height_map(
     use: NDArray[np.bool_],
     sampling: Sampling,
 ) -> Surface:
-    """Height of the top surface over each cell, from the pixels ``use`` (H, W) of a map so sampled.
+    """Return the height of the top surface over each cell, from the pixels ``use`` (H, W).
 
-    Neighbouring pixels of one surface are joined to triangles, and these are looked at from straight above: every
-    cell gets the area that is its own, however dense the pixels lie on what is near, far or steep, and of several
-    layers the uppermost, for an overhang counts as solid. A cell much larger than a pixel is the mean over such
-    looks a pixel apart, where most of them meet the surface. σ is the pixels' own: neighbours err together, so it
-    does not fall with their number.
+    Neighbouring pixels of one surface are joined to triangles, which are rasterised from vertically above. So every
+    cell is weighted by its own area, whatever the density of the pixels, and of several layers the uppermost
+    counts, since an overhang counts as solid. A cell much larger than a pixel is the mean over sub-cells of a
+    pixel's size, where most of these hit the surface. σ is that of the pixels: the errors of neighbours are
+    correlated, so it does not fall with their number.
     """
     side = max(1, round(grid.cell_mm / sampling.pixel_mm)) if use.any() else 1
     fine_mm = grid.cell_mm / side
@@ -126,10 +127,10 @@ def height_map(
     )
     if side > 1:
         measured = np.isfinite(height)
-        share = blocks_mean(measured, side)
+        share = average_blocks(measured, side)
         with np.errstate(invalid="ignore", divide="ignore"):
             height, variance = (
-                np.where(share > 0.5, blocks_mean(np.where(measured, part, 0.0), side) / share, np.nan)
+                np.where(share > 0.5, average_blocks(np.where(measured, part, 0.0), side) / share, np.nan)
                 for part in (height, variance)
             )
     sigma = np.sqrt(variance)

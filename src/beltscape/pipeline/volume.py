@@ -13,7 +13,7 @@ from beltscape.files.json_text import write_json
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.stl import write_stl
 from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.solid import load_mesh, surface_mesh
+from beltscape.measure.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume import Volume, measure_volume
 from beltscape.pipeline.belt import empty_belt, require_same_camera
 from beltscape.pipeline.doubts import warn_of_doubts
@@ -97,7 +97,7 @@ def volume_document(volume: Volume) -> Mapping[str, Any]:
         },
         "centre_of_gravity": centre
         and {
-            "place_mm": centre.place_mm,
+            "place_mm": centre.position_mm,
             "sigma_mm": centre.sigma_mm,
             "off_middle_mm": centre.off_middle_mm,
             "off_middle_sigma_mm": centre.off_middle_sigma_mm,
@@ -109,7 +109,7 @@ def volume_document(volume: Volume) -> Mapping[str, Any]:
             "whole_belt_seen": volume.fullness.whole_belt,
         },
         "highest": summit
-        and {"height_mm": summit.height_mm, "sigma_mm": summit.sigma_mm, "place_mm": summit.place_mm},
+        and {"height_mm": summit.height_mm, "sigma_mm": summit.sigma_mm, "place_mm": summit.position_mm},
     }
 
 
@@ -126,7 +126,7 @@ def write_volume(out: Path, volume: Volume) -> None:
     first = (load.origin_mm[0], float(load.y_mm[-1]))
     grid = {"origin_mm": first, "cell_mm": load.cell_mm, "rows": "along -y", "columns": "along x"}
     write_json(out / "volume.json", {**volume_document(volume), "load_grid": grid})
-    for name, mesh in (("surface.stl", surface_mesh(volume)), ("load.stl", load_mesh(volume))):
+    for name, mesh in (("surface.stl", build_surface_mesh(volume)), ("load.stl", build_load_mesh(volume))):
         write_stl(out / name, mesh.vertices_mm, mesh.faces)
     write_text(out / "profiles.csv", profiles_csv(volume))
     write_text(out / "areas.csv", areas_csv(volume))

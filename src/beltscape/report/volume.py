@@ -77,7 +77,7 @@ def _load_tiles(volume: Volume) -> list[Tile]:
     of = "of the whole belt" if full.whole_belt else "of the part of the belt that was seen"
     tiles = [Tile("full", f"{100 * full.level:.0f}", "%", f"{full.capacity_mm2 / 100:.0f} cm² {of}")]
     if summit is not None:
-        where = f"at x {summit.place_mm[0]:.0f}, y {summit.place_mm[1]:.0f} mm"
+        where = f"at x {summit.position_mm[0]:.0f}, y {summit.position_mm[1]:.0f} mm"
         tiles.append(Tile("highest", f"{summit.height_mm:.1f}", "mm", where))
     if centre is not None:
         sigma = f"σ {centre.off_middle_sigma_mm:.1f} mm"
@@ -107,7 +107,7 @@ def centre_table(volume: Volume) -> Table:
         return Table(["centre of gravity", "mm", "σ"], [["none: hardly any load", "–", "–"]])
     rows = [
         [name, f"{value:.1f}", f"{sigma:.1f}"]
-        for name, value, sigma in zip("xyz", centre.place_mm, centre.sigma_mm, strict=True)
+        for name, value, sigma in zip("xyz", centre.position_mm, centre.sigma_mm, strict=True)
     ]
     off = [f"{centre.off_middle_mm:+.1f}", f"{centre.off_middle_sigma_mm:.1f}"]
     return Table(["centre of gravity", "mm", "σ"], [*rows, ["off the belt's middle", *off]])
@@ -136,7 +136,7 @@ def height_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
     box = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=light("limit"), linewidth=1.8)
     axis.add_patch(box)
     if volume.centre is not None:
-        axis.plot(*volume.centre.place_mm[:2], "x", color=light("limit"), markersize=11, markeredgewidth=2.5)
+        axis.plot(*volume.centre.position_mm[:2], "x", color=light("limit"), markersize=11, markeredgewidth=2.5)
     axis.set(xlabel="x across, mm", ylabel="y along, mm", xlim=extent[:2], ylim=extent[2:])
     return figure
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beltscape.measure.holes.brinks import brinks
-from beltscape.measure.network import shipped
+from beltscape.measure.network import load_network
 
 X, Y = np.meshgrid(np.arange(80.0), np.arange(60.0))
 LEVEL = np.zeros((2, *X.shape))
@@ -24,7 +24,7 @@ def test_only_what_stands_above_a_drop_is_one() -> None:
 def test_what_lies_beyond_is_part_of_the_drop(drop: float) -> None:
     hole = (X >= 30) & (X < 33)
     step = np.where(hole, np.nan, np.where(X < 30, drop, 0.0))
-    too_high, sigma = brinks(step, LEVEL, 1.0).beyond(shipped("brinks"))
+    too_high, sigma = brinks(step, LEVEL, 1.0).beyond(load_network("brinks"))
     assert (too_high <= drop).all()
     assert (too_high >= -0.5 * drop).all()
     assert (sigma > 0).all()

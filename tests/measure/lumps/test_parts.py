@@ -14,7 +14,7 @@ from beltscape.measure.lumps.features import FEATURES, features
 from beltscape.measure.lumps.merging import merged
 from beltscape.measure.lumps.raster import fill
 from beltscape.measure.lumps.settings import LumpSettings
-from beltscape.measure.network import shipped
+from beltscape.measure.network import load_network
 
 FIELDS = arrays(np.float32, (9, 12), elements=st.floats(0, 1, width=32), unique=True)
 SIZES = st.lists(st.tuples(st.floats(5, 200), st.floats(0.1, 10)), min_size=1, max_size=30)
@@ -93,7 +93,7 @@ def test_features_do_not_see_a_height_or_a_far_off_slope():
 
 
 def test_the_network_that_ships_fits_the_features():
-    network = shipped("lumps")
+    network = load_network("lumps")
     assert network.mean.shape == network.scale.shape == (FEATURES,)
     chances = network.chances(np.zeros((5, FEATURES), np.float32))
     assert chances.shape == (5, 2)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.measure.flow.layer import Layer
-from beltscape.measure.surface import closed
+from beltscape.measure.surface import close_pinholes
 
 _OUTLIER = 4.0
 _RANK = 0.65
@@ -110,7 +110,7 @@ def _fused(
         own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
         shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
     parts = (part.astype(np.float32) for part in (mean, own, shared))
-    layer = Layer(first, *parts, closed(known.any(axis=0)).mean(axis=1), slant)
+    layer = Layer(first, *parts, close_pinholes(known.any(axis=0)).mean(axis=1), slant)
     return layer, _scatter(height, sigma, kept, agrees, known, mean, total)
 
 

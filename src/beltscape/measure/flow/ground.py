@@ -13,7 +13,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.measure.flow.layer import Layer
-from beltscape.measure.load import Load, load_over_belt
+from beltscape.measure.load import Load, compute_load
 from beltscape.measure.surface import Grid
 
 Range = tuple[float, float]
@@ -66,14 +66,14 @@ class Ground:
         first, last = int(np.ceil(low / cell)), int(np.floor(high / cell))
         start = min(direction * (position_mm - row * cell) for row in (first, last))
         grid = Grid((self.grid.origin_mm[0], start), cell, (last - first + 1, self.grid.shape[1]))
-        load = load_over_belt(_confident(depth), self.camera, self.belt, grid)
+        load = compute_load(_confident(depth), self.camera, self.belt, grid)
         worse = 1 + blur_mm / cell
         whole = self._top_in_view(load)
         planes = (load.height_mm, worse * load.sigma_mm, worse * load.noise_mm)
         parts = tuple(np.where(whole, plane, np.nan) for plane in planes)
         height, sigma, noise = (part[::-direction].astype(np.float32) for part in parts)
         # the camera's slant along the belt is the same all across, but for the belt's shape
-        slant = -direction * load.lean[1].mean(axis=1)[::-direction]
+        slant = -direction * load.ray_slope[1].mean(axis=1)[::-direction]
         return Layer(first, height, sigma, noise, (load.measured & whole)[::-direction].mean(axis=1), slant)
 
     def coarse(self, depth: DepthMap, times: int) -> NDArray[np.float64]:
@@ -89,7 +89,7 @@ class Ground:
         )
         shape = tuple((side - 1) // times + 1 for side in self.grid.shape)
         grid = Grid(self.grid.origin_mm, times * self.cell_mm, (shape[0], shape[1]))
-        return load_over_belt(fewer, thinned, self.belt, grid).height_mm
+        return compute_load(fewer, thinned, self.belt, grid).height_mm
 
     def _top_in_view(self, load: Load) -> NDArray[np.bool_]:
         """(Ny, Nx) cells over which the image also shows what is as high as the load about them.

@@ -14,8 +14,8 @@ from beltscape.measure.flow.fusion import Fused
 from beltscape.measure.flow.ground import Ground
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes.fill import Filled, fill_holes
-from beltscape.measure.surface import closed
-from beltscape.measure.uncertainty import STEP
+from beltscape.measure.surface import close_pinholes
+from beltscape.measure.uncertainty import STEP_SLOPE
 
 _SEEN = 0.02
 """A row of which less was measured was not seen."""
@@ -170,7 +170,7 @@ class Filler:
         whole = np.concatenate(self._rows, axis=1)
         behind = max(self._first, self._done - self._margin)
         height, sigma, noise, frames, single, slant = whole[:, behind - self._first : ahead - self._first]
-        measured = closed(np.isfinite(height))
+        measured = close_pinholes(np.isfinite(height))
         lean = np.stack([np.broadcast_to(self._ground.slant_across(), height.shape), slant])
         narrow = measured & ~np.isfinite(height)
         own = slice(self._done - behind, stop - behind)
@@ -207,7 +207,7 @@ class Filler:
         holes = (whole[label] * open_mm).sum(axis=1) * cell
         rise_x = np.abs(np.diff(filled.value_mm, axis=1, prepend=filled.value_mm[:, :1]))
         rise_y = np.abs(np.diff(filled.value_mm, axis=0, prepend=filled.value_mm[:1]))
-        steps = sum((np.where(rise > STEP * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
+        steps = sum((np.where(rise > STEP_SLOPE * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
         return Rows(
             first=self._done,
             area_mm2=cell * filled.value_mm[own].sum(axis=1),

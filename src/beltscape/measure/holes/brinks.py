@@ -45,7 +45,7 @@ class Brinks:
 
     def beyond(self, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(B,) millimetres by which the cells' mean heights are too high, and their standard deviation."""
-        share, sigma = network.mean_and_sigma(self.features)
+        share, sigma = network.predict_mean_and_sigma(self.features)
         return self.drop_mm * np.clip(share, *_LIMITS), self.drop_mm * np.minimum(sigma, 1.0)
 
 

@@ -15,7 +15,7 @@ from beltscape.measure.holes.features import around, features
 from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook, expected, outlook
 from beltscape.measure.holes.quadrics import quadrics
 from beltscape.measure.holes.rims import gradients, hollows, lines_through, lowest_through
-from beltscape.measure.network import Network, shipped
+from beltscape.measure.network import Network, load_network
 
 _RATIOS = (-5.0, 5.0)
 """Heights may be so many scales from the smooth surface."""
@@ -84,7 +84,7 @@ def fill_holes(
     asked[rows] = hole[rows]
     if not asked.any():
         return Filled(value_mm, sigma_mm, hole)
-    inside, beside = networks or (shipped("holes"), shipped("brinks"))
+    inside, beside = networks or (load_network("holes"), load_network("brinks"))
     slant = np.zeros((2, *hole.shape)) if lean is None else lean
     value, sigma = value_mm.copy(), sigma_mm.copy()
     place = np.nonzero(asked)
@@ -122,7 +122,7 @@ def hole_view(
 
 def _told(view: HoleView, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean and spread (H,) of what may lie there, by the network; NaN where no line meets two rims."""
-    offset, sigma = network.mean_and_sigma(view.features)
+    offset, sigma = network.predict_mean_and_sigma(view.features)
     base, scale, floor = view.ahead.base_mm, view.ahead.scale_mm, view.look.floor_mm
     mean = base + scale * np.clip(offset, *_RATIOS)
     # nothing measured says of a hollow that it reaches below the belt

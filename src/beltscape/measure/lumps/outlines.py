@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from beltscape.measure.lumps.features import features
 from beltscape.measure.lumps.raster import Raster
-from beltscape.measure.network import Network, shipped
+from beltscape.measure.network import Network, load_network
 
 _ROWS = 64
 
 
 def outlines(raster: Raster, network: Network | None = None) -> NDArray[np.float32]:
     """(R, C, 2) float32: probability of an outline, and of a lump (as against fines, belt and floor)."""
-    network = network or shipped("lumps")
+    network = network or load_network("lumps")
     values = features(raster.height_px, raster.measured)
     rows, columns, number = values.shape
     # in strips that stay in the processor's cache
     strips = [
-        network.chances(values[top : top + _ROWS].reshape(-1, number)).reshape(-1, columns, 2)
+        network.predict_probabilities(values[top : top + _ROWS].reshape(-1, number)).reshape(-1, columns, 2)
         for top in range(0, rows, _ROWS)
     ]
     return np.concatenate(strips)

@@ -35,7 +35,7 @@ def cone() -> Volume:
 def test_centre_of_a_cone(cone: Volume) -> None:
     origin = cone.belt.belt_from_core.translation_mm  # the camera stands over x = y = 0
     assert cone.centre is not None
-    place = np.array(cone.centre.place_mm) - [origin[0], origin[1], 0]
+    place = np.array(cone.centre.position_mm) - [origin[0], origin[1], 0]
     np.testing.assert_allclose(place, [30, -40, 15], atol=0.7)
     assert cone.centre.off_middle_mm == pytest.approx(30, abs=1.5)
     assert max(cone.centre.sigma_mm) < 2

@@ -6,10 +6,10 @@ import json
 import time
 from pathlib import Path
 
-from beltscape.calibrate.adjust import adjust
-from beltscape.calibrate.chain import solve
-from beltscape.calibrate.heldout import held_out_score
-from beltscape.calibrate.sightings import find_board
+from beltscape.calibrate.adjust import adjust_bundle
+from beltscape.calibrate.chain import solve_hierarchy
+from beltscape.calibrate.heldout import cross_validate
+from beltscape.calibrate.sightings import detect_board
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.evaluate.rig import score_rig_against_truth
@@ -44,22 +44,26 @@ def _against_truth(rendered: Path) -> tuple[list[str], Rig]:
     truth = true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
     board = read_board(rendered / "board.toml")
     start = time.perf_counter()
-    sightings, _ = find_board(read_capture(rendered / "calibration"), board, Silent())
+    detections, _ = detect_board(read_capture(rendered / "calibration"), board, Silent())
     detected = time.perf_counter()
-    chain = solve(sightings, board, "cam0", Silent())
-    chained = time.perf_counter()
-    adjusted = adjust(chain, board)
+    hierarchy = solve_hierarchy(detections, board, "cam0", Silent())
+    associated = time.perf_counter()
+    adjustment = adjust_bundle(hierarchy, board)
     done = time.perf_counter()
-    pairs = Rig(chain.rig.core, chain.rig.cameras, (chain.network.chained or chain.network).cam_from_core)
+    pairs = Rig(
+        hierarchy.rig.core,
+        hierarchy.rig.cameras,
+        (hierarchy.network.initial or hierarchy.network).cam_from_core,
+    )
     rigs = {
         "detection": (None, detected - start),
         "pairs through the core": (pairs, None),
-        "after global optimisation (Eqs. 17-20)": (chain.rig, chained - detected),
-        "after joint adjustment": (adjusted.rig, done - chained),
+        "after global optimisation (Eqs. 17-20)": (hierarchy.rig, associated - detected),
+        "after joint adjustment": (adjustment.rig, done - associated),
     }
     head = "| calibration, rendered | depth RMS / max mm | worst rotation ° | worst centre mm | s |"
     rows = [_row(name, rig, truth, took) for name, (rig, took) in rigs.items()]
-    return [head, "|---|---|---|---|---|", *rows], adjusted.rig
+    return [head, "|---|---|---|---|---|", *rows], adjustment.rig
 
 
 def _row(name: str, rig: Rig | None, truth: Rig, took: float | None) -> str:
@@ -76,9 +80,9 @@ def _row(name: str, rig: Rig | None, truth: Rig, took: float | None) -> str:
 def _held_out(name: str, folder: Path, board: Board) -> str | None:
     if not folder.is_dir():
         return None
-    sightings, _ = find_board(read_capture(folder), board, Silent())
-    rig = solve(sightings, board, None, Silent()).rig
-    halves = held_out_score(sightings.restricted(rig.cameras, sightings.frames), board, rig.core, load())
+    detections, _ = detect_board(read_capture(folder), board, Silent())
+    rig = solve_hierarchy(detections, board, None, Silent()).rig
+    halves = cross_validate(detections.restrict(rig.cameras, detections.frames), board, rig.core, load())
     if halves is None:
         return None
     s = halves.score

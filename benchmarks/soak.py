@@ -33,9 +33,9 @@ from typing import Any
 from beltscape.files.json_text import write_json
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from beltscape.sources.genicam.fake.bench import Bench
+from beltscape.sources.genicam.fake.bench import SimulatedCameras
 from beltscape.sources.genicam.fake.camera import COUNTER
-from beltscape.sources.genicam.fake.capture import pictures_of
+from beltscape.sources.genicam.fake.capture import read_pictures
 from beltscape.sources.genicam.fake.network import add_addresses
 
 PORT = 8470
@@ -70,8 +70,8 @@ def main() -> None:
     data = out / "data"
     data.mkdir(parents=True)
     subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "tmpfs", str(data)], check=True)
-    pictures, counts, around = pictures_of(arguments.capture, MM_PER_COUNT)
-    bench = Bench(out / "bench", pictures, arguments.frames_per_s, counts, around)
+    pictures, counts, around = read_pictures(arguments.capture, MM_PER_COUNT)
+    bench = SimulatedCameras(out / "bench", pictures, arguments.frames_per_s, counts, around)
     add_addresses(bench.devices.values())
     project = out / "project.toml"
     project.write_text(_project(arguments, bench), encoding="utf-8")
@@ -83,7 +83,7 @@ def main() -> None:
     print(json.dumps({k: v for k, v in result.items() if k not in ("faults", "memory")}, indent=1))
 
 
-def _project(arguments: argparse.Namespace, bench: Bench) -> str:
+def _project(arguments: argparse.Namespace, bench: SimulatedCameras) -> str:
     devices = "\n".join(f'{name} = "{address}"' for name, address in bench.devices.items())
     rate = arguments.frames_per_s
     return f"""name = "soak"
@@ -118,7 +118,7 @@ anonymous_role = "viewer"
 """
 
 
-def suffer(project: Path, bench: Bench, data: Path, seconds: float, calm_s: float) -> Seen:
+def suffer(project: Path, bench: SimulatedCameras, data: Path, seconds: float, calm_s: float) -> Seen:
     """Let it run, then break something every now and then, mend it, and keep what the page is shown."""
     seen, chance = Seen(), random.Random(7)
     began = time.monotonic()
@@ -142,7 +142,7 @@ def _fault(
     kind: str,
     program: subprocess.Popen[bytes],
     project: Path,
-    bench: Bench,
+    bench: SimulatedCameras,
     data: Path,
     chance: random.Random,
 ) -> subprocess.Popen[bytes]:

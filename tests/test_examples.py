@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from beltscape.cli.main import COMMANDS, OneLineParser
 from beltscape.files.rig_json import read_rig
 from beltscape.files.toml_text import read_toml
-from beltscape.pipeline.plan import plan_settings
+from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.simulate.scenario import Faults, Scenario
 from beltscape.simulate.stage import SimulatedScene
@@ -64,7 +64,7 @@ def test_the_rig_of_ones_own_belt_stands_as_its_file_says():
 
 def test_the_plan_is_taken():
     path = EXAMPLES / "00_plan_a_rig/plan.toml"
-    assert plan_settings(path, {}).belt.width_mm == read_toml(path)["belt"]["width_mm"]
+    assert read_plan_settings(path, {}).belt.width_mm == read_toml(path)["belt"]["width_mm"]
 
 
 @pytest.mark.parametrize("script", SHELL, ids=lambda path: path.parent.name)

@@ -3,31 +3,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.adjust import adjust
-from beltscape.calibrate.chain import solve
-from beltscape.calibrate.uncertainty import depth_sigma, rig_covariance
+from beltscape.calibrate.adjust import adjust_bundle
+from beltscape.calibrate.chain import solve_hierarchy
+from beltscape.calibrate.uncertainty import compute_depth_sigma, compute_rig_covariance
 from beltscape.core.progress import Silent
 from beltscape.evaluate.rig import score_rig_against_truth
 from beltscape.kernels import load
-from synthetic.sightings import sightings, spoiled
+from synthetic.sightings import make_detections, spoiled
 
 NOISE_PX = 0.1
 
 
 @pytest.fixture(scope="module")
 def adjusted(rig, board, poses):
-    own = sightings(rig, board, poses, NOISE_PX)
-    chain = solve(own, board, rig.core, Silent())
-    return chain, own, adjust(chain, board)
+    own = make_detections(rig, board, poses, NOISE_PX)
+    chain = solve_hierarchy(own, board, rig.core, Silent())
+    return chain, own, adjust_bundle(chain, board)
 
 
 def test_is_nearer_to_the_truth_than_the_chain(rig, board, poses):
     better = 0
     for seed in range(5):
-        own = sightings(rig, board, poses, NOISE_PX, seed)
-        chain = solve(own, board, rig.core, Silent())
+        own = make_detections(rig, board, poses, NOISE_PX, seed)
+        chain = solve_hierarchy(own, board, rig.core, Silent())
         before = score_rig_against_truth(chain.rig, rig, load())
-        after = score_rig_against_truth(adjust(chain, board).rig, rig, load())
+        after = score_rig_against_truth(adjust_bundle(chain, board).rig, rig, load())
         better += after.depth_rms_mm < before.depth_rms_mm
         assert max(after.rotation_deg.values()) < max(before.rotation_deg.values())
     assert better >= 4
@@ -41,13 +41,13 @@ def test_a_flat_board_stays_flat_and_noise_is_told(adjusted):
 
 
 def test_wrong_corners_are_left_out(rig, board, poses):
-    own = sightings(rig, board, poses, NOISE_PX)
+    own = make_detections(rig, board, poses, NOISE_PX)
     first = next(iter(rig.cameras))
     pixels = own.views[first]["03"].pixels.copy()
     pixels[4] += 1.2
     disturbed = spoiled(own, first, "03", pixels)
-    chain = solve(disturbed, board, rig.core, Silent())
-    found = adjust(chain, board)
+    chain = solve_hierarchy(disturbed, board, rig.core, Silent())
+    found = adjust_bundle(chain, board)
     o = found.bundle.observations
     camera = list(found.rig.cameras).index(first)
     of_view = (o.camera == camera) & (o.frame == found.frames.index("03"))
@@ -57,14 +57,14 @@ def test_wrong_corners_are_left_out(rig, board, poses):
 
 def test_depth_sigma_is_what_many_rigs_scatter(rig, board, poses, adjusted):
     _, _, found = adjusted
-    sigma = depth_sigma(found.rig, rig_covariance(found).matrix, 650.0, columns=9)
+    sigma = compute_depth_sigma(found.rig, compute_rig_covariance(found).matrix, 650.0, columns=9)
     inner = (slice(2, -2), slice(2, -2))
     x, y = np.meshgrid(sigma.x_mm, sigma.y_mm)
     points = np.stack([x[inner].ravel(), y[inner].ravel(), np.full(x[inner].size, 650.0)], axis=-1)
     errors = []
     for seed in range(16):
-        own = sightings(rig, board, poses, NOISE_PX, 100 + seed)
-        again = adjust(solve(own, board, rig.core, Silent()), board).rig
+        own = make_detections(rig, board, poses, NOISE_PX, 100 + seed)
+        again = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board).rig
         errors.append(triangulated_with(again, rig, points)[:, 2] - 650.0)
     actual = np.sqrt(np.nanmean(np.square(errors), axis=0))
     ratio = actual / sigma.sigma_mm[inner].ravel()
@@ -86,7 +86,7 @@ def triangulated_with(rig, truth, points_mm):
 
 def test_covariance_names_every_parameter_and_holds_what_was_held(adjusted):
     _, _, found = adjusted
-    covariance = rig_covariance(found)
+    covariance = compute_rig_covariance(found)
     cameras = len(found.rig.cameras)
     assert len(covariance.parameters) == 9 * cameras + 6 * (cameras - 1) == len(covariance.matrix)
     np.testing.assert_array_equal(covariance.matrix, covariance.matrix.T)

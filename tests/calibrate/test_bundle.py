@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from beltscape.calibrate.bundle import Bundle
-from beltscape.calibrate.jacobian import by_pose, project
+from beltscape.calibrate.jacobian import differentiate_by_pose, project_with_jacobians
 from beltscape.calibrate.levenberg import minimise
-from beltscape.calibrate.steady import one_thread
+from beltscape.calibrate.steady import single_thread
 from beltscape.core.pose import rotation_from_vector
 from synthetic.bundles import problem
 
@@ -20,7 +20,7 @@ def test_projection_is_opencvs():
     rng = np.random.default_rng(3)
     points = rng.uniform([-200, -200, 500], [200, 200, 900], (50, 3))
     lens = np.array([900.0, 910.0, 320.0, 240.0, -0.2, 0.1, 0.002, -0.001, 0.03])
-    pixels, _, _ = project(points, np.tile(lens, (50, 1)))
+    pixels, _, _ = project_with_jacobians(points, np.tile(lens, (50, 1)))
     matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, lens[4:])[0].reshape(-1, 2)
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
@@ -30,19 +30,25 @@ def test_derivatives_are_the_numeric_ones():
     rng = np.random.default_rng(4)
     points = rng.uniform([-250, -200, 500], [250, 200, 900], (20, 3))
     lens = np.tile([900.0, 910.0, 320.0, 240.0, -0.2, 0.1, 0.002, -0.001, 0.03], (20, 1))
-    _, by_point, by_lens = project(points, lens)
+    _, by_point, by_lens = project_with_jacobians(points, lens)
     for axis in range(3):
         h = np.eye(3)[axis] * 1e-4
-        numeric = (project(points + h, lens)[0] - project(points - h, lens)[0]) / 2e-4
+        numeric = (
+            project_with_jacobians(points + h, lens)[0] - project_with_jacobians(points - h, lens)[0]
+        ) / 2e-4
         np.testing.assert_allclose(by_point[:, :, axis], numeric, rtol=1e-6, atol=1e-7)
     for parameter in range(9):
         h = np.eye(9)[parameter] * 1e-5
-        numeric = (project(points, lens + h)[0] - project(points, lens - h)[0]) / 2e-5
+        numeric = (
+            project_with_jacobians(points, lens + h)[0] - project_with_jacobians(points, lens - h)[0]
+        ) / 2e-5
         np.testing.assert_allclose(by_lens[:, :, parameter], numeric, rtol=1e-5, atol=1e-6)
-    turned = by_pose(by_point, points)
+    turned = differentiate_by_pose(by_point, points)
     for axis in range(3):
         h = np.eye(3)[axis] * 1e-6
-        forth, back = (project(points @ rotation_from_vector(s * h).T, lens)[0] for s in (1, -1))
+        forth, back = (
+            project_with_jacobians(points @ rotation_from_vector(s * h).T, lens)[0] for s in (1, -1)
+        )
         np.testing.assert_allclose(turned[:, :, axis], (forth - back) / 2e-6, rtol=1e-5, atol=1e-4)
 
 
@@ -50,10 +56,10 @@ def test_the_linear_model_promises_what_a_small_step_brings(rig, board, poses):
     observations, truth, prior = problem(rig, board, poses, NOISE_PX, points_sigma_mm=0.1)
     bundle = Bundle(observations, prior)
     linear = bundle.linearise(truth)
-    step = linear.step(0.1)
+    step = linear.solve_step(0.1)
     for share in (1e-3, 1e-4):
-        brought = linear.cost - bundle.cost(bundle.moved(truth, share * step))
-        assert brought == pytest.approx(linear.predicted_drop(share * step), rel=1e-2)
+        brought = linear.cost - bundle.cost(bundle.apply_step(truth, share * step))
+        assert brought == pytest.approx(linear.predict_decrease(share * step), rel=1e-2)
 
 
 def test_exact_views_bring_a_disturbed_rig_back(rig, board, poses):
@@ -64,7 +70,7 @@ def test_exact_views_bring_a_disturbed_rig_back(rig, board, poses):
         [np.tile([1, 1, 1, 1, 1e-3, 1e-3, 1e-4, 1e-4], len(rig.cameras)),
          np.tile([1e-3] * 3 + [0.5] * 3, len(rig.cameras) - 1 + len(poses))]
     )  # fmt: skip
-    start = bundle.moved(truth, scales * rng.normal(size=len(scales)))
+    start = bundle.apply_step(truth, scales * rng.normal(size=len(scales)))
     found = minimise(bundle, start)
     assert found.converged
     np.testing.assert_allclose(found.state.intrinsics[:, :4], truth.intrinsics[:, :4], atol=1e-4)
@@ -108,7 +114,7 @@ def test_corners_of_weight_nothing_do_not_count(rig, board, poses):
 def test_covariance_is_what_many_runs_scatter(rig, board, poses):
     """Normalised squared error over degrees of freedom, over seeds: 0.9 to 1.1."""
     ratios = []
-    with one_thread():
+    with single_thread():
         for seed in range(60):
             observations, truth, prior = problem(rig, board, poses[:8], NOISE_PX, seed)
             bundle = Bundle(observations, prior)

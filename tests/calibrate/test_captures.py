@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detect import Variant
+from beltscape.calibrate.detect import PrintVariant
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
@@ -62,7 +62,7 @@ def test_three_cameras_on_a_charuco_board(charuco_capture):
     found = calibrate(charuco_capture.folder, charuco_capture.board, None, reporter)
     assert_recovered(found.rig, charuco_capture.rig)
     assert (found.rig.core, list(found.rig.cameras)) == ("cam1", ["cam1", "cam0", "cam2"])
-    assert found.variant == Variant(legacy=False, inverted=False)
+    assert found.variant == PrintVariant(legacy=False, inverted=False)
     assert found.held_out is not None
     assert found.training.rms_px < found.held_out.rms_px < 0.12
     assert abs(found.held_out.square_bias_mm) < 0.05
@@ -85,7 +85,7 @@ def test_how_the_board_was_printed_is_found_out(tmp_path, squares, legacy, inver
     rig = row_of_cameras(["a", "b"])
     capture(tmp_path, rig, board, board_poses(board, 8), Print(legacy, inverted))
     found = calibrate(tmp_path, board, None, Silent())
-    assert found.variant == Variant(legacy, inverted)
+    assert found.variant == PrintVariant(legacy, inverted)
     assert_recovered(found.rig, rig, focal=0.01, angle_deg=0.6, mm=6)
     assert calibration_document(found)["board"]["inverted"] is inverted
 
@@ -110,7 +110,7 @@ def test_a_camera_seen_only_together_with_an_auxiliary_is_reached_through_it(tmp
     capture(tmp_path, rig, charuco, board_poses(charuco, 12), seen_by=seen_by)
     reporter = Silent()
     found = calibrate(tmp_path, charuco, "near", reporter)
-    assert found.chain.network.paths["far"] == ("near", "middle", "far")
+    assert found.hierarchy.network.paths["far"] == ("near", "middle", "far")
     assert calibration_document(found)["cameras"]["far"]["path_from_core"] == ("near", "middle", "far")
     assert_recovered(found.rig, rig, focal=0.012, angle_deg=0.6, mm=6)
     assert [line.split(":", 1)[1] for line in reporter.warnings] == [
@@ -139,7 +139,7 @@ def test_a_bent_view_is_left_out_and_named(tmp_path, charuco_capture):
     v, u = np.indices(image.shape).astype(np.float32)
     write_image(path, cv2.remap(image, u, v + 4 * np.sin(u / 30, dtype=np.float32), cv2.INTER_LINEAR))
     found = calibrate(tmp_path, own.board, None, Silent())
-    assert list(found.chain.monocular["cam0"].rejected) == ["02"]
+    assert list(found.hierarchy.monocular["cam0"].rejected) == ["02"]
     assert_recovered(found.rig, own.rig)
 
 
@@ -165,7 +165,7 @@ def test_check_judges_a_rig_on_views_it_has_never_seen(tmp_path, charuco_capture
     true = check(fresh.folder, own.rig, own.board, reporter)
     assert (found.score.frames, found.score.views) == (4, 12)
     assert true.score.rms_px < found.score.rms_px < 0.15
-    assert set(found.evidence.residuals) == set(own.rig.cameras)
+    assert set(found.rig_errors.residuals) == set(own.rig.cameras)
     assert found.fit.is_sound
     assert found.scale == 1
     assert reporter.warnings == []
@@ -182,7 +182,7 @@ def every_other(folder: Path, target: Path) -> None:
 
 def test_recorded_chessboards_of_opencv(real_data):
     found = calibrate(real_data("opencv_stereo"), Chessboard(corners=(9, 6), square_mm=25), None, Silent())
-    assert {name: len(views) for name, views in found.sightings.views.items()} == {"left": 13, "right": 13}
+    assert {name: len(views) for name, views in found.detections.views.items()} == {"left": 13, "right": 13}
     assert found.held_out is not None
     assert found.held_out.rms_px < 0.25
     assert found.fit.is_sound
@@ -197,15 +197,15 @@ def test_recorded_charuco_boards_close_by(real_data, tmp_path):
     board = CharucoBoard(squares=(20, 20), square_mm=4, marker_mm=3.2, dictionary="DICT_4X4_1000")
     every_other(real_data("pycamset_calibration_charuco"), tmp_path)
     found = calibrate(tmp_path, board, None, Silent())
-    assert sum(len(views) for views in found.sightings.views.values()) >= 29  # of 33
-    assert list(found.sightings.views) == ["1", "2", "3"]
-    assert found.variant == Variant(legacy=False, inverted=False)
+    assert sum(len(views) for views in found.detections.views.values()) >= 29  # of 33
+    assert list(found.detections.views) == ["1", "2", "3"]
+    assert found.variant == PrintVariant(legacy=False, inverted=False)
     assert found.held_out is not None
     assert found.held_out.median_px < 2.5
     assert found.held_out.square_rms_mm < 0.06
     assert not found.fit.is_sound
-    assert found.warnings[: len(found.fit.doubts)] == found.fit.doubts
-    assert "far larger than the corners' own noise" in found.fit.doubts[0]
+    assert found.warnings[: len(found.fit.findings)] == found.fit.findings
+    assert "far larger than the corners' own noise" in found.fit.findings[0]
     assert min(own.chi2_per_dof for own in found.fit.cameras.values()) > 4
 
 
@@ -214,8 +214,8 @@ def test_recorded_webcams_without_a_common_trigger_are_warned_about(real_data, t
     reporter = Silent()
     every_other(real_data("caliscope_4cam"), tmp_path)
     found = calibrate(tmp_path, board, None, reporter)
-    assert found.variant == Variant(legacy=False, inverted=True)
-    seen = {name: len(views) for name, views in found.sightings.views.items()}
+    assert found.variant == PrintVariant(legacy=False, inverted=True)
+    seen = {name: len(views) for name, views in found.detections.views.items()}
     assert set(found.rig.cameras) == {"cam_0", "cam_1", "cam_2", "cam_3"}
     assert sum(seen.values()) >= 35  # of 48
     skewed = [line for line in reporter.warnings if "not triggered at the same instant" in line]

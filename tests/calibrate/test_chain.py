@@ -4,21 +4,21 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.chain import skewed_pairs, solve
-from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.chain import find_unsynchronised_pairs, solve_hierarchy
+from beltscape.calibrate.corners import BoardDetections
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.sightings import seen, sightings
+from synthetic.sightings import make_detections, seen
 
 FRAMES = range(12)
 
 
 def test_without_noise_the_rig_is_recovered(rig, board, poses):
     reporter = Silent()
-    found = solve(sightings(rig, board, poses), board, "b", reporter).rig
+    found = solve_hierarchy(make_detections(rig, board, poses), board, "b", reporter).rig
     assert (found.core, list(found.cameras)) == ("b", ["b", "a", "c", "d"])
     for name in rig.cameras:
         offset = found.cam_from_core[name].inverse() @ rig.relative(name, "b")
@@ -28,12 +28,14 @@ def test_without_noise_the_rig_is_recovered(rig, board, poses):
 
 
 def test_without_a_wish_the_core_is_a_central_camera(rig, board, poses):
-    assert solve(sightings(rig, board, poses, noise_px=0.05), board, None, Silent()).rig.core in ("b", "c")
+    assert solve_hierarchy(
+        make_detections(rig, board, poses, noise_px=0.05), board, None, Silent()
+    ).rig.core in ("b", "c")
 
 
 def test_the_network_is_optimised_and_keeps_what_it_was_before(rig, board, poses):
-    chain = solve(sightings(rig, board, poses, noise_px=0.1), board, "b", Silent())
-    before, after = chain.network.chained, chain.network
+    chain = solve_hierarchy(make_detections(rig, board, poses, noise_px=0.1), board, "b", Silent())
+    before, after = chain.network.initial, chain.network
     assert [e.pair for e in before.path_errors] == [("a", "c"), ("a", "d"), ("c", "d")]
     assert len(after.path_errors) == 6
     assert len(after.loop_errors) == 4
@@ -45,7 +47,7 @@ def test_the_network_is_optimised_and_keeps_what_it_was_before(rig, board, poses
 def test_a_camera_that_shares_frames_only_with_an_auxiliary_is_associated_through_it(rig, board, poses):
     frames = {"a": range(8), "b": FRAMES, "c": range(8, 12), "d": ()}
     reporter = Silent()
-    chain = solve(sightings(rig, board, poses, seen_by=frames), board, "a", reporter)
+    chain = solve_hierarchy(make_detections(rig, board, poses, seen_by=frames), board, "a", reporter)
     assert chain.network.paths["c"] == ("a", "b", "c")
     offset = chain.rig.cam_from_core["c"].inverse() @ rig.relative_pose("c", "a")
     assert np.linalg.norm(offset.translation_mm) < 0.02
@@ -57,7 +59,7 @@ def test_a_camera_that_shares_frames_only_with_an_auxiliary_is_associated_throug
 def test_a_camera_that_shares_nothing_is_named_and_left_out(rig, board, poses):
     frames = {"a": range(7), "b": range(7), "c": range(7, 12), "d": range(7)}
     reporter = Silent()
-    chain = solve(sightings(rig, board, poses, seen_by=frames), board, None, reporter)
+    chain = solve_hierarchy(make_detections(rig, board, poses, seen_by=frames), board, None, reporter)
     assert set(chain.rig.cameras) == {"a", "b", "d"}
     assert reporter.warnings == ["camera c shares no view of the board with a, b, d; going on without it"]
 
@@ -87,14 +89,16 @@ def test_a_camera_that_shares_nothing_is_named_and_left_out(rig, board, poses):
 )
 def test_what_does_not_make_a_rig_is_told(rig, board, poses, frames, core, message):
     with pytest.raises(CalibrationError) as error:
-        solve(sightings(rig, board, poses, seen_by=frames), board, core, Silent())
+        solve_hierarchy(make_detections(rig, board, poses, seen_by=frames), board, core, Silent())
     assert str(error.value) == message
 
 
 def test_a_board_held_in_one_pose_only_is_told(board):
     rig = row_of_cameras(["a", "b"])
     reporter = Silent()
-    solve(sightings(rig, board, board_poses(board, 1) * 5, noise_px=0.1), board, None, reporter)
+    solve_hierarchy(
+        make_detections(rig, board, board_poses(board, 1) * 5, noise_px=0.1), board, None, reporter
+    )
     assert [line.split(";")[-1] for line in reporter.warnings] == [
         " add views with the board tilted about 30° to every side"
     ] * 2
@@ -105,22 +109,22 @@ def test_a_board_held_in_one_pose_only_is_told(board):
 
 def test_cameras_that_are_not_triggered_together_are_found_out(rig, board, poses):
     """Camera b photographs a board that has moved on by a few millimetres, differently in every frame."""
-    own = sightings(rig, board, poses, noise_px=0.05)
+    own = make_detections(rig, board, poses, noise_px=0.05)
     rng = np.random.default_rng(2)
     late = {}
     for i, pose in enumerate(poses):
         moved = Pose(pose.rotation, pose.translation_mm + rng.uniform(-4, 4, 3))
         late[f"{i:02d}"] = seen(rig, "b", moved, corner_points_mm(board), rng.normal(0, 0.05, (35, 2)))
-    skewed = Sightings(own.sizes_px, {**own.views, "b": late}, own.images)
-    pairs = skewed_pairs(solve(skewed, board, "a", Silent()))
+    skewed = BoardDetections(own.sizes_px, {**own.views, "b": late}, own.images)
+    pairs = find_unsynchronised_pairs(solve_hierarchy(skewed, board, "a", Silent()))
     assert {(p.first, p.second) for p in pairs} == {("a", "b"), ("b", "c"), ("b", "d")}
-    assert skewed_pairs(solve(own, board, "a", Silent())) == []
+    assert find_unsynchronised_pairs(solve_hierarchy(own, board, "a", Silent())) == []
 
 
 def test_the_same_sightings_give_the_same_bytes(rig, board, poses):
-    own = sightings(rig, board, poses, noise_px=0.1)
-    turned = own.restricted(reversed(rig.cameras), own.frames)
-    rigs = [solve(s, board, "b", Silent()).rig for s in (own, own, turned)]
+    own = make_detections(rig, board, poses, noise_px=0.1)
+    turned = own.restrict(reversed(rig.cameras), own.frames)
+    rigs = [solve_hierarchy(s, board, "b", Silent()).rig for s in (own, own, turned)]
     for name in rig.cameras:
         assert len({r.cameras[name].focal_px.tobytes() for r in rigs}) == 1
         assert len({r.cam_from_core[name].translation_mm.tobytes() for r in rigs[:2]}) == 1
@@ -128,5 +132,5 @@ def test_the_same_sightings_give_the_same_bytes(rig, board, poses):
 
 def test_opencv_gets_its_threads_back(rig, board, poses):
     before = cv2.getNumThreads()
-    solve(sightings(rig, board, poses), board, None, Silent())
+    solve_hierarchy(make_detections(rig, board, poses), board, None, Silent())
     assert cv2.getNumThreads() == before

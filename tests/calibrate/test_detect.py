@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detect import Variant, detector, find_chessboard, to_8_bit
+from beltscape.calibrate.detect import PrintVariant, convert_to_8_bit, find_chessboard, make_detector
 from beltscape.core.pose import Pose
 from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
 from synthetic.boards import Print, camera, view
@@ -31,7 +31,9 @@ def truth(board: Board, pose: Pose) -> np.ndarray:
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
 def test_charuco_corners_are_found_where_they_are(legacy, inverted, tilt):
     pose = facing(CHARUCO, tilt=tilt)
-    corners = detector(CHARUCO, Variant(legacy, inverted))(view(LENS, pose, CHARUCO, Print(legacy, inverted)))
+    corners = make_detector(CHARUCO, PrintVariant(legacy, inverted))(
+        view(LENS, pose, CHARUCO, Print(legacy, inverted))
+    )
     assert corners is not None
     assert corners.ids.tolist() == list(range(35))
     errors = corners.pixels - truth(CHARUCO, pose)
@@ -42,7 +44,7 @@ def test_charuco_corners_are_found_where_they_are(legacy, inverted, tilt):
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
 def test_chessboard_corners_are_found_where_they_are(tilt):
     pose = facing(CHESSBOARD, tilt=tilt)
-    corners = detector(CHESSBOARD, Variant())(view(LENS, pose, CHESSBOARD))
+    corners = make_detector(CHESSBOARD, PrintVariant())(view(LENS, pose, CHESSBOARD))
     assert corners is not None
     errors = corners.pixels - truth(CHESSBOARD, pose)
     assert np.sqrt((errors**2).mean()) < 0.02
@@ -52,7 +54,7 @@ def test_chessboard_corners_are_found_where_they_are(tilt):
 @pytest.mark.parametrize("roll_deg", [0, 90, 180, 270])
 def test_a_chessboard_is_numbered_from_the_same_end_however_the_camera_is_mounted(roll_deg):
     pose = facing(CHESSBOARD, roll=np.deg2rad(roll_deg))
-    corners = detector(CHESSBOARD, Variant())(view(LENS, pose, CHESSBOARD))
+    corners = make_detector(CHESSBOARD, PrintVariant())(view(LENS, pose, CHESSBOARD))
     assert corners is not None
     np.testing.assert_allclose(corners.pixels, truth(CHESSBOARD, pose), atol=0.3)
 
@@ -70,7 +72,7 @@ def test_part_of_a_charuco_board_keeps_its_numbers():
     pose = facing(CHARUCO, distance_mm=420)
     image = view(LENS, pose, CHARUCO)
     image[:, :200] = 128
-    corners = detector(CHARUCO, Variant())(image)
+    corners = make_detector(CHARUCO, PrintVariant())(image)
     assert corners is not None
     assert 8 <= len(corners) < 35
     assert (np.diff(corners.ids) > 0).all()
@@ -83,7 +85,7 @@ def test_an_image_without_the_board_gives_nothing(board):
     grey = np.full((400, 480), 128, np.uint8)
     other = CHESSBOARD if board is CHARUCO else CHARUCO
     for image in (noise, grey, view(LENS, facing(other), other)):
-        assert detector(board, Variant())(image) is None
+        assert make_detector(board, PrintVariant())(image) is None
 
 
 def test_one_row_of_corners_is_not_enough():
@@ -92,21 +94,23 @@ def test_one_row_of_corners_is_not_enough():
     image = view(LENS, pose, CHARUCO)
     rows = truth(CHARUCO, pose).reshape(5, 7, 2)[..., 1]
     image[int(rows[0].max() + rows[1].min()) // 2 + 22 :] = 128
-    assert detector(CHARUCO, Variant())(image) is None
+    assert make_detector(CHARUCO, PrintVariant())(image) is None
 
 
 def test_the_wrong_variant_is_not_found():
     image = view(LENS, facing(CHARUCO), CHARUCO, Print(inverted=True))
-    assert detector(CHARUCO, Variant(inverted=False))(image) is None
+    assert make_detector(CHARUCO, PrintVariant(inverted=False))(image) is None
     legacy = view(LENS, facing(CHARUCO), CHARUCO, Print(legacy=True))
-    assert detector(CHARUCO, Variant(legacy=False))(legacy) is None
+    assert make_detector(CHARUCO, PrintVariant(legacy=False))(legacy) is None
 
 
 def test_colour_and_16_bit_views_give_the_same_corners():
     image = view(LENS, facing(CHARUCO), CHARUCO)
-    plain = detector(CHARUCO, Variant())(image)
-    rgb = detector(CHARUCO, Variant())(to_8_bit(np.repeat(image[..., None], 3, axis=2)))
-    deep = detector(CHARUCO, Variant())(to_8_bit(image.astype(np.uint16) * 16))  # a 12-bit camera
+    plain = make_detector(CHARUCO, PrintVariant())(image)
+    rgb = make_detector(CHARUCO, PrintVariant())(convert_to_8_bit(np.repeat(image[..., None], 3, axis=2)))
+    deep = make_detector(CHARUCO, PrintVariant())(
+        convert_to_8_bit(image.astype(np.uint16) * 16)
+    )  # a 12-bit camera
     assert plain is not None
     assert rgb is not None
     assert deep is not None
@@ -116,13 +120,13 @@ def test_colour_and_16_bit_views_give_the_same_corners():
 
 
 def test_a_black_16_bit_image_is_black():
-    assert to_8_bit(np.zeros((4, 4), np.uint16)).tolist() == np.zeros((4, 4)).tolist()
+    assert convert_to_8_bit(np.zeros((4, 4), np.uint16)).tolist() == np.zeros((4, 4)).tolist()
 
 
 def test_detecting_leaves_the_image_alone():
     image = view(LENS, facing(CHARUCO), CHARUCO, Print(inverted=True))
     before = image.copy()
-    detector(CHARUCO, Variant(inverted=True))(image)
+    make_detector(CHARUCO, PrintVariant(inverted=True))(image)
     np.testing.assert_array_equal(image, before)
 
 

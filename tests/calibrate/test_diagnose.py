@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.diagnose import describe_what_is_there
+from beltscape.calibrate.diagnose import describe_shown_board
 from beltscape.target.board import Board, CharucoBoard, Chessboard
 from synthetic.boards import Print, board_poses, camera, view
 
@@ -43,23 +43,23 @@ def views(board: Board, how: Print | None = None) -> list[np.ndarray]:
 )
 def test_another_charuco_board_is_recognised(dictionary, squares, legacy, inverted, said):
     board = CharucoBoard(squares=squares, square_mm=45, marker_mm=34, dictionary=dictionary)
-    assert describe_what_is_there(views(board, Print(legacy, inverted)), TOLD) == said
+    assert describe_shown_board(views(board, Print(legacy, inverted)), TOLD) == said
 
 
 @pytest.mark.parametrize("corners", [(8, 5), (5, 8), (7, 6), (6, 4)])
 def test_a_chessboard_is_recognised_longer_side_first(corners):
     board = Chessboard(corners=corners, square_mm=40)
     said = f"a chessboard of {max(corners)}×{min(corners)} inner corners"
-    assert describe_what_is_there(views(board), TOLD) == said
+    assert describe_shown_board(views(board), TOLD) == said
 
 
 @pytest.mark.parametrize("blur_px", [0.5, 2, 4, 8])
 def test_texture_is_no_board(blur_px):
     rng = np.random.default_rng(7)
     noise = [rng.integers(0, 255, (400, 480)).astype(np.uint8) for _ in range(4)]
-    assert describe_what_is_there([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], TOLD) is None
+    assert describe_shown_board([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], TOLD) is None
 
 
 def test_the_board_one_was_told_of_is_not_the_answer():
     board = Chessboard(corners=(8, 5), square_mm=40)
-    assert describe_what_is_there(views(board), board) is None
+    assert describe_shown_board(views(board), board) is None

@@ -7,39 +7,41 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibrate.adjust import adjust
-from beltscape.calibrate.chain import solve
-from beltscape.calibrate.corner_noise import corner_noise_px
-from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.fit_doubts import calibration_doubts
-from beltscape.calibrate.fit_quality import FitQuality, assess_fit, camera_fits
-from beltscape.calibrate.heldout import held_out_score
-from beltscape.calibrate.score import Residuals, examine, score
+from beltscape.calibrate.adjust import adjust_bundle
+from beltscape.calibrate.chain import solve_hierarchy
+from beltscape.calibrate.corner_noise import estimate_corner_noise_px
+from beltscape.calibrate.corners import BoardDetections
+from beltscape.calibrate.fit_doubts import list_calibration_findings
+from beltscape.calibrate.fit_quality import FitQuality, assess_fit, compute_camera_fits
+from beltscape.calibrate.heldout import cross_validate
+from beltscape.calibrate.score import ViewResiduals, compute_rig_errors, summarise_errors
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import CharucoBoard
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 
 
-def own_fit(seen: Sightings, core: str = "c0") -> FitQuality:
+def own_fit(seen: BoardDetections, core: str = "c0") -> FitQuality:
     """What calibrating these corners says of its own fit."""
-    chain = solve(seen, BOARD, core, Silent())
-    adjusted = adjust(chain, BOARD)
-    evidence = examine(adjusted.rig, chain.sightings, BOARD, load(), corners_mm=adjusted.geometry.points_mm)
-    halves, training = held_out_score(chain.sightings, BOARD, core, load()), score(evidence)
-    doubts = calibration_doubts(chain, camera_fits(evidence, BOARD.grid), halves, training)
+    chain = solve_hierarchy(seen, BOARD, core, Silent())
+    adjusted = adjust_bundle(chain, BOARD)
+    evidence = compute_rig_errors(
+        adjusted.rig, chain.detections, BOARD, load(), corners_mm=adjusted.geometry.points_mm
+    )
+    halves, training = cross_validate(chain.detections, BOARD, core, load()), summarise_errors(evidence)
+    doubts = list_calibration_findings(chain, compute_camera_fits(evidence, BOARD.grid), halves, training)
     return assess_fit(halves.score if halves else training, evidence, BOARD.grid, doubts)
 
 
-def seen_by_row(cameras: int, noise_px: float, frames: int, seed: int) -> Sightings:
+def seen_by_row(cameras: int, noise_px: float, frames: int, seed: int) -> BoardDetections:
     rig = row_of_cameras([f"c{i}" for i in range(cameras)])
-    return sightings(rig, BOARD, board_poses(BOARD, frames, seed=seed), noise_px, seed=seed)
+    return make_detections(rig, BOARD, board_poses(BOARD, frames, seed=seed), noise_px, seed=seed)
 
 
-def changed(seen: Sightings, camera: str, change, frames=None) -> Sightings:
+def changed(seen: BoardDetections, camera: str, change, frames=None) -> BoardDetections:
     """The same sightings with ``change(pixels)`` in some views of one camera, in all by default."""
     views = {name: dict(own) for name, own in seen.views.items()}
     for frame, corners in views[camera].items():
@@ -54,7 +56,7 @@ def changed(seen: Sightings, camera: str, change, frames=None) -> Sightings:
 )
 def test_noise_alone_raises_no_doubt(cameras, noise_px, frames, seed):
     fit = own_fit(seen_by_row(cameras, noise_px, frames, seed))
-    assert fit.doubts == ()
+    assert fit.findings == ()
     assert fit.is_sound
     assert fit.rms_over_median == pytest.approx(np.sqrt(2) / np.sqrt(2 * np.log(2)), rel=0.08)
     for own in fit.cameras.values():
@@ -67,9 +69,9 @@ def test_a_lens_that_the_model_does_not_follow_is_named():
         return pixels + 1.5 * np.sin(pixels[:, ::-1] / 25)
 
     fit = own_fit(changed(seen_by_row(3, 0.05, 12, 7), "c1", waves))
-    assert "camera c1" in fit.doubts[0]
-    assert "camera c0" not in fit.doubts[0]
-    assert "lens model" in fit.doubts[0]
+    assert "camera c1" in fit.findings[0]
+    assert "camera c0" not in fit.findings[0]
+    assert "lens model" in fit.findings[0]
     assert fit.cameras["c1"].chi2_per_dof > 4 > fit.cameras["c1"].corner_noise_px
 
 
@@ -79,8 +81,8 @@ def test_cameras_of_different_instants_are_named():
     late = changed(seen_by_row(2, 0.05, 10, 8), "c1", lambda pixels: pixels + rng.uniform(-6, 6, 2))
     fit = own_fit(late)
     assert not fit.is_sound
-    assert "not triggered at the same instant" in fit.doubts[0]
-    assert "lens model" not in " ".join(fit.doubts)
+    assert "not triggered at the same instant" in fit.findings[0]
+    assert "lens model" not in " ".join(fit.findings)
 
 
 def test_views_that_fit_far_worse_than_the_rest_are_named():
@@ -94,7 +96,7 @@ def test_views_that_fit_far_worse_than_the_rest_are_named():
     assert not fit.is_sound
     assert fit.rms_over_median > 2.5
     assert 0 < fit.far_off_share < 0.1
-    named = fit.doubts[-1]
+    named = fit.findings[-1]
     assert "times the median" in named
     assert "c2 03" in named
     assert "c2 07" in named
@@ -111,10 +113,10 @@ def test_corner_noise_is_the_noise_and_not_what_neighbours_share(sigma_px):
         shared = np.stack([5 + 0.8 * u - 0.3 * v, -2 + 0.5 * u + 0.9 * v], axis=1)
         kept = rng.random(ids.size) < 0.9
         errors = (shared + rng.normal(0, sigma_px, (ids.size, 2)))[kept]
-        views.append(Residuals(ids[kept], np.zeros_like(errors), errors))
-    assert corner_noise_px(views, (columns, rows)) == pytest.approx(sigma_px, rel=0.08)
+        views.append(ViewResiduals(ids[kept], np.zeros_like(errors), errors))
+    assert estimate_corner_noise_px(views, (columns, rows)) == pytest.approx(sigma_px, rel=0.08)
 
 
 def test_too_few_neighbours_say_nothing_of_noise():
-    one = Residuals(np.arange(8), np.zeros((8, 2)), np.ones((8, 2)))
-    assert np.isnan(corner_noise_px([one], (9, 6)))
+    one = ViewResiduals(np.arange(8), np.zeros((8, 2)), np.ones((8, 2)))
+    assert np.isnan(estimate_corner_noise_px([one], (9, 6)))

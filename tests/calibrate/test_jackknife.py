@@ -2,21 +2,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.adjust import adjust
-from beltscape.calibrate.chain import solve
+from beltscape.calibrate.adjust import adjust_bundle
+from beltscape.calibrate.chain import solve_hierarchy
 from beltscape.calibrate.corners import Corners
-from beltscape.calibrate.uncertainty import depth_sigma, rig_covariance
+from beltscape.calibrate.uncertainty import compute_depth_sigma, compute_rig_covariance
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 NOISE_PX = 0.05
 
 
 def bent(rig, board, poses, amount_mm, seed):
     """Sightings of a board that bends anew in every frame."""
-    own, rng = sightings(rig, board, poses, NOISE_PX, seed), np.random.default_rng(1000 + seed)
+    own, rng = make_detections(rig, board, poses, NOISE_PX, seed), np.random.default_rng(1000 + seed)
     corners = corner_points_mm(board)
     x, y = ((corners - corners.mean(axis=0)) / np.ptp(corners, axis=0).max())[:, :2].T
     for frame, pose in enumerate(poses):
@@ -34,12 +34,14 @@ def bent(rig, board, poses, amount_mm, seed):
 
 
 def found(rig, board, own):
-    return adjust(solve(own, board, rig.core, Silent()), board)
+    return adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board)
 
 
 def test_independent_noise_needs_no_inflation(rig, board, poses):
     raised = [
-        rig_covariance(found(rig, board, sightings(rig, board, poses, NOISE_PX, seed))).inflation
+        compute_rig_covariance(
+            found(rig, board, make_detections(rig, board, poses, NOISE_PX, seed))
+        ).inflation
         for seed in range(6)
     ]
     assert sum(r > 1 for r in raised) <= 1
@@ -50,8 +52,8 @@ def test_a_board_that_bends_between_views_is_noticed_and_sigma_stays_true(rig, b
     errors, sigmas, raised = [], [], []
     for seed in range(8):
         each = found(rig, board, bent(rig, board, poses, 0.5, seed))
-        covariance = rig_covariance(each)
-        sigma = depth_sigma(each.rig, covariance.matrix, 650.0, columns=9)
+        covariance = compute_rig_covariance(each)
+        sigma = compute_depth_sigma(each.rig, covariance.matrix, 650.0, columns=9)
         x, y = np.meshgrid(sigma.x_mm, sigma.y_mm)
         points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 650.0)], axis=-1)
         errors.append(depth_errors(each.rig, rig, points))

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.adjust import adjust
-from beltscape.calibrate.chain import solve
+from beltscape.calibrate.adjust import adjust_bundle
+from beltscape.calibrate.chain import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.evaluate.rig import score_rig_against_truth
 from beltscape.kernels import load
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 NOISE_PX = 0.1
 
 
 def test_given_intrinsics_are_held_and_make_the_rig_better(rig, board, poses):
-    own = sightings(rig, board, poses[:6], NOISE_PX)
-    free = adjust(solve(own, board, rig.core, Silent()), board).rig
-    held = adjust(solve(own, board, rig.core, Silent(), known=rig.cameras), board).rig
+    own = make_detections(rig, board, poses[:6], NOISE_PX)
+    free = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board).rig
+    held = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent(), known=rig.cameras), board).rig
     for name, camera in rig.cameras.items():
         np.testing.assert_array_equal(held.cameras[name].focal_px, camera.focal_px)
         np.testing.assert_array_equal(held.cameras[name].distortion, camera.distortion)
@@ -26,7 +26,9 @@ def test_given_intrinsics_are_held_and_make_the_rig_better(rig, board, poses):
 
 
 def test_some_cameras_may_be_known_and_others_not(rig, board, poses):
-    own = sightings(rig, board, poses, NOISE_PX)
-    found = adjust(solve(own, board, rig.core, Silent(), known={"b": rig.cameras["b"]}), board).rig
+    own = make_detections(rig, board, poses, NOISE_PX)
+    found = adjust_bundle(
+        solve_hierarchy(own, board, rig.core, Silent(), known={"b": rig.cameras["b"]}), board
+    ).rig
     np.testing.assert_array_equal(found.cameras["b"].center_px, rig.cameras["b"].center_px)
     assert (found.cameras["a"].center_px != rig.cameras["a"].center_px).all()

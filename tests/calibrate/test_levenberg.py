@@ -20,7 +20,7 @@ class Curve:
         self.costs.append(self.cost(x))
         return Linear(self.cost(x), self.errors(x), self.jacobian(x))
 
-    def moved(self, x, step):
+    def apply_step(self, x, step):
         return x + step
 
 
@@ -28,11 +28,11 @@ class Linear:
     def __init__(self, cost, errors, jacobian):
         self.cost, self.errors, self.jacobian = cost, errors, jacobian
 
-    def step(self, damping):
+    def solve_step(self, damping):
         normal = self.jacobian.T @ self.jacobian
         return -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), self.jacobian.T @ self.errors)
 
-    def predicted_drop(self, step):
+    def predict_decrease(self, step):
         return self.cost - 0.5 * float(((self.errors + self.jacobian @ step) ** 2).sum())
 
 

@@ -6,15 +6,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.corners import BoardDetections
 from beltscape.calibrate.intrinsics import calibrate_camera
-from beltscape.calibrate.network import associate, choose_core, groups
+from beltscape.calibrate.network import associate_cameras, find_groups, select_core
 from beltscape.calibrate.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.se3 import exp
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 COVARIANCE = np.diag(np.repeat([1e-4, 0.1], 3) ** 2)
 
@@ -23,14 +23,14 @@ def pair(rig, first: str, second: str, rms_px: float = 0.1, corners: int = 100) 
     return Pair(first, second, rig.relative(second, first), rms_px, ("00",), corners, COVARIANCE)
 
 
-def nothing(rig) -> Sightings:
-    return Sightings({n: c.size_px for n, c in rig.cameras.items()}, {n: {} for n in rig.cameras}, {})
+def nothing(rig) -> BoardDetections:
+    return BoardDetections({n: c.size_px for n, c in rig.cameras.items()}, {n: {} for n in rig.cameras}, {})
 
 
 @pytest.mark.parametrize("core", ["a", "b", "c", "d"])
 def test_every_camera_comes_into_the_core_frame(rig, core):
     pairs = [pair(rig, *names) for names in (("a", "b"), ("b", "c"), ("d", "c"))]
-    network = associate(core, pairs)
+    network = associate_cameras(core, pairs)
     assert set(network.cam_from_core) == set(rig.cameras)
     for name, pose in network.cam_from_core.items():
         expected = rig.relative(name, core)
@@ -40,16 +40,16 @@ def test_every_camera_comes_into_the_core_frame(rig, core):
 
 
 def test_a_camera_that_only_another_auxiliary_sees_is_reached_through_it(rig):
-    network = associate("a", [pair(rig, "a", "b"), pair(rig, "b", "c"), pair(rig, "c", "d")])
+    network = associate_cameras("a", [pair(rig, "a", "b"), pair(rig, "b", "c"), pair(rig, "c", "d")])
     assert network.paths == {"a": ("a",), "b": ("a", "b"), "c": ("a", "b", "c"), "d": ("a", "b", "c", "d")}
     assert network.path_errors == ()
 
 
 def test_the_path_with_the_least_variance_wins(rig):
     steps = [pair(rig, "a", "b"), pair(rig, "b", "c")]
-    good = associate("a", [*steps, pair(rig, "a", "c", rms_px=0.12)])
-    bad = associate("a", [*steps, pair(rig, "a", "c", rms_px=0.5)])
-    few = associate("a", [*steps, pair(rig, "a", "c", corners=20)])
+    good = associate_cameras("a", [*steps, pair(rig, "a", "c", rms_px=0.12)])
+    bad = associate_cameras("a", [*steps, pair(rig, "a", "c", rms_px=0.5)])
+    few = associate_cameras("a", [*steps, pair(rig, "a", "c", corners=20)])
     assert good.paths["c"] == ("a", "c")
     assert bad.paths["c"] == few.paths["c"] == ("a", "b", "c")
 
@@ -57,25 +57,37 @@ def test_the_path_with_the_least_variance_wins(rig):
 def test_path_errors_tell_how_far_a_loop_is_open(rig):
     off = Pose.of([0.0, 0.0, np.deg2rad(0.5)], [0, 0, 0])
     twisted = Pair("b", "c", off @ rig.relative_pose("c", "b"), 0.1, ("00",), 100, COVARIANCE)
-    network = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), twisted])
+    network = associate_cameras("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), twisted])
     (error,) = network.path_errors
     assert error.pair == ("b", "c")
     assert error.rotation_deg == pytest.approx(0.5)
     assert error.translation_mm == pytest.approx(0.0, abs=1e-9)  # a twist about c's own centre
     moved = Pair(
-        "b", "c", Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative_pose("c", "b"), 0.1, ("00",), 100, COVARIANCE
+        "b",
+        "c",
+        Pose.of([0, 0, 0], [3.0, 0, 4.0]) @ rig.relative_pose("c", "b"),
+        0.1,
+        ("00",),
+        100,
+        COVARIANCE,
     )
-    (error,) = associate("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), moved]).path_errors
+    (error,) = associate_cameras("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), moved]).path_errors
     assert (error.rotation_deg, error.translation_mm) == (pytest.approx(0, abs=1e-6), pytest.approx(5.0))
 
 
 def test_loop_errors_are_for_every_triangle_and_no_choice_of_core_changes_them(rig):
     off = Pair(
-        "b", "c", rig.relative_pose("c", "b") @ exp(np.array([0, 0, 0, 0, 0, 3.0])), 0.1, ("00",), 100, COVARIANCE
+        "b",
+        "c",
+        rig.relative_pose("c", "b") @ exp(np.array([0, 0, 0, 0, 0, 3.0])),
+        0.1,
+        ("00",),
+        100,
+        COVARIANCE,
     )
     pairs = [pair(rig, *names) for names in combinations("abcd", 2) if names != ("b", "c")]
     for core in "abcd":
-        loops = {e.cameras: e for e in associate(core, [*pairs, off]).loop_errors}
+        loops = {e.cameras: e for e in associate_cameras(core, [*pairs, off]).loop_errors}
         assert sorted("".join(sorted(cameras)) for cameras in loops) == ["abc", "abd", "acd", "bcd"]
         for cameras, loop in loops.items():
             concerned = {"b", "c"} <= set(cameras)
@@ -87,7 +99,9 @@ def test_loop_errors_are_for_every_triangle_and_no_choice_of_core_changes_them(r
 
 def test_a_triangle_with_a_missing_side_makes_no_loop(rig):
     assert (
-        associate("a", [pair(rig, *names) for names in (("a", "b"), ("b", "c"), ("c", "d"))]).loop_errors
+        associate_cameras(
+            "a", [pair(rig, *names) for names in (("a", "b"), ("b", "c"), ("c", "d"))]
+        ).loop_errors
         == ()
     )
 
@@ -97,28 +111,29 @@ def test_errors_that_pairs_share_do_not_open_loops(rig, board, poses):
     board_mm = corner_points_mm(board)
     joint, alone = [], []
     for seed in range(20):
-        own = sightings(rig, board, poses, noise_px=0.1, seed=seed)
+        own = make_detections(rig, board, poses, noise_px=0.1, seed=seed)
         cameras = {name: calibrate_camera(name, own, board_mm) for name in "abc"}
         pairs = calibrate_pairs(own, cameras, board_mm, Silent())
-        joint += [e.chi2_per_dof for e in associate("b", pairs).loop_errors]
+        joint += [e.chi2_per_dof for e in associate_cameras("b", pairs).loop_errors]
         alone += [
-            e.chi2_per_dof for e in associate("b", [replace(p, influence={}) for p in pairs]).loop_errors
+            e.chi2_per_dof
+            for e in associate_cameras("b", [replace(p, influence={}) for p in pairs]).loop_errors
         ]
     assert np.mean(joint) == pytest.approx(1.0, abs=0.3)
     assert np.mean(alone) < 0.1
 
 
 def test_groups_are_the_islands_largest_first(rig):
-    assert groups("abcd", [pair(rig, "b", "c"), pair(rig, "c", "d")]) == [("b", "c", "d"), ("a",)]
-    assert groups("abcd", []) == [("a",), ("b",), ("c",), ("d",)]
+    assert find_groups("abcd", [pair(rig, "b", "c"), pair(rig, "c", "d")]) == [("b", "c", "d"), ("a",)]
+    assert find_groups("abcd", []) == [("a",), ("b",), ("c",), ("d",)]
 
 
 def test_the_core_is_the_most_central_camera(rig):
-    assert choose_core(nothing(rig), [pair(rig, *names) for names in combinations("abcd", 2)]) in "bc"
-    assert choose_core(nothing(rig), [pair(rig, *names) for names in combinations("abc", 2)]) == "b"
-    assert choose_core(nothing(rig), [pair(rig, *names) for names in combinations("bcd", 2)]) == "c"
+    assert select_core(nothing(rig), [pair(rig, *names) for names in combinations("abcd", 2)]) in "bc"
+    assert select_core(nothing(rig), [pair(rig, *names) for names in combinations("abc", 2)]) == "b"
+    assert select_core(nothing(rig), [pair(rig, *names) for names in combinations("bcd", 2)]) == "c"
 
 
 def test_a_central_camera_that_shares_little_is_not_the_core(rig):
     pairs = [pair(rig, *n, corners=20 if "b" in n or "c" in n else 100) for n in combinations(rig.cameras, 2)]
-    assert choose_core(nothing(rig), pairs) in ("a", "d")
+    assert select_core(nothing(rig), pairs) in ("a", "d")

@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.intrinsics import PARAMETERS, Monocular, calibrate_camera
+from beltscape.calibrate.intrinsics import PARAMETERS, MonocularCalibration, calibrate_camera
 from beltscape.calibrate.pairs import calibrate_pair, calibrate_pairs
 from beltscape.calibrate.se3 import log
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import seen, sightings, spoiled
+from synthetic.sightings import make_detections, seen, spoiled
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def pair_of(own, board_mm, first="a", second="b"):
 
 
 def test_without_noise_the_pose_is_exact(rig, board, poses, board_mm):
-    pair = pair_of(sightings(rig, board, poses), board_mm)
+    pair = pair_of(make_detections(rig, board, poses), board_mm)
     offset = pair.second_from_first.inverse() @ rig.relative_pose("b", "a")
     assert offset.angle_deg < 1e-4
     assert np.linalg.norm(offset.translation_mm) < 1e-3
@@ -32,7 +32,7 @@ def test_without_noise_the_pose_is_exact(rig, board, poses, board_mm):
 
 
 def test_every_pair_that_shares_views_is_found(rig, board, poses, board_mm):
-    own = sightings(rig, board, poses, noise_px=0.05)
+    own = make_detections(rig, board, poses, noise_px=0.05)
     cameras = {name: calibrate_camera(name, own, board_mm) for name in rig.cameras}
     pairs = calibrate_pairs(own, cameras, board_mm, Silent())
     assert [(p.first, p.second) for p in pairs] == [
@@ -42,11 +42,11 @@ def test_every_pair_that_shares_views_is_found(rig, board, poses, board_mm):
 
 def test_cameras_without_a_common_frame_make_no_pair(rig, board, poses, board_mm):
     frames = {"a": range(6), "b": range(6, 12), "c": (), "d": ()}
-    assert pair_of(sightings(rig, board, poses, seen_by=frames), board_mm) is None
+    assert pair_of(make_detections(rig, board, poses, seen_by=frames), board_mm) is None
 
 
 def test_frames_with_too_few_common_corners_do_not_count(rig, board, poses, board_mm):
-    own = sightings(rig, board, poses)
+    own = make_detections(rig, board, poses)
     views = {name: dict(frames) for name, frames in own.views.items()}
     for name, kept in (("a", slice(0, 20)), ("b", slice(15, 35))):  # they share corners 15 to 19 only
         corners = views[name]["00"]
@@ -57,7 +57,7 @@ def test_frames_with_too_few_common_corners_do_not_count(rig, board, poses, boar
 
 
 def test_a_frame_in_which_the_board_moved_is_left_out_and_named(rig, board, poses, board_mm):
-    own = sightings(rig, board, poses, noise_px=0.05)
+    own = make_detections(rig, board, poses, noise_px=0.05)
     moved = Pose(poses[4].rotation, poses[4].translation_mm + np.array([4.0, 0.0, 0.0]))
     late = seen(rig, "b", moved, board_mm, np.zeros((35, 2)))
     pair = pair_of(spoiled(own, "b", "04", late.pixels), board_mm)
@@ -70,17 +70,19 @@ def test_a_frame_in_which_the_board_moved_is_left_out_and_named(rig, board, pose
 
 
 def test_views_rejected_in_one_camera_do_not_enter_the_pair(rig, board, poses, board_mm):
-    own = sightings(rig, board, poses, noise_px=0.05)
+    own = make_detections(rig, board, poses, noise_px=0.05)
     noise = np.random.default_rng(1).normal(0, 4, (35, 2))
     pair = pair_of(spoiled(own, "a", "07", own.views["a"]["07"].pixels + noise), board_mm)
     assert "07" not in pair.frames
     assert pair.rejected == {}
 
 
-def known(rig, name, poses) -> Monocular:
+def known(rig, name, poses) -> MonocularCalibration:
     """A camera whose intrinsics are given, not estimated."""
     views = {f"{i:02d}": rig.cam_from_core[name] @ pose for i, pose in enumerate(poses)}
-    return Monocular(rig.cameras[name], dict.fromkeys(PARAMETERS, 0.0), 0.1, views, dict.fromkeys(views, 0.1))
+    return MonocularCalibration(
+        rig.cameras[name], dict.fromkeys(PARAMETERS, 0.0), 0.1, views, dict.fromkeys(views, 0.1)
+    )
 
 
 def normalised_error(rig, pair) -> float:
@@ -92,7 +94,7 @@ def test_with_known_intrinsics_the_covariance_is_that_of_the_errors(rig, board, 
     cameras = [known(rig, name, poses) for name in "ab"]
     errors = []
     for seed in range(60):
-        own = sightings(rig, board, poses, noise_px=0.1, seed=seed)
+        own = make_detections(rig, board, poses, noise_px=0.1, seed=seed)
         errors.append(normalised_error(rig, calibrate_pair(own, *cameras, board_mm)))
     assert 0.8 < np.mean(errors) < 1.25
 
@@ -101,7 +103,7 @@ def test_with_estimated_intrinsics_the_covariance_contains_theirs(rig, board, po
     """Held intrinsics would claim a tenth of the true σ: the intrinsics' own errors are most of it."""
     errors, claimed = [], []
     for seed in range(25):
-        own = sightings(rig, board, poses, noise_px=0.1, seed=seed)
+        own = make_detections(rig, board, poses, noise_px=0.1, seed=seed)
         cameras = [calibrate_camera(name, own, board_mm) for name in "ab"]
         pair = calibrate_pair(own, *cameras, board_mm)
         errors.append(normalised_error(rig, pair))
@@ -113,7 +115,7 @@ def test_with_estimated_intrinsics_the_covariance_contains_theirs(rig, board, po
 
 def test_the_influence_is_the_derivative_of_the_pose_by_the_corners(rig, board, poses, board_mm):
     """One corner moved by 0.2 px in the first camera: the pose follows as foretold, intrinsics re-estimated."""
-    own = sightings(rig, board, poses, noise_px=0.05)
+    own = make_detections(rig, board, poses, noise_px=0.05)
     before = pair_of(own, board_mm)
     pixels = own.views["a"]["03"].pixels.copy()
     pixels[7] += [0.0, 0.2]
@@ -121,6 +123,6 @@ def test_the_influence_is_the_derivative_of_the_pose_by_the_corners(rig, board, 
     moved = log(before.second_from_first.inverse() @ after.second_from_first)
     sigma = calibrate_camera("a", own, board_mm).rms_px / np.sqrt(2)
     row = 2 * (3 * 35 + 7) + 1
-    foretold = 0.2 * before.influence["a"][row] / sigma
+    foretold = 0.2 * before.sensitivity["a"][row] / sigma
     np.testing.assert_allclose(moved, foretold, rtol=0.1, atol=0.02 * np.abs(foretold[:3]).max())
-    assert before.influence["a"].shape == (2 * 12 * 35, 6)
+    assert before.sensitivity["a"].shape == (2 * 12 * 35, 6)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from beltscape.calibrate.corners import Corners
-from beltscape.calibrate.refine import refine
+from beltscape.calibrate.refine import refine_corners
 from beltscape.core.pose import Pose
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
 from synthetic.boards import Print, camera, view
@@ -29,7 +29,7 @@ def errors(image, board, at, seed=0, gap=None):
     if gap is None:
         gap = (1 - board.marker_mm / board.square_mm) / 2 if isinstance(board, CharucoBoard) else 1.0
     squares = corner_points_mm(board)[:, :2] / board.square_mm
-    found = refine(image.astype(np.float32), Corners(np.arange(len(true)), true + off), squares, gap)
+    found = refine_corners(image.astype(np.float32), Corners(np.arange(len(true)), true + off), squares, gap)
     return found.pixels - true[found.ids], found.ids
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from beltscape.calibrate.corners import Corners
-from beltscape.calibrate.resection import board_pose
+from beltscape.calibrate.resection import fit_board_pose
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 
 def off(found, true):
@@ -17,9 +17,9 @@ def off(found, true):
 
 @pytest.mark.parametrize("frame", [0, 3, 7])
 def test_exact_corners_give_the_exact_pose(rig, board, poses, frame):
-    own = sightings(rig, board, poses)
+    own = make_detections(rig, board, poses)
     views = {n: v[f"{frame:02d}"] for n, v in own.views.items() if f"{frame:02d}" in v}
-    angle, distance = off(board_pose(rig, views, corner_points_mm(board)), poses[frame])
+    angle, distance = off(fit_board_pose(rig, views, corner_points_mm(board)), poses[frame])
     assert angle < 1e-6
     assert distance < 1e-5
 
@@ -27,19 +27,19 @@ def test_exact_corners_give_the_exact_pose(rig, board, poses, frame):
 def test_more_cameras_give_a_better_pose(rig, board, poses):
     one, all_of_them = [], []
     for seed in range(12):
-        own = sightings(rig, board, poses, 0.2, seed)
+        own = make_detections(rig, board, poses, 0.2, seed)
         views = {n: v["03"] for n, v in own.views.items() if "03" in v}
         first = dict(list(views.items())[:1])
-        one.append(off(board_pose(rig, first, corner_points_mm(board)), poses[3])[1])
-        all_of_them.append(off(board_pose(rig, views, corner_points_mm(board)), poses[3])[1])
+        one.append(off(fit_board_pose(rig, first, corner_points_mm(board)), poses[3])[1])
+        all_of_them.append(off(fit_board_pose(rig, views, corner_points_mm(board)), poses[3])[1])
     assert np.mean(all_of_them) < 0.6 * np.mean(one)
 
 
 def test_is_a_minimum(rig, board, poses):
-    own = sightings(rig, board, poses, 0.2)
+    own = make_detections(rig, board, poses, 0.2)
     views = {n: v["05"] for n, v in own.views.items() if "05" in v}
     corners = corner_points_mm(board)
-    found = board_pose(rig, views, corners)
+    found = fit_board_pose(rig, views, corners)
 
     def cost(pose, seen: dict[str, Corners]):
         return sum(

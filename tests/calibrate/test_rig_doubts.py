@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibrate.rig_doubts import rig_doubts, scale_factor
-from beltscape.calibrate.score import examine, score
+from beltscape.calibrate.rig_doubts import estimate_scale_factor, list_rig_findings
+from beltscape.calibrate.score import compute_rig_errors, summarise_errors
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 NOISE_PX = 0.05
 
 
 @pytest.fixture(scope="module")
 def fresh(rig, board, poses):
-    return sightings(rig, board, poses[:6], NOISE_PX, seed=3)
+    return make_detections(rig, board, poses[:6], NOISE_PX, seed=3)
 
 
 def doubts(rig: Rig, seen, board) -> list[str]:
     board_mm = corner_points_mm(board)
-    return rig_doubts(rig, seen, board, board_mm, examine(rig, seen, board, load()))
+    return list_rig_findings(rig, seen, board, board_mm, compute_rig_errors(rig, seen, board, load()))
 
 
 def displaced(rig: Rig, name: str, turn_deg: float, shift_mm: float) -> Rig:
@@ -48,7 +48,7 @@ def test_a_knocked_camera_is_named(rig, board, fresh, name, turn_deg, shift_mm):
 
 def test_with_two_cameras_both_are_in_question(rig, board, fresh):
     two = Rig("a", {n: rig.cameras[n] for n in "ab"}, {n: rig.cam_from_core[n] for n in "ab"})
-    (found,) = doubts(displaced(two, "b", 0.3, 0), fresh.restricted("ab", fresh.frames), board)
+    (found,) = doubts(displaced(two, "b", 0.3, 0), fresh.restrict("ab", fresh.frames), board)
     assert "each of a, b fits by itself, together they do not" in found
 
 
@@ -63,7 +63,7 @@ def test_a_lens_that_changed_is_named(rig, board, fresh):
 
 def test_a_rig_is_held_to_what_it_once_had(rig, board, poses):
     """Residuals of 0.05 px are much for a rig that had 0.008 px, and nothing for one that had 0.1 px."""
-    seen = sightings(rig, board, poses[:6], 0.005, seed=4)
+    seen = make_detections(rig, board, poses[:6], 0.005, seed=4)
     knocked = displaced(rig, "b", 0.01, 0)
     assert doubts(knocked, seen, board) == []
     assert doubts(replace(knocked, quality={"held_out": {"rms_px": 0.1}}), seen, board) == []
@@ -74,11 +74,15 @@ def test_a_rig_is_held_to_what_it_once_had(rig, board, poses):
 @pytest.mark.parametrize("factor", [0.9, 0.995, 1.004, 10.0])
 def test_a_wrong_square_is_measured(rig, board, fresh, factor):
     given = board.model_copy(update={"square_mm": board.square_mm / factor})
-    evidence = examine(rig, fresh, given, load())
-    assert scale_factor(given, evidence, score(evidence)) == pytest.approx(factor, rel=1e-3)
+    evidence = compute_rig_errors(rig, fresh, given, load())
+    assert estimate_scale_factor(given, evidence, summarise_errors(evidence)) == pytest.approx(
+        factor, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("frames", [1, 2, 6])
 def test_the_true_square_has_exactly_factor_one(rig, board, poses, frames):
-    evidence = examine(rig, sightings(rig, board, poses[:frames], 0.3, seed=frames), board, load())
-    assert scale_factor(board, evidence, score(evidence)) == 1
+    evidence = compute_rig_errors(
+        rig, make_detections(rig, board, poses[:frames], 0.3, seed=frames), board, load()
+    )
+    assert estimate_scale_factor(board, evidence, summarise_errors(evidence)) == 1

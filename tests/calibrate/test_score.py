@@ -3,19 +3,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.heldout import held_out_score
-from beltscape.calibrate.score import examine, score
+from beltscape.calibrate.heldout import cross_validate
+from beltscape.calibrate.score import compute_rig_errors, summarise_errors
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 NOISE_PX = 0.1
 
 
 def test_the_true_rig_scores_nothing_on_exact_views(rig, board, poses):
-    found = score(examine(rig, sightings(rig, board, poses), board, load()))
+    found = summarise_errors(compute_rig_errors(rig, make_detections(rig, board, poses), board, load()))
     assert (found.views, found.frames, found.corners) == (48, 12, 48 * 35)
     assert found.rms_px < 1e-5
     assert found.square_rms_mm < 1e-5
@@ -27,13 +27,15 @@ def test_a_rig_that_is_one_percent_too_large_shows_on_the_squares(rig, board, po
         rig.core, rig.cameras,
         {name: Pose(p.rotation, 1.01 * p.translation_mm) for name, p in rig.cam_from_core.items()},
     )  # fmt: skip
-    found = score(examine(large, sightings(rig, board, poses), board, load()))
+    found = summarise_errors(compute_rig_errors(large, make_detections(rig, board, poses), board, load()))
     assert found.square_bias_mm == pytest.approx(0.01 * board.square_mm, rel=1e-4)
     assert found.planarity_rms_mm < 1e-4
 
 
 def test_the_true_rig_scores_the_noise(rig, board, poses):
-    found = score(examine(rig, sightings(rig, board, poses, NOISE_PX), board, load()))
+    found = summarise_errors(
+        compute_rig_errors(rig, make_detections(rig, board, poses, NOISE_PX), board, load())
+    )
     assert found.rms_px == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.05)
     assert found.median_px == pytest.approx(NOISE_PX * np.sqrt(2 * np.log(2)), rel=0.07)  # Rayleigh
     assert abs(found.square_bias_mm) < 0.03
@@ -41,8 +43,8 @@ def test_the_true_rig_scores_the_noise(rig, board, poses):
 
 
 def test_residuals_are_found_minus_projected(rig, board, poses):
-    seen = sightings(rig, board, poses, NOISE_PX)
-    evidence = examine(rig, seen, board, load())
+    seen = make_detections(rig, board, poses, NOISE_PX)
+    evidence = compute_rig_errors(rig, seen, board, load())
     view = evidence.residuals["c"]["05"]
     np.testing.assert_array_equal(view.pixels, seen.views["c"]["05"].pixels)
     assert view.errors_px.shape == (35, 2)
@@ -51,21 +53,23 @@ def test_residuals_are_found_minus_projected(rig, board, poses):
 
 def test_frames_that_one_camera_sees_do_not_count(rig, board, poses):
     frames = {"a": range(12), "b": range(5), "c": (), "d": ()}
-    found = score(examine(rig, sightings(rig, board, poses, seen_by=frames), board, load()))
+    found = summarise_errors(
+        compute_rig_errors(rig, make_detections(rig, board, poses, seen_by=frames), board, load())
+    )
     assert (found.frames, found.views) == (5, 10)
 
 
 def test_no_shared_frame_is_told(rig, board, poses):
     frames = {"a": range(6), "b": range(6, 12), "c": (), "d": ()}
     with pytest.raises(CalibrationError) as error:
-        examine(rig, sightings(rig, board, poses, seen_by=frames), board, load())
+        compute_rig_errors(rig, make_detections(rig, board, poses, seen_by=frames), board, load())
     assert str(error.value) == (
         "no frame shows the board to two cameras of the rig; take views that they share"
     )
 
 
 def test_held_out_views_are_judged_by_a_rig_that_never_saw_them(rig, board, poses):
-    found = held_out_score(sightings(rig, board, poses, NOISE_PX), board, "b", load())
+    found = cross_validate(make_detections(rig, board, poses, NOISE_PX), board, "b", load())
     assert found is not None
     assert (found.score.frames, found.score.views) == (12, 48)  # both halves, each judged once
     assert NOISE_PX * np.sqrt(2) < found.score.rms_px < 1.2 * NOISE_PX * np.sqrt(2)
@@ -73,11 +77,13 @@ def test_held_out_views_are_judged_by_a_rig_that_never_saw_them(rig, board, pose
 
 
 def test_too_few_frames_give_no_held_out_score(rig, board, poses):
-    assert held_out_score(sightings(rig, board, poses[:5], NOISE_PX), board, "b", load()) is None
+    assert cross_validate(make_detections(rig, board, poses[:5], NOISE_PX), board, "b", load()) is None
 
 
 def test_the_reference_kernels_give_the_same_score(rig, board, poses):
-    seen = sightings(rig, board, poses, NOISE_PX)
-    native, reference = (score(examine(rig, seen, board, load(name))) for name in ("native", "reference"))
+    seen = make_detections(rig, board, poses, NOISE_PX)
+    native, reference = (
+        summarise_errors(compute_rig_errors(rig, seen, board, load(name))) for name in ("native", "reference")
+    )
     for key, value in native.document().items():
         assert reference.document()[key] == pytest.approx(value, rel=1e-8)

@@ -5,28 +5,30 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.corners import BoardDetections
 from beltscape.calibrate.intrinsics import calibrate_camera
-from beltscape.calibrate.sync import misfits
+from beltscape.calibrate.sync import find_frame_misfits
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 FRAMES = 10
 
 
 @pytest.fixture(scope="module")
 def own(rig, board):
-    return sightings(rig, board, board_poses(board, FRAMES, seed=7), 0.1)
+    return make_detections(rig, board, board_poses(board, FRAMES, seed=7), 0.1)
 
 
-def blamed(own: Sightings, rig, board, camera: str, source: dict[int, int]) -> list[tuple[str, int | None]]:
+def blamed(
+    own: BoardDetections, rig, board, camera: str, source: dict[int, int]
+) -> list[tuple[str, int | None]]:
     """Who is named when one camera's image ``source[k]`` carries the name of frame k."""
     views = {f"{k:02d}": own.views[camera][f"{i:02d}"] for k, i in sorted(source.items())}
-    mixed = Sightings(own.sizes_px, {**own.views, camera: views}, own.images)
+    mixed = BoardDetections(own.sizes_px, {**own.views, camera: views}, own.images)
     points = corner_points_mm(board)
     alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
-    return [(m.camera, m.shift) for m in misfits(alone, [f"{k:02d}" for k in range(FRAMES)])]
+    return [(m.camera, m.shift) for m in find_frame_misfits(alone, [f"{k:02d}" for k in range(FRAMES)])]
 
 
 @pytest.mark.parametrize("camera", ["a", "b", "d"])
@@ -45,13 +47,13 @@ def test_a_shuffled_camera_is_named(own, rig, board, seed):
 
 
 def test_two_shifted_cameras_of_four_are_both_named(rig, board, own):
-    mixed = Sightings(own.sizes_px, own.views, own.images)
+    mixed = BoardDetections(own.sizes_px, own.views, own.images)
     for camera in "cd":
         views = {f"{k:02d}": mixed.views[camera][f"{k - 1:02d}"] for k in range(1, FRAMES)}
-        mixed = Sightings(mixed.sizes_px, {**mixed.views, camera: views}, mixed.images)
+        mixed = BoardDetections(mixed.sizes_px, {**mixed.views, camera: views}, mixed.images)
     points = corner_points_mm(board)
     alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
-    found = misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
+    found = find_frame_misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
     # two against two: those with the first camera are taken for right
     assert [(m.camera, m.shift, m.others) for m in found] == [("c", 1, ("a", "b")), ("d", 1, ("a", "b"))]
 
@@ -61,8 +63,8 @@ def test_two_shuffled_cameras_are_both_named(rig, board, own):
     for camera, seed in (("b", 1), ("d", 2)):
         order = np.random.default_rng(seed).permutation(FRAMES)
         views[camera] = {f"{k:02d}": own.views[camera][f"{i:02d}"] for k, i in enumerate(order)}
-    mixed = Sightings(own.sizes_px, views, own.images)
+    mixed = BoardDetections(own.sizes_px, views, own.images)
     points = corner_points_mm(board)
     alone = {name: calibrate_camera(name, mixed, points, known=rig.cameras[name]) for name in mixed.cameras}
-    found = misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
+    found = find_frame_misfits(alone, [f"{k:02d}" for k in range(FRAMES)])
     assert [(m.camera, m.others) for m in found] == [("b", ("a", "c")), ("d", ("a", "c"))]

@@ -9,7 +9,7 @@ from typing import Any
 
 from beltscape.files.toml_text import validated
 from beltscape.pipeline.density import density_of_product
-from beltscape.pipeline.plan import plan_settings
+from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.service.project import ProjectSettings
 from beltscape.target.board import read_board
@@ -38,7 +38,7 @@ def check_table(block: Block, folder: Path) -> None:
     elif set(values) <= set(ProjectSettings.model_fields):
         check_project_tables(path, values, defaults="# defaults" in block.text)
     elif "belt" in values and "camera" in values:
-        plan_settings(path, {})
+        read_plan_settings(path, {})
     elif "kind" in values:
         read_scenario(str(path), {})
         (folder / "my_plant.toml").write_text(block.text)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.calibrate.chain import solve
+from beltscape.calibrate.chain import solve_hierarchy
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
@@ -20,7 +20,7 @@ from beltscape.pipeline.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import CharucoBoard
 from synthetic.boards import board_poses, row_of_cameras
 from synthetic.demo import DEMO, TRUE_RIG, only_json
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 RIG = row_of_cameras(["a", "b", "c"])
@@ -37,7 +37,7 @@ def given(*names: str, **named: Camera) -> KnownIntrinsics:
 @pytest.mark.parametrize(("there", "asked"), [(("a",), ("x", "y")), (("a", "b", "c"), ("A", "cam_b"))])
 def test_cameras_of_which_none_is_in_the_capture_are_refused(there, asked):
     with pytest.raises(InputError) as error:
-        given(*there).matched(capture_of(*asked), Silent())
+        given(*there).match_capture(capture_of(*asked), Silent())
     assert str(error.value) == (
         f"lab.yaml: holds intrinsics of {', '.join(there)}, boards has the cameras {', '.join(asked)}: none is the "
         "same; name the cameras in the file as their folders are named"
@@ -64,7 +64,7 @@ def test_cameras_of_which_none_is_in_the_capture_are_refused(there, asked):
 )  # fmt: skip
 def test_which_cameras_take_theirs_is_stated(there, asked, warnings):
     reporter = Silent()
-    matched = given(*there).matched(capture_of(*asked), reporter)
+    matched = given(*there).match_capture(capture_of(*asked), reporter)
     assert list(matched.cameras) == [name for name in there if name in asked]
     assert reporter.warnings == warnings
 
@@ -82,23 +82,27 @@ def test_another_image_size_is_refused_with_both_sizes():
 
 @pytest.mark.parametrize("factor", [0.9, 1.08])
 def test_intrinsics_of_another_lens_are_named(factor):
-    seen = sightings(RIG, BOARD, board_poses(BOARD, 8), 0.05)
+    seen = make_detections(RIG, BOARD, board_poses(BOARD, 8), 0.05)
     bent = RIG.cameras["b"].distortion + np.array([0.3 * factor, 0, 0, 0, 0])
     other = replace(RIG.cameras["b"], focal_px=RIG.cameras["b"].focal_px * factor, distortion=bent)
     known = given("a", b=other)
-    chain = solve(seen, BOARD, "a", Silent(), known=known.cameras)
-    found = known.foreign(chain, seen, BOARD)
+    chain = solve_hierarchy(seen, BOARD, "a", Silent(), known=known.cameras)
+    found = known.find_foreign(chain, seen, BOARD)
     assert list(found) == ["b"]
     assert found["b"].startswith("lab.yaml: the intrinsics of b fit its views within ")
     true = given("a", "b")
-    assert true.foreign(solve(seen, BOARD, "a", Silent(), known=true.cameras), seen, BOARD) == {}
+    assert (
+        true.find_foreign(solve_hierarchy(seen, BOARD, "a", Silent(), known=true.cameras), seen, BOARD) == {}
+    )
 
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_every_format_gives_the_same_intrinsics(tmp_path, kind):
     path = tmp_path / {"colmap": "rig.json", "ros": "folder"}.get(kind, "rig.yaml")
     export_rig(path, RIG, kind, Silent())
-    found = KnownIntrinsics(read_intrinsics(path), str(path)).matched(capture_of("a", "b", "c"), Silent())
+    found = KnownIntrinsics(read_intrinsics(path), str(path)).match_capture(
+        capture_of("a", "b", "c"), Silent()
+    )
     for name, camera in RIG.cameras.items():
         assert found.cameras[name].size_px == camera.size_px
         np.testing.assert_allclose(found.cameras[name].focal_px, camera.focal_px, rtol=1e-12)

@@ -12,7 +12,7 @@ from beltscape.pipeline.pattern_files import write_pattern_files
 from beltscape.target.pattern import PatternSettings, make_pattern
 from beltscape.target.pattern_image import draw_pattern
 from beltscape.target.pattern_json import read_pattern
-from beltscape.target.pattern_svg import pattern_svg
+from beltscape.target.pattern_svg import pattern_to_svg
 
 PATTERN = make_pattern(PatternSettings(size_px=(160, 128), count=150, seed=7, grey=(0.2, 1)))
 
@@ -64,7 +64,7 @@ def test_the_image_file_holds_the_drawn_pattern(tmp_path, bits, image_format):
 
 
 def test_the_svg_has_every_dot_and_marker_where_it_is():
-    root = ET.fromstring(pattern_svg(PATTERN))
+    root = ET.fromstring(pattern_to_svg(PATTERN))
     assert root.attrib["viewBox"] == "-0.5 -0.5 160 128"
     circles = list(root.iter("{http://www.w3.org/2000/svg}circle"))
     got = np.array([[float(c.attrib[key]) for key in ("cx", "cy", "r")] for c in circles])

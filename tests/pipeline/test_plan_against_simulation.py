@@ -11,7 +11,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstruction import reconstruct_capture
 from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.plan.plan import make_plan
-from beltscape.plan.precision import sigma_map
+from beltscape.plan.precision import predict_sigma_map
 from beltscape.plan.settings import PlanSettings, PrecisionSettings
 
 SETTINGS = {
@@ -88,4 +88,4 @@ def promised_mm(planned, precision: PrecisionSettings) -> float:
     """The plan's depth σ there."""
     settings = planned.settings.model_copy(update={"precision": precision})
     length = planned.planes[0].core_length_mm
-    return float(np.nanmedian(sigma_map(settings, planned.planned, 0.0, length).sigma_mm))
+    return float(np.nanmedian(predict_sigma_map(settings, planned.planned, 0.0, length).sigma_mm))

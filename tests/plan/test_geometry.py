@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.plan.coverage import coverage, plane_coverage
-from beltscape.plan.footprint import area_mm2, clip, footprint, overlap, strip
-from beltscape.plan.precision import projection_slope, sigma_mm
+from beltscape.plan.coverage import compute_coverage, compute_plane_coverage
+from beltscape.plan.footprint import area_mm2, clip, project_footprint, overlap_shares, clip_to_strip
+from beltscape.plan.precision import projection_jacobian, predict_sigma_mm
 from beltscape.plan.settings import CameraSettings, PlanSettings, RigSettings
-from beltscape.plan.station import planned_rig
+from beltscape.plan.station import make_planned_rig
 
 
 @st.composite
@@ -19,7 +19,7 @@ def plans(draw):
         camera=CameraSettings(focal_mm=draw(st.floats(6, 16))),
         rig=RigSettings(auxiliaries=draw(st.integers(1, 6)), first_deg=draw(st.floats(-180, 180))),
     )
-    return plan, planned_rig(plan, draw(st.floats(700, 2000)), draw(st.floats(50, 350)))
+    return plan, make_planned_rig(plan, draw(st.floats(700, 2000)), draw(st.floats(50, 350)))
 
 
 @given(plans())
@@ -33,7 +33,7 @@ def test_the_cameras_stand_around_the_core_and_look_at_one_spot(drawn):
     expected = planned.baseline_mm * np.column_stack([np.cos(angles), np.sin(angles)])
     np.testing.assert_allclose(around, expected, atol=1e-9)
     for name, camera in planned.rig.cameras.items():
-        np.testing.assert_allclose(planned.pixels(name, planned.target_mm), camera.center_px, atol=1e-6)
+        np.testing.assert_allclose(planned.project(name, planned.target_mm), camera.center_px, atol=1e-6)
         across = planned.cam_from_world(name).rotation @ [1, 0, 0]
         assert across[0] > 0.8  # every image is the same way up
 
@@ -43,11 +43,11 @@ def test_footprints_are_what_projects_to_the_images_rim(drawn, height):
     _, planned = drawn
     for name, camera in planned.rig.cameras.items():
         try:
-            polygon = footprint(planned, name, height)
+            polygon = project_footprint(planned, name, height)
         except InputError:
             continue
         corners = np.column_stack([polygon, np.full(4, height)])
-        pixels = planned.pixels(name, corners)
+        pixels = planned.project(name, corners)
         width, tall = camera.size_px
         rim = {(-0.5, -0.5), (-0.5, tall - 0.5), (width - 0.5, tall - 0.5), (width - 0.5, -0.5)}
         assert {tuple(p) for p in np.round(pixels, 5)} == rim
@@ -56,7 +56,7 @@ def test_footprints_are_what_projects_to_the_images_rim(drawn, height):
 
 def test_a_camera_that_sees_the_horizon_is_refused():
     with pytest.raises(InputError, match=r"baseline_mm = 2000: cam1 would be tilted by 66\.7°"):
-        footprint(planned_rig(PlanSettings(), 938, 2000), "cam1", 0.0)
+        project_footprint(make_planned_rig(PlanSettings(), 938, 2000), "cam1", 0.0)
 
 
 def regular(corners: int, radius: float, center: tuple[float, float], turn: float) -> np.ndarray:
@@ -88,23 +88,28 @@ def test_overlap_is_what_counting_cells_gives(base, others):
     grid = grid[inside(base, grid)]
     seen = sum(inside(other, grid).astype(int) for other in others)
     counted = [(seen >= k).mean() for k in range(len(others) + 1)]
-    np.testing.assert_allclose(overlap(base, others), counted, atol=0.03)
+    np.testing.assert_allclose(overlap_shares(base, others), counted, atol=0.03)
 
 
 def test_the_core_sees_exactly_as_much_belt_as_its_image_is_long():
     plan = PlanSettings()
-    planned = planned_rig(plan, 900.0, 300.0)
-    belt, *_ = coverage(plan, planned)
+    planned = make_planned_rig(plan, 900.0, 300.0)
+    belt, *_ = compute_coverage(plan, planned)
     assert belt.core_length_mm == pytest.approx(2048 * 900 / plan.camera.focal_px, abs=0.01)
     assert belt.pixel_mm["cam0"] == pytest.approx([900 / plan.camera.focal_px] * 3)
     assert list(belt.lengths_mm) == sorted(belt.lengths_mm, reverse=True)
     assert belt.at_least[0] == pytest.approx(1)
-    seen = strip(300, belt.polygons["cam0"])
+    seen = clip_to_strip(300, belt.polygons["cam0"])
     assert belt.at_least[-1] == pytest.approx(area_mm2(clip(belt.all_cameras, seen)) / area_mm2(seen))
 
 
 def test_a_width_that_the_core_does_not_see_has_no_length():
-    assert plane_coverage(planned_rig(PlanSettings(), 900.0, 300.0), "wide", 0.0, 1500.0).lengths_mm[0] == 0
+    assert (
+        compute_plane_coverage(
+            make_planned_rig(PlanSettings(), 900.0, 300.0), "wide", 0.0, 1500.0
+        ).lengths_mm[0]
+        == 0
+    )
 
 
 @given(plans())
@@ -112,12 +117,12 @@ def test_slopes_are_the_projections_derivatives(drawn):
     _, planned = drawn
     points = np.array([[10.0, -40.0, 20.0], [-150.0, 60.0, 100.0]])
     for name, camera in planned.rig.cameras.items():
-        slope = projection_slope(camera, planned.cam_from_world(name), points)
+        slope = projection_jacobian(camera, planned.cam_from_world(name), points)
         step = np.eye(3) * 1e-3
         for axis in range(3):
             ahead, behind = (
-                planned.pixels(name, points + step[axis]),
-                planned.pixels(name, points - step[axis]),
+                planned.project(name, points + step[axis]),
+                planned.project(name, points - step[axis]),
             )
             np.testing.assert_allclose(slope[..., axis], (ahead - behind) / 2e-3, atol=1e-5)
 
@@ -125,14 +130,14 @@ def test_slopes_are_the_projections_derivatives(drawn):
 @pytest.mark.parametrize("auxiliaries", [1, 2, 4])
 def test_sigma_is_what_noisy_pixels_triangulate_to(auxiliaries):
     plan = PlanSettings(rig=RigSettings(auxiliaries=auxiliaries))
-    planned = planned_rig(plan, 850.0, 260.0)
+    planned = make_planned_rig(plan, 850.0, 260.0)
     rig, noise, runs = planned.rig, 0.3, 3000
     points = np.array([[0.0, 0.0, 75.0], [250.0, -180.0, 0.0], [-330.0, 120.0, 120.0]])
-    predicted = sigma_mm(planned, points, noise)
+    predicted = predict_sigma_mm(planned, points, noise)
     rng = np.random.default_rng(3)
     in_core = planned.core_from_world.apply(points)
     projections = np.array([rig.projection(name) for name in rig.cameras])
-    exact = np.array([planned.pixels(name, points) for name in rig.cameras])
+    exact = np.array([planned.project(name, points) for name in rig.cameras])
     noisy = np.repeat(exact, runs, axis=1) + rng.normal(0, noise, (len(exact), len(points) * runs, 2))
     seen = np.array([planned.sees(name, points) for name in rig.cameras])
     noisy[~np.repeat(seen, runs, axis=1)] = np.nan
@@ -148,14 +153,14 @@ def triangulate(projections, pixels):
 
 
 def test_sigma_is_unknown_where_the_core_or_all_others_do_not_see():
-    planned = planned_rig(PlanSettings(), 850.0, 260.0)
+    planned = make_planned_rig(PlanSettings(), 850.0, 260.0)
     outside = np.array([[700.0, 0.0, 0.0], [0.0, 3000.0, 0.0]])
-    assert np.isnan(sigma_mm(planned, outside, 0.1)).all()
+    assert np.isnan(predict_sigma_mm(planned, outside, 0.1)).all()
 
 
 def test_calibration_adds_in_quadrature_and_noise_in_proportion():
-    planned = planned_rig(PlanSettings(), 850.0, 260.0)
+    planned = make_planned_rig(PlanSettings(), 850.0, 260.0)
     spot = np.array([[20.0, 30.0, 40.0]])
-    one = sigma_mm(planned, spot, 0.1)
-    np.testing.assert_allclose(sigma_mm(planned, spot, 0.2), 2 * one)
-    np.testing.assert_allclose(sigma_mm(planned, spot, 0.1, 0.5), np.hypot(one, 0.5))
+    one = predict_sigma_mm(planned, spot, 0.1)
+    np.testing.assert_allclose(predict_sigma_mm(planned, spot, 0.2), 2 * one)
+    np.testing.assert_allclose(predict_sigma_mm(planned, spot, 0.1, 0.5), np.hypot(one, 0.5))

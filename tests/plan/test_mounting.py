@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.plan.mounting import mounting, mounting_height_mm
+from beltscape.plan.mounting import compute_mounting, mounting_height_mm
 from beltscape.plan.settings import BeltSettings, CameraSettings, PlanSettings, RigSettings
 
 
 def test_eq_26_gives_the_papers_height():
     assert mounting_height_mm(780, np.deg2rad(57)) == pytest.approx(718.3, abs=0.05)
-    assert mounting(PlanSettings()).eq26_mm == 390 / np.tan(np.deg2rad(28.5))
+    assert compute_mounting(PlanSettings()).eq26_mm == 390 / np.tan(np.deg2rad(28.5))
 
 
 @given(st.floats(1, 1e4), st.floats(0.02, 3.0))
@@ -31,7 +31,7 @@ def test_table_1s_angle_belongs_to_table_1s_camera_only():
 
 def test_the_recommended_height_sees_belt_and_load_with_their_margins():
     settings = PlanSettings()
-    hang = mounting(settings)
+    hang = compute_mounting(settings)
     half_angle = np.tan(settings.camera.lens_angle_rad / 2)
     free = [hang.depth_mm(height) * half_angle - width / 2 for height, width in settings.belt.planes]
     assert min(free) == pytest.approx(settings.rig.margin_mm)
@@ -63,9 +63,9 @@ def test_the_belts_section_keeps_its_lengths():
 )  # fmt: skip
 def test_what_cannot_be_is_said_in_a_line(settings, line):
     with pytest.raises(InputError) as said:
-        mounting(settings)
+        compute_mounting(settings)
     assert str(said.value) == line
 
 
 def test_the_lens_that_is_proposed_does_fit():
-    mounting(PlanSettings(camera=CameraSettings(focal_mm=31.7)))
+    compute_mounting(PlanSettings(camera=CameraSettings(focal_mm=31.7)))

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from beltscape.core.errors import InputError
-from beltscape.plan.baseline import alternatives, chosen
+from beltscape.plan.baseline import list_alternatives, choose_baseline
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
 
@@ -44,7 +44,7 @@ def test_a_told_baseline_is_taken_and_its_price_named():
 def test_a_baseline_beyond_the_horizon_is_refused():
     settings = PlanSettings(rig=RigSettings(baseline_mm=5000))
     with pytest.raises(InputError, match="baseline_mm = 5000: auxiliaries would look past the belt"):
-        chosen(settings, alternatives(settings, 900.0))
+        choose_baseline(settings, list_alternatives(settings, 900.0))
 
 
 def test_where_all_have_a_price_the_best_seen_is_taken():
@@ -95,7 +95,7 @@ def test_more_cameras_are_more_precise():
 def test_any_number_of_auxiliaries_finds_a_baseline_without_a_price(auxiliaries):
     plan = make_plan(PlanSettings(rig=RigSettings(auxiliaries=auxiliaries)))
     assert not plan.chosen.refused
-    assert plan.chosen.seen[plan.enough] >= plan.settings.rig.share_seen
+    assert plan.chosen.seen[plan.required_views] >= plan.settings.rig.required_share
     assert len(plan.planned.rig.cameras) == auxiliaries + 1
 
 
@@ -111,10 +111,10 @@ def test_any_number_of_auxiliaries_finds_a_baseline_without_a_price(auxiliaries)
     ],
 )
 def test_odd_plants_are_planned_and_reported(settings):
-    from beltscape.report.plan import plan_page
+    from beltscape.report.plan import render_plan_page
 
     plan = make_plan(settings)
-    assert "Rig plan" in plan_page(plan)
+    assert "Rig plan" in render_plan_page(plan)
     assert not any("inf" in warning.split() for warning in plan.warnings)
 
 

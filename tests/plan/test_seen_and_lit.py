@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from beltscape.plan.light import (
     defocus_px,
     electrons_per_lux_s,
-    light_budget,
+    compute_light_budget,
     matching_sigma_px,
     needed_contrast_e,
 )
-from beltscape.plan.motion import blur_mm, frames_per_second, max_exposure_us, motion
-from beltscape.plan.occlusion import seen_shares
+from beltscape.plan.motion import blur_mm, frames_per_second, max_exposure_us, compute_motion
+from beltscape.plan.occlusion import visible_shares
 from beltscape.plan.settings import (
     BeltSettings,
     CameraSettings,
@@ -31,16 +31,16 @@ directions = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1,
 @given(directions, st.floats(0, 0.7))
 def test_more_lumps_hide_more(others, cover):
     straight_up = np.zeros(2)
-    seen = seen_shares(straight_up, others, cover)
+    seen = visible_shares(straight_up, others, cover)
     assert seen[0] == pytest.approx(1)
     assert all(a >= b - 1e-12 for a, b in pairwise(seen))
-    more = seen_shares(straight_up, others, cover + 0.2)
+    more = visible_shares(straight_up, others, cover + 0.2)
     assert all(b <= a + 1e-9 for a, b in zip(seen, more, strict=True))
 
 
 def test_what_the_core_sees_is_seen_along_its_own_direction():
-    assert seen_shares(np.array([0.2, 0.1]), np.array([[0.2, 0.1]]), 0.5) == pytest.approx((1, 1))
-    assert seen_shares(np.zeros(2), np.array([[0.4, 0.0], [0.0, 0.4]]), 0.0) == pytest.approx((1, 1, 1))
+    assert visible_shares(np.array([0.2, 0.1]), np.array([[0.2, 0.1]]), 0.5) == pytest.approx((1, 1))
+    assert visible_shares(np.zeros(2), np.array([[0.4, 0.0], [0.0, 0.4]]), 0.0) == pytest.approx((1, 1, 1))
 
 
 def test_hidden_shares_agree_with_thrown_balls():
@@ -57,7 +57,7 @@ def test_hidden_shares_agree_with_thrown_balls():
         clear = ((np.cross(balls[:, None], rays) ** 2).sum(axis=-1) >= 1).all(axis=0)
         if clear[0]:
             counts[: clear[1:].sum() + 1] += 1
-    np.testing.assert_allclose(seen_shares(core, others, cover), counts / counts[0], atol=0.015)
+    np.testing.assert_allclose(visible_shares(core, others, cover), counts / counts[0], atol=0.015)
 
 
 def test_blur_and_frame_rate_by_hand():
@@ -65,7 +65,7 @@ def test_blur_and_frame_rate_by_hand():
     assert max_exposure_us(2.0, 0.5, 0.4) == pytest.approx(100.0)
     assert frames_per_second(2.0, 500.0, 1) == pytest.approx(4.0)
     assert frames_per_second(2.0, 500.0, 3) == pytest.approx(12.0)
-    move = motion(PlanSettings(), 0.4, 500.0)
+    move = compute_motion(PlanSettings(), 0.4, 500.0)
     assert (move.exposure_us, move.blur_px) == pytest.approx((100.0, 0.5))
     assert move.data_mb_s == pytest.approx(5 * 2448 * 2048 * 12 / 1e6)
     assert frames_per_second(move.max_speed_m_s, 500.0, 3) == pytest.approx(79.1)
@@ -79,7 +79,7 @@ def test_at_that_rate_every_point_is_in_that_many_frames(speed, length, count):
 
 def test_a_belt_that_stands_still_may_be_exposed_for_a_frames_time():
     plan = PlanSettings(belt=BeltSettings(speed_m_s=0))
-    move = motion(plan, 0.4, 500.0)
+    move = compute_motion(plan, 0.4, 500.0)
     assert move.exposure_us == pytest.approx(1e6 / 79.1)
     assert (move.fps, move.blur_mm) == (0, 0)
 
@@ -98,10 +98,12 @@ def test_electrons_by_hand():
 def test_the_needed_exposure_and_lumens_give_the_asked_snr(lumens, ambient, reflectance, snr):
     light = LightSettings(projector_lm=lumens, ambient_lux=ambient, reflectance=reflectance, target_snr=snr)
     plan = PlanSettings(light=light)
-    first = light_budget(plan, 800.0, 5e5, 100.0)
-    assert light_budget(plan, 800.0, 5e5, first.needed_exposure_us).snr == pytest.approx(snr, rel=1e-6)
+    first = compute_light_budget(plan, 800.0, 5e5, 100.0)
+    assert compute_light_budget(plan, 800.0, 5e5, first.needed_exposure_us).snr == pytest.approx(
+        snr, rel=1e-6
+    )
     brighter = light.model_copy(update={"projector_lm": first.needed_lumens})
-    again = light_budget(plan.model_copy(update={"light": brighter}), 800.0, 5e5, 100.0)
+    again = compute_light_budget(plan.model_copy(update={"light": brighter}), 800.0, 5e5, 100.0)
     assert again.snr == pytest.approx(snr, rel=1e-6)
     contrast = needed_contrast_e(snr, first.gap_e, 2.5)
     assert contrast / np.sqrt(contrast + first.gap_e + 2.5**2) == pytest.approx(snr)

@@ -20,7 +20,7 @@ from beltscape.plan.settings import PlanSettings
 from beltscape.report.belt import belt_page
 from beltscape.report.flow import FlowReport, flow_page
 from beltscape.report.lumps import lumps_page
-from beltscape.report.plan import plan_page
+from beltscape.report.plan import render_plan_page
 from evaluate.paper.test_page import paper
 from synthetic.packings import camera, ellipsoids, seen
 
@@ -93,7 +93,7 @@ def pages() -> dict[str, str]:
     from beltscape.evaluate.paper.page import paper_page
 
     return {
-        "plan": plan_page(plan()),
+        "plan": render_plan_page(plan()),
         "belt": belt_page(belt()),
         "lumps": lumps_page(*lumps()),
         "flow": flow_page(flow(), warnings=["a frame lacks"]),

@@ -17,7 +17,7 @@ from beltscape.report.flow_charts import flow_chart
 from beltscape.report.legend import DOUBT, HEIGHT, TRUST, Scale, Swatches
 from beltscape.report.lumps_pictures import BELT, OVERSIZE, largest, lumps_panels, shown_area, sized_picture
 from beltscape.report.page import Section, Table, Tile, Tiles, render
-from beltscape.report.plan_drawing import side_charts, side_view, top_chart
+from beltscape.report.plan_drawing import make_side_charts, draw_side_view, make_top_chart
 from beltscape.report.plots import NARROW, WIDE, Form, panels, to_svg
 from report.layout import browser, layout_faults, needs_browser, text_faults
 from report.material import belt, flow, lumps, pages, plan
@@ -100,7 +100,7 @@ def test_what_is_drawn_is_seen_on_its_ground(dark):
 
 
 def test_a_chart_has_in_both_forms_the_colours_of_its_key():
-    (two_side, along), top = side_charts(plan()), top_chart(plan())
+    (two_side, along), top = make_side_charts(plan()), make_top_chart(plan())
     from beltscape.report.belt import section_chart
 
     for chart in (two_side, along, top, section_chart(belt()), flow_chart(flow().records)):
@@ -124,12 +124,12 @@ def test_states_have_swatches_and_shapes():
 def test_the_plans_side_views_have_one_scale():
     for form in (WIDE, NARROW):
         scales = [
-            float(re.findall(r'data-px-per-mm="([\d.]+)"', side_view(plan(), form, along=along))[0])
+            float(re.findall(r'data-px-per-mm="([\d.]+)"', draw_side_view(plan(), form, along=along))[0])
             for along in (False, True)
         ]
         assert scales[0] == scales[1] > 0
         for along, scale in zip((False, True), scales, strict=True):
-            svg = side_view(plan(), form, along=along)
+            svg = draw_side_view(plan(), form, along=along)
             name = f"full width over {plan().motion.frame_length_mm:.0f} mm" if along else "span 780 mm"
             line = re.findall(rf'<polyline points="([\d.,\- ]+)"(?:(?!polyline).)*?{name}', svg)[-1]
             (x0, _), (x1, _) = (map(float, point.split(",")) for point in line.split())

@@ -1,4 +1,4 @@
-"""A plant that is not there: tells a hub, and a history, what a real one would."""
+"""A plant that is not there: tells a live_state, and a history, what a real one would."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ class Plant:
             one.on_alarms(tuple(self.alarms.values()))
 
 
-class Running:
+class RunningServer:
     """A plant in a thread of its own, five frames a second."""
 
     def __init__(self, plant: Plant, *, hz: float = 5.0) -> None:

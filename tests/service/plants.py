@@ -11,7 +11,7 @@ from fastapi import FastAPI
 
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.app import create_app
-from beltscape.service.hub import Hub
+from beltscape.service.hub import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -26,7 +26,7 @@ STEP_NS = 200_000_000
 class Works:
     """All that belongs together."""
 
-    hub: Hub
+    live_state: LiveState
     history: Historian
     access: Access
     plant: Plant
@@ -45,13 +45,13 @@ class Works:
 def works(folder: Path, frames: int = 0, **settings) -> Works:
     """A plant that measured so many frames, its history, and the application."""
     web = WebSettings(**{"port": 0, "plant": "Belt 7", "page_rate_hz": 10.0, **settings})
-    hub, history = Hub(web), Historian(folder, HistorySettings())
+    live_state, history = LiveState(web), Historian(folder, HistorySettings())
     history.begin_run()
     access = Access(folder, web.access, CHEAP)
-    plant = Plant([hub], history)
+    plant = Plant([live_state], history)
     for k in range(frames):
         plant.step(BEGIN_NS + k * STEP_NS)
-    return Works(hub, history, access, plant, web, create_app(hub, history, access, plant, web))
+    return Works(live_state, history, access, plant, web, create_app(live_state, history, access, plant, web))
 
 
 OPEN = AccessSettings(anonymous_role="viewer")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.live import BeltStretch
-from beltscape.service.shown.belt import FILLED, UNKNOWN, BeltWindow, decode, encode
+from beltscape.service.shown.belt import FILLED, UNKNOWN, BeltWindow, decode_heights, encode_heights
 
 X = np.arange(-100, 101, 5).astype(np.float32)
 
@@ -20,15 +20,15 @@ def stretch(start_mm: float, rows: int, height=None, *, cell_mm: float = 5.0, x=
 @given(st.lists(st.floats(-99, 1900, width=32), min_size=1, max_size=30), st.booleans())
 def test_heights_come_back_to_half_a_step(heights, measured):
     h = np.array(heights, np.float32)
-    back, seen = decode(encode(h, np.full(h.shape, measured)))
+    back, seen = decode_heights(encode_heights(h, np.full(h.shape, measured)))
     assert np.abs(back - h).max() <= 0.5 / 16 + 1e-4
     assert (seen == measured).all()
 
 
 def test_what_cannot_be_said_is_the_nearest_that_can_or_unknown():
-    counts = encode(np.array([np.nan, -1e6, 1e6]), np.array([False, False, False]))
+    counts = encode_heights(np.array([np.nan, -1e6, 1e6]), np.array([False, False, False]))
     assert counts[0] == UNKNOWN
-    assert decode(counts)[0][1] == -100
+    assert decode_heights(counts)[0][1] == -100
     assert counts[2] != UNKNOWN and counts[2] >= FILLED
 
 
@@ -55,7 +55,7 @@ def test_cells_are_means_and_half_measured_is_measured():
     window.add(BeltStretch(0, 5, X, height.astype(np.float32), measured))
     rows = window.after()
     assert rows is not None
-    back, seen = decode(rows.counts)
+    back, seen = decode_heights(rows.counts)
     np.testing.assert_allclose(back, [[5] * rows.x_mm.size, [25] * rows.x_mm.size], atol=0.04)
     assert seen.all()
     assert rows.x_mm.size == 21 and rows.cell_mm == 10

@@ -6,7 +6,7 @@ import pytest
 
 from beltscape.core.belt_record import BeltRecord, Standing
 from beltscape.core.flow import FlowRecord
-from beltscape.service.shown.flow import FlowMean
+from beltscape.service.shown.flow import FlowAverage
 
 
 def record(
@@ -22,7 +22,7 @@ def record(
 
 
 def test_the_mean_is_volume_over_time():
-    flow = FlowMean(1.0)
+    flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5 + [record(2e7)] * 10)  # each 0.1 s: the last second holds 2e7 only
     now = flow.now(2000.0)
     assert now.volume_m3_h == pytest.approx(2e7 / 0.1 * 3600e-9)
@@ -35,7 +35,7 @@ def test_the_mean_is_volume_over_time():
 
 
 def test_belt_that_nobody_measured_is_not_taken_for_empty():
-    flow = FlowMean(1.0)
+    flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5 + [record(0, standing="missing")] * 5)
     now = flow.now(2000.0)
     assert now.volume_m3_h == pytest.approx(1e7 / 0.1 * 3600e-9)
@@ -45,7 +45,7 @@ def test_belt_that_nobody_measured_is_not_taken_for_empty():
 
 
 def test_a_stopped_belt_carries_nothing_on_and_an_unknown_speed_stops_nothing():
-    flow = FlowMean(1.0)
+    flow = FlowAverage(1.0)
     assert isnan(flow.now(nan).volume_m3_h)
     flow.add([record(1e7)] * 20)
     assert flow.now(0.0).volume_m3_h == 0
@@ -53,7 +53,7 @@ def test_a_stopped_belt_carries_nothing_on_and_an_unknown_speed_stops_nothing():
 
 
 def test_without_a_density_there_is_no_mass():
-    flow = FlowMean(1.0)
+    flow = FlowAverage(1.0)
     flow.add([record(1e7, density=nan)] * 20)
     assert isnan(flow.now(2000.0).mass_t_h)
     assert flow.now(2000.0).volume_m3_h > 0
@@ -63,7 +63,7 @@ def test_without_a_density_there_is_no_mass():
     ("last", "trend"), [(1e7, "steady"), (1.02e7, "steady"), (1.3e7, "rising"), (0.7e7, "falling")]
 )
 def test_trend(last, trend):
-    flow = FlowMean(1.0)
+    flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 30)
     assert flow.now(2000.0).trend == "unknown"
     flow.add([record(1e7)] * 300 + [record(last)] * 10)
@@ -71,6 +71,6 @@ def test_trend(last, trend):
 
 
 def test_memory_is_bounded():
-    flow = FlowMean(1.0)
+    flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5000)
     assert len(flow._strips) <= 700

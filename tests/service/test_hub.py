@@ -9,9 +9,9 @@ import numpy as np
 from beltscape.core.belt_record import Totals
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import CameraHealth, FrameEvent
-from beltscape.service.hub import Hub
+from beltscape.service.hub import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.service.shown.picture import eight_bit, small_picture
+from beltscape.service.shown.picture import convert_to_8_bit, encode_thumbnail
 from service.feeder import CAMERAS, Plant, Sums
 
 
@@ -20,34 +20,34 @@ class Clock:
         self.now_s = 100.0
         self.offset_s = 1_700_000_000.0
 
-    def steady_s(self) -> float:
+    def monotonic_s(self) -> float:
         return self.now_s
 
     def wall_ns(self) -> int:
         return int((self.now_s + self.offset_s) * 1e9)
 
 
-def fed(frames: int, **settings) -> tuple[Hub, Plant, Clock]:
+def fed(frames: int, **settings) -> tuple[LiveState, Plant, Clock]:
     clock = Clock()
-    hub = Hub(WebSettings(**settings), steady_s=clock.steady_s, wall_ns=clock.wall_ns)
-    plant = Plant([hub], Sums())
+    live_state = LiveState(WebSettings(**settings), monotonic_s=clock.monotonic_s, wall_ns=clock.wall_ns)
+    plant = Plant([live_state], Sums())
     for _ in range(frames):
         clock.now_s += 0.2
         plant.step(clock.wall_ns())
-    return hub, plant, clock
+    return live_state, plant, clock
 
 
 def test_before_anything_happened_nothing_is_claimed():
-    now = Hub().now()
+    now = LiveState().take_snapshot()
     assert (now.frame_age_s, now.health_age_s) == (inf, inf)
     assert now.record is None and now.cameras == () and now.alarms == ()
     assert np.isnan(now.flow.volume_m3_h)
-    assert Hub().picture("cam1") is None
+    assert LiveState().get_picture("cam1") is None
 
 
 def test_it_tells_what_it_was_told():
-    hub, plant, clock = fed(12)
-    now = hub.now()
+    live_state, plant, clock = fed(12)
+    now = live_state.take_snapshot()
     assert now.frames.done == 12
     assert now.totals == plant.ledger.totals
     assert [camera.name for camera in now.cameras] == list(CAMERAS)
@@ -55,39 +55,39 @@ def test_it_tells_what_it_was_told():
     assert now.record == 12
     assert now.frame_age_s == 0
     clock.now_s += 7
-    assert hub.now().frame_age_s == 7
+    assert live_state.take_snapshot().frame_age_s == 7
 
 
 def test_a_clock_set_back_leaves_the_chart_in_order():
-    hub, plant, clock = fed(40)
+    live_state, plant, clock = fed(40)
     clock.offset_s -= 5
     for _ in range(10):
         clock.now_s += 0.3
         plant.step(clock.wall_ns())
-    _, points = hub.points()
+    _, points = live_state.list_points()
     times = [point.wall_ms for point in points]
     assert times == sorted(set(times))
-    count, new = hub.points(hub.points()[0] - 3)
+    count, new = live_state.list_points(live_state.list_points()[0] - 3)
     assert len(new) == 3 and new[-1] == points[-1] and count >= len(points)
 
 
 def test_memory_is_bounded():
-    hub, _, _ = fed(3)
+    live_state, _, _ = fed(3)
     for k in range(700):
-        hub.on_message(f"{k} " + "x" * 2000)
-    assert len(hub.now().notes) == 50 and all(len(text) <= 500 for _, text in hub.now().notes)
-    hub.on_health({f"c{k}": CameraHealth(f"c{k}", "ok", 0, 0, 0, 0) for k in range(1000)})
-    assert len(hub.now().cameras) == 64
-    hub.on_records(hub.records() * 300, Totals())
-    assert len(hub.records()) == 600
+        live_state.on_message(f"{k} " + "x" * 2000)
+    assert len(live_state.take_snapshot().notes) == 50 and all(len(text) <= 500 for _, text in live_state.take_snapshot().notes)
+    live_state.on_health({f"c{k}": CameraHealth(f"c{k}", "ok", 0, 0, 0, 0) for k in range(1000)})
+    assert len(live_state.take_snapshot().cameras) == 64
+    live_state.on_records(live_state.list_records() * 300, Totals())
+    assert len(live_state.list_records()) == 600
 
 
 def test_a_picture_is_made_once_and_small(monkeypatch):
-    hub, _, _ = fed(2, picture_px=100)
+    live_state, _, _ = fed(2, picture_px=100)
     made = []
-    monkeypatch.setattr("beltscape.service.hub.small_picture", lambda *a: made.append(1) or small_picture(*a))
-    first = hub.picture("cam2")
-    assert first is hub.picture("cam2") and made == [1]
+    monkeypatch.setattr("beltscape.service.hub.encode_thumbnail", lambda *a: made.append(1) or encode_thumbnail(*a))
+    first = live_state.get_picture("cam2")
+    assert first is live_state.get_picture("cam2") and made == [1]
     assert first is not None
     image = cv2.imdecode(np.frombuffer(first.data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert max(image.shape[:2]) == 100
@@ -95,18 +95,18 @@ def test_a_picture_is_made_once_and_small(monkeypatch):
 
 def test_deep_images_are_shown_by_the_bits_they_use():
     ramp = np.linspace(0, 4095, 64).astype(np.uint16).reshape(8, 8)
-    assert eight_bit(ramp).max() == 255
-    assert eight_bit(ramp << 4).max() == 255
-    assert eight_bit((ramp >> 4).astype(np.uint8)).max() == 255
+    assert convert_to_8_bit(ramp).max() == 255
+    assert convert_to_8_bit(ramp << 4).max() == 255
+    assert convert_to_8_bit((ramp >> 4).astype(np.uint8)).max() == 255
     colour = np.dstack(
         [np.full((40, 60), 200, np.uint8), np.zeros((40, 60), np.uint8), np.zeros((40, 60), np.uint8)]
     )
-    back = cv2.imdecode(np.frombuffer(small_picture(colour, 480), np.uint8), cv2.IMREAD_COLOR)
+    back = cv2.imdecode(np.frombuffer(encode_thumbnail(colour, 480), np.uint8), cv2.IMREAD_COLOR)
     assert back[20, 30, 2] > 150 and back[20, 30, 0] < 60  # red stays red
 
 
 def test_many_readers_disturb_nobody():
-    hub, plant, clock = fed(5)
+    live_state, plant, clock = fed(5)
     wrong: list[BaseException] = []
     stop = threading.Event()
 
@@ -114,11 +114,11 @@ def test_many_readers_disturb_nobody():
         try:
             mark = None
             while not stop.is_set():
-                now = hub.now()
+                now = live_state.take_snapshot()
                 assert now.totals.records <= plant.number
-                mark, rows = hub.belt(mark)
+                mark, rows = live_state.get_belt(mark)
                 assert rows is None or rows.counts.shape[1] == rows.x_mm.size
-                hub.points(), hub.records(), hub.picture("cam1")
+                live_state.list_points(), live_state.list_records(), live_state.get_picture("cam1")
         except BaseException as error:
             wrong.append(error)
 
@@ -135,8 +135,8 @@ def test_many_readers_disturb_nobody():
 
 
 def test_a_camera_that_is_lost_keeps_its_last_picture():
-    hub, _, _ = fed(2)
+    live_state, _, _ = fed(2)
     image = np.full((4, 4), 7, np.uint8)
-    hub.on_frame(FrameEvent(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
-    assert hub.now().picture_frames["cam1"] == "late"
-    assert hub.now().picture_frames["cam2"] == "000001"
+    live_state.on_frame(FrameEvent(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
+    assert live_state.take_snapshot().picture_frames["cam1"] == "late"
+    assert live_state.take_snapshot().picture_frames["cam2"] == "000001"

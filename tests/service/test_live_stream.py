@@ -8,11 +8,11 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from beltscape.service.access.roles import User
-from beltscape.service.hub import Hub
-from beltscape.service.live import Told, news
+from beltscape.service.hub import LiveState
+from beltscape.service.live import SentState, collect_messages
 from beltscape.service.server import serve
 from beltscape.service.settings import WebSettings
-from beltscape.service.shown.belt import UNKNOWN, decode
+from beltscape.service.shown.belt import UNKNOWN, decode_heights
 from service.feeder import Plant, Sums, heights
 from service.plants import works
 
@@ -26,25 +26,25 @@ def opened(message: str | bytes) -> dict:
     return json.loads(message[4 : 4 + length]) | {"counts": np.frombuffer(message[4 + length :], "<u2")}
 
 
-def told(hub: Hub, memory: Told, quiet: int = 5) -> dict[str, list[dict]]:
+def told(live_state: LiveState, memory: SentState, quiet: int = 5) -> dict[str, list[dict]]:
     kinds: dict[str, list[dict]] = {}
-    for message in news(hub, memory, quiet):
+    for message in collect_messages(live_state, memory, quiet):
         found = opened(message)
         kinds.setdefault(found["kind"], []).append(found)
     return kinds
 
 
 def test_a_page_that_opens_is_told_everything_that_is_kept():
-    hub = Hub()
-    plant = Plant([hub], Sums())
+    live_state = LiveState()
+    plant = Plant([live_state], Sums())
     for _ in range(5):
         plant.step()
-    first = told(hub, Told())
+    first = told(live_state, SentState())
     assert set(first) == {"state", "flow", "records", "section", "belt"}
     assert [record["number"] for record in first["records"][0]["records"]] == [1, 2, 3, 4, 5]
     belt = first["belt"][0]
     rows = belt["counts"].reshape(belt["rows"], belt["columns"])
-    height, seen = decode(rows)
+    height, seen = decode_heights(rows)
     load = heights(0, 96).reshape(48, 2, -1).mean(axis=1)
     assert belt["first"] == 0 and belt["cell_mm"] == 10
     np.testing.assert_allclose(height[:48].mean(), load.mean(), rtol=0.02)
@@ -55,34 +55,34 @@ def test_a_page_that_opens_is_told_everything_that_is_kept():
 
 
 def test_afterwards_only_what_is_new():
-    hub, memory = Hub(), Told()
-    plant = Plant([hub], Sums())
+    live_state, memory = LiveState(), SentState()
+    plant = Plant([live_state], Sums())
     plant.step()
-    told(hub, memory)
-    assert told(hub, memory) == {}
+    told(live_state, memory)
+    assert told(live_state, memory) == {}
     plant.step()
-    second = told(hub, memory)
+    second = told(live_state, memory)
     assert [record["number"] for record in second["records"][0]["records"]] == [2]
     assert second["belt"][0]["first"] == 47  # the row that was still open
 
 
 def test_silence_is_broken_once_in_a_while():
-    hub, memory = Hub(), Told()
-    assert list(told(hub, memory)) == ["state"]
-    heard = [bool(told(hub, memory, 5)) for _ in range(20)]
+    live_state, memory = LiveState(), SentState()
+    assert list(told(live_state, memory)) == ["state"]
+    heard = [bool(told(live_state, memory, 5)) for _ in range(20)]
     assert heard == ([False] * 4 + [True]) * 4
 
 
 def test_a_page_that_slept_gets_the_newest_and_not_all_that_was():
-    hub, memory = Hub(WebSettings(belt_m=2)), Told()
-    plant = Plant([hub], Sums())
+    live_state, memory = LiveState(WebSettings(belt_m=2)), SentState()
+    plant = Plant([live_state], Sums())
     plant.step()
-    told(hub, memory)
+    told(live_state, memory)
     for _ in range(60):
         plant.step()
-    late = told(hub, memory)
+    late = told(live_state, memory)
     assert sum(message["rows"] for message in late["belt"]) == 200
-    assert late["belt"][-1]["first"] + late["belt"][-1]["rows"] == hub.belt()[0][1]
+    assert late["belt"][-1]["first"] + late["belt"][-1]["rows"] == live_state.get_belt()[0][1]
     assert len(late["section"]) == len(late["state"]) == 1
 
 

@@ -7,7 +7,7 @@ from math import nan
 import pytest
 
 from beltscape.core.live import Alarm, CameraHealth
-from beltscape.service.metrics import MEDIA_TYPE, exposition
+from beltscape.service.metrics import MEDIA_TYPE, format_metrics
 from service.plants import OPEN, works
 
 SAMPLE = re.compile(r"([a-z_:][a-z0-9_:]*)(?:\{(.*)\})? (\S+)")
@@ -52,7 +52,7 @@ def test_figures_and_their_types(made):
     made.plant.raise_alarm(Alarm("disk_full", "critical", "raised", nan, nan, "", 1))
     made.plant.raise_alarm(Alarm("camera_lost:cam2", "warning", "gone", nan, nan, "", 1))
     types, samples = parsed(made.browser()("GET", "/metrics").text)
-    now = made.hub.now()
+    now = made.live_state.take_snapshot()
     assert samples["beltscape_flow_cubic_metres_per_hour"][()] == pytest.approx(now.flow.volume_m3_h)
     assert samples["beltscape_volume_cubic_metres_total"][()] == pytest.approx(now.totals.volume_mm3 * 1e-9)
     metres = {labels[0][1]: value for labels, value in samples["beltscape_belt_metres_total"].items()}
@@ -70,7 +70,7 @@ def test_figures_and_their_types(made):
 
 
 def test_the_histogram_is_one(made):
-    _, samples = parsed(exposition(made.hub, made.hub.now()))
+    _, samples = parsed(format_metrics(made.live_state, made.live_state.take_snapshot()))
     buckets = list(samples["beltscape_processing_seconds_bucket"].values())
     assert buckets == sorted(buckets)
     assert buckets[-1] == samples["beltscape_processing_seconds_count"][()] == 12
@@ -78,9 +78,9 @@ def test_the_histogram_is_one(made):
 
 
 def test_what_is_not_known_is_left_out_and_names_are_quoted(made):
-    now = replace(made.hub.now(), cameras=(CameraHealth('a"b\\c\n', "ok", 1, 0, nan, nan),))
+    now = replace(made.live_state.take_snapshot(), cameras=(CameraHealth('a"b\\c\n', "ok", 1, 0, nan, nan),))
     now = replace(now, frames=replace(now.frames, speed_mm_s=nan))
-    types, samples = parsed(exposition(made.hub, now))
+    types, samples = parsed(format_metrics(made.live_state, now))
     assert types["beltscape_belt_speed_metres_per_second"] == "gauge"
     assert "beltscape_belt_speed_metres_per_second" not in samples
     assert "beltscape_camera_skew_seconds" not in samples

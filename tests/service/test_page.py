@@ -14,7 +14,7 @@ from beltscape.core.live import Alarm
 from beltscape.service.access.roles import User
 from beltscape.service.app import create_app
 from beltscape.service.server import serve
-from service.feeder import Running
+from service.feeder import RunningServer
 from service.plants import PASSWORD, works
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -50,7 +50,7 @@ class Site:
         self.address = self.server.address
         for _ in range(frames):
             self.works.plant.step()
-        self.running = Running(self.works.plant)
+        self.running = RunningServer(self.works.plant)
         if not frames:
             self.running.paused.set()
         self.wrong: list[str] = []
@@ -87,7 +87,7 @@ class Site:
         made = self.works
         port = int(self.address.rsplit(":", 1)[1])
         again = made.settings.model_copy(update={"port": port})
-        self.server = serve(create_app(made.hub, made.history, made.access, made.plant, again), again)
+        self.server = serve(create_app(made.live_state, made.history, made.access, made.plant, again), again)
 
     def close(self) -> None:
         self.running.close()

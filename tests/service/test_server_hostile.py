@@ -152,7 +152,7 @@ class Metering:
 
 
 def missed_while(words: list[str | Path]) -> tuple[int, int, str]:
-    """Frames done and missed while a program runs, and what it printed."""
+    """FrameStatistics done and missed while a program runs, and what it printed."""
     program = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     with closing(Metering()) as metering:
         said, _ = program.communicate(timeout=60)

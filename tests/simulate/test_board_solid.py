@@ -65,7 +65,7 @@ def test_at_each_corner_two_black_squares_meet_on_a_corner_of_texels(board):
 def test_the_print_is_opencvs_drawing():
     texture = make_board_solid(EVEN, BOARD_POSE, margin_mm=0).texture[..., 0]
     rows, columns = texture.shape
-    theirs = EVEN.opencv(legacy=False).generateImage((columns, rows), marginSize=0, borderBits=1)
+    theirs = EVEN.to_opencv(legacy=False).generateImage((columns, rows), marginSize=0, borderBits=1)
     assert set(np.unique(texture)) == {np.float32(BLACK), np.float32(WHITE)}  # bits end on whole texels
     assert ((texture > 0.5) == (theirs > 127)).mean() == 1.0
 
@@ -74,7 +74,7 @@ def test_where_bits_end_within_texels_their_area_is_kept():
     odd = CharucoBoard(squares=(5, 4), square_mm=30.0, marker_mm=21.37, dictionary="DICT_5X5_100")
     texture = make_board_solid(odd, BOARD_POSE, margin_mm=0).texture[..., 0].astype(float)
     ink = ((WHITE - texture) / (WHITE - BLACK)).sum() * (150 / texture.shape[1]) ** 2
-    theirs = odd.opencv(legacy=False)
+    theirs = odd.to_opencv(legacy=False)
     black = sum(
         (theirs.getDictionary().generateImageMarker(int(i), 7) == 0).sum() * (21.37 / 7) ** 2
         for i in theirs.getIds().ravel()
@@ -96,7 +96,7 @@ def test_opencv_finds_every_corner_in_its_place_on_a_traced_view():
     image = np.full(len(rays), 120, np.uint8)
     image[met] = 255 * texel_at(solid, on_board[:, :2])[0]
     image = image.reshape(512, 612)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(CHARUCO.opencv(legacy=False)).detectBoard(image)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(CHARUCO.to_opencv(legacy=False)).detectBoard(image)
     assert len(ids) == 70
     expected = LENS.project(CAMERA_POSE.apply(BOARD_POSE.apply(corner_points_mm(CHARUCO))))
     error = corners.reshape(-1, 2) - expected[ids.ravel()]

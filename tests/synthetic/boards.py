@@ -87,7 +87,7 @@ def _texture(board: Board, legacy: bool) -> NDArray[np.float32]:
     if isinstance(board, CharucoBoard):
         columns, rows = board.squares
         size = (columns * _CELL, rows * _CELL)
-        image = board.opencv(legacy=legacy).generateImage(size, marginSize=0).astype(np.float32) / 255
+        image = board.to_opencv(legacy=legacy).generateImage(size, marginSize=0).astype(np.float32) / 255
     else:
         columns, rows = board.grid[0] + 1, board.grid[1] + 1
         dark = np.indices((rows, columns)).sum(axis=0) % 2 == 0

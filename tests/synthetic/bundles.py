@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.bundle import Geometry, Observations, Prior
-from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibrate.lens import pack_intrinsics
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import sightings
+from synthetic.sightings import make_detections
 
 
 def problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_sigma_mm=0.0):
@@ -16,7 +16,7 @@ def problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_s
     true_points = nominal if points_mm is None else points_mm
     rng = np.random.default_rng(seed)
     rows = []
-    seen = sightings(rig, board, poses)
+    seen = make_detections(rig, board, poses)
     for frame, pose in enumerate(poses):
         for index, (name, camera) in enumerate(rig.cameras.items()):
             corners = seen.views[name].get(f"{frame:02d}")
@@ -28,7 +28,7 @@ def problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_s
     camera, frame, point, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
     sigma = np.full(len(pixels), max(noise_px, 1.0 if noise_px == 0 else noise_px))
     geometry = Geometry(
-        np.stack([intrinsics(camera) for camera in rig.cameras.values()]),
+        np.stack([pack_intrinsics(camera) for camera in rig.cameras.values()]),
         np.stack([rig.cam_from_core[name].rotation for name in rig.cameras]),
         np.stack([rig.cam_from_core[name].translation_mm for name in rig.cameras]),
         np.stack([pose.rotation for pose in poses]),
@@ -38,5 +38,7 @@ def problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_s
     cameras = len(rig.cameras)
     free = np.ones((cameras, 9), bool)
     free[:, 8] = False
-    prior = Prior(geometry.intrinsics, np.zeros((cameras, 9, 9)), free, nominal, np.full(3, points_sigma_mm))
+    prior = BundlePrior(
+        geometry.intrinsics, np.zeros((cameras, 9, 9)), free, nominal, np.full(3, points_sigma_mm)
+    )
     return Observations(camera, frame, point, pixels, sigma), geometry, prior

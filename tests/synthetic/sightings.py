@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.corners import Corners, Sightings
+from beltscape.calibrate.corners import BoardDetections, Corners
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.target.board import Board, corner_points_mm
 
 
-def sightings(
+def make_detections(
     rig: Rig, board: Board, poses: Sequence[Pose], noise_px: float = 0.0, seed: int = 0,
     seen_by: Mapping[str, Sequence[int]] | None = None,
-) -> Sightings:  # fmt: skip
+) -> BoardDetections:  # fmt: skip
     """Every camera's corners of every board inside its image; ``seen_by`` limits a camera to some frames."""
     board_mm = corner_points_mm(board)
     rng = np.random.default_rng(seed)
@@ -30,7 +30,7 @@ def sightings(
             corners = seen(rig, name, pose, board_mm, noise)
             if len(corners) >= 8:
                 views[name][f"{i:02d}"] = corners
-    return Sightings(
+    return BoardDetections(
         {n: c.size_px for n, c in rig.cameras.items()}, views, dict.fromkeys(rig.cameras, len(poses))
     )
 
@@ -45,8 +45,8 @@ def seen(
     return Corners(np.flatnonzero(inside).astype(np.int64), pixels[inside])
 
 
-def spoiled(own: Sightings, camera: str, frame: str, pixels: NDArray[np.float64]) -> Sightings:
+def spoiled(own: BoardDetections, camera: str, frame: str, pixels: NDArray[np.float64]) -> BoardDetections:
     """The same sightings with other pixels in one view."""
     views = {name: dict(frames) for name, frames in own.views.items()}
     views[camera][frame] = Corners(views[camera][frame].ids, pixels)
-    return Sightings(own.sizes_px, views, own.images)
+    return BoardDetections(own.sizes_px, views, own.images)

@@ -76,7 +76,7 @@ def test_what_does_not_fit_is_named(tmp_path, text, message):
 @pytest.mark.parametrize("squares", [(5, 4), (4, 5), (7, 3)])
 def test_corners_are_where_opencv_has_them(squares, legacy):
     board = CharucoBoard(squares=squares, square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
-    theirs = board.opencv(legacy=legacy)
+    theirs = board.to_opencv(legacy=legacy)
     np.testing.assert_allclose(corner_points_mm(board), theirs.getChessboardCorners(), atol=1e-4)
     assert theirs.getLegacyPattern() is legacy
 
@@ -84,7 +84,7 @@ def test_corners_are_where_opencv_has_them(squares, legacy):
 def test_a_board_may_use_every_marker_of_its_dictionary():
     board = CharucoBoard(squares=(11, 9), square_mm=30, marker_mm=22, dictionary="DICT_5X5_50")
     assert (
-        board.opencv(legacy=False).getIds().size
+        board.to_opencv(legacy=False).getIds().size
         == cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50).bytesList.shape[0] - 1
     )
 

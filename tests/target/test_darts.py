@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 from scipy.stats import chi2
 
-from beltscape.target.darts import GRAINS, _first_come, throw_darts
-from beltscape.target.packing import REACHABLE, capacity, largest_d_min
+from beltscape.target.darts import GRAINS, _resolve_conflicts, throw_darts
+from beltscape.target.packing import MAX_SHARE, saturated_count, find_largest_d_min
 
 NO_DISCS = np.empty((0, 3))
 
@@ -33,7 +33,7 @@ def in_grains(points):
 )
 def test_every_point_is_farther_than_d_min_from_every_other_exactly(size, d_min_grains, seed, share):
     d_min = d_min_grains / GRAINS
-    points = throw(size, max(int(share * capacity(size, d_min, 0, 0)), 1), d_min, seed)
+    points = throw(size, max(int(share * saturated_count(size, d_min, 0, 0)), 1), d_min, seed)
     grains = in_grains(points)
     pairs = KDTree(grains).query_pairs(d_min_grains + 2, output_type="ndarray")
     squared = ((grains[pairs[:, 0]] - grains[pairs[:, 1]]) ** 2).sum(axis=1)
@@ -49,7 +49,7 @@ def test_darts_of_one_round_are_accepted_as_if_thrown_one_by_one(count, d_min, s
     for i, dart in enumerate(darts):
         if all(((dart - darts[j]) ** 2).sum() > d_min**2 for j in kept):
             kept.append(i)
-    np.testing.assert_array_equal(np.flatnonzero(_first_come(darts, d_min**2)), kept)
+    np.testing.assert_array_equal(np.flatnonzero(_resolve_conflicts(darts, d_min**2)), kept)
 
 
 def plain_darts(size, count, d_min, rng):
@@ -111,26 +111,26 @@ def test_the_same_seed_gives_the_same_points_and_another_others():
 
 def test_a_full_plane_gives_fewer_points_than_asked_and_about_the_known_number():
     points = throw((240, 160), 10_000, 8.0)
-    assert len(points) == pytest.approx(capacity((240, 160), 8.0, 0, 0), rel=0.03)
+    assert len(points) == pytest.approx(saturated_count((240, 160), 8.0, 0, 0), rel=0.03)
 
 
 @pytest.mark.parametrize("d_min", [3.0, 7.0, 20.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_called_reachable_is_reached(d_min, seed):
     size, discs = (320, 240), np.array([[80.0, 120.0, 40.0], [240.0, 120.0, 40.0]])
-    count = int(REACHABLE * capacity(size, d_min, 40.0, 2))
+    count = int(MAX_SHARE * saturated_count(size, d_min, 40.0, 2))
     assert len(throw(size, count, d_min, seed, discs)) == count
 
 
 @given(st.floats(1, 1e6))
 def test_the_largest_d_min_fits_and_the_next_does_not(count):
     def saturated(d):
-        return capacity((640, 480), d, 3 * d, 16)
+        return saturated_count((640, 480), d, 3 * d, 16)
 
-    largest = largest_d_min(saturated, count)
+    largest = find_largest_d_min(saturated, count)
     assert largest == 0 or saturated(largest) >= count
     assert saturated(round(largest + 0.01, 2)) < count
 
 
 def test_where_discs_fill_the_plane_nothing_fits():
-    assert capacity((100, 100), 5.0, 60.0, 16) == 0
+    assert saturated_count((100, 100), 5.0, 60.0, 16) == 0

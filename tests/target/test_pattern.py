@@ -8,8 +8,8 @@ from pydantic import ValidationError
 from scipy.spatial import KDTree
 
 from beltscape.core.errors import SettingsError
-from beltscape.target.blue_noise import blue_noise
-from beltscape.target.pattern import Pattern, PatternSettings, make_pattern, resolved
+from beltscape.target.blue_noise import measure_blue_noise
+from beltscape.target.pattern import Pattern, PatternSettings, make_pattern, resolve_settings
 from beltscape.target.pattern_image import draw_pattern
 
 SMALL = {"size_px": (640, 400), "count": 2000}
@@ -46,7 +46,7 @@ def test_dots_are_as_far_from_markers_as_from_dots(paper):
 
 
 def test_the_pattern_is_blue_noise(paper):
-    quality = blue_noise(paper)
+    quality = measure_blue_noise(paper)
     assert quality.low_frequency_power < 0.1
     assert quality.peak_power > 1.5
     assert quality.peak_frequency_per_px * quality.d_min_px == pytest.approx(0.925)
@@ -61,7 +61,7 @@ def test_independent_dots_are_told_from_blue_noise(paper):
     away = np.ones(len(dots), dtype=bool)
     for x, y, radius in paper.keep_out():
         away &= np.hypot(dots[:, 0] - x, dots[:, 1] - y) > radius
-    quality = blue_noise(Pattern(paper.settings, dots[away], paper.markers))
+    quality = measure_blue_noise(Pattern(paper.settings, dots[away], paper.markers))
     np.testing.assert_allclose(quality.power[2:], 1, atol=0.12)
     assert quality.low_frequency_power == pytest.approx(1, abs=0.05)
     assert quality.relative_radius < 0.1
@@ -122,15 +122,15 @@ def test_every_mend_of_a_refusal_works():
 
     too_wide = refusal(radius_px=2.4, count=9000)
     most = int(re.search(r"give at most (\d+) dots", too_wide)[1])
-    resolved(PatternSettings(**{**SMALL, "count": most}, radius_px=2.4))
+    resolve_settings(PatternSettings(**{**SMALL, "count": most}, radius_px=2.4))
     assert "overlap" in refusal(radius_px=2.4, count=most + 30)
 
     too_fine = refusal(count=400_000)
-    resolved(PatternSettings(**{**SMALL, "count": int(re.search(r"at most (\d+)", too_fine)[1])}))
+    resolve_settings(PatternSettings(**{**SMALL, "count": int(re.search(r"at most (\d+)", too_fine)[1])}))
 
     too_large = refusal(radius_px=3)
     widest = float(re.search(r"radius up to ([\d.]+)", too_large)[1])
-    resolved(PatternSettings(**{**SMALL, "count": 500}, radius_px=widest))
+    resolve_settings(PatternSettings(**{**SMALL, "count": 500}, radius_px=widest))
 
 
 @pytest.mark.parametrize(
@@ -169,5 +169,5 @@ def test_a_dot_in_16_bits_has_its_area_to_a_thousandth():
 
 
 def test_few_dots_do_not_make_markers_that_fill_their_blocks():
-    settings = resolved(PatternSettings(count=10))
+    settings = resolve_settings(PatternSettings(count=10))
     assert 2 * 10 * settings.radius_px <= 1200 / 4 / 2

@@ -12,12 +12,12 @@ import pytest
 from beltscape.core.errors import SettingsError
 from beltscape.files.images import read_image
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm, read_board
-from beltscape.target.paper import PAPERS_MM, page_for
-from beltscape.target.print_board import RULER_MM, lay_out, ruler, write_board_files
+from beltscape.target.paper import PAPERS_MM, choose_page
+from beltscape.target.print_board import RULER_MM, lay_out, make_ruler, write_board_files
 from beltscape.target.sheet import Sheet
-from beltscape.target.sheet_pdf import sheet_pdf
+from beltscape.target.sheet_pdf import sheet_to_pdf
 from beltscape.target.sheet_png import draw_sheet
-from beltscape.target.sheet_svg import sheet_svg
+from beltscape.target.sheet_svg import sheet_to_svg
 
 CHARUCO = CharucoBoard(squares=(12, 9), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
 SMALL = CharucoBoard(squares=(5, 4), square_mm=25.4, marker_mm=18.1, dictionary="DICT_4X4_50")
@@ -63,7 +63,7 @@ def svg_shapes(text: str):
 @pytest.mark.parametrize("board", [CHARUCO, SMALL, CHESS])
 def test_pdf_and_svg_say_the_same_in_true_millimetres(board):
     sheet = lay_out(board).sheet
-    for size, boxes, polygons in (pdf_shapes(sheet_pdf(sheet)), svg_shapes(sheet_svg(sheet))):
+    for size, boxes, polygons in (pdf_shapes(sheet_to_pdf(sheet)), svg_shapes(sheet_to_svg(sheet))):
         np.testing.assert_allclose(size, sheet.size_mm, atol=1e-6)
         np.testing.assert_allclose(boxes, sheet.rectangles_mm, atol=2e-6)
         assert len(polygons) == len(sheet.outlines_mm) > 50
@@ -72,7 +72,7 @@ def test_pdf_and_svg_say_the_same_in_true_millimetres(board):
 
 
 def test_the_pdf_is_well_formed_and_asks_not_to_be_scaled():
-    data = sheet_pdf(lay_out(SMALL).sheet)
+    data = sheet_to_pdf(lay_out(SMALL).sheet)
     assert data.startswith(b"%PDF-1.6\n") and data.endswith(b"%%EOF\n")
     table = int(re.search(rb"startxref\n(\d+)", data)[1])
     assert data[table:].startswith(b"xref\n0 6\n")
@@ -89,9 +89,9 @@ def test_the_pdf_is_well_formed_and_asks_not_to_be_scaled():
 def test_opencv_finds_every_corner_of_the_page_rebuilt_from_its_pdf(board, dpi, error_px):
     """Where corners fall between pixels the detector is exact; elsewhere its own error is up to 0.09 px."""
     printed = lay_out(board)
-    size, boxes, polygons = pdf_shapes(sheet_pdf(printed.sheet))
+    size, boxes, polygons = pdf_shapes(sheet_to_pdf(printed.sheet))
     image = draw_sheet(Sheet(size, "", boxes, polygons), dpi)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv(legacy=False)).detectBoard(image)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv(legacy=False)).detectBoard(image)
     want = (corner_points_mm(board)[:, :2] + printed.origin_mm) * dpi / 25.4 - 0.5
     assert sorted(ids.ravel()) == list(range(len(want)))
     assert np.abs(corners.reshape(-1, 2) - want[ids.ravel()]).max() < error_px
@@ -130,7 +130,7 @@ def test_the_drawn_board_is_opencvs_own():
     image = draw_sheet(printed.sheet, 254)
     x, y = (round(v * 10) for v in printed.origin_mm)
     ours = image[y : y + 2700, x : x + 3600]
-    theirs = printed.board.opencv(legacy=False).generateImage((3600, 2700))
+    theirs = printed.board.to_opencv(legacy=False).generateImage((3600, 2700))
     assert (ours != theirs).mean() < 1e-3
 
 
@@ -147,7 +147,7 @@ def test_a_chessboard_is_found_in_the_image():
 
 
 def test_the_ruler_is_100_mm_between_its_end_ticks():
-    x, _, width, _ = ruler().T
+    x, _, width, _ = make_ruler().T
     middles = (x + width / 2)[1:]
     np.testing.assert_allclose(middles, np.arange(101), atol=1e-12)
     assert RULER_MM == 100
@@ -184,7 +184,7 @@ def test_files_are_the_same_every_time_and_the_toml_reads_back(tmp_path, board):
     ],
 )
 def test_a_page_is_chosen_and_turned(needed, page, size):
-    assert page_for(needed, page) == size
+    assert choose_page(needed, page) == size
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_a_page_is_chosen_and_turned(needed, page, size):
 )
 def test_a_page_that_does_not_hold_the_board_is_refused_with_one_that_does(needed, page, message):
     with pytest.raises(SettingsError) as error:
-        page_for(needed, page)
+        choose_page(needed, page)
     assert message in str(error.value)
 
 

@@ -16,17 +16,17 @@ TOLERANCE = 0.1
 
 A board numbered from the wrong end has its corners a whole diagonal away.
 """
-EVIDENCE = 8.0
+LOG_LIKELIHOOD_MARGIN = 8.0
 """One way of numbering beats another when it is more likely by e to this power, ..."""
-FACTOR = 1.5
+RESIDUAL_RATIO = 1.5
 """... and leaves residuals smaller by this factor, as residuals are not all noise."""
-TRIED = 30
+MAX_PROPOSALS = 30
 """Relative poses are guessed from so many views, evenly spread."""
 ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
+class PoseConsensus:
     """The pose between two groups that most views agree on."""
 
     second_from_first: Pose
@@ -36,13 +36,13 @@ class Agreement:
     """How many instants agree."""
     rms_mm: float
     """RMS distance of the outer corners over the views that agree."""
-    clear: bool
+    unambiguous: bool
     """Whether no other numbering fits about as well."""
 
 
-def agree(
+def find_pose_consensus(
     first: Array, second: Array, instants: NDArray[np.int64], turns: tuple[int, ...]
-) -> Agreement | None:
+) -> PoseConsensus | None:
     """Find the pose that brings most boards of the first group onto those of the second.
 
     ``first`` and ``second`` are (n, 4, 3) float64 mm: the board's outer corners, going round, as one camera of each
@@ -53,24 +53,26 @@ def agree(
     """
     turned = np.stack([np.roll(second, -turn, axis=1) for turn in turns], axis=1)
     tolerance = TOLERANCE * float(np.median(np.linalg.norm(first[:, 0] - first[:, 2], axis=-1)))
-    rotations, shifts = _proposed(first, turned)
-    choice, distance = _nearest(rotations, shifts, first, turned)
+    rotations, shifts = _propose_poses(first, turned)
+    choice, distance = _select_turns(rotations, shifts, first, turned)
     for _ in range(ROUNDS):
         weights = np.repeat(distance < tolerance, 4, axis=1).astype(np.float64)
         chosen = turned[np.arange(len(first)), choice].reshape(len(choice), -1, 3)
-        rotations, shifts = _fit(np.broadcast_to(first.reshape(-1, 3), chosen.shape), chosen, weights)
-        choice, distance = _nearest(rotations, shifts, first, turned)
+        rotations, shifts = _fit_rigid_motions(
+            np.broadcast_to(first.reshape(-1, 3), chosen.shape), chosen, weights
+        )
+        choice, distance = _select_turns(rotations, shifts, first, turned)
     best = int(np.argmin((np.minimum(distance, tolerance) ** 2).sum(axis=1)))
     inlier = distance[best] < tolerance
     if 2 * int(inlier.sum()) <= len(first):
         return None
     rms = np.sqrt((distance[:, inlier] ** 2).mean(axis=1))
     count = len(np.unique(instants[inlier]))
-    rivals = _equally_good(rms, best, count, tolerance)
-    worlds = {choice[i, inlier].tobytes() for i in rivals}
-    best = min(rivals, key=lambda i: (np.count_nonzero(choice[i, inlier]), rms[i]))
+    equivalent = _find_equivalent_poses(rms, best, count, tolerance)
+    numberings = {choice[i, inlier].tobytes() for i in equivalent}
+    best = min(equivalent, key=lambda i: (np.count_nonzero(choice[i, inlier]), rms[i]))
     votes = np.where(inlier, 1.0, 1e-6)  # views that do not agree count where there are no others
-    return Agreement(
+    return PoseConsensus(
         Pose(rotations[best], shifts[best]),
         {
             int(k): turns[int(np.bincount(choice[best, instants == k], votes[instants == k]).argmax())]
@@ -78,36 +80,41 @@ def agree(
         },
         count,
         float(rms[best]),
-        len(worlds) == 1,
+        len(numberings) == 1,
     )
 
 
-def _proposed(first: Array, turned: Array) -> tuple[Array, Array]:
+def _propose_poses(first: Array, turned: Array) -> tuple[Array, Array]:
     """Rotations (h, 3, 3) and shifts (h, 3): the pose that one view and one turn ask for."""
-    tried = np.unique(np.linspace(0, len(first) - 1, min(len(first), TRIED)).astype(int))
-    goals = turned[tried].reshape(-1, 4, 3)
-    return _fit(np.repeat(first[tried], turned.shape[1], axis=0), goals, np.ones((len(goals), 4)))
+    proposals = np.unique(np.linspace(0, len(first) - 1, min(len(first), MAX_PROPOSALS)).astype(int))
+    goals = turned[proposals].reshape(-1, 4, 3)
+    return _fit_rigid_motions(
+        np.repeat(first[proposals], turned.shape[1], axis=0), goals, np.ones((len(goals), 4))
+    )
 
 
-def _equally_good(rms_mm: Array, best: int, instants: int, tolerance_mm: float) -> list[int]:
+def _find_equivalent_poses(rms_mm: Array, best: int, instants: int, tolerance_mm: float) -> list[int]:
     """Poses whose residuals (h,) over the same views do not tell them from the best; it is one of them."""
     freedom = 6 * (instants - 1)  # each board has six, and the pose takes six away
-    limit = max(FACTOR, float(np.exp(EVIDENCE / freedom))) if freedom else np.inf
+    limit = max(RESIDUAL_RATIO, float(np.exp(LOG_LIKELIHOOD_MARGIN / freedom))) if freedom else np.inf
     floor = 1e-6 * tolerance_mm  # without noise all residuals are rounding errors
     return [int(i) for i in np.flatnonzero(rms_mm <= limit * max(rms_mm[best], floor))] or [best]
 
 
-def _nearest(rotations: Array, shifts: Array, first: Array, turned: Array) -> tuple[NDArray[np.int64], Array]:
+def _select_turns(
+    rotations: Array, shifts: Array, first: Array, turned: Array
+) -> tuple[NDArray[np.int64], Array]:
     """By pose (h) and view (n): which turn brings the boards nearest to each other, and their RMS distance, mm."""
-    moved = np.einsum("hij,nkj->hnki", rotations, first) + shifts[:, None, None, :]
-    apart = np.stack(
-        [((moved - turned[:, s]) ** 2).sum(axis=-1).mean(axis=-1) for s in range(turned.shape[1])], axis=-1
+    transformed = np.einsum("hij,nkj->hnki", rotations, first) + shifts[:, None, None, :]
+    squared_distances = np.stack(
+        [((transformed - turned[:, s]) ** 2).sum(axis=-1).mean(axis=-1) for s in range(turned.shape[1])],
+        axis=-1,
     )
-    choice = apart.argmin(axis=-1)
-    return choice, np.sqrt(np.take_along_axis(apart, choice[..., None], axis=-1)[..., 0])
+    choice = squared_distances.argmin(axis=-1)
+    return choice, np.sqrt(np.take_along_axis(squared_distances, choice[..., None], axis=-1)[..., 0])
 
 
-def _fit(points: Array, onto: Array, weights: Array) -> tuple[Array, Array]:
+def _fit_rigid_motions(points: Array, onto: Array, weights: Array) -> tuple[Array, Array]:
     """Rotations (h, 3, 3) and shifts (h, 3) that bring points (h, m, 3) onto others in the sense of least squares.
 
     References

@@ -8,16 +8,16 @@ from itertools import combinations
 
 import numpy as np
 
-from beltscape.calibrate.network import LoopError, Network
+from beltscape.calibrate.network import CameraNetwork, LoopError
 
-OUTSTANDING = 12.0
+FAULT_RATIO = 12.0
 """A loop's χ² per degree of freedom, over the common scale, from which on noise does not explain it."""
-ALONE = 100.0
+SINGLE_LOOP_RATIO = 100.0
 """The same where a single loop, or none, tells the common scale."""
 
 
 @dataclass(frozen=True, slots=True)
-class Guilty:
+class CameraFault:
     """Who opens the loops."""
 
     cameras: tuple[str, ...]
@@ -50,13 +50,13 @@ class Guilty:
         )
 
 
-def blame(network: Network) -> str | None:
+def describe_fault(network: CameraNetwork) -> str | None:
     """The guilty camera or pair in words; None where all loops close as well as each other."""
-    guilty = find_guilty(network.loop_errors)
-    return guilty.describe() if guilty else None
+    fault = isolate_fault(network.loop_errors)
+    return fault.describe() if fault else None
 
 
-def find_guilty(loops: Sequence[LoopError]) -> Guilty | None:
+def isolate_fault(loops: Sequence[LoopError]) -> CameraFault | None:
     """Who opens loops beyond the common scale.
 
     Errors that all loops share, as those of a bent board, raise all χ² alike: what counts is a loop's χ² per degree
@@ -68,47 +68,51 @@ def find_guilty(loops: Sequence[LoopError]) -> Guilty | None:
     cameras = list(dict.fromkeys(name for loop in loops for name in loop.cameras))
     pairs = {two: None for loop in loops for two in combinations(loop.cameras, 2)}
     if len(loops) < 2:
-        return _charge(cameras, loops, 1.0) if loops and loops[0].chi2_per_dof > ALONE else None
-    charges = [charge for suspect in pairs if (charge := _tried(suspect, loops))]
-    charges = charges or [charge for name in cameras if (charge := _tried((name,), loops))]
-    if charges:
-        return max(charges, key=lambda charge: charge.excess)
+        return (
+            _make_fault(cameras, loops, 1.0) if loops and loops[0].chi2_per_dof > SINGLE_LOOP_RATIO else None
+        )
+    faults = [fault for candidate in pairs if (fault := _test_candidate(candidate, loops))]
+    faults = faults or [fault for name in cameras if (fault := _test_candidate((name,), loops))]
+    if faults:
+        return max(faults, key=lambda fault: fault.excess)
     for summary, limit in (
-        (_median, OUTSTANDING),
-        (min, ALONE),
+        (_lower_median, FAULT_RATIO),
+        (min, SINGLE_LOOP_RATIO),
     ):  # against most of the loops, or the best one
-        scale = _scale(loops, summary)
+        scale = _compute_scale(loops, summary)
         open_loops = [loop for loop in loops if loop.chi2_per_dof > limit * scale]
         if open_loops:
-            return _charge(dict.fromkeys(n for loop in open_loops for n in loop.cameras), open_loops, scale)
+            return _make_fault(
+                dict.fromkeys(n for loop in open_loops for n in loop.cameras), open_loops, scale
+            )
     return None
 
 
-def _tried(suspect: tuple[str, ...], loops: Sequence[LoopError]) -> Guilty | None:
-    own = [loop for loop in loops if set(suspect) <= set(loop.cameras)]
+def _test_candidate(candidate: tuple[str, ...], loops: Sequence[LoopError]) -> CameraFault | None:
+    own = [loop for loop in loops if set(candidate) <= set(loop.cameras)]
     others = [loop for loop in loops if loop not in own]
     if not others:
         return None
-    scale = _scale(others, _median)
-    if _scale(others, max) > OUTSTANDING * scale:
+    scale = _compute_scale(others, _lower_median)
+    if _compute_scale(others, max) > FAULT_RATIO * scale:
         return None
-    charge = _charge(suspect, own, scale)
-    return charge if charge.excess > OUTSTANDING else None
+    fault = _make_fault(candidate, own, scale)
+    return fault if fault.excess > FAULT_RATIO else None
 
 
-def _scale(loops: Sequence[LoopError], summary: Callable[[list[float]], float]) -> float:
+def _compute_scale(loops: Sequence[LoopError], summary: Callable[[list[float]], float]) -> float:
     return max(1.0, summary([loop.chi2_per_dof for loop in loops]))
 
 
-def _median(values: list[float]) -> float:
+def _lower_median(values: list[float]) -> float:
     """The lower one of two: between a closed and an open loop there is no middle."""
     return float(np.percentile(values, 50, method="lower"))
 
 
-def _charge(suspects: Iterable[str], own: Sequence[LoopError], scale: float) -> Guilty:
-    return Guilty(
-        cameras=tuple(suspects),
-        excess=_median([loop.chi2_per_dof for loop in own]) / scale,
+def _make_fault(candidates: Iterable[str], own: Sequence[LoopError], scale: float) -> CameraFault:
+    return CameraFault(
+        cameras=tuple(candidates),
+        excess=_lower_median([loop.chi2_per_dof for loop in own]) / scale,
         rotation_deg=max(loop.rotation_deg for loop in own),
         translation_mm=max(loop.translation_mm for loop in own),
     )

@@ -56,7 +56,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prior:
+class BundlePrior:
     """What is known beforehand, and what is not adjusted at all."""
 
     intrinsics: Array

@@ -11,28 +11,34 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.score import Residuals
+from beltscape.calibrate.score import ViewResiduals
 
 Array = NDArray[np.float64]
 
-ROBUST = 1.4826
+MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute value, of a normal distribution."""
-LEAST = 40
+MIN_DIFFERENCES = 40
 """Differences from which on their scale is stated: its standard deviation is then below a fifth."""
 
 
-def corner_noise_px(views: Iterable[Residuals], grid: tuple[int, int]) -> float:
+def estimate_corner_noise_px(views: Iterable[ViewResiduals], grid: tuple[int, int]) -> float:
     """Return one standard deviation of a corner's coordinate by its neighbours, px; NaN with too few neighbours."""
-    differences = np.concatenate([np.empty((0, 2)), *(_second_differences(view, grid) for view in views)])
-    return robust_sigma(differences) / np.sqrt(6) if differences.size >= LEAST else float("nan")
+    differences = np.concatenate(
+        [np.empty((0, 2)), *(_compute_second_differences(view, grid) for view in views)]
+    )
+    return (
+        estimate_robust_sigma(differences) / np.sqrt(6)
+        if differences.size >= MIN_DIFFERENCES
+        else float("nan")
+    )
 
 
-def robust_sigma(values: Array) -> float:
+def estimate_robust_sigma(values: Array) -> float:
     """Return the standard deviation of values about zero by their median size; NaN without any."""
-    return float(ROBUST * np.median(np.abs(values))) if values.size else float("nan")
+    return float(MAD_TO_SIGMA * np.median(np.abs(values))) if values.size else float("nan")
 
 
-def _second_differences(view: Residuals, grid: tuple[int, int]) -> Array:
+def _compute_second_differences(view: ViewResiduals, grid: tuple[int, int]) -> Array:
     """(n, 2) e₋₁ − 2 e₀ + e₊₁ of three corners in a row or a column, px; six times the variance of one."""
     columns, rows = grid
     errors = np.full((rows * columns, 2), np.nan)

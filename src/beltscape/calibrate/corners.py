@@ -21,13 +21,13 @@ class Corners:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def chosen(self, which: NDArray[np.bool_]) -> Corners:
+    def select(self, mask: NDArray[np.bool_]) -> Corners:
         """Some of them."""
-        return Corners(self.ids[which], self.pixels[which])
+        return Corners(self.ids[mask], self.pixels[mask])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class BoardDetections:
     """All corners of a capture, by camera and frame; a view without a usable board is absent."""
 
     sizes_px: Mapping[str, tuple[int, int]]
@@ -47,16 +47,16 @@ class Sightings:
         """Frames in which at least one camera sees the board, in the capture's order."""
         return tuple(dict.fromkeys(frame for views in self.views.values() for frame in views))
 
-    def restricted(self, cameras: Iterable[str], frames: Iterable[str]) -> Sightings:
+    def restrict(self, cameras: Iterable[str], frames: Iterable[str]) -> BoardDetections:
         """Only some cameras and frames."""
         kept, wanted = tuple(cameras), set(frames)
-        return Sightings(
+        return BoardDetections(
             {name: self.sizes_px[name] for name in kept},
             {name: {f: c for f, c in self.views[name].items() if f in wanted} for name in kept},
             {name: self.images[name] for name in kept},
         )
 
-    def common(self, first: str, second: str) -> dict[str, NDArray[np.int64]]:
+    def find_common_corners(self, first: str, second: str) -> dict[str, NDArray[np.int64]]:
         """Frame → corner ids that both cameras see."""
         shared: dict[str, NDArray[np.int64]] = {}
         for frame, corners in self.views[first].items():
@@ -68,9 +68,9 @@ class Sightings:
         return shared
 
 
-def spread_in_two_directions(points: NDArray[np.float64]) -> bool:
+def has_planar_extent(points: NDArray[np.float64]) -> bool:
     """Whether points (n, 2) do not lie (nearly) on one line, as a pose needs."""
     if len(points) < 4:
         return False
-    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(singular[1] > 0.05 * singular[0])
+    singular_values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(singular_values[1] > 0.05 * singular_values[0])

@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.corners import Corners, spread_in_two_directions
-from beltscape.calibrate.refine import refine
+from beltscape.calibrate.corners import Corners, has_planar_extent
+from beltscape.calibrate.refine import refine_corners
 from beltscape.core.frames import Image, to_grey
-from beltscape.target.board import LEAST_CORNERS, Board, CharucoBoard, Chessboard, corner_points_mm
+from beltscape.target.board import MIN_CORNERS, Board, CharucoBoard, Chessboard, corner_points_mm
 
 Detector = Callable[[Image], Corners | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Variant:
+class PrintVariant:
     """How a ChArUco board was printed."""
 
     legacy: bool = False
@@ -30,26 +30,32 @@ class Variant:
         return f"legacy = {str(self.legacy).lower()}, inverted = {str(self.inverted).lower()}"
 
 
-DRAWN = Variant()
+DEFAULT_VARIANT = PrintVariant()
 
 
-def detector(board: Board, variant: Variant) -> Detector:
+def make_detector(board: Board, variant: PrintVariant) -> Detector:
     """A function image → corners, or None where the board is not usable."""
     if isinstance(board, Chessboard):
-        return lambda image: _usable(board, _refined(board, image, find_chessboard(image, board.corners)))
-    return lambda image: _usable(board, _refined(board, image, _find_charuco(image, board, variant), variant))
+        return lambda image: _reject_outliers(
+            board, _refine(board, image, find_chessboard(image, board.corners))
+        )
+    return lambda image: _reject_outliers(
+        board, _refine(board, image, _find_charuco(image, board, variant), variant)
+    )
 
 
-def _refined(board: Board, image: Image, corners: Corners | None, variant: Variant = DRAWN) -> Corners | None:
-    if corners is None or len(corners) < LEAST_CORNERS:
+def _refine(
+    board: Board, image: Image, corners: Corners | None, variant: PrintVariant = DEFAULT_VARIANT
+) -> Corners | None:
+    if corners is None or len(corners) < MIN_CORNERS:
         return None
     gap = (1 - board.marker_mm / board.square_mm) / 2 if isinstance(board, CharucoBoard) else 1.0
     luminance = -to_grey(image) if variant.inverted else to_grey(image)
     squares = corner_points_mm(board)[corners.ids, :2] / board.square_mm
-    return refine(luminance, corners, squares, gap)
+    return refine_corners(luminance, corners, squares, gap)
 
 
-def to_8_bit(image: Image) -> NDArray[np.uint8]:
+def convert_to_8_bit(image: Image) -> NDArray[np.uint8]:
     """(H, W) uint8 luminance; 16-bit images are scaled by their own brightest counts."""
     luminance = to_grey(image)
     if image.dtype == np.uint16:
@@ -63,11 +69,11 @@ def _charuco_detector(board: CharucoBoard, legacy: bool) -> cv2.aruco.CharucoDet
     charuco.tryRefineMarkers = True
     markers = cv2.aruco.DetectorParameters()
     markers.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
-    return cv2.aruco.CharucoDetector(board.opencv(legacy=legacy), charuco, markers)
+    return cv2.aruco.CharucoDetector(board.to_opencv(legacy=legacy), charuco, markers)
 
 
-def _find_charuco(image: Image, board: CharucoBoard, variant: Variant) -> Corners | None:
-    light = to_8_bit(image)
+def _find_charuco(image: Image, board: CharucoBoard, variant: PrintVariant) -> Corners | None:
+    light = convert_to_8_bit(image)
     if variant.inverted:
         light = 255 - light
     pixels, ids, _, _ = _charuco_detector(board, variant.legacy).detectBoard(light)
@@ -79,7 +85,7 @@ def _find_charuco(image: Image, board: CharucoBoard, variant: Variant) -> Corner
 
 def find_chessboard(image: Image, grid: tuple[int, int]) -> Corners | None:
     """Inner corners of a plain chessboard, to about a pixel: two detectors are tried."""
-    image = to_8_bit(image)
+    image = convert_to_8_bit(image)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, pixels = cv2.findChessboardCorners(image, grid, flags=flags | cv2.CALIB_CB_FAST_CHECK)
     if not found:
@@ -93,11 +99,11 @@ def find_chessboard(image: Image, grid: tuple[int, int]) -> Corners | None:
     half = int(np.clip(spacing / 3, 2, 11))  # the window must not reach the next corner
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
     pixels = cv2.cornerSubPix(image, pixels, (half, half), (-1, -1), criteria)
-    ordered = _same_start(image, _from_the_front(pixels.astype(np.float64), grid), grid)
+    ordered = _order_from_dark_end(image, _orient_rows(pixels.astype(np.float64), grid), grid)
     return Corners(np.arange(len(ordered), dtype=np.int64), ordered)
 
 
-def _from_the_front(pixels: NDArray[np.float64], grid: tuple[int, int]) -> NDArray[np.float64]:
+def _orient_rows(pixels: NDArray[np.float64], grid: tuple[int, int]) -> NDArray[np.float64]:
     """Rows numbered so that the board is seen from its front: columns, then rows, turn clockwise in the image."""
     corners = pixels.reshape(grid[1], grid[0], 2)
     across, down = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
@@ -105,7 +111,7 @@ def _from_the_front(pixels: NDArray[np.float64], grid: tuple[int, int]) -> NDArr
     return (corners[:, ::-1] if mirrored else corners).reshape(-1, 2)
 
 
-def _same_start(
+def _order_from_dark_end(
     image: NDArray[np.uint8], pixels: NDArray[np.float64], grid: tuple[int, int]
 ) -> NDArray[np.float64]:
     """Number the corners from the same end in every camera: from the end whose first inner square is dark.
@@ -123,18 +129,18 @@ def _same_start(
     return pixels if values[parity == 0].mean() < values[parity == 1].mean() else pixels[::-1].copy()
 
 
-def _usable(board: Board, corners: Corners | None) -> Corners | None:
+def _reject_outliers(board: Board, corners: Corners | None) -> Corners | None:
     """Corners that lie where a plane seen by a lens can put them, if enough of them do."""
-    if corners is None or len(corners) < LEAST_CORNERS:
+    if corners is None or len(corners) < MIN_CORNERS:
         return None
     on_board = corner_points_mm(board)[corners.ids, :2]
-    if not spread_in_two_directions(on_board):
+    if not has_planar_extent(on_board):
         return None
     tolerance = 0.03 * float(np.linalg.norm(np.ptp(corners.pixels, axis=0)))  # leaves room for distortion
     homography, inlier = cv2.findHomography(on_board, corners.pixels, cv2.RANSAC, tolerance)
     if homography is None:
         return None
-    good = inlier.ravel().astype(bool)
-    if good.sum() < max(LEAST_CORNERS, 0.6 * len(corners)) or not spread_in_two_directions(on_board[good]):
+    inliers = inlier.ravel().astype(bool)
+    if inliers.sum() < max(MIN_CORNERS, 0.6 * len(corners)) or not has_planar_extent(on_board[inliers]):
         return None
-    return corners.chosen(good)
+    return corners.select(inliers)

@@ -18,25 +18,25 @@ Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 """One (ids (n,), centres (n, 2) px) per image."""
 
 
-def describe_what_is_there(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
+def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
     """What board the images (H, W) uint8 show, in words, as far as one can tell; None for no board at all."""
     images = list(images)
     inverted = [cv2.bitwise_not(image) for image in images]
-    found = [(_markers(views, family), family, note) for family in _FAMILIES
+    found = [(_detect_markers(views, family), family, note) for family in _FAMILIES
              for views, note in ((images, ""), (inverted, ", inverted"))]  # fmt: skip
     markers, family, note = max(found, key=lambda item: sum(len(ids) for ids, _ in item[0]))
     if sum(len(ids) for ids, _ in markers) >= 6:
         top = max(int(ids.max()) for ids, _ in markers)
-        columns = _columns(markers)
+        columns = _estimate_columns(markers)
         squares = f" on a board of {columns} columns" if columns else ""
-        return f"markers {_dictionary(family, top)} with ids up to {top}{squares}{note}"
-    grid = _chessboard_grid(images)
+        return f"markers {_name_dictionary(family, top)} with ids up to {top}{squares}{note}"
+    grid = _find_chessboard_grid(images)
     if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
         return f"a chessboard of {grid[0]}×{grid[1]} inner corners"
     return None
 
 
-def _markers(images: list[NDArray[np.uint8]], family: str) -> Markers:
+def _detect_markers(images: list[NDArray[np.uint8]], family: str) -> Markers:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family))
     detector = cv2.aruco.ArucoDetector(dictionary)
     found: Markers = []
@@ -47,7 +47,7 @@ def _markers(images: list[NDArray[np.uint8]], family: str) -> Markers:
     return found
 
 
-def _dictionary(family: str, top: int) -> str:
+def _name_dictionary(family: str, top: int) -> str:
     """The smallest dictionary of a family that has the id ``top``."""
     if not family.endswith("_1000"):
         return family
@@ -55,27 +55,27 @@ def _dictionary(family: str, top: int) -> str:
     return family.removesuffix("1000") + str(size)
 
 
-def _columns(markers: Markers) -> int | None:
+def _estimate_columns(markers: Markers) -> int | None:
     """How many squares a ChArUco row has: the number under which the markers lie in a plane grid."""
     votes: Counter[int] = Counter()
     for ids, centers in markers:
         if len(ids) >= 6:
-            fits = {columns: _misfit(ids, centers, columns) for columns in range(3, 31)}
+            fits = {columns: _compute_misfit(ids, centers, columns) for columns in range(3, 31)}
             best = min(fits, key=lambda columns: fits[columns])
             if fits[best] < 0.25:
                 votes[best] += 1
     return votes.most_common(1)[0][0] if votes else None
 
 
-def _misfit(ids: NDArray[np.int64], centers: NDArray[np.float64], columns: int) -> float:
+def _compute_misfit(ids: NDArray[np.int64], centers: NDArray[np.float64], columns: int) -> float:
     """Median residual in squares when markers (n,) are laid row by row on ``columns`` squares.
 
     OpenCV starts a row with a black square, legacy boards of an even number of rows with a marker.
     """
-    return min(_grid_misfit(_grid(ids, columns, first), centers) for first in (1, 0))
+    return min(_compute_grid_misfit(_place_markers(ids, columns, first), centers) for first in (1, 0))
 
 
-def _grid(ids: NDArray[np.int64], columns: int, first: int) -> NDArray[np.float64]:
+def _place_markers(ids: NDArray[np.int64], columns: int, first: int) -> NDArray[np.float64]:
     """(n, 2) column and row of each marker when the first one stands in column ``first``."""
     upper = (columns - first + 1) // 2  # markers in an even row
     pair, rest = np.divmod(ids, columns)
@@ -84,7 +84,7 @@ def _grid(ids: NDArray[np.int64], columns: int, first: int) -> NDArray[np.float6
     return np.stack([column, 2 * pair + lower], axis=-1).astype(np.float64)
 
 
-def _grid_misfit(grid: NDArray[np.float64], centers: NDArray[np.float64]) -> float:
+def _compute_grid_misfit(grid: NDArray[np.float64], centers: NDArray[np.float64]) -> float:
     if min(np.ptp(grid, axis=0)) == 0:
         return np.inf
     homography, _ = cv2.findHomography(centers, grid, cv2.RANSAC, 0.3)
@@ -94,7 +94,7 @@ def _grid_misfit(grid: NDArray[np.float64], centers: NDArray[np.float64]) -> flo
     return float(np.median(np.linalg.norm(mapped - grid, axis=1)))
 
 
-def _chessboard_grid(images: list[NDArray[np.uint8]]) -> tuple[int, int] | None:
+def _find_chessboard_grid(images: list[NDArray[np.uint8]]) -> tuple[int, int] | None:
     """The chessboard grid that most images show, longer side first."""
     votes: Counter[tuple[int, int]] = Counter()
     for image in images:

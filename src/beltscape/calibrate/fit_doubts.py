@@ -6,27 +6,27 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from beltscape.calibrate.blame import blame
-from beltscape.calibrate.chain import Chain, skewed_pairs
+from beltscape.calibrate.blame import describe_fault
+from beltscape.calibrate.chain import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibrate.fit_quality import CameraFit
-from beltscape.calibrate.heldout import HeldOut
+from beltscape.calibrate.heldout import CrossValidation
 from beltscape.calibrate.network import Misclosure
 from beltscape.calibrate.score import Score
 from beltscape.core.camera import Camera
 
-OPEN, OPEN_PX = 6.0, 0.25
+MAX_CHI2, MIN_OPEN_PX = 6.0, 0.25
 """χ² per degree of freedom of a path or loop, and its angle in the image, from which on it does not close.
 
 Sound sets have at most 1.2 and 0.01 px, blurred or asynchronous views 18 to 440 and 1 to 20 px.
 """
-OVERFIT, OVERFIT_PX = 1.5, 0.1
+MAX_OVERFIT, MIN_OVERFIT_PX = 1.5, 0.1
 """RMS held out over RMS in training, and their difference, from which on the views are too few; sound: below 1.12."""
 
 
-def calibration_doubts(
-    chain: Chain,
+def list_calibration_findings(
+    hierarchy: HierarchyResult,
     fits: Mapping[str, CameraFit],
-    halves: HeldOut | None,
+    halves: CrossValidation | None,
     training: Score,
     *,
     explained: Sequence[str] = (),
@@ -36,10 +36,10 @@ def calibration_doubts(
     Why the ``explained`` cameras do not fit is known already.
     """
     alone = {name: fit for name, fit in fits.items() if name not in explained}
-    causes = [*_asynchronous(chain), *_contradicted(chain), *_alone(chain, alone)]
+    causes = [*_find_asynchronous(hierarchy), *_find_fault(hierarchy), *_find_own_misfit(hierarchy, alone)]
     if not causes and not explained:
-        causes = pattern_doubt([name for name, fit in fits.items() if fit.is_pattern()], fits, TOGETHER)
-    return [*causes, *_open(chain), *_overfit(halves, training)]
+        causes = describe_pattern([name for name, fit in fits.items() if fit.is_pattern()], fits, TOGETHER)
+    return [*causes, *_find_open_loops(hierarchy), *_find_overfit(halves, training)]
 
 
 TOGETHER = (
@@ -52,7 +52,7 @@ ALONE = (
 )
 
 
-def pattern_doubt(names: Sequence[str], fits: Mapping[str, CameraFit], reason: str) -> list[str]:
+def describe_pattern(names: Sequence[str], fits: Mapping[str, CameraFit], reason: str) -> list[str]:
     """Return the doubt that residuals of these cameras are more than noise; empty without a camera."""
     if not names:
         return []
@@ -63,45 +63,47 @@ def pattern_doubt(names: Sequence[str], fits: Mapping[str, CameraFit], reason: s
     return [f"residuals are a pattern, far larger than the corners' own noise ({sizes}): {reason}"]
 
 
-def _asynchronous(chain: Chain) -> list[str]:
+def _find_asynchronous(hierarchy: HierarchyResult) -> list[str]:
     """Return which pairs fit worse than their cameras alone."""
-    skewed = skewed_pairs(chain)
-    if not skewed:
+    unsynchronised = find_unsynchronised_pairs(hierarchy)
+    if not unsynchronised:
         return []
-    sizes = ", ".join(f"{pair.first}–{pair.second} {pair.rms_px:.2f} px" for pair in skewed)
-    alone = max(chain.monocular[name].rms_px for pair in skewed for name in (pair.first, pair.second))
+    sizes = ", ".join(f"{pair.first}–{pair.second} {pair.rms_px:.2f} px" for pair in unsynchronised)
+    alone = max(
+        hierarchy.monocular[name].rms_px for pair in unsynchronised for name in (pair.first, pair.second)
+    )
     return [
         f"cameras fit worse together than alone (at most {alone:.2f} px): {sizes}; they are not triggered at the "
         "same instant, or one of them moved"
     ]
 
 
-def _contradicted(chain: Chain) -> list[str]:
+def _find_fault(hierarchy: HierarchyResult) -> list[str]:
     """Return who opens the loops."""
-    found = blame(chain.network)
+    found = describe_fault(hierarchy.network)
     return [] if found is None else [found]
 
 
-def _alone(chain: Chain, fits: Mapping[str, CameraFit]) -> list[str]:
+def _find_own_misfit(hierarchy: HierarchyResult, fits: Mapping[str, CameraFit]) -> list[str]:
     """Return which cameras do not fit their own views, whatever the other cameras see."""
     own = {
-        name: CameraFit(chain.monocular[name].rms_px / np.sqrt(2), fit.corner_noise_px)
+        name: CameraFit(hierarchy.monocular[name].rms_px / np.sqrt(2), fit.corner_noise_px)
         for name, fit in fits.items()
     }
-    return pattern_doubt(
+    return describe_pattern(
         [name for name in fits if own[name].is_pattern() and fits[name].is_pattern()], own, ALONE
     )
 
 
-def _open(chain: Chain) -> list[str]:
+def _find_open_loops(hierarchy: HierarchyResult) -> list[str]:
     """Return the path or loop that closes worst, where noise does not explain it."""
-    network = chain.network
+    network = hierarchy.network
     errors = (*network.path_errors, *network.loop_errors)
     open_ones = [
         error
         for error in errors
-        if error.chi2_per_dof > OPEN
-        and _angle_px(error, (chain.rig.cameras[n] for n in error.cameras)) > OPEN_PX
+        if error.chi2_per_dof > MAX_CHI2
+        and _compute_angle_px(error, (hierarchy.rig.cameras[n] for n in error.cameras)) > MIN_OPEN_PX
     ]
     if not open_ones:
         return []
@@ -113,17 +115,17 @@ def _open(chain: Chain) -> list[str]:
     ]
 
 
-def _angle_px(error: Misclosure, cameras: Iterable[Camera]) -> float:
+def _compute_angle_px(error: Misclosure, cameras: Iterable[Camera]) -> float:
     """Return a misclosure's rotation as a shift in the images, px."""
     return float(np.deg2rad(error.rotation_deg) * max(camera.focal_px.mean() for camera in cameras))
 
 
-def _overfit(halves: HeldOut | None, training: Score) -> list[str]:
+def _find_overfit(halves: CrossValidation | None, training: Score) -> list[str]:
     """Return the doubt that views are too few or too alike."""
     if halves is None:
         return []
     rms_px = halves.score.rms_px
-    if rms_px < OVERFIT * training.rms_px or rms_px - training.rms_px < OVERFIT_PX:
+    if rms_px < MAX_OVERFIT * training.rms_px or rms_px - training.rms_px < MIN_OVERFIT_PX:
         return []
     return [
         f"on held-out views the RMS is {rms_px:.3g} px, {rms_px / training.rms_px:.1f} times the "

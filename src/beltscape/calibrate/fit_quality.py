@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.corner_noise import corner_noise_px, robust_sigma
-from beltscape.calibrate.score import Evidence, Score
+from beltscape.calibrate.corner_noise import estimate_corner_noise_px, estimate_robust_sigma
+from beltscape.calibrate.score import RigErrors, Score
 
-TAIL, TAIL_PX = 2.5, 0.2
+MAX_TAIL, MIN_TAIL_PX = 2.5, 0.2
 """RMS over median, and RMS, from which on some views fit far worse than the rest.
 
 1.2 is the normal distribution's; the sound sets tried (rendered and recorded) have 1.3 to 2.0, a rig with blurred
@@ -55,19 +55,19 @@ class FitQuality:
     far_off_share: float
     """Share of the corners that are far off."""
     cameras: Mapping[str, CameraFit]
-    doubts: tuple[str, ...]
+    findings: tuple[str, ...]
     """What speaks against the fit, each in one line with the likely reason and the fix; empty for a sound fit."""
 
     @property
     def is_sound(self) -> bool:
         """Whether nothing speaks against it."""
-        return not self.doubts
+        return not self.findings
 
     def document(self) -> dict[str, object]:
         """Plain values for JSON."""
         return {
             "sound": self.is_sound,
-            "doubts": self.doubts,
+            "doubts": self.findings,
             "rms_over_median": self.rms_over_median,
             "far_off_share": self.far_off_share,
             "cameras": {
@@ -81,53 +81,55 @@ class FitQuality:
         }
 
 
-def residual_sigma_px(errors_px: Iterable[NDArray[np.float64]]) -> float:
+def estimate_residual_sigma_px(errors_px: Iterable[NDArray[np.float64]]) -> float:
     """Return the robust standard deviation of a coordinate of residuals (n, 2), px."""
-    return robust_sigma(np.concatenate(list(errors_px)))
+    return estimate_robust_sigma(np.concatenate(list(errors_px)))
 
 
-def camera_fits(evidence: Evidence, grid: tuple[int, int]) -> dict[str, CameraFit]:
+def compute_camera_fits(rig_errors: RigErrors, grid: tuple[int, int]) -> dict[str, CameraFit]:
     """Return each camera's residuals against its corners' noise, for the cameras that have any."""
     return {
         name: CameraFit(
-            residual_sigma_px(view.errors_px for view in views.values()),
-            corner_noise_px(views.values(), grid),
+            estimate_residual_sigma_px(view.errors_px for view in views.values()),
+            estimate_corner_noise_px(views.values(), grid),
         )
-        for name, views in evidence.residuals.items()
+        for name, views in rig_errors.residuals.items()
         if views
     }
 
 
 def assess_fit(
-    score: Score, evidence: Evidence, grid: tuple[int, int], doubts: Sequence[str] = ()
+    score: Score, rig_errors: RigErrors, grid: tuple[int, int], findings: Sequence[str] = ()
 ) -> FitQuality:
-    """Judge a fit by its score and residuals; ``doubts`` known already come before what is found here."""
-    cameras = camera_fits(evidence, grid)
-    far = _far_off(evidence, cameras)
+    """Judge a fit by its score and residuals; ``findings`` known already come before what is found here."""
+    cameras = compute_camera_fits(rig_errors, grid)
+    far = _mask_far_off(rig_errors, cameras)
     return FitQuality(
         rms_over_median=score.rms_px / score.median_px if score.median_px > 0 else float("nan"),
         far_off_share=float(np.concatenate(list(far.values())).mean()),
         cameras=cameras,
-        doubts=(*doubts, *_tails(score, evidence, far)),
+        findings=(*findings, *_describe_tail(score, rig_errors, far)),
     )
 
 
-def _far_off(
-    evidence: Evidence, cameras: Mapping[str, CameraFit]
+def _mask_far_off(
+    rig_errors: RigErrors, cameras: Mapping[str, CameraFit]
 ) -> dict[tuple[str, str], NDArray[np.bool_]]:
     """By camera and frame: (n,) which corners are far off."""
     return {
         (name, frame): np.linalg.norm(view.errors_px, axis=1) > FAR * cameras[name].sigma_px
-        for name, views in evidence.residuals.items()
+        for name, views in rig_errors.residuals.items()
         for frame, view in views.items()
     }
 
 
-def _tails(score: Score, evidence: Evidence, far: Mapping[tuple[str, str], NDArray[np.bool_]]) -> list[str]:
+def _describe_tail(
+    score: Score, rig_errors: RigErrors, far: Mapping[tuple[str, str], NDArray[np.bool_]]
+) -> list[str]:
     """Return the doubt that some views fit far worse than the rest, with their names; empty where none does."""
-    if score.rms_px < TAIL * score.median_px or score.rms_px < TAIL_PX:
+    if score.rms_px < MAX_TAIL * score.median_px or score.rms_px < MIN_TAIL_PX:
         return []
-    sizes = {(camera, frame): evidence.residuals[camera][frame].rms_px for camera, frame in far}
+    sizes = {(camera, frame): rig_errors.residuals[camera][frame].rms_px for camera, frame in far}
     worst = sorted(sizes, key=lambda view: -sizes[view])[:3]
     named = ", ".join(f"{camera} {frame} ({sizes[camera, frame]:.2g} px)" for camera, frame in worst)
     count, total = sum(int(f.sum()) for f in far.values()), sum(f.size for f in far.values())

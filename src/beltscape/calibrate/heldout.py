@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.calibrate.adjust import Adjusted, adjust
-from beltscape.calibrate.chain import solve
-from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.score import Score, examine, score
-from beltscape.calibrate.uncertainty import depth_moves, rig_covariance, view_points
+from beltscape.calibrate.adjust import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibrate.chain import solve_hierarchy
+from beltscape.calibrate.corners import BoardDetections
+from beltscape.calibrate.score import Score, compute_rig_errors, summarise_errors
+from beltscape.calibrate.uncertainty import compute_depth_jacobian, compute_rig_covariance, make_view_points
 from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
@@ -20,7 +20,7 @@ from beltscape.target.board import Board
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeldOut:
+class CrossValidation:
     """What two halves of the views say of each other."""
 
     score: Score
@@ -29,25 +29,26 @@ class HeldOut:
     """RMS difference of depths under the two rigs over what the covariances promise; 1 where they are right."""
 
 
-def held_out_score(
-    sightings: Sightings,
+def cross_validate(
+    detections: BoardDetections,
     board: Board,
     core: str,
     kernels: Kernels,
     *,
     known: Mapping[str, Camera] | None = None,
-) -> HeldOut | None:
+) -> CrossValidation | None:
     """Even frames judge the rig of the odd ones and the other way round; None where half is too little."""
-    frames = [frame for frame in sightings.frames if _cameras_seeing(sightings, frame) > 1]
+    frames = [frame for frame in detections.frames if _count_cameras(detections, frame) > 1]
     halves = frames[::2], frames[1::2]
     try:
         rigs = [
-            _rig_of(sightings.restricted(sightings.cameras, train), board, core, known) for train in halves
+            _calibrate_rig(detections.restrict(detections.cameras, train), board, core, known)
+            for train in halves
         ]
-        evidence = [
-            examine(
+        rig_errors = [
+            compute_rig_errors(
                 found.rig,
-                sightings.restricted(sightings.cameras, test),
+                detections.restrict(detections.cameras, test),
                 board,
                 kernels,
                 corners_mm=found.geometry.points_mm,
@@ -56,29 +57,33 @@ def held_out_score(
         ]
     except CalibrationError:
         return None
-    return HeldOut(score(*evidence), _split_ratio(*rigs, kernels))
+    return CrossValidation(summarise_errors(*rig_errors), _compute_split_ratio(*rigs, kernels))
 
 
-def _rig_of(sightings: Sightings, board: Board, core: str, known: Mapping[str, Camera] | None) -> Adjusted:
-    return adjust(solve(sightings, board, core, Silent(), known=known), board)
+def _calibrate_rig(
+    detections: BoardDetections, board: Board, core: str, known: Mapping[str, Camera] | None
+) -> BundleAdjustmentResult:
+    return adjust_bundle(solve_hierarchy(detections, board, core, Silent(), known=known), board)
 
 
-def _split_ratio(first: Adjusted, second: Adjusted, kernels: Kernels) -> float:
-    """See `HeldOut.split_ratio`; NaN where the two rigs have no common view."""
+def _compute_split_ratio(
+    first: BundleAdjustmentResult, second: BundleAdjustmentResult, kernels: Kernels
+) -> float:
+    """See `CrossValidation.split_ratio`; NaN where the two rigs have no common view."""
     names = list(first.rig.cameras)
     if names != list(second.rig.cameras):
         return float("nan")
     distance = float(np.median(first.geometry.board_translation_mm[:, 2]))
-    points = view_points(first.rig, distance, 13)
+    points = make_view_points(first.rig, distance, 13)
     pixels = np.stack([first.rig.project_into(second.rig, name, points) for name in names])
     measured = kernels.triangulate(np.stack([second.rig.projection(name) for name in names]), pixels)
     expected = sum(
-        np.einsum("ni,ij,nj->n", moves, rig_covariance(each).matrix, moves)
-        for each, moves in ((each, depth_moves(each.rig, points)) for each in (first, second))
+        np.einsum("ni,ij,nj->n", jacobian, compute_rig_covariance(each).matrix, jacobian)
+        for each, jacobian in ((each, compute_depth_jacobian(each.rig, points)) for each in (first, second))
     )
     ratios = (measured[:, 2] - distance) ** 2 / expected
     return float(np.sqrt(np.nanmean(ratios))) if np.isfinite(ratios).any() else float("nan")
 
 
-def _cameras_seeing(sightings: Sightings, frame: str) -> int:
-    return sum(frame in views for views in sightings.views.values())
+def _count_cameras(detections: BoardDetections, frame: str) -> int:
+    return sum(frame in views for views in detections.views.values())

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.intrinsics import PARAMETERS, Monocular
-from beltscape.calibrate.jacobian import by_pose, project
-from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.corners import BoardDetections
+from beltscape.calibrate.intrinsics import PARAMETERS, MonocularCalibration
+from beltscape.calibrate.jacobian import differentiate_by_pose, project_with_jacobians
+from beltscape.calibrate.lens import pack_intrinsics
 from beltscape.core.pose import Pose
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ NOISE_FLOOR_PX = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Response:
+class LensSensitivity:
     """A camera's intrinsics, and how they hang on its corners."""
 
     camera: str
@@ -37,58 +37,64 @@ class Response:
     """Noise of a coordinate, from the camera's own residuals."""
 
 
-def lens_response(sightings: Sightings, own: Monocular, board_mm: Array) -> Response:
+def compute_lens_sensitivity(
+    detections: BoardDetections, own: MonocularCalibration, board_mm: Array
+) -> LensSensitivity:
     """Implicit differentiation of the minimum that a camera's calibration found."""
-    name, views = own.camera.name, sightings.views[own.camera.name]
+    name, views = own.camera.name, detections.views[own.camera.name]
     ends = np.cumsum([2 * len(corners) for corners in views.values()])
     rows = {frame: int(end) - 2 * len(views[frame]) for frame, end in zip(views, ends, strict=True)}
-    lens = intrinsics(own.camera)
+    lens = pack_intrinsics(own.camera)
     free = np.array([own.sigma[parameter] > 0 for parameter in PARAMETERS])
     used = [views[frame] for frame in own.cam_from_board]
-    turned = np.concatenate(
+    rotated = np.concatenate(
         [board_mm[c.ids] @ pose.rotation.T for c, pose in zip(used, own.cam_from_board.values(), strict=True)]
     )
     counts = [len(corners) for corners in used]
     shifts = np.repeat([pose.translation_mm for pose in own.cam_from_board.values()], counts, axis=0)
-    pixels, by_point, by_lens = project(turned + shifts, lens)
-    slopes = _beyond(
-        by_pose(by_point, turned).reshape(-1, 6), by_lens.reshape(-1, 9)[:, free], _runs(2 * np.array(counts))
+    pixels, by_point, by_lens = project_with_jacobians(rotated + shifts, lens)
+    jacobian = _eliminate_board_poses(
+        differentiate_by_pose(by_point, rotated).reshape(-1, 6),
+        by_lens.reshape(-1, 9)[:, free],
+        _split_rows(2 * np.array(counts)),
     )
     where = np.concatenate([rows[f] + np.arange(2 * len(views[f])) for f in own.cam_from_board])
     squares = float(((pixels - np.concatenate([corners.pixels for corners in used])) ** 2).sum())
     freedom = 2 * sum(counts) - 6 * len(used) - int(free.sum())
     sigma = np.sqrt(squares / freedom) if freedom > 0 else 0.0
     by_corners = np.zeros((int(ends[-1]), int(free.sum())))
-    by_corners[where] = _moves(slopes).T
-    return Response(name, lens, free, rows, by_corners, max(float(sigma), NOISE_FLOOR_PX))
+    by_corners[where] = _compute_pseudo_inverse(jacobian).T
+    return LensSensitivity(name, lens, free, rows, by_corners, max(float(sigma), NOISE_FLOOR_PX))
 
 
-def pair_influence(
-    sightings: Sightings,
-    lenses: tuple[Response, Response],
+def compute_pair_sensitivity(
+    detections: BoardDetections,
+    lenses: tuple[LensSensitivity, LensSensitivity],
     second_from_first: Pose,
     first_from_board: Mapping[str, Pose],
     board_mm: Array,
     common: Mapping[str, NDArray[np.int64]],
 ) -> tuple[dict[str, Array], Array]:
-    """A pair's `influence` and `covariance`: implicit differentiation of the minimum that its calibration found.
+    """A pair's `sensitivity` and `covariance`: implicit differentiation of the minimum that its calibration found.
 
     ``common`` are the corners' ids that both cameras see, by frame.
     """
     counts = 2 * np.array([len(ids) for ids in common.values()])
-    by_board, by_rest, pixels = _derivatives(lenses, second_from_first, first_from_board, board_mm, common)
+    by_board, by_rest, pixels = _differentiate_pair(
+        lenses, second_from_first, first_from_board, board_mm, common
+    )
     side_rows = int(counts.sum())
     frames = [
         np.concatenate([np.arange(run.start, run.stop), side_rows + np.arange(run.start, run.stop)])
-        for run in _runs(counts)
+        for run in _split_rows(counts)
     ]
-    slopes = _beyond(by_board, by_rest, frames)
-    direct = _moves(slopes[:, :6])  # (6, rows): ξ by each coordinate, intrinsics held
-    by_lens = np.split(direct @ slopes[:, 6:], [int(lenses[0].free.sum())], axis=1)
+    jacobian = _eliminate_board_poses(by_board, by_rest, frames)
+    direct = _compute_pseudo_inverse(jacobian[:, :6])  # (6, rows): ξ by each coordinate, intrinsics held
+    by_lens = np.split(direct @ jacobian[:, 6:], [int(lenses[0].free.sum())], axis=1)
     freedom = max(1 - (6 + 6 * len(common)) / (2 * side_rows), 0.1)
-    influence, covariance = {}, np.zeros((6, 6))
+    sensitivity, covariance = {}, np.zeros((6, 6))
     for side, lens in enumerate(lenses):
-        views = sightings.views[lens.camera]
+        views = detections.views[lens.camera]
         at = {frame: np.searchsorted(views[frame].ids, ids) for frame, ids in common.items()}
         found = np.concatenate([views[frame].pixels[corners] for frame, corners in at.items()])
         own = -lens.by_corners @ by_lens[side].T
@@ -97,16 +103,16 @@ def pair_influence(
         ]
         here = direct[:, side * side_rows : (side + 1) * side_rows]
         own[np.concatenate(where)] += here.T
-        influence[lens.camera] = lens.sigma_px * own
+        sensitivity[lens.camera] = lens.sigma_px * own
         # what the pair shows beyond the camera's own noise was not there when the lens was found
         seen = float(((pixels[side] - found) ** 2).sum()) / side_rows / freedom
         beyond = max(seen - lens.sigma_px**2, 0.0)
-        covariance += influence[lens.camera].T @ influence[lens.camera] + beyond * here @ here.T
-    return influence, covariance
+        covariance += sensitivity[lens.camera].T @ sensitivity[lens.camera] + beyond * here @ here.T
+    return sensitivity, covariance
 
 
-def _derivatives(
-    lenses: tuple[Response, Response],
+def _differentiate_pair(
+    lenses: tuple[LensSensitivity, LensSensitivity],
     pair: Pose,
     first_from_board: Mapping[str, Pose],
     board_mm: Array,
@@ -119,25 +125,29 @@ def _derivatives(
     (4n, 6) derivatives by the board's pose; (4n, 6 + free) by ξ and both cameras' free intrinsics; their pixels.
     """
     poses = [first_from_board[frame] for frame in common]
-    turned = np.concatenate(
+    rotated = np.concatenate(
         [board_mm[ids] @ pose.rotation.T for ids, pose in zip(common.values(), poses, strict=True)]
     )
     counts = [len(ids) for ids in common.values()]
-    in_first = turned + np.repeat([pose.translation_mm for pose in poses], counts, axis=0)
+    in_first = rotated + np.repeat([pose.translation_mm for pose in poses], counts, axis=0)
     a, b = lenses
-    pixels_a, by_first, by_lens_a = project(in_first, a.intrinsics)
-    pixels_b, by_second, by_lens_b = project(pair.apply(in_first), b.intrinsics)
+    pixels_a, by_first, by_lens_a = project_with_jacobians(in_first, a.intrinsics)
+    pixels_b, by_second, by_lens_b = project_with_jacobians(pair.apply(in_first), b.intrinsics)
     through_pair = by_second @ pair.rotation
-    by_board = np.concatenate([by_pose(by_first, turned), by_pose(through_pair, turned)])
+    by_board = np.concatenate(
+        [differentiate_by_pose(by_first, rotated), differentiate_by_pose(through_pair, rotated)]
+    )
     rows, split = 2 * len(in_first), 6 + int(a.free.sum())
     by_rest = np.zeros((2 * rows, split + int(b.free.sum())))
-    by_rest[rows:, :6] = by_pose(through_pair, in_first).reshape(-1, 6)
+    by_rest[rows:, :6] = differentiate_by_pose(through_pair, in_first).reshape(-1, 6)
     by_rest[:rows, 6:split] = by_lens_a.reshape(-1, 9)[:, a.free]
     by_rest[rows:, split:] = by_lens_b.reshape(-1, 9)[:, b.free]
     return by_board.reshape(-1, 6), by_rest, (pixels_a, pixels_b)
 
 
-def _beyond(by_board: Array, by_others: Array, frames: Sequence[slice | NDArray[np.int64]]) -> Array:
+def _eliminate_board_poses(
+    by_board: Array, by_others: Array, frames: Sequence[slice | NDArray[np.int64]]
+) -> Array:
     """Derivatives (n, c) less what each frame's own board pose can make good: a root of the Schur complement."""
     left = np.empty_like(by_others)
     for rows in frames:
@@ -146,12 +156,12 @@ def _beyond(by_board: Array, by_others: Array, frames: Sequence[slice | NDArray[
     return left
 
 
-def _moves(slopes: Array) -> Array:
+def _compute_pseudo_inverse(jacobian: Array) -> Array:
     """(c, n) how the least-squares solution moves with each of n right sides: the pseudo-inverse."""
-    orthonormal, triangle = np.linalg.qr(slopes)
+    orthonormal, triangle = np.linalg.qr(jacobian)
     return np.linalg.solve(triangle, orthonormal.T)
 
 
-def _runs(counts: NDArray[np.int64]) -> list[slice]:
+def _split_rows(counts: NDArray[np.int64]) -> list[slice]:
     ends = np.cumsum(counts)
     return [slice(int(end - count), int(end)) for count, end in zip(counts, ends, strict=True)]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.bundle import Bundle
-from beltscape.calibrate.bundle_data import Geometry, Observations, Prior
-from beltscape.calibrate.corners import Corners, Sightings
-from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibrate.corners import BoardDetections, Corners
+from beltscape.calibrate.lens import pack_intrinsics
 from beltscape.calibrate.levenberg import minimise
 from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
@@ -25,7 +25,7 @@ OUTLIER_FACTOR = 3.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Monocular:
+class MonocularCalibration:
     """One camera, calibrated by itself."""
 
     camera: Camera
@@ -45,12 +45,12 @@ class Monocular:
 
 def calibrate_camera(
     name: str,
-    sightings: Sightings,
+    detections: BoardDetections,
     board_mm: NDArray[np.float64],
     *,
     known: Camera | None = None,
     min_views: int = MIN_VIEWS,
-) -> Monocular:
+) -> MonocularCalibration:
     """Intrinsics and distortion of one camera from board points (n, 3) in mm.
 
     A ``known`` camera is held as it is; only the board's poses are found.
@@ -67,18 +67,22 @@ def calibrate_camera(
     ----------
     Zhang, IEEE TPAMI 22(11), 2000, doi:10.1109/34.888718.
     """
-    views, size = dict(sightings.views[name]), sightings.sizes_px[name]
+    views, size = dict(detections.views[name]), detections.sizes_px[name]
     rejected: dict[str, str] = {}
     if len(views) < min_views:
         raise CalibrationError(
-            f"camera {name} sees the board in {len(views)} of {sightings.images[name]} images; "
+            f"camera {name} sees the board in {len(views)} of {detections.images[name]} images; "
             f"at least {min_views} tilted views are needed"
         )
 
-    def solved() -> Monocular:
-        return _solve(name, views, size, board_mm) if known is None else _posed(name, views, known, board_mm)
+    def calibrate() -> MonocularCalibration:
+        return (
+            _calibrate_views(name, views, size, board_mm)
+            if known is None
+            else _fit_poses(name, views, known, board_mm)
+        )
 
-    solution = solved()
+    solution = calibrate()
     for _ in range(3):
         median = float(np.median(list(solution.view_rms_px.values())))
         limit = max(OUTLIER_FACTOR * median, 0.3)
@@ -88,8 +92,8 @@ def calibrate_camera(
         for frame, rms in bad.items():
             rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
             del views[frame]
-        solution = solved()
-    return Monocular(
+        solution = calibrate()
+    return MonocularCalibration(
         solution.camera, solution.sigma, solution.rms_px, solution.cam_from_board, solution.view_rms_px, rejected,
         solution.held,
     )  # fmt: skip
@@ -98,27 +102,27 @@ def calibrate_camera(
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
-def _solve(
+def _calibrate_views(
     name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
-) -> Monocular:
-    free = _run(name, views, size, board_mm, flags=0)
+) -> MonocularCalibration:
+    free = _run_opencv(name, views, size, board_mm, flags=0)
     k3 = float(free.camera.distortion[4])
     if abs(k3) > 3 * free.sigma["k3"]:
         return free
-    held = _without_k3(free, views, board_mm)
-    return held or _run(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+    held = _fit_without_k3(free, views, board_mm)
+    return held or _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
 
 
-def _without_k3(
-    free: Monocular, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
-) -> Monocular | None:
+def _fit_without_k3(
+    free: MonocularCalibration, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
+) -> MonocularCalibration | None:
     """The minimum with k3 held at 0, from the one where it is free; None where it is not found from there."""
-    lens, poses = intrinsics(free.camera), list(free.cam_from_board.values())
+    lens, poses = pack_intrinsics(free.camera), list(free.cam_from_board.values())
     lens[-1] = 0.0
-    adjusted = np.arange(len(lens)) < len(lens) - 1
+    free_mask = np.arange(len(lens)) < len(lens) - 1
     bundle = Bundle(
         Observations.of((0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())),
-        Prior(lens[None], np.zeros((1, 9, 9)), adjusted[None], board_mm, np.zeros(3)),
+        BundlePrior(lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
     )
     start = Geometry(
         lens[None], np.eye(3)[None], np.zeros((1, 3)),
@@ -131,13 +135,13 @@ def _without_k3(
         return None
     if not found.converged:
         return None
-    squares = (bundle.errors_px(found.state) ** 2).sum(axis=1)
+    squares = (bundle.compute_errors_px(found.state) ** 2).sum(axis=1)
     frame, state = bundle.observations.frame, found.state
     freedom = max(2 * len(frame) - len(variance) - 6 * len(poses), 1)
     sigma = np.sqrt(variance * squares.sum() / freedom)
     lens, per_view = state.intrinsics[0], np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
     boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
-    return Monocular(
+    return MonocularCalibration(
         camera=Camera(
             free.camera.name, free.camera.size_px, lens[:2].copy(), lens[2:4].copy(), lens[4:].copy()
         ),
@@ -149,9 +153,9 @@ def _without_k3(
     )
 
 
-def _posed(
+def _fit_poses(
     name: str, views: Mapping[str, Corners], known: Camera, board_mm: NDArray[np.float64]
-) -> Monocular:
+) -> MonocularCalibration:
     """The board's poses under intrinsics that are known."""
     poses, rms = {}, {}
     for frame, corners in views.items():
@@ -164,17 +168,17 @@ def _posed(
     counts = np.array([len(corners) for corners in views.values()])
     total = float(np.sqrt((counts * np.square(list(rms.values()))).sum() / counts.sum()))
     camera = Camera(name, known.size_px, known.focal_px, known.center_px, known.distortion)
-    return Monocular(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, held=PARAMETERS)
+    return MonocularCalibration(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, held=PARAMETERS)
 
 
-def _run(
+def _run_opencv(
     name: str,
     views: Mapping[str, Corners],
     size: tuple[int, int],
     board_mm: NDArray[np.float64],
     *,
     flags: int,
-) -> Monocular:
+) -> MonocularCalibration:
     objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
     pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
@@ -195,7 +199,7 @@ def _run(
         matrix[:2, 2].copy(),
         distortion.ravel()[:5].copy(),
     )
-    return Monocular(
+    return MonocularCalibration(
         camera=camera,
         sigma=dict(zip(PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
         rms_px=float(rms),

@@ -6,17 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from beltscape.calibrate.adjust import Adjusted
+from beltscape.calibrate.adjust import BundleAdjustmentResult
 from beltscape.calibrate.bundle import Bundle
-from beltscape.calibrate.steady import one_thread
+from beltscape.calibrate.steady import single_thread
 
 Array = NDArray[np.float64]
 
-CLEARLY = 0.99
+CONFIDENCE = 0.99
 """Views disagree when their scatter would be less with this probability were the noise all."""
 
 
-def disagreement(adjusted: Adjusted, covariance: Array, moves: Array) -> float:
+def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, jacobian: Array) -> float:
     """By how much the scatter between frames exceeds the formal standard deviations; 1 where it does not clearly.
 
     A corner's noise is taken for independent. A board that bends between views, a lens that the model does not
@@ -31,23 +31,23 @@ def disagreement(adjusted: Adjusted, covariance: Array, moves: Array) -> float:
     moves
         (N, R) what is asked about: how N quantities move with these parameters.
     """
-    without = _without_each(adjusted, len(covariance)) @ moves.T
+    without = _leave_out_frames(adjustment, len(covariance)) @ jacobian.T
     frames = len(without)
     if frames < 3:
         return 1.0
     scatter = (frames - 1) / frames * ((without - without.mean(axis=0)) ** 2).sum()
-    ratio = scatter / np.einsum("ni,ij,nj->", moves, covariance, moves)
-    return float(np.sqrt(ratio)) if ratio > chi2.ppf(CLEARLY, frames - 1) / (frames - 1) else 1.0
+    ratio = scatter / np.einsum("ni,ij,nj->", jacobian, covariance, jacobian)
+    return float(np.sqrt(ratio)) if ratio > chi2.ppf(CONFIDENCE, frames - 1) / (frames - 1) else 1.0
 
 
-def _without_each(adjusted: Adjusted, count: int) -> Array:
+def _leave_out_frames(adjustment: BundleAdjustmentResult, count: int) -> Array:
     """(F, R) how the cameras' free parameters move when a frame is left out, to first order."""
-    bundle = adjusted.bundle
+    bundle = adjustment.bundle
     observed = bundle.observations.frame
     moved = []
-    with one_thread():
-        for frame in np.unique(observed[adjusted.kept]):
-            weights = (adjusted.kept & (observed != frame)).astype(np.float64)
+    with single_thread():
+        for frame in np.unique(observed[adjustment.kept]):
+            weights = (adjustment.kept & (observed != frame)).astype(np.float64)
             rest = Bundle(bundle.observations, bundle.prior, weights)
-            moved.append(rest.linearise(adjusted.geometry).step(0.0)[:count])
+            moved.append(rest.linearise(adjustment.geometry).solve_step(0.0)[:count])
     return np.array(moved)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def project(points: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
+def project_with_jacobians(points: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
     """Points in camera frames → pixels and their derivatives.
 
     Parameters
@@ -57,7 +57,7 @@ def project(points: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
     return pixels.T, by_point.T, by_intrinsics.T
 
 
-def pixels_of(points: Array, intrinsics: Array) -> Array:
+def project_points(points: Array, intrinsics: Array) -> Array:
     """(N, 2) pixels alone, as `project` has them."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics.T
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
@@ -68,14 +68,14 @@ def pixels_of(points: Array, intrinsics: Array) -> Array:
     return np.stack([fx * u + cx, fy * v + cy]).T
 
 
-def turned(rotations: Array, vectors: Array) -> Array:
+def rotate_vectors(rotations: Array, vectors: Array) -> Array:
     """(N, 3) each vector (N, 3) under its own rotation (N, 3, 3)."""
     x, y, z = vectors.T
     r = rotations.T  # r[j, i]: row i, column j
     return (r[0] * x + r[1] * y + r[2] * z).T
 
 
-def by_pose(by_point: Array, rotated: Array) -> Array:
+def differentiate_by_pose(by_point: Array, rotated: Array) -> Array:
     """(N, 2, 6) derivatives by a small turn (radians, about the frame it turns into) and shift (mm).
 
     ``by_point`` (N, 2, 3) is by the transformed point, ``rotated`` (N, 3) the point after rotation, before the shift:

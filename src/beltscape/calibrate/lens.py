@@ -17,12 +17,12 @@ DISTORTION_SIGMA = np.array([0.5, 0.7, 0.005, 0.005, 0.7])
 """k1, k2, p1, p2, k3 about 0."""
 
 
-def intrinsics(camera: Camera) -> Array:
+def pack_intrinsics(camera: Camera) -> Array:
     """(9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
 
 
-def lens_prior(camera: Camera) -> tuple[Array, Array]:
+def compute_lens_prior(camera: Camera) -> tuple[Array, Array]:
     """Mean (9,) and information (9, 9) of a lens's parameters; nothing is said about the focal length itself.
 
     A hundred times wider than what a good set of views tells, so that it decides only where they say nothing.

@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 State = TypeVar("State")
 
 
-class Linear(Protocol):
+class LinearisedProblem(Protocol):
     """A problem linearised at a state."""
 
     cost: float
     """F there: half the weighted sum of squares."""
 
-    def step(self, damping: float) -> NDArray[np.float64]:
+    def solve_step(self, damping: float) -> NDArray[np.float64]:
         """Solve (JᵀJ + λ diag(JᵀJ)) δ = −Jᵀe (Eq. 19, Marquardt's scaling)."""
         ...
 
-    def predicted_drop(self, step: NDArray[np.float64]) -> float:
+    def predict_decrease(self, step: NDArray[np.float64]) -> float:
         """F(X) − L(X + δ): what the linear model promises."""
         ...
 
@@ -33,11 +33,11 @@ class Problem(Protocol[State]):
         """F at a state."""
         ...
 
-    def linearise(self, state: State) -> Linear:
+    def linearise(self, state: State) -> LinearisedProblem:
         """The linear model at a state."""
         ...
 
-    def moved(self, state: State, step: NDArray[np.float64]) -> State:
+    def apply_step(self, state: State, step: NDArray[np.float64]) -> State:
         """The state after a step."""
         ...
 
@@ -83,15 +83,15 @@ def minimise(problem: Problem[State], state: State, damping: Damping | None = No
     rule = damping or Damping()
     lam = rule.start
     linear = problem.linearise(state)
-    nothing = ROUNDING * linear.cost
+    negligible = ROUNDING * linear.cost
     for iteration in range(1, rule.iterations + 1):
-        step = linear.step(lam)
-        promised = linear.predicted_drop(step)
-        if not promised > max(rule.tolerance * linear.cost, nothing):
+        step = linear.solve_step(lam)
+        predicted = linear.predict_decrease(step)
+        if not predicted > max(rule.tolerance * linear.cost, negligible):
             return Minimum(state, linear.cost, iteration, converged=True)
-        candidate = problem.moved(state, step)
+        candidate = problem.apply_step(state, step)
         cost = problem.cost(candidate)
-        gain = (linear.cost - cost) / promised if np.isfinite(cost) else -np.inf
+        gain = (linear.cost - cost) / predicted if np.isfinite(cost) else -np.inf
         if gain > rule.high:
             lam = max(lam / rule.fall, 1e-12)
         elif gain < rule.low:

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc
 
-from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.corners import BoardDetections
 from beltscape.calibrate.pairs import Pair
 from beltscape.calibrate.se3 import adjoint, log
-from beltscape.calibrate.ways import joint_covariance, measured, triangles
+from beltscape.calibrate.ways import compute_joint_covariance, find_pair_chain, list_triangles
 from beltscape.core.pose import Pose
 
 Array = NDArray[np.float64]
 
-SAME = 1e-7
+NEGLIGIBLE_VARIANCE = 1e-7
 """Share of the pairs' own variance below which propagation to first order cannot tell an error from 0."""
 
 
@@ -69,7 +69,7 @@ class LoopError(Misclosure):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Network:
+class CameraNetwork:
     """Every camera's pose about the core, and the way it was found on."""
 
     core: str
@@ -81,51 +81,58 @@ class Network:
     """For every pair but those that agree by construction, as the steps of a path do."""
     loop_errors: tuple[LoopError, ...]
     """For every three cameras of which all three pairs were measured: no choice of poses changes them."""
-    chained: Network | None = None
+    initial: CameraNetwork | None = None
     """The network as it was before global optimisation; None where there was none."""
 
 
-def groups(cameras: Iterable[str], pairs: Sequence[Pair]) -> list[tuple[str, ...]]:
+def find_groups(cameras: Iterable[str], pairs: Sequence[Pair]) -> list[tuple[str, ...]]:
     """Cameras that hang together through shared views, largest group first."""
     remaining = list(cameras)
     found: list[tuple[str, ...]] = []
     while remaining:
-        reached = set(_costs(remaining[0], pairs)[0])
+        reached = set(_find_paths(remaining[0], pairs)[0])
         found.append(tuple(name for name in remaining if name in reached))
         remaining = [name for name in remaining if name not in reached]
     return sorted(found, key=len, reverse=True)
 
 
-def associate(core: str, pairs: Sequence[Pair]) -> Network:
+def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
     """Bring every camera that hangs together with the core into its frame, by the best path.
 
     The best path has the least summed variance of its pairs; where the core sees what a camera sees that is
     the direct one, otherwise one through other cameras (Eqs. 9-13).
     """
     kept = tuple(pairs)
-    _, previous = _costs(core, kept)
+    _, previous = _find_paths(core, kept)
     poses, paths = {core: Pose.identity()}, {core: (core,)}
-    gains = {core: np.zeros((6, 6 * len(kept)))}
+    jacobians = {core: np.zeros((6, 6 * len(kept)))}
     for name, before in previous.items():  # in the order they were reached: `before` is known
-        step = measured(kept, before, name)
-        poses[name] = step.pose @ poses[before]
-        gains[name] = adjoint(step.pose) @ (gains[before] + step.gain)
+        chain = find_pair_chain(kept, before, name)
+        poses[name] = chain.pose @ poses[before]
+        jacobians[name] = adjoint(chain.pose) @ (jacobians[before] + chain.jacobian)
         paths[name] = (*paths[before], name)
-    joint = joint_covariance(kept)
-    return Network(
-        core, poses, paths, kept, path_errors(kept, poses, gains, joint), loop_errors(kept, poses, joint)
+    joint = compute_joint_covariance(kept)
+    return CameraNetwork(
+        core,
+        poses,
+        paths,
+        kept,
+        compute_path_errors(kept, poses, jacobians, joint),
+        compute_loop_errors(kept, poses, joint),
     )
 
 
-def choose_core(sightings: Sightings, pairs: Sequence[Pair]) -> str:
+def select_core(detections: BoardDetections, pairs: Sequence[Pair]) -> str:
     """The most central camera among those that share the most views: the paper's best field of view.
 
     A camera counts when it shares at least 80 % of the corners that the best one shares with the others.
     """
-    group = groups(sightings.cameras, pairs)[0]
+    group = find_groups(detections.cameras, pairs)[0]
     shared = {name: sum(p.corners for p in pairs if name in (p.first, p.second)) for name in group}
     eligible = [name for name in group if shared[name] >= 0.8 * max(shared.values())]
-    centers = {name: pose.center_mm for name, pose in associate(group[0], pairs).cam_from_core.items()}
+    centers = {
+        name: pose.center_mm for name, pose in associate_cameras(group[0], pairs).cam_from_core.items()
+    }
     spread = {
         name: round(sum(float(np.linalg.norm(centers[name] - other)) for other in centers.values()), 3)
         for name in eligible
@@ -133,7 +140,7 @@ def choose_core(sightings: Sightings, pairs: Sequence[Pair]) -> str:
     return min(eligible, key=lambda name: spread[name])
 
 
-def _costs(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str, str]]:
+def _find_paths(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str, str]]:
     """Dijkstra from the core: cost to each camera, and the camera before it, in the order reached."""
     costs: dict[str, float] = {}
     previous: dict[str, str] = {}
@@ -152,49 +159,53 @@ def _costs(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str
     return costs, previous
 
 
-def path_errors(
-    pairs: Sequence[Pair], cam_from_core: Mapping[str, Pose], gains: Mapping[str, Array], joint: Array
+def compute_path_errors(
+    pairs: Sequence[Pair], cam_from_core: Mapping[str, Pose], jacobians: Mapping[str, Array], joint: Array
 ) -> tuple[PathError, ...]:
     """ε_path of every pair whose two cameras have a pose, but for those that agree by construction.
 
-    ``gains`` tell how the errors of all pairs moved each pose: ``cam_from_core = exp(gain ξ) @ true``.
+    ``jacobians`` tell how the errors of all pairs moved each pose: ``cam_from_core = exp(jacobian ξ) @ true``.
     """
     found = []
     for pair in pairs:
         if not {pair.first, pair.second} <= cam_from_core.keys():
             continue
         transmitted = cam_from_core[pair.second] @ cam_from_core[pair.first].inverse()  # T*_ij, Eqs. 11-13
-        gain = measured(pairs, pair.first, pair.second).gain + gains[pair.first]
-        gain = gain - adjoint(transmitted.inverse()) @ gains[pair.second]
+        jacobian = find_pair_chain(pairs, pair.first, pair.second).jacobian + jacobians[pair.first]
+        jacobian = jacobian - adjoint(transmitted.inverse()) @ jacobians[pair.second]
         error = transmitted.inverse() @ pair.second_from_first
         shift = float(np.linalg.norm(transmitted.center_mm - pair.second_from_first.center_mm))
-        chi2, dof = _chi2(log(error), gain, joint, pair.covariance)
+        chi2, dof = _compute_chi2(log(error), jacobian, joint, pair.covariance)
         if dof:
-            covariance = gain @ joint @ gain.T
+            covariance = jacobian @ joint @ jacobian.T
             cameras = (pair.first, pair.second)
             found.append(PathError(cameras, error.angle_deg, shift, log(error), covariance, chi2, dof))
     return tuple(found)
 
 
-def loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
+def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
     """ε_loop of every triangle: once around by its three measured pairs."""
     alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # as if pairs shared nothing
     found = []
-    for three in triangles(pairs, cameras):
-        a, b, c = three
-        loop = measured(pairs, a, b).then(measured(pairs, b, c)).then(measured(pairs, c, a))
-        twist, covariance = log(loop.pose), loop.gain @ joint @ loop.gain.T
-        chi2, dof = _chi2(twist, loop.gain, joint, loop.gain @ alone @ loop.gain.T)
+    for triangle in list_triangles(pairs, cameras):
+        a, b, c = triangle
+        loop = (
+            find_pair_chain(pairs, a, b)
+            .extend(find_pair_chain(pairs, b, c))
+            .extend(find_pair_chain(pairs, c, a))
+        )
+        twist, covariance = log(loop.pose), loop.jacobian @ joint @ loop.jacobian.T
+        chi2, dof = _compute_chi2(twist, loop.jacobian, joint, loop.jacobian @ alone @ loop.jacobian.T)
         shift = float(np.linalg.norm(loop.pose.center_mm))
-        found.append(LoopError(three, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
+        found.append(LoopError(triangle, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
     return tuple(found)
 
 
-def _chi2(twist: Array, gain: Array, joint: Array, unit: Array) -> tuple[float, int]:
-    """χ² of a twist ``gain ξ`` and its degrees of freedom, with ``unit`` (6, 6) the scale that tells 0 from small."""
+def _compute_chi2(twist: Array, jacobian: Array, joint: Array, unit: Array) -> tuple[float, int]:
+    """χ² of a twist ``jacobian ξ`` and its degrees of freedom, with ``unit`` (6, 6) the scale that tells 0 from small."""
     root = np.linalg.cholesky(unit)
-    whitened = np.linalg.solve(root, gain)
+    whitened = np.linalg.solve(root, jacobian)
     variances, axes = np.linalg.eigh(whitened @ joint @ whitened.T)
-    real = variances > SAME
+    significant = variances > NEGLIGIBLE_VARIANCE
     components = axes.T @ np.linalg.solve(root, twist)
-    return float((components[real] ** 2 / variances[real]).sum()), int(real.sum())
+    return float((components[significant] ** 2 / variances[significant]).sum()), int(significant.sum())

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.bundle import Bundle
-from beltscape.calibrate.bundle_data import Geometry, Observations, Prior
-from beltscape.calibrate.corners import Sightings, spread_in_two_directions
-from beltscape.calibrate.influence import Response, lens_response, pair_influence
-from beltscape.calibrate.intrinsics import OUTLIER_FACTOR, Monocular
-from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibrate.corners import BoardDetections, has_planar_extent
+from beltscape.calibrate.influence import LensSensitivity, compute_lens_sensitivity, compute_pair_sensitivity
+from beltscape.calibrate.intrinsics import OUTLIER_FACTOR, MonocularCalibration
+from beltscape.calibrate.lens import pack_intrinsics
 from beltscape.calibrate.levenberg import minimise
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
@@ -49,7 +49,7 @@ class Pair:
     """
     rejected: Mapping[str, str] = field(default_factory=dict)
     """Frame → why it was left out."""
-    influence: Mapping[str, Array] = field(default_factory=dict)
+    sensitivity: Mapping[str, Array] = field(default_factory=dict)
     """camera → (2m, 6): ξ by each coordinate of all m corners of that camera, per standard deviation of the noise
     that the camera alone shows. Pairs share corners, so their errors hang together: ``Σ A.T @ B`` over the cameras of
     both pairs is the covariance between them. Empty: independent of all other pairs."""
@@ -61,18 +61,20 @@ class Pair:
 
 
 def calibrate_pairs(
-    sightings: Sightings,
-    cameras: Mapping[str, Monocular],
+    detections: BoardDetections,
+    cameras: Mapping[str, MonocularCalibration],
     board_mm: NDArray[np.float64],
     reporter: Reporter,
 ) -> tuple[Pair, ...]:
     """Every pair of cameras that shares views: n(n-1)/2 of them in a rig where all see the board (Eqs. 7-8)."""
-    responses = {name: lens_response(sightings, own, board_mm) for name, own in cameras.items()}
+    sensitivities = {
+        name: compute_lens_sensitivity(detections, own, board_mm) for name, own in cameras.items()
+    }
     found: list[Pair] = []
     candidates = list(combinations(cameras, 2))
     for done, (first, second) in enumerate(candidates, start=1):
-        both = responses[first], responses[second]
-        pair = calibrate_pair(sightings, cameras[first], cameras[second], board_mm, both)
+        both = sensitivities[first], sensitivities[second]
+        pair = calibrate_pair(detections, cameras[first], cameras[second], board_mm, both)
         if pair is not None:
             found.append(pair)
         reporter.step("calibrating pairs", done, len(candidates))
@@ -80,15 +82,15 @@ def calibrate_pairs(
 
 
 def calibrate_pair(
-    sightings: Sightings,
-    first: Monocular,
-    second: Monocular,
+    detections: BoardDetections,
+    first: MonocularCalibration,
+    second: MonocularCalibration,
     board_mm: NDArray[np.float64],
-    responses: tuple[Response, Response] | None = None,
+    sensitivities: tuple[LensSensitivity, LensSensitivity] | None = None,
 ) -> Pair | None:
     """The pose between two cameras, or None where they share no usable view.
 
-    ``responses`` of the two, where they are known already, save their computation.
+    ``sensitivities`` of the two, where they are known already, save their computation.
 
     Raises
     ------
@@ -98,24 +100,28 @@ def calibrate_pair(
     names = first.camera.name, second.camera.name
     common = {
         frame: ids
-        for frame, ids in sightings.common(*names).items()
-        if len(ids) >= MIN_COMMON and spread_in_two_directions(board_mm[ids, :2])
+        for frame, ids in detections.find_common_corners(*names).items()
+        if len(ids) >= MIN_COMMON and has_planar_extent(board_mm[ids, :2])
         and frame not in first.rejected and frame not in second.rejected
     }  # fmt: skip
     rejected: dict[str, str] = {}
     while common:
-        solution = _solve(sightings, first, second, board_mm, common)
+        solution = _solve_pair(detections, first, second, board_mm, common)
         per_view = solution.view_rms_px
         median = float(np.median(list(per_view.values())))
         bad = {frame: e for frame, e in per_view.items() if e > max(OUTLIER_FACTOR * median, 0.3)}
         if not bad or len(bad) > len(common) // 3:
             corners = sum(len(ids) for ids in common.values())
-            a, b = responses or [lens_response(sightings, own, board_mm) for own in (first, second)]
+            a, b = sensitivities or [
+                compute_lens_sensitivity(detections, own, board_mm) for own in (first, second)
+            ]
             pose, boards = solution.second_from_first, solution.first_from_board
-            influence, covariance = pair_influence(sightings, (a, b), pose, boards, board_mm, common)
-            covariance = covariance + _misfit(solution, first, second)
+            sensitivity, covariance = compute_pair_sensitivity(
+                detections, (a, b), pose, boards, board_mm, common
+            )
+            covariance = covariance + _compute_misfit_covariance(solution, first, second)
             return Pair(
-                *names, pose, solution.rms_px, tuple(common), corners, covariance, rejected, influence
+                *names, pose, solution.rms_px, tuple(common), corners, covariance, rejected, sensitivity
             )  # fmt: skip
         for frame, error in bad.items():
             rejected[frame] = f"RMS {error:.2f} px in the pair, the median frame has {median:.2f} px"
@@ -123,7 +129,9 @@ def calibrate_pair(
     return None
 
 
-def _misfit(solution: _Solution, first: Monocular, second: Monocular) -> Array:
+def _compute_misfit_covariance(
+    solution: _Solution, first: MonocularCalibration, second: MonocularCalibration
+) -> Array:
     """(6, 6) what frames that are not of one instant add: each is off by what the two cameras fit worse than alone.
 
     The board moved in between, by a distance and a turn of which the pixels tell the size only; over F frames it
@@ -145,23 +153,25 @@ class _Solution:
     first_from_board: Mapping[str, Pose]
 
 
-def _solve(
-    sightings: Sightings,
-    first: Monocular,
-    second: Monocular,
+def _solve_pair(
+    detections: BoardDetections,
+    first: MonocularCalibration,
+    second: MonocularCalibration,
     board_mm: NDArray[np.float64],
     common: Mapping[str, NDArray[np.int64]],
 ) -> _Solution:
     """The bundle of two cameras with known lenses and a board as drawn (Eqs. 7-8)."""
-    bundle = Bundle(_observations(sightings, first, second, common), _held(first, second, board_mm))
+    bundle = Bundle(
+        _collect_observations(detections, first, second, common), _make_prior(first, second, board_mm)
+    )
     try:
-        found = minimise(bundle, _start(first, second, board_mm, tuple(common))).state
+        found = minimise(bundle, _initialise_geometry(first, second, board_mm, tuple(common))).state
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             f"cameras {first.camera.name} and {second.camera.name}: "
             f"their {len(common)} common views give no pose ({error})"
         ) from error
-    squares = (bundle.errors_px(found) ** 2).sum(axis=1)
+    squares = (bundle.compute_errors_px(found) ** 2).sum(axis=1)
     frame = bundle.observations.frame
     per_view = np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
     boards = zip(common, found.board_rotation, found.board_translation_mm, strict=True)
@@ -173,33 +183,38 @@ def _solve(
     )
 
 
-def _observations(
-    sightings: Sightings, first: Monocular, second: Monocular, common: Mapping[str, NDArray[np.int64]]
+def _collect_observations(
+    detections: BoardDetections,
+    first: MonocularCalibration,
+    second: MonocularCalibration,
+    common: Mapping[str, NDArray[np.int64]],
 ) -> Observations:
     """The common corners, in both images."""
     return Observations.of(
         (camera, frame, ids, view.pixels[np.searchsorted(view.ids, ids)])
         for frame, (name, ids) in enumerate(common.items())
         for camera, own in enumerate((first, second))
-        for view in (sightings.views[own.camera.name][name],)
+        for view in (detections.views[own.camera.name][name],)
     )
 
 
-def _held(first: Monocular, second: Monocular, board_mm: Array) -> Prior:
+def _make_prior(first: MonocularCalibration, second: MonocularCalibration, board_mm: Array) -> BundlePrior:
     """Neither lenses nor board are adjusted."""
-    lenses = np.stack([intrinsics(own.camera) for own in (first, second)])
-    return Prior(lenses, np.zeros((2, 9, 9)), np.zeros((2, 9), bool), board_mm, np.zeros(3))
+    lenses = np.stack([pack_intrinsics(own.camera) for own in (first, second)])
+    return BundlePrior(lenses, np.zeros((2, 9, 9)), np.zeros((2, 9), bool), board_mm, np.zeros(3))
 
 
-def _start(first: Monocular, second: Monocular, board_mm: Array, frames: Sequence[str]) -> Geometry:
+def _initialise_geometry(
+    first: MonocularCalibration, second: MonocularCalibration, board_mm: Array, frames: Sequence[str]
+) -> Geometry:
     """The pose that most frames agree on, the board as the first camera alone sees it."""
     boards = [first.cam_from_board[frame] for frame in frames]
-    pair = _most_central(
+    pair = _select_medoid(
         [second.cam_from_board[f] @ board.inverse() for f, board in zip(frames, boards, strict=True)],
         float(np.median([np.linalg.norm(board.translation_mm) for board in boards])),
     )
     return Geometry(
-        np.stack([intrinsics(own.camera) for own in (first, second)]),
+        np.stack([pack_intrinsics(own.camera) for own in (first, second)]),
         np.stack([np.eye(3), pair.rotation]),
         np.stack([np.zeros(3), pair.translation_mm]),
         np.stack([board.rotation for board in boards]),
@@ -208,7 +223,7 @@ def _start(first: Monocular, second: Monocular, board_mm: Array, frames: Sequenc
     )
 
 
-def _most_central(poses: Sequence[Pose], distance_mm: float) -> Pose:
+def _select_medoid(poses: Sequence[Pose], distance_mm: float) -> Pose:
     """The pose that is nearest to the others, turns counted by what they move at a distance."""
     features = np.stack(
         [np.concatenate([distance_mm * pose.rotation.ravel(), pose.center_mm]) for pose in poses]

@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.corners import Corners
-from beltscape.calibrate.jacobian import by_pose, pixels_of, project, turned
-from beltscape.calibrate.lens import intrinsics
+from beltscape.calibrate.jacobian import (
+    differentiate_by_pose,
+    project_points,
+    project_with_jacobians,
+    rotate_vectors,
+)
+from beltscape.calibrate.lens import pack_intrinsics
 from beltscape.calibrate.levenberg import Damping, minimise
 from beltscape.core.pose import Pose, rotation_from_vector
 from beltscape.core.rig import Rig
@@ -18,7 +23,7 @@ from beltscape.core.rig import Rig
 Array = NDArray[np.float64]
 
 
-def board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> Pose:
+def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> Pose:
     """The board's pose (core_from_board) that fits all cameras of one frame best, reprojection errors weighted alike.
 
     ``board_mm`` (P, 3) are the board's corners in its own frame.
@@ -32,8 +37,8 @@ def board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> Pose:
     start = rig.cam_from_core[name].inverse() @ Pose.of(rotation, translation)
     counts = [len(c) for c in views.values()]
     poses = [rig.cam_from_core[n] for n in views]
-    problem = Resection(
-        np.repeat([intrinsics(rig.cameras[n]) for n in views], counts, axis=0),
+    problem = ResectionProblem(
+        np.repeat([pack_intrinsics(rig.cameras[n]) for n in views], counts, axis=0),
         np.repeat([np.column_stack([p.rotation, p.translation_mm]) for p in poses], counts, axis=0),
         np.concatenate([board_mm[c.ids] for c in views.values()]),
         np.concatenate([c.pixels for c in views.values()]),
@@ -41,7 +46,7 @@ def board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> Pose:
     return minimise(problem, start, Damping(tolerance=1e-12)).state
 
 
-class Resection:
+class ResectionProblem:
     """Reprojection errors of one board, all weighted alike, as a problem for `levenberg.minimise`."""
 
     def __init__(self, lenses: Array, cam_from_core: Array, points_mm: Array, pixels: Array) -> None:
@@ -51,36 +56,40 @@ class Resection:
 
     def cost(self, state: Pose) -> float:
         """Half the sum of squares."""
-        errors = pixels_of(self._inside(state.apply(self.points_mm)), self.lenses) - self.pixels
+        errors = (
+            project_points(self._transform_to_cameras(state.apply(self.points_mm)), self.lenses) - self.pixels
+        )
         return 0.5 * float((errors**2).sum())
 
-    def linearise(self, state: Pose) -> ResectionLinear:
+    def linearise(self, state: Pose) -> LinearisedResection:
         """Errors and their derivatives by a turn and a shift of the board in the core frame."""
         on_board = self.points_mm @ state.rotation.T
-        pixels, by_point, _ = project(self._inside(on_board + state.translation_mm), self.lenses)
-        slopes = by_pose(by_point @ self.rotations, on_board).reshape(-1, 6)
-        return ResectionLinear((pixels - self.pixels).ravel(), slopes)
+        pixels, by_point, _ = project_with_jacobians(
+            self._transform_to_cameras(on_board + state.translation_mm), self.lenses
+        )
+        jacobian = differentiate_by_pose(by_point @ self.rotations, on_board).reshape(-1, 6)
+        return LinearisedResection((pixels - self.pixels).ravel(), jacobian)
 
-    def moved(self, state: Pose, step: Array) -> Pose:
+    def apply_step(self, state: Pose, step: Array) -> Pose:
         """The pose after a step."""
         return Pose(rotation_from_vector(step[:3]) @ state.rotation, state.translation_mm + step[3:])
 
-    def _inside(self, in_core: Array) -> Array:
-        return turned(self.rotations, in_core) + self.shifts
+    def _transform_to_cameras(self, in_core: Array) -> Array:
+        return rotate_vectors(self.rotations, in_core) + self.shifts
 
 
-class ResectionLinear:
+class LinearisedResection:
     """Six normal equations."""
 
-    def __init__(self, errors: Array, slopes: Array) -> None:
+    def __init__(self, errors: Array, jacobian: Array) -> None:
         self.cost = 0.5 * float(errors @ errors)
-        self._hessian, self._gradient = slopes.T @ slopes, slopes.T @ errors
+        self._hessian, self._gradient = jacobian.T @ jacobian, jacobian.T @ errors
 
-    def step(self, damping: float) -> Array:
+    def solve_step(self, damping: float) -> Array:
         """Eq. 19 with Marquardt's scaling."""
         damped = self._hessian + damping * np.diag(np.diag(self._hessian))
         return np.asarray(-np.linalg.solve(damped, self._gradient), np.float64)
 
-    def predicted_drop(self, step: Array) -> float:
+    def predict_decrease(self, step: Array) -> float:
         """F(X) − L(X + δ)."""
         return -float(self._gradient @ step + 0.5 * step @ self._hessian @ step)

@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 PARAMETERS = 9
 BLUR_PX = 0.3, 8.0
 """Between a pixel's own width and what no corner survives."""
-THERE_PX = 5e-4
+CONVERGED_PX = 5e-4
 """Corners that move less have arrived."""
-STEPS = 10
+MAX_STEPS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class Saddles:
         """(n,) half of the difference between light and dark squares."""
         return np.abs(self.parameters[:, 8])
 
-    def linear(self, windows: Windows) -> tuple[Array, Array]:
+    def linearise(self, windows: Windows) -> tuple[Array, Array]:
         """Grey values (n, m) and their derivatives (n, 9, m) by the parameters."""
         p = self.parameters[:, :, None]
         x, y, width = windows.x - p[:, 0], windows.y - p[:, 1], np.sqrt(2) * np.exp(p[:, 4])
@@ -79,45 +79,45 @@ class Saddles:
         return values, derivatives
 
 
-def fit(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
+def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
     """Levenberg-Marquardt on all corners at once, each with its own damping.
 
     Returns the corners and the RMS (n,) of what the model leaves of the grey values.
     """
-    now, damping = start, np.full(len(start.parameters), 1e-3)
-    values, derivatives = now.linear(windows)
-    cost = _cost(windows, values)
-    for _ in range(STEPS):
-        hessian, gradient = _normal(windows, values, derivatives)
+    current, damping = start, np.full(len(start.parameters), 1e-3)
+    values, derivatives = current.linearise(windows)
+    cost = _compute_cost(windows, values)
+    for _ in range(MAX_STEPS):
+        hessian, gradient = _form_normal_equations(windows, values, derivatives)
         scale = np.maximum(np.einsum("nii->ni", hessian), 1e-12)
         damped = hessian + (damping[:, None] * scale)[:, :, None] * np.eye(PARAMETERS)
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
-        tried = Saddles(_bounded(now.parameters + step))
-        tried_values, tried_derivatives = tried.linear(windows)
-        tried_cost = _cost(windows, tried_values)
-        better = tried_cost <= cost
-        now = Saddles(np.where(better[:, None], tried.parameters, now.parameters))
-        values = np.where(better[:, None], tried_values, values)
-        derivatives[better] = tried_derivatives[better]
-        cost = np.where(better, tried_cost, cost)
+        candidate = Saddles(_clip_blur(current.parameters + step))
+        candidate_values, candidate_derivatives = candidate.linearise(windows)
+        candidate_cost = _compute_cost(windows, candidate_values)
+        better = candidate_cost <= cost
+        current = Saddles(np.where(better[:, None], candidate.parameters, current.parameters))
+        values = np.where(better[:, None], candidate_values, values)
+        derivatives[better] = candidate_derivatives[better]
+        cost = np.where(better, candidate_cost, cost)
         damping = np.clip(np.where(better, damping / 5, damping * 5), 1e-9, 1e6)
-        if np.abs(step[:, :2]).max(initial=0.0) < THERE_PX:
+        if np.abs(step[:, :2]).max(initial=0.0) < CONVERGED_PX:
             break
-    return now, np.sqrt(cost / np.maximum(windows.used.sum(axis=1) - PARAMETERS, 1))
+    return current, np.sqrt(cost / np.maximum(windows.used.sum(axis=1) - PARAMETERS, 1))
 
 
-def _bounded(parameters: Array) -> Array:
+def _clip_blur(parameters: Array) -> Array:
     low, high = np.log(BLUR_PX)
     return np.concatenate(
         [parameters[:, :4], np.clip(parameters[:, 4:5], low, high), parameters[:, 5:]], axis=1
     )
 
 
-def _cost(windows: Windows, values: Array) -> Array:
+def _compute_cost(windows: Windows, values: Array) -> Array:
     return np.einsum("nm,nm->n", windows.used, (windows.values - values) ** 2)
 
 
-def _normal(windows: Windows, values: Array, derivatives: Array) -> tuple[Array, Array]:
+def _form_normal_equations(windows: Windows, values: Array, derivatives: Array) -> tuple[Array, Array]:
     """Normal equations (n, 9, 9) and (n, 9)."""
     weighted = derivatives * windows.used[:, None]
     hessian = weighted @ derivatives.transpose(0, 2, 1)

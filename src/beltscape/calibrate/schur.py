@@ -9,7 +9,7 @@ from scipy.linalg import cho_factor, cho_solve
 Array = NDArray[np.float64]
 
 
-class BundleLinear:
+class LinearisedBundle:
     """Normal equations of a bundle: dense over the shared parameters, a 6×6 block per board pose."""
 
     def __init__(
@@ -20,14 +20,14 @@ class BundleLinear:
         self._hessian, self._gradient = hessian, gradient
         self._own, self._coupling, self._own_gradient = own, coupling, own_gradient
 
-    def step(self, damping: float) -> Array:
+    def solve_step(self, damping: float) -> Array:
         """Solve through the Schur complement on the shared parameters."""
-        reduced, right, inverse = self._reduced(damping)
+        reduced, right, inverse = self._reduce(damping)
         shared = -cho_solve(cho_factor(reduced), right)
         boards = self._own_gradient + self._coupling.T @ shared
         return np.concatenate([shared, -(inverse @ boards.reshape(-1, 6, 1)).ravel()])
 
-    def _reduced(self, damping: float) -> tuple[Array, Array, Array]:
+    def _reduce(self, damping: float) -> tuple[Array, Array, Array]:
         """Schur complement (G, G), its right side (G,), inverses of the board blocks (F, 6, 6)."""
         diagonal = np.einsum("fii->fi", self._own)
         unseen = diagonal == 0  # of a frame none of whose corners count, the pose stays as it is
@@ -39,7 +39,7 @@ class BundleLinear:
         reduced[np.diag_indices_from(reduced)] += damping * np.diag(self._hessian)
         return reduced, self._gradient - eliminated @ self._own_gradient, inverse
 
-    def predicted_drop(self, step: Array) -> float:
+    def predict_decrease(self, step: Array) -> float:
         """F(X) − L(X + δ)."""
         count = len(self._gradient)
         shared, boards = step[:count], step[count:]
@@ -50,5 +50,5 @@ class BundleLinear:
 
     def covariance(self) -> Array:
         """Of the free shared parameters: the inverse of the undamped Schur complement."""
-        reduced, _, _ = self._reduced(0.0)
+        reduced, _, _ = self._reduce(0.0)
         return cho_solve(cho_factor(reduced), np.eye(len(reduced)))

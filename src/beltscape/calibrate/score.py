@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.corners import Corners, Sightings
-from beltscape.calibrate.resection import board_pose
+from beltscape.calibrate.corners import BoardDetections, Corners
+from beltscape.calibrate.resection import fit_board_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
@@ -41,7 +41,7 @@ class Score:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Residuals:
+class ViewResiduals:
     """Reprojection errors of one view."""
 
     ids: NDArray[np.int64]
@@ -58,10 +58,10 @@ class Residuals:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class RigErrors:
     """What a rig does to board views, before it is summed up."""
 
-    residuals: Mapping[str, Mapping[str, Residuals]]
+    residuals: Mapping[str, Mapping[str, ViewResiduals]]
     """By camera and frame."""
     frames: int
     edge_errors_mm: NDArray[np.float64]
@@ -71,7 +71,7 @@ class Evidence:
     plane_distances_mm: NDArray[np.float64]
     """(p,) triangulated corners off the board, laid on them as a rigid body, square to it."""
 
-    def edge_bias_error_mm(self) -> float:
+    def compute_edge_bias_error_mm(self) -> float:
         """Standard error of the mean edge error, by the scatter of the frames' means.
 
         A single frame's is that of its edges: errors within a frame are not independent.
@@ -81,19 +81,19 @@ class Evidence:
             return float(np.std(self.edge_errors_mm))
         return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
-    def errors_px(self) -> NDArray[np.float64]:
+    def compute_errors_px(self) -> NDArray[np.float64]:
         """(n, 2) all reprojection errors."""
         return np.concatenate([v.errors_px for views in self.residuals.values() for v in views.values()])
 
 
-def examine(
+def compute_rig_errors(
     rig: Rig,
-    sightings: Sightings,
+    detections: BoardDetections,
     board: Board,
     kernels: Kernels,
     *,
     corners_mm: NDArray[np.float64] | None = None,
-) -> Evidence:
+) -> RigErrors:
     """Hold a rig against the frames that at least two of its cameras see.
 
     ``corners_mm`` (P, 3) are the board's corners where its own shape is known; as drawn by default.
@@ -104,47 +104,47 @@ def examine(
         When no frame shows the board to two cameras of the rig.
     """
     board_mm = corner_points_mm(board) if corners_mm is None else corners_mm
-    names = [name for name in rig.cameras if name in sightings.cameras]
-    residuals: dict[str, dict[str, Residuals]] = {name: {} for name in names}
+    names = [name for name in rig.cameras if name in detections.cameras]
+    residuals: dict[str, dict[str, ViewResiduals]] = {name: {} for name in names}
     edges: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []
-    for frame in sightings.frames:
-        views = {name: sightings.views[name][frame] for name in names if frame in sightings.views[name]}
+    for frame in detections.frames:
+        views = {name: detections.views[name][frame] for name in names if frame in detections.views[name]}
         if len(views) < 2:
             continue
-        core_from_board = board_pose(rig, views, board_mm)
+        core_from_board = fit_board_pose(rig, views, board_mm)
         for name, corners in views.items():
             predicted = project_board(rig, name, core_from_board, board_mm[corners.ids])
-            residuals[name][frame] = Residuals(corners.ids, corners.pixels, corners.pixels - predicted)
-        points = _triangulated(rig, views, len(board_mm), kernels)
-        edges.append(_edge_errors(points, board_mm, board))
-        heights.append(_form_errors(points, board_mm))
+            residuals[name][frame] = ViewResiduals(corners.ids, corners.pixels, corners.pixels - predicted)
+        points = _triangulate_corners(rig, views, len(board_mm), kernels)
+        edges.append(_compute_edge_errors(points, board_mm, board))
+        heights.append(_compute_form_errors(points, board_mm))
     if not edges:
         raise CalibrationError(
             "no frame shows the board to two cameras of the rig; take views that they share"
         )
     numbers = np.repeat(np.arange(len(edges)), [len(e) for e in edges])
-    return Evidence(residuals, len(edges), np.concatenate(edges), numbers, np.concatenate(heights))
+    return RigErrors(residuals, len(edges), np.concatenate(edges), numbers, np.concatenate(heights))
 
 
-def score(*evidence: Evidence) -> Score:
+def summarise_errors(*rig_errors: RigErrors) -> Score:
     """Sum up one or several folds of evidence."""
-    lengths = np.linalg.norm(np.concatenate([e.errors_px() for e in evidence]), axis=1)
-    edges = np.concatenate([e.edge_errors_mm for e in evidence])
-    heights = np.concatenate([e.plane_distances_mm for e in evidence])
+    lengths = np.linalg.norm(np.concatenate([e.compute_errors_px() for e in rig_errors]), axis=1)
+    edges = np.concatenate([e.edge_errors_mm for e in rig_errors])
+    heights = np.concatenate([e.plane_distances_mm for e in rig_errors])
     return Score(
-        views=sum(len(views) for e in evidence for views in e.residuals.values()),
-        frames=sum(e.frames for e in evidence),
+        views=sum(len(views) for e in rig_errors for views in e.residuals.values()),
+        frames=sum(e.frames for e in rig_errors),
         corners=len(lengths),
-        rms_px=_rms(lengths),
+        rms_px=_compute_rms(lengths),
         median_px=float(np.median(lengths)),
         square_bias_mm=float(edges.mean()) if edges.size else float("nan"),
-        square_rms_mm=_rms(edges),
-        planarity_rms_mm=_rms(heights),
+        square_rms_mm=_compute_rms(edges),
+        planarity_rms_mm=_compute_rms(heights),
     )
 
 
-def _rms(values: NDArray[np.float64]) -> float:
+def _compute_rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt((values**2).mean())) if values.size else float("nan")
 
 
@@ -155,7 +155,7 @@ def project_board(
     return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
 
 
-def _triangulated(
+def _triangulate_corners(
     rig: Rig, views: Mapping[str, Corners], count: int, kernels: Kernels
 ) -> NDArray[np.float64]:
     """(count, 3) corners in the core frame, mm; NaN where fewer than two cameras see one (Eqs. 2-3)."""
@@ -166,7 +166,7 @@ def _triangulated(
     return kernels.triangulate(np.stack([rig.projection(name) for name in views]), pixels, threads=1)
 
 
-def _edge_errors(
+def _compute_edge_errors(
     points_mm: NDArray[np.float64], board_mm: NDArray[np.float64], board: Board
 ) -> NDArray[np.float64]:
     """Measured minus true length of every edge of a square of which both ends were triangulated."""
@@ -175,7 +175,9 @@ def _edge_errors(
     return (lengths - true)[np.isfinite(lengths)]
 
 
-def _form_errors(points_mm: NDArray[np.float64], board_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_form_errors(
+    points_mm: NDArray[np.float64], board_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Out-of-plane distance of triangulated corners from the board, laid on them as a rigid body (Kabsch)."""
     known = np.isfinite(points_mm).all(axis=1)
     if known.sum() < 8:

@@ -12,25 +12,25 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.corners import Corners, Sightings
-from beltscape.calibrate.detect import Variant, detector, to_8_bit
-from beltscape.calibrate.diagnose import describe_what_is_there
-from beltscape.calibrate.steady import one_thread
+from beltscape.calibrate.corners import BoardDetections, Corners
+from beltscape.calibrate.detect import PrintVariant, convert_to_8_bit, make_detector
+from beltscape.calibrate.diagnose import describe_shown_board
+from beltscape.calibrate.steady import single_thread
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.images import read_image
 from beltscape.target.board import Board, CharucoBoard
 
-NOTHING_THERE = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
+NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def find_board(
-    capture: Capture, board: Board, reporter: Reporter, *, variant: Variant | None = None
-) -> tuple[Sightings, Variant]:
+def detect_board(
+    capture: Capture, board: Board, reporter: Reporter, *, variant: PrintVariant | None = None
+) -> tuple[BoardDetections, PrintVariant]:
     """The board's corners in every image of a capture, and how the board turned out to be printed.
 
     Images that cannot be read or have another size than the rest of their camera are named and left out.
@@ -44,39 +44,41 @@ def find_board(
         reporter.warn(line)
     if variant is None:
         variant = _find_variant(capture, board)
-    detect = detector(board, variant)
+    detect = make_detector(board, variant)
     jobs = [(camera, frame, path) for camera, files in capture.files.items() for frame, path in files.items()]
 
-    def look(job: tuple[str, str, Path]) -> tuple[tuple[int, int], Corners | None] | str:
+    def detect_in_file(job: tuple[str, str, Path]) -> tuple[tuple[int, int], Corners | None] | str:
         try:
             image = read_image(job[2])
         except InputError as error:
             return f"{error}; going on without this image"
         return (image.shape[1], image.shape[0]), detect(image)
 
-    with one_thread():
-        results = list(zip(jobs, _in_parallel(look, jobs, reporter, "finding the board"), strict=True))
-    sightings = _collect(capture, results, reporter)
-    if not sightings.cameras:
+    with single_thread():
+        results = list(
+            zip(jobs, _map_parallel(detect_in_file, jobs, reporter, "finding the board"), strict=True)
+        )
+    detections = _collect_detections(capture, results, reporter)
+    if not detections.cameras:
         raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
-    if not any(sightings.views.values()):
-        raise InputError(_nothing_found(capture, board, variant))
-    for camera, views in sightings.views.items():
-        if not views and _mirrored(capture.only((camera,)), board, variant):
+    if not any(detections.views.values()):
+        raise InputError(_describe_failure(capture, board, variant))
+    for camera, views in detections.views.items():
+        if not views and _is_mirrored(capture.only((camera,)), board, variant):
             reporter.warn(
                 f"{capture.folder / camera}: the images are mirrored; switch mirroring off in the camera"
             )
-    return sightings, variant
+    return detections, variant
 
 
-def _mirrored(capture: Capture, board: Board, variant: Variant) -> bool:
+def _is_mirrored(capture: Capture, board: Board, variant: PrintVariant) -> bool:
     """Whether the board shows once the images are flipped left to right."""
-    detect = detector(board, variant)
-    flipped = (np.ascontiguousarray(image[:, ::-1]) for image in _sample(capture, 6))
+    detect = make_detector(board, variant)
+    flipped = (np.ascontiguousarray(image[:, ::-1]) for image in _sample_images(capture, 6))
     return any(detect(image) is not None for image in flipped)
 
 
-def _in_parallel(
+def _map_parallel(
     work: Callable[[Item], Result], items: list[Item], reporter: Reporter, stage: str
 ) -> Iterator[Result]:
     """Results in the order of the items, whatever the number of threads."""
@@ -89,11 +91,11 @@ def _in_parallel(
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _collect(
+def _collect_detections(
     capture: Capture,
     results: list[tuple[tuple[str, str, Path], tuple[tuple[int, int], Corners | None] | str]],
     reporter: Reporter,
-) -> Sightings:
+) -> BoardDetections:
     sizes: dict[str, tuple[int, int]] = {}
     views: dict[str, dict[str, Corners]] = {}
     for camera in capture.cameras:
@@ -117,45 +119,49 @@ def _collect(
                 )
             elif corners is not None:
                 views[camera][frame] = corners
-    return Sightings(sizes, views, {name: len(capture.files[name]) for name in sizes})
+    return BoardDetections(sizes, views, {name: len(capture.files[name]) for name in sizes})
 
 
-def _sample(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
+def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
     """Up to ``count`` readable images, spread over cameras and frames."""
     frames = capture.frames
     order = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
-    taken = 0
+    read_count = 0
     for frame in order:
         for files in capture.files.values():
-            if frame in files and taken < count:
+            if frame in files and read_count < count:
                 try:
-                    image = to_8_bit(read_image(files[frame]))
+                    image = convert_to_8_bit(read_image(files[frame]))
                 except InputError:
                     continue
-                taken += 1
+                read_count += 1
                 yield image
 
 
-def _find_variant(capture: Capture, board: Board) -> Variant:
+def _find_variant(capture: Capture, board: Board) -> PrintVariant:
     """Legacy or not, inverted or not: what board.toml leaves open is tried and told."""
     if not isinstance(board, CharucoBoard):
-        return Variant()
+        return PrintVariant()
     options = [
-        Variant(legacy, inverted) for inverted in _open(board.inverted) for legacy in _open(board.legacy)
+        PrintVariant(legacy, inverted)
+        for inverted in _list_options(board.inverted)
+        for legacy in _list_options(board.legacy)
     ]
-    return options[0] if len(options) == 1 else _most_corners(options, board, _sample(capture, 24))
+    return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
 
 
-def _open(flag: bool | None) -> tuple[bool, ...]:
+def _list_options(flag: bool | None) -> tuple[bool, ...]:
     return (False, True) if flag is None else (flag,)
 
 
-def _most_corners(options: list[Variant], board: Board, images: Iterable[NDArray[np.uint8]]) -> Variant:
+def _select_variant(
+    options: list[PrintVariant], board: Board, images: Iterable[NDArray[np.uint8]]
+) -> PrintVariant:
     """The variant with the most corners; the first of equals. Stops as soon as one is clearly ahead."""
     counts = [0] * len(options)
     for image in images:
         for i, option in enumerate(options):
-            corners = detector(board, option)(image)
+            corners = make_detector(board, option)(image)
             counts[i] += len(corners) if corners else 0
         best, second = sorted(counts, reverse=True)[:2]
         if best >= 60 and best > 3 * second:
@@ -163,12 +169,14 @@ def _most_corners(options: list[Variant], board: Board, images: Iterable[NDArray
     return options[int(np.argmax(counts))]
 
 
-def _nothing_found(capture: Capture, board: Board, variant: Variant) -> str:
-    said = f"{capture.folder}: no image shows the board ({board.describe()})"
+def _describe_failure(capture: Capture, board: Board, variant: PrintVariant) -> str:
+    message = f"{capture.folder}: no image shows the board ({board.describe()})"
     if isinstance(board, CharucoBoard):
-        others = [Variant(legacy, inverted) for inverted in (False, True) for legacy in (False, True)]
-        best = _most_corners(others, board, _sample(capture, 12))
-        if best != variant and any(detector(board, best)(image) for image in _sample(capture, 12)):
-            return f"{said}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
-    there = describe_what_is_there(_sample(capture, 12), board)
-    return f"{said}; " + (f"they show {there}: correct board.toml" if there else NOTHING_THERE)
+        others = [PrintVariant(legacy, inverted) for inverted in (False, True) for legacy in (False, True)]
+        best = _select_variant(others, board, _sample_images(capture, 12))
+        if best != variant and any(
+            make_detector(board, best)(image) for image in _sample_images(capture, 12)
+        ):
+            return f"{message}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
+    shown = describe_shown_board(_sample_images(capture, 12), board)
+    return f"{message}; " + (f"they show {shown}: correct board.toml" if shown else NO_BOARD)

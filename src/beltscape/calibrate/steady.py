@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
+def single_thread() -> Iterator[None]:
     """Parallel sums of OpenCV and of BLAS depend on the number of threads in their last digits; these do not.
 
     The matrices are small: one thread is also the fastest.

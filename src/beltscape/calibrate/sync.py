@@ -9,19 +9,19 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.intrinsics import Monocular
+from beltscape.calibrate.intrinsics import MonocularCalibration
 from beltscape.core.pose import Pose
 
 SHIFTS = range(-3, 4)
 MIN_FRAMES = 5
-CLEARLY = 0.2
+CLEAR_IMPROVEMENT = 0.2
 """A shift counts when it leaves less than this share of the scatter."""
-TORN = 0.05
+MAX_SCATTER = 0.05
 """Relative poses that scatter by more than this share of the distance do not belong together."""
 
 
 @dataclass(frozen=True, slots=True)
-class Misfit:
+class FrameMisfit:
     """A camera whose frames do not belong to the others'."""
 
     camera: str
@@ -45,7 +45,9 @@ class Misfit:
         )
 
 
-def misfits(cameras: Mapping[str, Monocular], frames: Sequence[str]) -> tuple[Misfit, ...]:
+def find_frame_misfits(
+    cameras: Mapping[str, MonocularCalibration], frames: Sequence[str]
+) -> tuple[FrameMisfit, ...]:
     """Cameras whose frames are shifted against the majority's, or torn from them.
 
     Two cameras stand still about each other, so the pose between them is the same in every frame; where it
@@ -54,74 +56,82 @@ def misfits(cameras: Mapping[str, Monocular], frames: Sequence[str]) -> tuple[Mi
     fits = {
         (a, b): fit
         for a, b in combinations(cameras, 2)
-        if (fit := _best_shift(cameras[a], cameras[b], frames)) is not None
+        if (fit := _fit_shift(cameras[a], cameras[b], frames)) is not None
     }
-    together = _largest_agreeing(list(cameras), fits)
+    together = _find_largest_consistent(list(cameras), fits)
     return tuple(
-        Misfit(name, _shift_against(name, together, fits), tuple(together))
+        FrameMisfit(name, _find_shift(name, together, fits), tuple(together))
         for name in cameras
-        if name not in together and _mostly_bad(name, together, fits)
+        if name not in together and _is_mostly_inconsistent(name, together, fits)
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
+class _ShiftFit:
     shift: int
     """Frames by which the second camera's names are to be moved to fit the first's."""
-    together: bool
+    is_consistent: bool
     """Whether the poses agree after the shift."""
 
     @property
-    def good(self) -> bool:
-        return self.together and self.shift == 0
+    def is_synchronous(self) -> bool:
+        return self.is_consistent and self.shift == 0
 
 
-def _largest_agreeing(names: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> list[str]:
+def _find_largest_consistent(names: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> list[str]:
     """The largest set of cameras of which no two disagree, grown from each camera in turn; of equals the first."""
     groups = []
-    for seed in names:
-        group = [seed]
+    for first_name in names:
+        group = [first_name]
         for name in names:
-            if name != seed and all(_fit(name, other, fits) is not False for other in group):
+            if name != first_name and all(_is_synchronous(name, other, fits) is not False for other in group):
                 group.append(name)
         groups.append([name for name in names if name in group])
     return max(groups, key=len, default=[])
 
 
-def _mostly_bad(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> bool:
-    known = [good for other in others if (good := _fit(name, other, fits)) is not None]
+def _is_mostly_inconsistent(
+    name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]
+) -> bool:
+    known = [good for other in others if (good := _is_synchronous(name, other, fits)) is not None]
     return 2 * known.count(False) > len(known)
 
 
-def _fit(a: str, b: str, fits: Mapping[tuple[str, str], _Fit]) -> bool | None:
+def _is_synchronous(a: str, b: str, fits: Mapping[tuple[str, str], _ShiftFit]) -> bool | None:
     """Whether two cameras agree; None where too few frames tell."""
     fit = fits.get((a, b)) or fits.get((b, a))
-    return None if fit is None else fit.good
+    return None if fit is None else fit.is_synchronous
 
 
-def _shift_against(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _Fit]) -> int | None:
+def _find_shift(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> int | None:
     shifts = [
         fit.shift if b == name else -fit.shift
         for (a, b), fit in fits.items()
-        if fit.together and ((a == name and b in others) or (b == name and a in others))
+        if fit.is_consistent and ((a == name and b in others) or (b == name and a in others))
     ]
     return shifts[0] if shifts and len(set(shifts)) == 1 and shifts[0] != 0 else None
 
 
-def _best_shift(first: Monocular, second: Monocular, frames: Sequence[str]) -> _Fit | None:
+def _fit_shift(
+    first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str]
+) -> _ShiftFit | None:
     """How the second camera's frames fit the first's; None where too few are shared to tell."""
     scatters = {
-        shift: scatter for shift in SHIFTS if (scatter := _scatter(first, second, frames, shift)) is not None
+        shift: scatter
+        for shift in SHIFTS
+        if (scatter := _compute_scatter(first, second, frames, shift)) is not None
     }
     if 0 not in scatters:
         return None
     best = min(scatters, key=lambda shift: (scatters[shift], abs(shift)))
-    if scatters[best] > CLEARLY * scatters[0]:
+    if scatters[best] > CLEAR_IMPROVEMENT * scatters[0]:
         best = 0
-    return _Fit(best, scatters[best] < TORN)
+    return _ShiftFit(best, scatters[best] < MAX_SCATTER)
 
 
-def _scatter(first: Monocular, second: Monocular, frames: Sequence[str], shift: int) -> float | None:
+def _compute_scatter(
+    first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str], shift: int
+) -> float | None:
     """Median scatter of the relative pose, as a share of the distance to the board."""
     poses: list[Pose] = []
     distances: list[float] = []
@@ -136,8 +146,8 @@ def _scatter(first: Monocular, second: Monocular, frames: Sequence[str], shift: 
     distance = float(np.median(distances))
     centers = np.array([pose.center_mm for pose in poses])
     axes = np.array([pose.rotation[2] for pose in poses]) * distance
-    return float(np.hypot(_spread(centers), _spread(axes)) / distance)
+    return float(np.hypot(_compute_spread(centers), _compute_spread(axes)) / distance)
 
 
-def _spread(points: NDArray[np.float64]) -> float:
+def _compute_spread(points: NDArray[np.float64]) -> float:
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))

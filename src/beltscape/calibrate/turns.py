@@ -9,7 +9,7 @@ from beltscape.core.pose import Pose
 from beltscape.target.board import Board, Chessboard, corner_points_mm
 
 
-def quarter_turns(board: Board) -> tuple[int, ...]:
+def list_quarter_turns(board: Board) -> tuple[int, ...]:
     """Quarter turns after which the corners of a board may be numbered as before; 0 is the first."""
     columns, rows = board.grid
     if not isinstance(board, Chessboard) or (columns + rows) % 2:
@@ -17,7 +17,7 @@ def quarter_turns(board: Board) -> tuple[int, ...]:
     return (0, 1, 2, 3) if columns == rows else (0, 2)
 
 
-def board_turn(board: Board, turn: int) -> Pose:
+def make_board_turn(board: Board, turn: int) -> Pose:
     """``board_from_turned``: the board's axes as drawn from those after quarter turns about its centre."""
     center = corner_points_mm(board).mean(axis=0)
     cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn % 4]
@@ -25,7 +25,7 @@ def board_turn(board: Board, turn: int) -> Pose:
     return Pose(rotation, center - rotation @ center)
 
 
-def turned_corners(corners: Corners, board: Board, turn: int) -> Corners:
+def turn_corners(corners: Corners, board: Board, turn: int) -> Corners:
     """The same corners of an image, numbered on a board after quarter turns; ids ascend again."""
     columns, rows = board.grid
     former = np.rot90(np.arange(columns * rows).reshape(rows, columns), turn).ravel()

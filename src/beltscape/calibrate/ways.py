@@ -17,19 +17,21 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """A measured way between two cameras, ``pose = true @ exp(gain ξ)``, ξ (6P,) the errors of all pairs in turn."""
+class PoseChain:
+    """A measured way between two cameras, ``pose = true @ exp(jacobian ξ)``, ξ (6P,) the errors of all pairs in turn."""
 
     pose: Pose
-    gain: Array
+    jacobian: Array
     """(6, 6P)."""
 
-    def then(self, other: Step) -> Step:
+    def extend(self, other: PoseChain) -> PoseChain:
         """Go on by ``other`` from where one ends."""
-        return Step(other.pose @ self.pose, adjoint(self.pose.inverse()) @ other.gain + self.gain)
+        return PoseChain(
+            other.pose @ self.pose, adjoint(self.pose.inverse()) @ other.jacobian + self.jacobian
+        )
 
 
-def measured(pairs: Sequence[Pair], origin: str, to: str) -> Step:
+def find_pair_chain(pairs: Sequence[Pair], origin: str, to: str) -> PoseChain:
     """The pair between two cameras as ``to_from_origin``.
 
     Raises
@@ -38,17 +40,17 @@ def measured(pairs: Sequence[Pair], origin: str, to: str) -> Step:
         When the two were not measured together.
     """
     for i, pair in enumerate(pairs):
-        gain = np.zeros((6, 6 * len(pairs)))
+        jacobian = np.zeros((6, 6 * len(pairs)))
         if (pair.first, pair.second) == (origin, to):
-            gain[:, 6 * i : 6 * i + 6] = np.eye(6)
-            return Step(pair.second_from_first, gain)
+            jacobian[:, 6 * i : 6 * i + 6] = np.eye(6)
+            return PoseChain(pair.second_from_first, jacobian)
         if (pair.first, pair.second) == (to, origin):
-            gain[:, 6 * i : 6 * i + 6] = -adjoint(pair.second_from_first)
-            return Step(pair.second_from_first.inverse(), gain)
+            jacobian[:, 6 * i : 6 * i + 6] = -adjoint(pair.second_from_first)
+            return PoseChain(pair.second_from_first.inverse(), jacobian)
     raise KeyError((origin, to))
 
 
-def triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
+def list_triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
     """Every three of some cameras of which all three pairs were measured, in the pairs' order."""
     known = {frozenset((pair.first, pair.second)) for pair in pairs}
     wanted = set(cameras)
@@ -60,17 +62,17 @@ def triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, 
     ]
 
 
-def joint_covariance(pairs: Sequence[Pair]) -> Array:
+def compute_joint_covariance(pairs: Sequence[Pair]) -> Array:
     """(6P, 6P) of the errors of all pairs, with what pairs have in common because they share corners."""
     joint = np.zeros((6 * len(pairs), 6 * len(pairs)))
     by_camera: dict[str, list[int]] = {}
     for i, pair in enumerate(pairs):
-        if not pair.influence:
+        if not pair.sensitivity:
             joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
-        for name in pair.influence:
+        for name in pair.sensitivity:
             by_camera.setdefault(name, []).append(i)
     for name, own in by_camera.items():
         columns = np.concatenate([np.arange(6 * i, 6 * i + 6) for i in own])
-        shared = np.concatenate([pairs[i].influence[name] for i in own], axis=1)
+        shared = np.concatenate([pairs[i].sensitivity[name] for i in own], axis=1)
         joint[np.ix_(columns, columns)] += shared.T @ shared
     return joint

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.cli.arguments import add_output_folder
-from beltscape.cli.fit import doubt_lines
+from beltscape.cli.fit import format_findings
 from beltscape.core.progress import Reporter
 
 
@@ -49,7 +49,7 @@ def summary(result: Mapping[str, Any]) -> str:
     given = [name for name, camera in result["cameras"].items() if camera["intrinsics"] == "given"]
     return "\n".join(
         [
-            *doubt_lines(result["fit"]),
+            *format_findings(result["fit"]),
             f"{len(result['cameras'])} cameras about {result['core']}; {kind}: {score['rms_px']:.3f} px RMS, "
             f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
             f"RMS {score['square_rms_mm']:.4f} mm",

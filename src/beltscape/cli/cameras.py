@@ -28,14 +28,14 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from dataclasses import asdict
 
     from beltscape.sources.genicam import inspection
-    from beltscape.sources.genicam.aravis import found_cameras
+    from beltscape.sources.genicam.aravis import find_cameras
 
     settings = None if arguments.check is None else _settings(arguments.check)
-    found = [{**asdict(one), **asdict(inspection.inspect(one.device))} for one in found_cameras()]
+    found = [{**asdict(one), **asdict(inspection.inspect_camera(one.device))} for one in find_cameras()]
     for one in found:
         if one["trouble"]:
             reporter.warn(f"{one['device']} ({one['address']}): {one['trouble']}")
-    check = {} if settings is None else {name: inspection.check(name, settings) for name in settings.devices}
+    check = {} if settings is None else {name: inspection.check_settings(name, settings) for name in settings.devices}
     return {"cameras": found, "check": check}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.fit import doubt_lines
+from beltscape.cli.fit import format_findings
 from beltscape.core.progress import Reporter
 
 
@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         "score": found.score.document(),
         "cameras": {
             name: {frame: view.rms_px for frame, view in views.items()}
-            for name, views in found.evidence.residuals.items()
+            for name, views in found.rig_errors.residuals.items()
         },
     }
 
@@ -41,7 +41,7 @@ def summary(result: Mapping[str, Any]) -> str:
     """The result in a few lines: what speaks against the rig first."""
     s = result["score"]
     lines = [
-        *doubt_lines(result["fit"]),
+        *format_findings(result["fit"]),
         f"{s['frames']} frames, {s['views']} views, {s['corners']} corners",
         f"reprojection   RMS {s['rms_px']:.3f} px, median {s['median_px']:.3f} px",
         f"square edge    bias {s['square_bias_mm']:+z.4f} mm, RMS {s['square_rms_mm']:.4f} mm",

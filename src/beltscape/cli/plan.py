@@ -66,29 +66,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Plan the rig."""
-    from beltscape.pipeline.plan import plan_settings, write_plan
-    from beltscape.plan.document import plan_document
+    from beltscape.pipeline.plan import read_plan_settings, write_plan
+    from beltscape.plan.document import plan_to_document
     from beltscape.plan.plan import make_plan
 
-    plan = make_plan(plan_settings(arguments.plan, _told(arguments)))
+    plan = make_plan(read_plan_settings(arguments.plan, _read_overrides(arguments)))
     for warning in plan.warnings:
         reporter.warn(warning)
     if arguments.out is not None:
         write_plan(arguments.out, plan)
-    return {**plan_document(plan), "report": arguments.out and arguments.out / "report.html"}
+    return {**plan_to_document(plan), "report": arguments.out and arguments.out / "report.html"}
 
 
-def _told(arguments: argparse.Namespace) -> dict[str, Any]:
+def _read_overrides(arguments: argparse.Namespace) -> dict[str, Any]:
     """What was given on the command line, in plan.toml's form."""
-    told: dict[str, Any] = {}
+    overrides: dict[str, Any] = {}
     for option in _OPTIONS:
         value = getattr(arguments, option.flag[2:].replace("-", "_"))
         if value is None:
             continue
         *tables, key = option.key.split(".")
-        place = told.setdefault(tables[0], {}) if tables else told
+        place = overrides.setdefault(tables[0], {}) if tables else overrides
         place[key] = value
-    return told
+    return overrides
 
 
 def summary(result: Mapping[str, Any]) -> str:

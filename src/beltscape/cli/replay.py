@@ -31,20 +31,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Replay it, and write what was counted."""
+    """Replay it, and write what was format_summary."""
     from beltscape.pipeline.live.assembly import Ways
     from beltscape.service.plant import run_plant
-    from beltscape.service.project import open_project, replaying
-    from beltscape.service.until import log_to_stderr, stop_signal
+    from beltscape.service.project import open_project, substitute_capture
+    from beltscape.service.until import log_to_stderr, make_stop_event
 
-    project = replaying(open_project(arguments.project), arguments.capture)
+    project = substitute_capture(open_project(arguments.project), arguments.capture)
     log_to_stderr()
     ways = Ways(data=arguments.out, paced=arguments.speed == "real", record=False)
-    return run_plant(project, ways, stop_signal(), page=arguments.page)
+    return run_plant(project, ways, make_stop_event(), page=arguments.page)
 
 
 def summary(result: Mapping[str, Any]) -> str:
     """The result in a few lines."""
-    from beltscape.service.until import counted
+    from beltscape.service.until import format_summary
 
-    return counted(result)
+    return format_summary(result)

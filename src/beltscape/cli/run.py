@@ -25,9 +25,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM, or the end of a capture."""
     from beltscape.pipeline.live.assembly import Ways
     from beltscape.service.check import check_plant
-    from beltscape.service.plant import days_left, run_plant
+    from beltscape.service.plant import make_expiry_counter, run_plant
     from beltscape.service.project import open_project
-    from beltscape.service.until import log_to_stderr, stop_signal, watchdog
+    from beltscape.service.until import log_to_stderr, make_stop_event, make_watchdog
 
     project = open_project(arguments.project)
     if arguments.check:
@@ -38,10 +38,10 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     web = project.settings.web
     ways = Ways(
         data=project.place(project.settings.data),
-        certificate_days=days_left(web.tls_certificate, web.tls_key),
-        alive=watchdog(),
+        certificate_days=make_expiry_counter(web.tls_certificate, web.tls_key),
+        alive=make_watchdog(),
     )
-    return run_plant(project, ways, stop_signal(), page=not arguments.no_page)
+    return run_plant(project, ways, make_stop_event(), page=not arguments.no_page)
 
 
 def summary(result: Mapping[str, Any]) -> str:
@@ -49,6 +49,6 @@ def summary(result: Mapping[str, Any]) -> str:
     if result.get("checked"):
         parts = (f"{name:<8} {line}" for name, line in result["parts"].items())
         return "\n".join([f"{result['project']}: the settings fit", *parts])
-    from beltscape.service.until import counted
+    from beltscape.service.until import format_summary
 
-    return counted(result)
+    return format_summary(result)

@@ -38,22 +38,24 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Render the capture."""
     from beltscape.pipeline.simulation import read_scenario, simulate
 
-    return simulate(read_scenario(arguments.scene, _told(arguments)), arguments.out, reporter)
+    return simulate(read_scenario(arguments.scene, _read_overrides(arguments)), arguments.out, reporter)
 
 
-def _told(arguments: argparse.Namespace) -> dict[str, Any]:
+def _read_overrides(arguments: argparse.Namespace) -> dict[str, Any]:
     """What was given on the command line, in the scene file's form."""
     rig = {
         "scale": SIZES[arguments.size] if arguments.size else None,
         "file": str(arguments.rig) if arguments.rig else None,
         "height_mm": arguments.height,
     }
-    told: dict[str, Any] = {"frames": arguments.frames, "seed": arguments.seed}
-    told["rig"] = {key: value for key, value in rig.items() if value is not None}
-    told["speckle"] = False if arguments.no_speckle else None
-    told["tof"] = {} if arguments.tof else None
+    overrides: dict[str, Any] = {"frames": arguments.frames, "seed": arguments.seed}
+    overrides["rig"] = {key: value for key, value in rig.items() if value is not None}
+    overrides["speckle"] = False if arguments.no_speckle else None
+    overrides["tof"] = {} if arguments.tof else None
     return {
-        key: value for key, value in told.items() if value not in (None, {}) or (key == "tof" and value == {})
+        key: value
+        for key, value in overrides.items()
+        if value not in (None, {}) or (key == "tof" and value == {})
     }
 
 

@@ -89,7 +89,7 @@ def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Ma
     from beltscape.pipeline.pattern_files import write_pattern_files
     from beltscape.target.pattern import PRESETS, PatternSettings, make_pattern
 
-    told = {
+    overrides = {
         "size_px": arguments.size,
         "seed": arguments.seed,
         "count": PRESETS[arguments.preset] if arguments.dots is None else arguments.dots,
@@ -100,7 +100,7 @@ def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Ma
         "background": arguments.background,
         "marker_color": arguments.marker_color,
     }
-    pattern = make_pattern(validated(Path("target pattern"), PatternSettings, told))
+    pattern = make_pattern(validated(Path("target pattern"), PatternSettings, overrides))
     reporter.step("throwing dots", 1, 2)
     files, quality = write_pattern_files(out, pattern, bits=arguments.bits, image_format=arguments.format)
     reporter.step("drawing", 2, 2)
@@ -123,7 +123,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
 
     marks = {"marker": arguments.marker, "dictionary": arguments.dictionary}
     if arguments.corners is not None:
-        model, told = Chessboard, {"corners": arguments.corners, "square_mm": arguments.square}
+        model, overrides = Chessboard, {"corners": arguments.corners, "square_mm": arguments.square}
         for option, value in marks.items():
             if value is not None:
                 raise SettingsError(
@@ -136,7 +136,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
                 raise SettingsError(
                     f"--{option} is missing; a ChArUco board needs --marker MM and --dictionary NAME"
                 )
-        told = {
+        overrides = {
             "squares": arguments.squares,
             "square_mm": arguments.square,
             "marker_mm": arguments.marker,
@@ -144,7 +144,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
         }
     if not 20 <= arguments.dpi <= 2400:
         raise SettingsError(f"--dpi {arguments.dpi:g}: give a resolution from 20 to 2400")
-    printed = lay_out(validated(Path("target board"), model, told), arguments.page)
+    printed = lay_out(validated(Path("target board"), model, overrides), arguments.page)
     files = write_board_files(out, printed, arguments.dpi)
     reporter.step("drawing", 1, 1)
     return {

@@ -10,17 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibrate.adjust import Adjusted, adjust
-from beltscape.calibrate.chain import Chain, solve
-from beltscape.calibrate.corners import Sightings
-from beltscape.calibrate.detect import Variant
-from beltscape.calibrate.fit_doubts import calibration_doubts
-from beltscape.calibrate.fit_quality import FitQuality, assess_fit, camera_fits
-from beltscape.calibrate.guidance import NextPose, next_pose
-from beltscape.calibrate.heldout import HeldOut, held_out_score
-from beltscape.calibrate.score import Evidence, Score, examine, score
-from beltscape.calibrate.sightings import find_board
-from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance, depth_sigma, rig_covariance
+from beltscape.calibrate.adjust import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibrate.chain import HierarchyResult, solve_hierarchy
+from beltscape.calibrate.corners import BoardDetections
+from beltscape.calibrate.detect import PrintVariant
+from beltscape.calibrate.fit_doubts import list_calibration_findings
+from beltscape.calibrate.fit_quality import FitQuality, assess_fit, compute_camera_fits
+from beltscape.calibrate.guidance import NextBestView, find_next_best_view
+from beltscape.calibrate.heldout import CrossValidation, cross_validate
+from beltscape.calibrate.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibrate.sightings import detect_board
+from beltscape.calibrate.uncertainty import (
+    DepthSigma,
+    RigCovariance,
+    compute_depth_sigma,
+    compute_rig_covariance,
+)
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import RecordingReporter, Reporter
 from beltscape.core.rig import Rig
@@ -30,11 +35,11 @@ from beltscape.kernels import load
 from beltscape.pipeline.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import Board
 
-SPLIT_LIMIT = 2.0
+MAX_SPLIT_RATIO = 2.0
 """Halves of the views may differ so much more than their covariances say."""
-LEAST_BASELINE = 1e-3
+MIN_BASELINE = 1e-3
 """Cameras less than this share of the board's distance apart measure no depth: a planned rig has 0.1 and more."""
-NEAREST_MM, FARTHEST_MM = 90.0, 30_000.0
+MIN_DISTANCE_MM, MAX_DISTANCE_MM = 90.0, 30_000.0
 """A board outside these distances was hardly meant."""
 
 
@@ -44,18 +49,18 @@ class Calibration:
 
     capture: Capture
     board: Board
-    variant: Variant
-    sightings: Sightings
-    chain: Chain
-    adjusted: Adjusted
+    variant: PrintVariant
+    detections: BoardDetections
+    hierarchy: HierarchyResult
+    adjustment: BundleAdjustmentResult
     rig: Rig
     """The final rig, with its scores and its covariance."""
     covariance: RigCovariance
     depth_sigma: tuple[DepthSigma, ...]
     """What the calibration does to depths at the nearest, middle and farthest boards."""
-    next_pose: NextPose | None
+    next_best_view: NextBestView | None
     """The most useful further view."""
-    evidence: Evidence
+    rig_errors: RigErrors
     training: Score
     """On the very views the rig was found from: it flatters."""
     held_out: Score | None
@@ -96,117 +101,124 @@ def calibrate(
         raise InputError(
             f"{folder}: no camera {core or repr(core)} in it; it has {', '.join(capture.cameras)}"
         )
-    known = known.matched(capture, reporter) if known else KnownIntrinsics({})
-    sightings, variant = find_board(capture, board, reporter)
-    known.require_sizes(sightings.sizes_px)
-    chain = solve(sightings, board, core, reporter, known=known.cameras)
-    _require_baselines(chain, folder)
+    known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
+    detections, variant = detect_board(capture, board, reporter)
+    known.require_sizes(detections.sizes_px)
+    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras)
+    _require_baselines(hierarchy, folder)
     kernels = load()
-    own = chain.sightings
+    own = hierarchy.detections
     reporter.step("adjusting everything together", 0, 1)
-    adjusted = adjust(chain, board)
-    covariance = rig_covariance(adjusted)
+    adjustment = adjust_bundle(hierarchy, board)
+    covariance = compute_rig_covariance(adjustment)
     reporter.step("adjusting everything together", 1, 1)
-    evidence = examine(adjusted.rig, own, board, kernels, corners_mm=adjusted.geometry.points_mm)
+    rig_errors = compute_rig_errors(
+        adjustment.rig, own, board, kernels, corners_mm=adjustment.geometry.points_mm
+    )
     reporter.step("scoring on held-out views", 0, 1)
-    halves = held_out_score(own, board, chain.rig.core, kernels, known=known.cameras)
+    halves = cross_validate(own, board, hierarchy.rig.core, kernels, known=known.cameras)
     held_out = halves.score if halves else None
     reporter.step("scoring on held-out views", 1, 1)
-    _warn_of_distance(board, adjusted, reporter)
+    _warn_of_distance(board, adjustment, reporter)
     _warn_of_split(halves, reporter)
-    training = score(evidence)
-    fits = camera_fits(evidence, board.grid)
-    foreign = known.foreign(chain, sightings, board)
-    doubts = [*foreign.values(), *calibration_doubts(chain, fits, halves, training, explained=tuple(foreign))]
-    fit = assess_fit(held_out or training, evidence, board.grid, doubts)
-    others = [line for line in reporter.warnings if line not in fit.doubts]
-    for line in fit.doubts:
+    training = summarise_errors(rig_errors)
+    fits = compute_camera_fits(rig_errors, board.grid)
+    foreign = known.find_foreign(hierarchy, detections, board)
+    doubts = [
+        *foreign.values(),
+        *list_calibration_findings(hierarchy, fits, halves, training, explained=tuple(foreign)),
+    ]
+    fit = assess_fit(held_out or training, rig_errors, board.grid, doubts)
+    others = [line for line in reporter.warnings if line not in fit.findings]
+    for line in fit.findings:
         reporter.warn(line)
     rig = replace(
-        adjusted.rig,
-        quality=_quality(board, adjusted, covariance, held_out, training, fit),
+        adjustment.rig,
+        quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
     return Calibration(
         capture=capture,
         board=board,
         variant=variant,
-        sightings=sightings,
-        chain=chain,
-        adjusted=adjusted,
+        detections=detections,
+        hierarchy=hierarchy,
+        adjustment=adjustment,
         rig=rig,
         covariance=covariance,
-        depth_sigma=_depth_sigmas(rig, adjusted, covariance),
-        next_pose=next_pose(adjusted, covariance),
-        evidence=evidence,
+        depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
+        next_best_view=find_next_best_view(adjustment, covariance),
+        rig_errors=rig_errors,
         training=training,
         held_out=held_out,
         fit=fit,
-        given=tuple(name for name in adjusted.rig.cameras if name in known.cameras),
-        warnings=(*fit.doubts, *others),
+        given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
+        warnings=(*fit.findings, *others),
     )
 
 
-def _require_baselines(chain: Chain, folder: Path) -> None:
+def _require_baselines(hierarchy: HierarchyResult, folder: Path) -> None:
     """Raise CalibrationError where two cameras stand at the same place: no depth can be measured with them."""
-    centers = {name: pose.center_mm for name, pose in chain.rig.cam_from_core.items()}
+    centers = {name: pose.center_mm for name, pose in hierarchy.rig.cam_from_core.items()}
     boards = [
         pose.translation_mm[2]
-        for camera in chain.monocular.values()
+        for camera in hierarchy.monocular.values()
         for pose in camera.cam_from_board.values()
     ]
     for first, second in combinations(centers, 2):
         baseline = float(np.linalg.norm(centers[first] - centers[second]))
-        if baseline < LEAST_BASELINE * float(np.median(boards)):
+        if baseline < MIN_BASELINE * float(np.median(boards)):
             raise CalibrationError(
                 f"{folder}: cameras {first} and {second} stand at the same place ({baseline:.2g} mm apart); are the "
                 f"images of one a copy of the other's? Give each camera its own"
             )
 
 
-def _warn_of_split(halves: HeldOut | None, reporter: Reporter) -> None:
+def _warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
     """State it where the standard deviations are too small."""
-    if halves is not None and halves.split_ratio > SPLIT_LIMIT:
+    if halves is not None and halves.split_ratio > MAX_SPLIT_RATIO:
         reporter.warn(
             f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
             "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
         )
 
 
-def _warn_of_distance(board: Board, adjusted: Adjusted, reporter: Reporter) -> None:
+def _warn_of_distance(board: Board, adjustment: BundleAdjustmentResult, reporter: Reporter) -> None:
     """State it where the board's size is not believable."""
-    distance = float(np.median(adjusted.geometry.board_translation_mm[:, 2]))
-    if not NEAREST_MM < distance < FARTHEST_MM:
-        factor, unit = (10, "centimetres") if distance < NEAREST_MM else (0.001, "micrometres")
+    distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
+    if not MIN_DISTANCE_MM < distance < MAX_DISTANCE_MM:
+        factor, unit = (10, "centimetres") if distance < MIN_DISTANCE_MM else (0.001, "micrometres")
         reporter.warn(
             f"with square_mm = {board.square_mm:g} the board was {distance:.3g} mm away; was it given in {unit} "
             f"({board.square_mm * factor:g} mm)?"
         )
 
 
-def _quality(
+def _make_quality(
     board: Board,
-    adjusted: Adjusted,
+    adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
     held_out: Score | None,
     training: Score,
     fit: FitQuality,
 ) -> Mapping[str, Any]:
     """What rig.json says of itself, with the board's own shape, which `check` needs."""
-    shaped = bool(np.any(adjusted.shape_mm))
+    shaped = bool(np.any(adjustment.shape_mm))
     return {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),
-        "fit": {"sound": fit.is_sound, "doubts": fit.doubts},
+        "fit": {"sound": fit.is_sound, "doubts": fit.findings},
         "sigma_inflation": covariance.inflation,
         "board": board.model_dump(),
-        "board_corners_mm": adjusted.geometry.points_mm if shaped else None,
+        "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
     }
 
 
-def _depth_sigmas(rig: Rig, adjusted: Adjusted, covariance: RigCovariance) -> tuple[DepthSigma, ...]:
-    geometry = adjusted.geometry
+def _compute_depth_sigmas(
+    rig: Rig, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> tuple[DepthSigma, ...]:
+    geometry = adjustment.geometry
     depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
     return tuple(
-        depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
+        compute_depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
     )

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibrate.adjust import Adjusted
-from beltscape.calibrate.detect import Variant
-from beltscape.calibrate.guidance import NextPose
+from beltscape.calibrate.adjust import BundleAdjustmentResult
+from beltscape.calibrate.detect import PrintVariant
+from beltscape.calibrate.guidance import NextBestView
 from beltscape.calibrate.network import Misclosure
 from beltscape.core.frames import Image
 from beltscape.files.atomic import write_text
@@ -29,13 +29,13 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
     write_rig(out / "rig.json", calibration.rig)
     write_json(out / "calibration.json", calibration_document(calibration))
     page = calibration_page(
-        calibration.chain,
-        calibration.adjusted,
+        calibration.hierarchy,
+        calibration.adjustment,
         calibration.covariance,
-        calibration.evidence,
+        calibration.rig_errors,
         calibration.board,
         calibration.depth_sigma,
-        calibration.next_pose,
+        calibration.next_best_view,
         _rejected_images(calibration),
         held_out=calibration.held_out,
         training=calibration.training,
@@ -48,7 +48,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
 def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
     """(why, image) of the views that were left out as a whole, for the report."""
     found: list[tuple[str, Image]] = []
-    for name, camera in calibration.chain.monocular.items():
+    for name, camera in calibration.hierarchy.monocular.items():
         for frame, why in camera.rejected.items():
             image = read_image(calibration.capture.files[name][frame])
             found.append((f"{name}, frame {frame}: {why}", image))
@@ -57,14 +57,14 @@ def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
 
 def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
     """calibration.json: what each level of the hierarchy found."""
-    chain, adjusted = calibration.chain, calibration.adjusted
+    hierarchy, adjustment = calibration.hierarchy, calibration.adjustment
     return {
         "format": "beltscape-calibration/1",
-        "core": chain.rig.core,
+        "core": hierarchy.rig.core,
         "board": {
             **calibration.board.model_dump(),
             **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
-            "off_drawing_rms_mm": np.sqrt((adjusted.shape_mm**2).mean(axis=0)),
+            "off_drawing_rms_mm": np.sqrt((adjustment.shape_mm**2).mean(axis=0)),
         },
         "fit": calibration.fit.document(),
         "held_out": calibration.held_out.document() if calibration.held_out else None,
@@ -73,9 +73,9 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
             for s in calibration.depth_sigma
         ],
-        "next_pose": _next_document(calibration.next_pose),
+        "next_pose": _next_document(calibration.next_best_view),
         "cameras": {name: _camera_document(calibration, name) for name in calibration.rig.cameras},
-        "corners_left_out": _corners_left_out(adjusted),
+        "corners_left_out": _corners_left_out(adjustment),
         "pairs": [
             {
                 "cameras": [pair.first, pair.second],
@@ -86,23 +86,23 @@ def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
                 "translation_mm": pair.second_from_first.translation_mm,
                 "rejected": pair.rejected,
             }
-            for pair in chain.network.pairs
+            for pair in hierarchy.network.pairs
         ],
-        "path_errors": [_closure_document(error) for error in chain.network.path_errors],
-        "loop_errors": [_closure_document(error) for error in chain.network.loop_errors],
+        "path_errors": [_closure_document(error) for error in hierarchy.network.path_errors],
+        "loop_errors": [_closure_document(error) for error in hierarchy.network.loop_errors],
         "warnings": calibration.warnings,
     }
 
 
 def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
-    camera, adjusted = calibration.chain.monocular[name], calibration.adjusted
+    camera, adjustment = calibration.hierarchy.monocular[name], calibration.adjustment
     final, index = calibration.rig.cameras[name], list(calibration.rig.cameras).index(name)
     covariance = calibration.covariance
     sigma = np.sqrt(np.diag(covariance.matrix))
-    of_camera = adjusted.bundle.observations.camera == index
+    of_camera = adjustment.bundle.observations.camera == index
     return {
-        "images": calibration.sightings.images[name],
-        "board_seen": len(calibration.sightings.views[name]),
+        "images": calibration.detections.images[name],
+        "board_seen": len(calibration.detections.views[name]),
         "views_used": len(camera.cam_from_board),
         "focal_px": final.focal_px,
         "center_px": final.center_px,
@@ -114,10 +114,10 @@ def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
         },
         "held": camera.held,
         "intrinsics": "given" if name in calibration.given else "estimated",
-        "noise_px": adjusted.sigma_px[index],
+        "noise_px": adjustment.sigma_px[index],
         "corners": int(of_camera.sum()),
-        "corners_left_out": int((of_camera & ~adjusted.kept).sum()),
-        "intrinsics_from_own_views": name in adjusted.alone,
+        "corners_left_out": int((of_camera & ~adjustment.kept).sum()),
+        "intrinsics_from_own_views": name in adjustment.own_view_cameras,
         "monocular": {
             "rms_px": camera.rms_px,
             "focal_px": camera.camera.focal_px,
@@ -126,15 +126,15 @@ def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
             "sigma": camera.sigma,
         },
         "rejected": camera.rejected,
-        "path_from_core": calibration.chain.network.paths[name],
+        "path_from_core": calibration.hierarchy.network.paths[name],
     }
 
 
-def _next_document(pose: NextPose | None) -> Mapping[str, Any] | None:
+def _next_document(pose: NextBestView | None) -> Mapping[str, Any] | None:
     if pose is None:
         return None
     return {
-        "enough": pose.enough,
+        "enough": pose.is_sufficient,
         "words": pose.describe(),
         "seen_by": pose.seen_by,
         "sigma_now_mm": pose.sigma_now_mm,
@@ -156,20 +156,20 @@ def _closure_document(error: Misclosure) -> Mapping[str, Any]:
     }
 
 
-def _corners_left_out(adjusted: Adjusted) -> list[Mapping[str, Any]]:
+def _corners_left_out(adjustment: BundleAdjustmentResult) -> list[Mapping[str, Any]]:
     """Every corner that the final adjustment did without, and how far off it was."""
-    o, names = adjusted.bundle.observations, list(adjusted.rig.cameras)
-    off = np.linalg.norm(adjusted.bundle.errors_px(adjusted.geometry), axis=1)
+    o, names = adjustment.bundle.observations, list(adjustment.rig.cameras)
+    off = np.linalg.norm(adjustment.bundle.compute_errors_px(adjustment.geometry), axis=1)
     return [
         {
             "camera": names[o.camera[i]],
-            "frame": adjusted.frames[o.frame[i]],
+            "frame": adjustment.frames[o.frame[i]],
             "corner": int(o.point[i]),
             "error_px": float(off[i]),
         }
-        for i in np.flatnonzero(~adjusted.kept)
+        for i in np.flatnonzero(~adjustment.kept)
     ]
 
 
-def _variant_document(variant: Variant) -> dict[str, bool]:
+def _variant_document(variant: PrintVariant) -> dict[str, bool]:
     return {"legacy": variant.legacy, "inverted": variant.inverted}

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from beltscape.calibrate.chain import SKEW_FACTOR, SKEW_PX, Chain
-from beltscape.calibrate.corners import Sightings
+from beltscape.calibrate.chain import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
+from beltscape.calibrate.corners import BoardDetections
 from beltscape.calibrate.intrinsics import calibrate_camera
-from beltscape.calibrate.steady import one_thread
+from beltscape.calibrate.steady import single_thread
 from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Reporter
@@ -25,7 +25,7 @@ class KnownIntrinsics:
     source: str = "known"
     """The file, or whatever messages are to call them."""
 
-    def matched(self, capture: Capture, reporter: Reporter) -> KnownIntrinsics:
+    def match_capture(self, capture: Capture, reporter: Reporter) -> KnownIntrinsics:
         """Return those of the capture's cameras; names that only one side has are stated.
 
         Raises
@@ -45,7 +45,7 @@ class KnownIntrinsics:
         if estimated:
             reporter.warn(
                 f"{self.source}: gives the intrinsics of {', '.join(held)}; those of {', '.join(estimated)} are "
-                f"estimated from the views{_unused(unused)}"
+                f"estimated from the views{_describe_unused(unused)}"
             )
         elif unused:
             reporter.warn(f"{self.source}: also holds {', '.join(unused)}, not in {capture.folder}")
@@ -60,27 +60,29 @@ class KnownIntrinsics:
         ]
         if other:
             listed = ", ".join(
-                f"{name} for {_size(self.cameras[name].size_px)} px, its images have {_size(sizes_px[name])} px"
+                f"{name} for {_format_size(self.cameras[name].size_px)} px, its images have {_format_size(sizes_px[name])} px"
                 for name in other
             )
             raise InputError(
                 f"{self.source}: intrinsics of another image size ({listed}); give those of this size"
             )
 
-    def foreign(self, chain: Chain, sightings: Sightings, board: Board) -> dict[str, str]:
+    def find_foreign(
+        self, hierarchy: HierarchyResult, detections: BoardDetections, board: Board
+    ) -> dict[str, str]:
         """Return a line by camera for those whose own views fit far better with intrinsics of their own."""
         lines: dict[str, str] = {}
         board_mm = corner_points_mm(board)
         for name in self.cameras:
-            if name not in chain.monocular:
+            if name not in hierarchy.monocular:
                 continue
-            given = chain.monocular[name].rms_px
+            given = hierarchy.monocular[name].rms_px
             try:
-                with one_thread():
-                    own = calibrate_camera(name, sightings, board_mm).rms_px
+                with single_thread():
+                    own = calibrate_camera(name, detections, board_mm).rms_px
             except CalibrationError:
                 continue
-            if given > SKEW_PX and given > SKEW_FACTOR * own:
+            if given > EXCESS_PX and given > EXCESS_FACTOR * own:
                 lines[name] = (
                     f"{self.source}: the intrinsics of {name} fit its views within {given:.2f} px RMS, intrinsics of "
                     f"its own within {own:.2f} px: they are of another camera, lens, focus or crop; give the right "
@@ -89,9 +91,9 @@ class KnownIntrinsics:
         return lines
 
 
-def _unused(names: list[str]) -> str:
+def _describe_unused(names: list[str]) -> str:
     return f"; it also holds {', '.join(names)}, which the capture does not have" if names else ""
 
 
-def _size(size_px: tuple[int, int]) -> str:
+def _format_size(size_px: tuple[int, int]) -> str:
     return f"{size_px[0]}×{size_px[1]}"

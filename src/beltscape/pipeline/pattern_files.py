@@ -10,18 +10,18 @@ from beltscape.files.atomic import write_bytes, write_text
 from beltscape.files.images import write_image
 from beltscape.files.json_text import write_json
 from beltscape.report.blue_noise import quality_picture
-from beltscape.target.blue_noise import BlueNoise, blue_noise
+from beltscape.target.blue_noise import BlueNoise, measure_blue_noise
 from beltscape.target.pattern import Pattern
 from beltscape.target.pattern_image import draw_pattern
 from beltscape.target.pattern_json import write_pattern
-from beltscape.target.pattern_svg import pattern_svg
+from beltscape.target.pattern_svg import pattern_to_svg
 
 
 def write_pattern_files(
     folder: Path, pattern: Pattern, *, bits: Literal[8, 16] = 8, image_format: Literal["png", "tiff"] = "png"
 ) -> tuple[dict[str, Path], BlueNoise]:
     """Write pattern.png or .tiff, .svg, .json, quality.json and .png; what was written, and the quality."""
-    image, quality = draw_pattern(pattern, bits), blue_noise(pattern)
+    image, quality = draw_pattern(pattern, bits), measure_blue_noise(pattern)
     files = {
         "image": folder / f"pattern.{image_format}",
         "svg": folder / "pattern.svg",
@@ -30,7 +30,7 @@ def write_pattern_files(
         "picture": folder / "quality.png",
     }
     write_image(files["image"], image)
-    write_text(files["svg"], pattern_svg(pattern))
+    write_text(files["svg"], pattern_to_svg(pattern))
     write_pattern(files["pattern"], pattern)
     write_json(files["quality"], asdict(quality))
     write_bytes(files["picture"], quality_picture(image, quality))

@@ -10,16 +10,16 @@ from beltscape.files.atomic import output_folder, write_text
 from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.files.toml_text import read_toml, validated
-from beltscape.plan.document import plan_document
+from beltscape.plan.document import plan_to_document
 from beltscape.plan.plan import Plan
 from beltscape.plan.settings import PlanSettings
-from beltscape.report.plan import plan_page
+from beltscape.report.plan import render_plan_page
 
 
-def plan_settings(path: Path | None, told: Mapping[str, Any]) -> PlanSettings:
+def read_plan_settings(path: Path | None, overrides: Mapping[str, Any]) -> PlanSettings:
     """Settings from plan.toml, where there is one, with what was told beside it on top.
 
-    ``told`` has the file's form: a value by key, tables as mappings.
+    ``overrides`` has the file's form: a value by key, tables as mappings.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def plan_settings(path: Path | None, told: Mapping[str, Any]) -> PlanSettings:
         With one line that names the key, the value and what it may be.
     """
     values = read_toml(path) if path else {}
-    for key, value in told.items():
+    for key, value in overrides.items():
         below = values.get(key)
         if isinstance(value, Mapping) and (below is None or isinstance(below, dict)):
             values[key] = {**(below or {}), **value}
@@ -39,6 +39,6 @@ def plan_settings(path: Path | None, told: Mapping[str, Any]) -> PlanSettings:
 def write_plan(out: Path, plan: Plan) -> None:
     """plan.json, rig.json (nominal) and report.html."""
     output_folder(out)
-    write_json(out / "plan.json", {**plan_document(plan), "warnings": list(plan.warnings)})
+    write_json(out / "plan.json", {**plan_to_document(plan), "warnings": list(plan.warnings)})
     write_rig(out / "rig.json", plan.planned.rig)
-    write_text(out / "report.html", plan_page(plan))
+    write_text(out / "report.html", render_plan_page(plan))

@@ -20,7 +20,7 @@ from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.files.text import read_text
 from beltscape.files.toml_text import read_toml, validated
-from beltscape.report.simulation import simulated_picture
+from beltscape.report.simulation import draw_simulated_frame
 from beltscape.simulate.laboratory import DOWN
 from beltscape.simulate.load_truth import compute_true_load
 from beltscape.simulate.optics import Lens
@@ -40,13 +40,13 @@ from beltscape.simulate.truth_files import (
 )
 from beltscape.simulate.world import World
 from beltscape.target.pattern import PRESETS
-from beltscape.target.print_board import board_toml
+from beltscape.target.print_board import board_to_toml
 
 
-def read_scenario(scene: str, told: Mapping[str, Any]) -> Scenario:
+def read_scenario(scene: str, overrides: Mapping[str, Any]) -> Scenario:
     """A scene by its name, or by the path of its TOML file; what was told beside it goes before the file.
 
-    ``told`` has the file's form: a value by key, tables as mappings. Paths in the file are taken from its folder.
+    ``overrides`` has the file's form: a value by key, tables as mappings. Paths in the file are taken from its folder.
 
     Raises
     ------
@@ -58,10 +58,10 @@ def read_scenario(scene: str, told: Mapping[str, Any]) -> Scenario:
         values: dict[str, Any] = {"kind": scene}
     elif path.suffix == ".toml":
         values = read_toml(path)
-        _resolve(values, path.parent)
+        _resolve_paths(values, path.parent)
     else:
         raise InputError(f"{scene}: no such scene; give a .toml file, or one of {', '.join(KINDS)}")
-    for key, value in told.items():
+    for key, value in overrides.items():
         own = values.get(key, {})
         if not isinstance(value, Mapping):
             values[key] = value
@@ -82,8 +82,8 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
     """
     scenario = _with_engine(scenario)
     scene = SimulatedScene(scenario)
-    _ready(scene)
-    _alone(scene, out)
+    _check_scene(scene)
+    _check_folder(scene, out)
     output_folder(out)
     count = scene.frame_count
     _write_truth(scene, out / "truth", reporter)
@@ -95,12 +95,12 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
             _write_tof(scene, frame, out / "tof")
         if frame == count // 2:  # of a moving heap: when it is there
             view = trace_core_view(scene.world_at(frame), scene.station)
-            write_image(out / "preview.png", simulated_picture(images, view.depth_mm))
+            write_image(out / "preview.png", draw_simulated_frame(images, view.depth_mm))
         reporter.step("rendering", frame + 1, count)
     if scenario.kind == "belt_moving":
-        write_text(out / "encoder.csv", _encoder(scene))
+        write_text(out / "encoder.csv", _format_encoder(scene))
     if scene.board is not None:
-        write_text(out / "board.toml", board_toml(scene.board))
+        write_text(out / "board.toml", board_to_toml(scene.board))
     if scene.module is not None:
         write_text(out / "module.toml", read_text(scene.module_file))
     cameras = list(scene.station.rig.cameras)
@@ -120,7 +120,7 @@ def _with_engine(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"render": scenario.render.model_copy(update={"engine": engine})})
 
 
-def _ready(scene: SimulatedScene) -> None:
+def _check_scene(scene: SimulatedScene) -> None:
     """Everything that may be refused, before anything is written."""
     known, scenario = scene.station.rig.cameras, scene.scenario
     faults = scenario.faults
@@ -132,7 +132,7 @@ def _ready(scene: SimulatedScene) -> None:
         Lens(camera, scenario.optics, 1).make_coarse_pinhole()  # refuses a distortion that folds
 
 
-def _alone(scene: SimulatedScene, out: Path) -> None:
+def _check_folder(scene: SimulatedScene, out: Path) -> None:
     """InputError when images of another capture would stay among the new ones."""
     frames = range(scene.frame_count)
     own = {
@@ -147,7 +147,7 @@ def _alone(scene: SimulatedScene, out: Path) -> None:
         )
 
 
-def _resolve(values: dict[str, Any], folder: Path) -> None:
+def _resolve_paths(values: dict[str, Any], folder: Path) -> None:
     """Relative paths of a scene's file, taken from its folder."""
     for table, key in (("rig", "file"), ("module", "file"), ("board", "file"), ("projector", "pattern")):
         own = values.get(table)
@@ -163,14 +163,14 @@ def _write_truth(scene: SimulatedScene, folder: Path, reporter: Reporter) -> Non
         poses = {scene.frame_name(i): pose for i, pose in enumerate(scene.world_from_board)}
         write_boards(folder, scene.station, scene.board, poses)
     elif scenario.kind == "belt_moving":
-        _write_moving(scene, folder)
+        _write_moving_truth(scene, folder)
     else:
         known = SceneDetails(scenario.belt, scene.heap, scene.module, scene.world_from_module)
         write_truth(folder, scenario.kind, scene.world_at(0), scene.station, known)
     reporter.step("truth", 1, 1)
 
 
-def _write_moving(scene: SimulatedScene, folder: Path) -> None:
+def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
     """Where the heap is in every frame, its cross-sections from end to end, and the depth the core has before it."""
     scenario = scene.scenario
     write_station(folder, scene.station, scene.projector)
@@ -205,7 +205,7 @@ def _write_moving(scene: SimulatedScene, folder: Path) -> None:
     write_json(folder / "belt_moving.json", document)
 
 
-def _encoder(scene: SimulatedScene) -> str:
+def _format_encoder(scene: SimulatedScene) -> str:
     scale = scene.scenario.motion.encoder_scale
     rows = [
         f"{scene.frame_name(i)},{scene.time_s(i)!r},{abs(scene.belt_position_mm(i)) * scale!r}"

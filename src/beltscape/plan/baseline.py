@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltscape.core.errors import InputError
-from beltscape.plan.footprint import area_mm2, footprint, overlap, strip
-from beltscape.plan.occlusion import seen_shares
-from beltscape.plan.precision import sigma_mm
+from beltscape.plan.footprint import area_mm2, project_footprint, overlap_shares, clip_to_strip
+from beltscape.plan.occlusion import visible_shares
+from beltscape.plan.precision import predict_sigma_mm
 from beltscape.plan.settings import PlanSettings
-from beltscape.plan.station import PlannedRig, planned_rig
+from beltscape.plan.station import PlannedRig, make_planned_rig
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Alternative:
     """Why it is not taken; empty: it could be."""
 
 
-def alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alternative, ...]:
+def list_alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alternative, ...]:
     """Baselines from near to far, in even steps of tilt's tangent, with the asked-for one where it is told."""
     rig = settings.rig
     depth = height_mm - sum(settings.belt.material_mm) / 2
@@ -39,26 +39,26 @@ def alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alternative,
     baselines = {round(depth * share / 5) * 5.0 for share in shares}
     if rig.baseline_mm is not None:
         baselines.add(rig.baseline_mm)
-    found = [alternative(settings, height_mm, baseline) for baseline in sorted(baselines) if baseline > 0]
+    found = [assess_baseline(settings, height_mm, baseline) for baseline in sorted(baselines) if baseline > 0]
     return tuple(each for each in found if each is not None)
 
 
-def alternative(settings: PlanSettings, height_mm: float, baseline_mm: float) -> Alternative | None:
+def assess_baseline(settings: PlanSettings, height_mm: float, baseline_mm: float) -> Alternative | None:
     """One baseline judged; None where a camera would look past the belt to the horizon."""
-    planned = planned_rig(settings, height_mm, baseline_mm)
+    planned = make_planned_rig(settings, height_mm, baseline_mm)
     try:
-        covered = _covered(settings, planned)
+        covered = _covered_shares(settings, planned)
     except InputError:
         return None
-    seen = _seen(settings, planned)
-    sigma = float(sigma_mm(planned, planned.target_mm[None], settings.precision.sigma_px)[0])
+    seen = _visible_shares(settings, planned)
+    sigma = float(predict_sigma_mm(planned, planned.target_mm[None], settings.precision.sigma_px)[0])
     tilt = float(np.rad2deg(planned.tilt_rad))
     return Alternative(
-        baseline_mm, tilt, sigma, seen, covered, _refusal(settings, baseline_mm, tilt, seen, covered)
+        baseline_mm, tilt, sigma, seen, covered, _describe_refusal(settings, baseline_mm, tilt, seen, covered)
     )
 
 
-def chosen(settings: PlanSettings, candidates: Sequence[Alternative]) -> Alternative:
+def choose_baseline(settings: PlanSettings, candidates: Sequence[Alternative]) -> Alternative:
     """The told baseline, or the most precise of those that nothing speaks against.
 
     Where something speaks against all of them, the one that auxiliaries see best.
@@ -71,30 +71,30 @@ def chosen(settings: PlanSettings, candidates: Sequence[Alternative]) -> Alterna
                 f"baseline_mm = {told:g}: auxiliaries would look past the belt to the horizon; give a shorter one"
             )
         return found[0]
-    number = settings.rig.enough
+    number = settings.rig.required_views
     free = [each for each in candidates if not each.refused]
     if free:
         return min(free, key=lambda each: each.sigma_mm)
     return max(candidates, key=lambda each: (min(each.seen[number], each.covered[number]), -each.baseline_mm))
 
 
-def _refusal(
+def _describe_refusal(
     settings: PlanSettings, baseline: float, tilt: float, seen: Sequence[float], covered: Sequence[float]
 ) -> str:
-    rig, number = settings.rig, settings.rig.enough
+    rig, number = settings.rig, settings.rig.required_views
     widest = rig.max_baseline_mm or settings.belt.span_mm / 2
     if baseline > widest:
         return f"wider than {widest:g} mm"
     if tilt > rig.max_angle_deg:
         return f"views differ by more than {rig.max_angle_deg:g}°"
-    if seen[number] < rig.share_seen:
-        return f"lumps hide more than {1 - rig.share_seen:.0%}"
-    if covered[number] < rig.share_seen:
+    if seen[number] < rig.required_share:
+        return f"lumps hide more than {1 - rig.required_share:.0%}"
+    if covered[number] < rig.required_share:
         return "too little in the auxiliaries' images"
     return ""
 
 
-def _seen(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
+def _visible_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
     """The worst of the middle and the edges of the load."""
     middle, half = planned.target_mm[2], settings.belt.span_mm / 2
     worst: tuple[float, ...] | None = None
@@ -104,17 +104,19 @@ def _seen(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
         for name in planned.rig.cameras:
             to_camera = planned.position_mm(name) - spot
             directions.append(to_camera[:2] / to_camera[2])
-        shares = seen_shares(directions[0], np.array(directions[1:]), settings.belt.lump_cover)
+        shares = visible_shares(directions[0], np.array(directions[1:]), settings.belt.lump_cover)
         worst = shares if worst is None else tuple(map(min, worst, shares))
     assert worst is not None
     return worst
 
 
-def _covered(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
+def _covered_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
     """The least share over the planes, of the strip that the core sees."""
     rig, found = planned.rig, []
     for height, width in settings.belt.planes:
-        base = strip(width, footprint(planned, rig.core, height))
+        base = clip_to_strip(width, project_footprint(planned, rig.core, height))
         if area_mm2(base) > 0:
-            found.append(overlap(base, [footprint(planned, name, height) for name in rig.auxiliaries]))
+            found.append(
+                overlap_shares(base, [project_footprint(planned, name, height) for name in rig.auxiliaries])
+            )
     return tuple(map(min, zip(*found, strict=True)))

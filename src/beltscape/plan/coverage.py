@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.plan.footprint import Polygon, area_mm2, clip, footprint, overlap, strip
-from beltscape.plan.precision import projection_slope
+from beltscape.plan.footprint import Polygon, area_mm2, clip, project_footprint, overlap_shares, clip_to_strip
+from beltscape.plan.precision import projection_jacobian
 from beltscape.plan.settings import PlanSettings
 from beltscape.plan.station import PlannedRig
 
@@ -37,24 +37,26 @@ class PlaneCoverage:
     """By camera: finest, middle, coarsest edge of a square with the area of a pixel on the plane, over the strip."""
 
 
-def plane_coverage(planned: PlannedRig, name: str, height_mm: float, width_mm: float) -> PlaneCoverage:
+def compute_plane_coverage(
+    planned: PlannedRig, name: str, height_mm: float, width_mm: float
+) -> PlaneCoverage:
     """Everything about one plane."""
     rig = planned.rig
-    polygons = {camera: footprint(planned, camera, height_mm) for camera in rig.cameras}
-    base = strip(width_mm, polygons[rig.core])
+    polygons = {camera: project_footprint(planned, camera, height_mm) for camera in rig.cameras}
+    base = clip_to_strip(width_mm, polygons[rig.core])
     others = [polygons[camera] for camera in rig.auxiliaries]
     common = polygons[rig.core]
     for other in others:
         common = clip(common, other)
     whole = area_mm2(base)
-    lengths = tuple(_length(planned, height_mm, width_mm, number) for number in range(len(others) + 1))
+    lengths = tuple(_find_length(planned, height_mm, width_mm, number) for number in range(len(others) + 1))
     return PlaneCoverage(
         name=name,
         height_mm=height_mm,
         width_mm=width_mm,
         polygons=polygons,
         all_cameras=common,
-        at_least=overlap(base, others),
+        at_least=overlap_shares(base, others),
         overlap={c: area_mm2(clip(base, polygons[c])) / whole for c in rig.auxiliaries},
         core_length_mm=lengths[0],
         lengths_mm=lengths,
@@ -62,11 +64,11 @@ def plane_coverage(planned: PlannedRig, name: str, height_mm: float, width_mm: f
     )
 
 
-def coverage(settings: PlanSettings, planned: PlannedRig) -> tuple[PlaneCoverage, ...]:
+def compute_coverage(settings: PlanSettings, planned: PlannedRig) -> tuple[PlaneCoverage, ...]:
     """Of the belt's level middle, its edges and the load at its highest."""
     names = ("belt", "edges", "top")
     return tuple(
-        plane_coverage(planned, name, height, width)
+        compute_plane_coverage(planned, name, height, width)
         for name, (height, width) in zip(names, settings.belt.planes, strict=True)
     )
 
@@ -76,7 +78,7 @@ def usable_length_mm(planes: tuple[PlaneCoverage, ...], auxiliaries: int) -> flo
     return min(plane.lengths_mm[auxiliaries] for plane in planes)
 
 
-def _length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries: int) -> float:
+def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries: int) -> float:
     """Twice the largest |y| up to which the whole width is seen by the core and so many auxiliaries."""
     across = np.linspace(-width_mm / 2, width_mm / 2, 81)
 
@@ -87,7 +89,7 @@ def _length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries:
 
     if not whole(0.0):
         return 0.0
-    low, high = 0.0, float(np.abs(footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
+    low, high = 0.0, float(np.abs(project_footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
     for _ in range(24):
         middle = (low + high) / 2
         low, high = (middle, high) if whole(middle) else (low, middle)
@@ -102,6 +104,6 @@ def _pixel_mm(planned: PlannedRig, name: str, height_mm: float, base: Polygon) -
     points = points[planned.sees(name, points)]
     if not len(points):
         return float("nan"), float("nan"), float("nan")
-    slope = projection_slope(planned.rig.cameras[name], planned.cam_from_world(name), points)[:, :, :2]
+    slope = projection_jacobian(planned.rig.cameras[name], planned.cam_from_world(name), points)[:, :, :2]
     edge = 1 / np.sqrt(np.abs(np.linalg.det(slope)))
     return float(edge.min()), float(np.median(edge)), float(edge.max())

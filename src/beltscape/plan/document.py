@@ -16,7 +16,7 @@ from beltscape.plan.precision import SigmaMap
 FORMAT = "beltscape-plan/1"
 
 
-def plan_document(plan: Plan) -> dict[str, Any]:
+def plan_to_document(plan: Plan) -> dict[str, Any]:
     """Everything but the σ maps' cells; world frame: x across, y along, z up, origin on the belt under the core."""
     hang, planned = plan.mounting, plan.planned
     return {

@@ -15,7 +15,7 @@ Polygon = NDArray[np.float64]
 """(n, 2) corners x, y in the world, mm, anticlockwise seen from above; (0, 2): nothing."""
 
 
-def footprint(planned: PlannedRig, name: str, height_mm: float) -> Polygon:
+def project_footprint(planned: PlannedRig, name: str, height_mm: float) -> Polygon:
     """(4, 2) the outer rim of a camera's image on the plane z = height, or InputError where it sees past it."""
     camera, pose = planned.rig.cameras[name], planned.cam_from_world(name)
     width, height = camera.size_px
@@ -29,17 +29,17 @@ def footprint(planned: PlannedRig, name: str, height_mm: float) -> Polygon:
             "look past the belt to the horizon; give a shorter baseline or a longer lens"
         )
     points = center + rays * ((height_mm - center[2]) / rays[:, 2])[:, None]
-    return anticlockwise(points[:, :2])
+    return orient_anticlockwise(points[:, :2])
 
 
-def strip(width_mm: float, polygon: Polygon) -> Polygon:
+def clip_to_strip(width_mm: float, polygon: Polygon) -> Polygon:
     """The part of a polygon within ``width_mm`` across the belt."""
     reach = float(np.abs(polygon).max(initial=0)) + 1
     half = width_mm / 2
     return clip(polygon, np.array([[-half, -reach], [half, -reach], [half, reach], [-half, reach]]))
 
 
-def anticlockwise(polygon: Polygon) -> Polygon:
+def orient_anticlockwise(polygon: Polygon) -> Polygon:
     """The same corners in that order."""
     x, y = polygon.T
     turning = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
@@ -73,7 +73,7 @@ def clip(subject: Polygon, window: Polygon) -> Polygon:
     return result
 
 
-def overlap(base: Polygon, others: list[Polygon]) -> tuple[float, ...]:
+def overlap_shares(base: Polygon, others: list[Polygon]) -> tuple[float, ...]:
     """Share of ``base`` that at least 0, 1, …, n of the other convex polygons cover, exactly.
 
     By inclusion and exclusion over all subsets: with S_j the sum of the areas of all intersections of j of them,

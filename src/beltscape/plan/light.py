@@ -59,7 +59,7 @@ def electrons_per_lux_s(settings: PlanSettings, depth_mm: float) -> float:
     return share / light.lumens_per_watt / photon_j * pixel_m2 * camera.quantum_efficiency
 
 
-def light_budget(
+def compute_light_budget(
     settings: PlanSettings, depth_mm: float, lit_area_mm2: float, exposure_us: float
 ) -> LightBudget:
     """For material at a depth, under a projector whose picture covers so much."""

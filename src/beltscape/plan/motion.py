@@ -46,7 +46,7 @@ def frames_per_second(speed_m_s: float, length_mm: float, frames_per_point: floa
     return speed_m_s * 1000 * frames_per_point / length_mm if length_mm > 0 else float("inf")
 
 
-def motion(settings: PlanSettings, nearest_pixel_mm: float, frame_length_mm: float) -> Motion:
+def compute_motion(settings: PlanSettings, nearest_pixel_mm: float, frame_length_mm: float) -> Motion:
     """For a plan whose nearest material has pixels of that edge and whose frames give that much belt."""
     speed, light = settings.belt.speed_m_s, settings.light
     longest = max_exposure_us(speed, light.max_blur_px, nearest_pixel_mm)

@@ -41,7 +41,7 @@ def mounting_height_mm(span_mm: float, angle_rad: float) -> float:
     return span_mm / 2 / float(np.tan(angle_rad / 2))
 
 
-def mounting(settings: PlanSettings) -> Mounting:
+def compute_mounting(settings: PlanSettings) -> Mounting:
     """Heights for a plan, or InputError where the belt cannot be seen whole."""
     belt, camera, rig = settings.belt, settings.camera, settings.rig
     angle = min(camera.angle_rad, camera.lens_angle_rad)
@@ -64,12 +64,10 @@ def _check_lens(settings: PlanSettings, least: float) -> None:
     if least <= rig.max_height_mm:
         return
     longest = focal * (rig.max_height_mm - belt.edge_mm) / (least - belt.edge_mm)
-    mend = (
-        f"give a lens of at most {np.floor(longest * 10) / 10:g} mm" if longest >= 1 else "give more height"
-    )
+    fix = f"give a lens of at most {np.floor(longest * 10) / 10:g} mm" if longest >= 1 else "give more height"
     raise InputError(
         f"max_height_mm = {rig.max_height_mm:g}: a lens of {focal:g} mm sees the span of {belt.span_mm:g} mm "
-        f"only from {np.ceil(least):g} mm above the belt on; {mend}"
+        f"only from {np.ceil(least):g} mm above the belt on; {fix}"
     )
 
 

@@ -19,7 +19,7 @@ _CELLS = 240
 """Cells along a side of the raster of feet: areas to about 0.2 %."""
 
 
-def seen_shares(core: NDArray[np.float64], others: NDArray[np.float64], cover: float) -> tuple[float, ...]:
+def visible_shares(core: NDArray[np.float64], others: NDArray[np.float64], cover: float) -> tuple[float, ...]:
     """Chance that at least 0, 1, …, n of the other directions see a spot that the core sees.
 
     Parameters
@@ -31,7 +31,7 @@ def seen_shares(core: NDArray[np.float64], others: NDArray[np.float64], cover: f
     cover
         Share of the plane that balls cover, seen from above.
     """
-    code, cell_area = _in_the_way(np.vstack([core, others]))
+    code, cell_area = _mark_occluders(np.vstack([core, others]))
     count = len(others)
     areas = np.bincount(code.ravel(), minlength=2 ** (count + 1)) * cell_area
     density = -np.log(1 - cover) / np.pi  # balls of radius 1
@@ -48,7 +48,7 @@ def seen_shares(core: NDArray[np.float64], others: NDArray[np.float64], cover: f
     return tuple(float(share) for share in np.clip(at_least, 0, 1))
 
 
-def _in_the_way(tangents: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+def _mark_occluders(tangents: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
     """Bit i of a cell: a unit ball there hides the spot at the origin from direction i; and the cell's area."""
     reach = float(2 + 2 * np.abs(tangents).max())
     steps = (np.arange(_CELLS) + 0.5) / _CELLS * 2 * reach - reach

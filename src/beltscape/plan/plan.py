@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltscape.core.errors import InputError
-from beltscape.plan.baseline import Alternative, alternatives, chosen
-from beltscape.plan.coverage import PlaneCoverage, coverage, usable_length_mm
-from beltscape.plan.light import LightBudget, defocus_px, light_budget
-from beltscape.plan.motion import Motion, motion
-from beltscape.plan.mounting import Mounting, mounting
-from beltscape.plan.precision import SigmaMap, sigma_map
+from beltscape.plan.baseline import Alternative, list_alternatives, choose_baseline
+from beltscape.plan.coverage import PlaneCoverage, compute_coverage, usable_length_mm
+from beltscape.plan.light import LightBudget, defocus_px, compute_light_budget
+from beltscape.plan.motion import Motion, compute_motion
+from beltscape.plan.mounting import Mounting, compute_mounting
+from beltscape.plan.precision import SigmaMap, predict_sigma_map
 from beltscape.plan.settings import PlanSettings
-from beltscape.plan.station import PlannedRig, planned_rig
+from beltscape.plan.station import PlannedRig, make_planned_rig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,9 +37,9 @@ class Plan:
     warnings: tuple[str, ...]
 
     @property
-    def enough(self) -> int:
+    def required_views(self) -> int:
         """How many auxiliaries have to see a place."""
-        return self.settings.rig.enough
+        return self.settings.rig.required_views
 
     @property
     def sigma_median_mm(self) -> float:
@@ -57,28 +57,28 @@ class Plan:
 
 def make_plan(settings: PlanSettings) -> Plan:
     """Plan a rig, or InputError with the reason why there is none."""
-    hang = mounting(settings)
+    hang = compute_mounting(settings)
     height = hang.above_belt_mm
-    candidates = alternatives(settings, height)
+    candidates = list_alternatives(settings, height)
     if not candidates:
         raise InputError(
             f"focal_mm = {settings.camera.focal_mm:g}: every tilted camera would see the horizon; give a longer lens"
         )
-    best = chosen(settings, candidates)
-    planned = planned_rig(settings, height, best.baseline_mm)
-    planes = coverage(settings, planned)
+    best = choose_baseline(settings, candidates)
+    planned = make_planned_rig(settings, height, best.baseline_mm)
+    planes = compute_coverage(settings, planned)
     length = usable_length_mm(planes, 1)
     core = planned.rig.core
-    move = motion(settings, planes[-1].pixel_mm[core][0], length)
+    move = compute_motion(settings, planes[-1].pixel_mm[core][0], length)
     lit = _lit_area_mm2(settings, planes[0])
-    light = light_budget(settings, hang.depth_mm(0.0), lit, move.exposure_us)
+    light = compute_light_budget(settings, hang.depth_mm(0.0), lit, move.exposure_us)
     map_length = planes[1].core_length_mm or planes[0].core_length_mm
-    maps = tuple(sigma_map(settings, planned, plane.height_mm, map_length) for plane in planes)
+    maps = tuple(predict_sigma_map(settings, planned, plane.height_mm, map_length) for plane in planes)
     near, far = hang.depth_mm(settings.belt.top_mm), hang.depth_mm(min(settings.belt.material_mm[0], 0.0))
     focus = 2 * near * far / (near + far)
     blur = tuple(defocus_px(settings, focus, hang.depth_mm(plane.height_mm)) for plane in planes)
     plan = Plan(settings, hang, candidates, best, planned, planes, maps, move, light, blur, ())
-    return _with_warnings(plan)
+    return _add_warnings(plan)
 
 
 def _lit_area_mm2(settings: PlanSettings, belt: PlaneCoverage) -> float:
@@ -90,7 +90,7 @@ def _lit_area_mm2(settings: PlanSettings, belt: PlaneCoverage) -> float:
     return float(across * along)
 
 
-def _with_warnings(plan: Plan) -> Plan:
+def _add_warnings(plan: Plan) -> Plan:
     return replace(plan, warnings=(*_geometry_warnings(plan), *_light_warnings(plan)))
 
 

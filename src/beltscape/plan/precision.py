@@ -30,7 +30,9 @@ class SigmaMap:
     """(Ny, Nx) how many see it."""
 
 
-def sigma_mm(planned: PlannedRig, points_mm: Array, sigma_px: float, calibration_mm: float = 0.0) -> Array:
+def predict_sigma_mm(
+    planned: PlannedRig, points_mm: Array, sigma_px: float, calibration_mm: float = 0.0
+) -> Array:
     """(N,) σ of the height of points (N, 3) of the world, triangulated by all cameras that see them.
 
     With J the derivative of a camera's pixel by the point, the point's covariance is σ²(Σ JᵀJ)⁻¹: what independent
@@ -40,7 +42,7 @@ def sigma_mm(planned: PlannedRig, points_mm: Array, sigma_px: float, calibration
     normal, seen_by = np.zeros((len(points_mm), 3, 3)), np.zeros(len(points_mm), np.int64)
     for name, camera in planned.rig.cameras.items():
         seen = planned.sees(name, points_mm)
-        jacobian = projection_slope(camera, planned.cam_from_world(name), points_mm) * seen[:, None, None]
+        jacobian = projection_jacobian(camera, planned.cam_from_world(name), points_mm) * seen[:, None, None]
         normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
         seen_by += seen
     usable = (seen_by >= 2) & planned.sees(planned.rig.core, points_mm)
@@ -49,7 +51,7 @@ def sigma_mm(planned: PlannedRig, points_mm: Array, sigma_px: float, calibration
     return result
 
 
-def projection_slope(camera: Camera, cam_from_world: Pose, points_mm: Array) -> Array:
+def projection_jacobian(camera: Camera, cam_from_world: Pose, points_mm: Array) -> Array:
     """(N, 2, 3) derivative of a distortion-free camera's pixels by points (N, 3) of the world, px/mm."""
     x, y, z = cam_from_world.apply(points_mm).T
     zero = np.zeros_like(z)
@@ -58,14 +60,16 @@ def projection_slope(camera: Camera, cam_from_world: Pose, points_mm: Array) -> 
     return np.einsum("rin,ij->nrj", slope, cam_from_world.rotation)
 
 
-def sigma_map(settings: PlanSettings, planned: PlannedRig, height_mm: float, length_mm: float) -> SigmaMap:
+def predict_sigma_map(
+    settings: PlanSettings, planned: PlannedRig, height_mm: float, length_mm: float
+) -> SigmaMap:
     """σ over the span and so much belt, at one height."""
     half = settings.belt.span_mm / 2
     x = np.linspace(-half, half, 61)
     y = np.linspace(-length_mm / 2, length_mm / 2, max(9, round(60 * length_mm / (2 * half)) | 1))
     points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), height_mm)], axis=-1).reshape(-1, 3)
     precision = settings.precision
-    sigma = sigma_mm(planned, points, precision.sigma_px, precision.calibration_sigma_mm)
+    sigma = predict_sigma_mm(planned, points, precision.sigma_px, precision.calibration_sigma_mm)
     seen = sum(planned.sees(name, points).astype(np.int64) for name in planned.rig.cameras)
     shape = (len(y), len(x))
     return SigmaMap(height_mm, x, y, sigma.reshape(shape), np.asarray(seen).reshape(shape))

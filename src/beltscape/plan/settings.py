@@ -38,7 +38,7 @@ class BeltSettings(_Part):
     """Share of the load's area covered by lumps that stand out of it: what cameras may not see past."""
 
     @model_validator(mode="after")
-    def _fits(self) -> BeltSettings:
+    def _check_order(self) -> BeltSettings:
         if self.span_mm > self.width_mm:
             raise ValueError(
                 f"span_mm = {self.span_mm:g} is more than the belt's width_mm = {self.width_mm:g}"
@@ -134,12 +134,12 @@ class RigSettings(_Part):
     """Share of what the core sees that enough auxiliaries must see too; None: 0.95, and 0.85 with one or two."""
 
     @property
-    def enough(self) -> int:
+    def required_views(self) -> int:
         """How many auxiliaries are to see a spot: two, so that one can contradict the other; one, of one or two."""
         return 2 if self.auxiliaries > 2 else 1
 
     @property
-    def share_seen(self) -> float:
+    def required_share(self) -> float:
         """`min_seen`, told or not."""
         return self.min_seen or (0.95 if self.auxiliaries > 2 else 0.85)
 
@@ -193,7 +193,7 @@ class PlanSettings(_Part):
 
     @field_validator("frames_per_point", mode="before")
     @classmethod
-    def _whole(cls, value: object) -> object:
+    def _check_whole_number(cls, value: object) -> object:
         if isinstance(value, bool):
             raise ValueError("must be a whole number")
         return value

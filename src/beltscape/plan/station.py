@@ -36,18 +36,18 @@ class PlannedRig:
         """(3,) of one camera in the world."""
         return self.cam_from_world(name).center_mm
 
-    def pixels(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def project(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., 2) where a camera sees points (..., 3) of the world."""
         return self.rig.cameras[name].project(self.cam_from_world(name).apply(points_mm))
 
     def sees(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(...) whether points (..., 3) of the world fall on a camera's image."""
-        pixels = self.pixels(name, points_mm)
+        pixels = self.project(name, points_mm)
         inside = (pixels >= -0.5) & (pixels <= np.array(self.rig.cameras[name].size_px) - 0.5)
         return np.asarray(inside.all(axis=-1))
 
 
-def planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: float) -> PlannedRig:
+def make_planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: float) -> PlannedRig:
     """Core at ``height_mm``, auxiliaries level with it at 360°/n, each tilted towards the middle of the load.
 
     An auxiliary is the core turned about the one level axis that brings its own axis to the spot, so that all
@@ -57,7 +57,7 @@ def planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: float) ->
     target = np.array([0.0, 0.0, middle])
     tilt = float(np.arctan2(baseline_mm, height_mm - middle))
     core_from_world = Pose(CORE_FROM_WORLD.copy(), np.array([0.0, 0.0, height_mm]))
-    cameras = {"cam0": _camera("cam0", settings.camera)}
+    cameras = {"cam0": _make_camera("cam0", settings.camera)}
     poses = {"cam0": Pose.identity()}
     count = settings.rig.auxiliaries
     for i in range(count):
@@ -67,12 +67,12 @@ def planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: float) ->
         # in the core's axes (y down the image, against the belt's y) the camera stands at (across, -along)
         cam_from_core = rotation_from_vector(tilt * np.array([along, across, 0.0]))
         poses[name] = Pose(cam_from_core, -cam_from_core @ (baseline_mm * np.array([across, -along, 0.0])))
-        cameras[name] = _camera(name, settings.camera)
+        cameras[name] = _make_camera(name, settings.camera)
     quality = {"planned": True, "height_mm": height_mm, "baseline_mm": baseline_mm}
     return PlannedRig(Rig("cam0", cameras, poses, quality), core_from_world, baseline_mm, tilt, target)
 
 
-def _camera(name: str, settings: CameraSettings) -> Camera:
+def _make_camera(name: str, settings: CameraSettings) -> Camera:
     """The nominal camera: the lens's focal length, the axis through the middle, no distortion."""
     size = settings.size_px
     return Camera(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.report.palette import light
 from beltscape.report.plots import STYLE, Form, panels, to_png
-from beltscape.target.blue_noise import LOW, BlueNoise
+from beltscape.target.blue_noise import LOW_FREQUENCY, BlueNoise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,7 @@ def _nearest(axes: Axes, quality: BlueNoise) -> None:
 
 def _spectrum(axes: Axes, quality: BlueNoise) -> None:
     frequency = quality.frequency_per_px
-    axes.axvspan(0, LOW / quality.d_min_px, color=light("grid"), linewidth=0)
+    axes.axvspan(0, LOW_FREQUENCY / quality.d_min_px, color=light("grid"), linewidth=0)
     axes.axhline(1, color=light("reference"), linewidth=0.8, linestyle="--")
     axes.plot(frequency, quality.power, color=BLUE)
     axes.set_xlim(0, frequency[-1])

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.adjust import Adjusted
-from beltscape.calibrate.chain import Chain
+from beltscape.calibrate.adjust import BundleAdjustmentResult
+from beltscape.calibrate.chain import HierarchyResult
 from beltscape.calibrate.fit_quality import FitQuality
-from beltscape.calibrate.guidance import NextPose
+from beltscape.calibrate.guidance import NextBestView
 from beltscape.calibrate.network import Misclosure
-from beltscape.calibrate.score import Evidence, Score
+from beltscape.calibrate.score import RigErrors, Score
 from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
@@ -25,13 +25,13 @@ CLOSURE = ("error °", "error mm", "χ² / dof")
 
 
 def calibration_page(
-    chain: Chain,
-    adjusted: Adjusted,
+    hierarchy: HierarchyResult,
+    adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
-    evidence: Evidence,
+    rig_errors: RigErrors,
     board: Board,
     depth_sigma: Sequence[DepthSigma],
-    following: NextPose | None,
+    following: NextBestView | None,
     rejected_images: Sequence[tuple[str, Image]],
     *,
     held_out: Score | None,
@@ -44,34 +44,36 @@ def calibration_page(
     sections = [
         Section(
             "How good it is",
-            f"Board: {board.describe()}; {_shape_words(adjusted)}.",
-            [_tiles(score, depth_sigma[1]), _scores(held_out, training), _fits(fit)],
+            f"Board: {board.describe()}; {_describe_shape(adjustment)}.",
+            [_make_tiles(score, depth_sigma[1]), _make_score_table(held_out, training), _make_fit_table(fit)],
         ),
         Section(
             "The rig",
             "Cameras as calibrated, with the outline of the board in every frame.",
             [
-                Turnable(_scene(adjusted, board), "Core camera in orange, auxiliaries in blue."),
-                _cameras(chain, adjusted, covariance),
+                Turnable(_make_scene(adjustment, board), "Core camera in orange, auxiliaries in blue."),
+                _make_camera_table(hierarchy, adjustment, covariance),
             ],
         ),
         _depth_section(depth_sigma, covariance.inflation),
-        _next_section(adjusted, board, following),
-        *_view_sections(adjusted, evidence),
-        _network_section(chain),
-        *_left_out(chain, rejected_images),
+        _next_section(adjustment, board, following),
+        *_view_sections(adjustment, rig_errors),
+        _network_section(hierarchy),
+        *_left_out(hierarchy, rejected_images),
     ]
-    verdict = _verdict(chain, board, score, held_out is not None, fit)
+    verdict = _describe_verdict(hierarchy, board, score, held_out is not None, fit)
     return render("Calibration", verdict, sections, warnings=warnings)
 
 
-def _verdict(chain: Chain, board: Board, score: Score, unseen: bool, fit: FitQuality) -> str:
+def _describe_verdict(
+    hierarchy: HierarchyResult, board: Board, score: Score, unseen: bool, fit: FitQuality
+) -> str:
     views = (
         "views the rig was not found from" if unseen else "the views it was found from (too few for halves)"
     )
-    doubt = "" if fit.is_sound else f"The fit is in doubt: {'; '.join(fit.doubts)}. "
+    doubt = "" if fit.is_sound else f"The fit is in doubt: {'; '.join(fit.findings)}. "
     return (
-        f"{doubt}{len(chain.rig.cameras)} cameras about {chain.rig.core}. On {views}, the reprojection error is "
+        f"{doubt}{len(hierarchy.rig.cameras)} cameras about {hierarchy.rig.core}. On {views}, the reprojection error is "
         f"{score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, and a {board.square_mm:g} mm square "
         f"measures {board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
     )
@@ -92,14 +94,16 @@ def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Secti
     )
 
 
-def _next_section(adjusted: Adjusted, board: Board, following: NextPose | None) -> Section:
+def _next_section(
+    adjustment: BundleAdjustmentResult, board: Board, following: NextBestView | None
+) -> Section:
     if following is None:
         return Section("Next view", "No board pose would be seen by two cameras.", [])
-    return Section("Next view", following.describe(), [_next_view(adjusted, board, following)])
+    return Section("Next view", following.describe(), [_next_view(adjustment, board, following)])
 
 
-def _view_sections(adjusted: Adjusted, evidence: Evidence) -> list[Section]:
-    coverage = coverage_chart(adjusted.rig, evidence, "Corners by camera.")
+def _view_sections(adjustment: BundleAdjustmentResult, rig_errors: RigErrors) -> list[Section]:
+    coverage = coverage_chart(adjustment.rig, rig_errors, "Corners by camera.")
     return [
         Section(
             "Coverage",
@@ -110,23 +114,23 @@ def _view_sections(adjusted: Adjusted, evidence: Evidence) -> list[Section]:
             "Residuals",
             "Arrows from projected to found corners, magnified. A pattern means that the model does not fit; "
             "an even scatter is noise.",
-            [residual_chart(adjusted.rig, evidence)],
+            [residual_chart(adjustment.rig, rig_errors)],
         ),
     ]
 
 
-def _network_section(chain: Chain) -> Section:
+def _network_section(hierarchy: HierarchyResult) -> Section:
     return Section(
         "The network",
         "Every pair that shares views, calibrated by itself, and how far it disagrees with the way through the "
         "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is about "
         "1 where noise explains it.",
-        [_pairs(chain), *_triangles(chain)],
+        [_make_pair_table(hierarchy), *_make_triangle_tables(hierarchy)],
     )
 
 
-def _left_out(chain: Chain, images: Sequence[tuple[str, Image]]) -> list[Section]:
-    rejected = _rejected(chain)
+def _left_out(hierarchy: HierarchyResult, images: Sequence[tuple[str, Image]]) -> list[Section]:
+    rejected = _list_rejected(hierarchy)
     if not rejected:
         return []
     pictures = [Pictures([Panel(to_rgb(image), why) for why, image in images], columns=2)] if images else []
@@ -134,7 +138,7 @@ def _left_out(chain: Chain, images: Sequence[tuple[str, Image]]) -> list[Section
     return [Section("Left out", intro, [Lines(rejected), *pictures])]
 
 
-def _tiles(score: Score, depth: DepthSigma) -> Tiles:
+def _make_tiles(score: Score, depth: DepthSigma) -> Tiles:
     return Tiles(
         [
             Tile("reprojection error, RMS", f"{score.rms_px:.3f}", "px", f"median {score.median_px:.3f} px"),
@@ -155,7 +159,7 @@ def _tiles(score: Score, depth: DepthSigma) -> Tiles:
     )
 
 
-def _scores(held_out: Score | None, training: Score) -> Table:
+def _make_score_table(held_out: Score | None, training: Score) -> Table:
     rows = [("held out", held_out), ("training", training)]
     return Table(
         ["", "RMS px", "median px", "square bias mm", "square RMS mm", "planarity RMS mm", "views", "corners"],
@@ -168,7 +172,7 @@ def _scores(held_out: Score | None, training: Score) -> Table:
     )  # fmt: skip
 
 
-def _fits(fit: FitQuality) -> Table:
+def _make_fit_table(fit: FitQuality) -> Table:
     rows = [
         [name, f"{own.sigma_px:.4f}", f"{own.corner_noise_px:.4f}", f"{own.chi2_per_dof:.1f}"]
         for name, own in fit.cameras.items()
@@ -181,57 +185,59 @@ def _fits(fit: FitQuality) -> Table:
     )
 
 
-def _shape_words(adjusted: Adjusted) -> str:
-    if not np.any(adjusted.shape_mm):
+def _describe_shape(adjustment: BundleAdjustmentResult) -> str:
+    if not np.any(adjustment.shape_mm):
         return "as flat and as even as drawn, within what the views tell"
-    off = np.sqrt((adjusted.shape_mm**2).mean(axis=0))
+    off = np.sqrt((adjustment.shape_mm**2).mean(axis=0))
     return (
         f"its corners lie off the drawing by {off[2]:.3f} mm out of plane and {np.hypot(*off[:2]):.3f} mm in "
         "plane (RMS), which was measured and is accounted for"
     )
 
 
-def _next_view(adjusted: Adjusted, board: Board, following: NextPose) -> Turnable:
-    outline = following.core_from_board.apply(_outline(adjusted, board))
-    middle = float(np.median(np.linalg.norm(adjusted.geometry.board_translation_mm, axis=1)))
+def _next_view(adjustment: BundleAdjustmentResult, board: Board, following: NextBestView) -> Turnable:
+    outline = following.core_from_board.apply(_outline_board(adjustment, board))
+    middle = float(np.median(np.linalg.norm(adjustment.geometry.board_translation_mm, axis=1)))
     return Turnable(
-        rig_scene(adjusted.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
+        rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
         "The board as it would be held.",
     )
 
 
-def _outline(adjusted: Adjusted, board: Board) -> NDArray[np.float64]:
+def _outline_board(adjustment: BundleAdjustmentResult, board: Board) -> NDArray[np.float64]:
     """(n, 3) closed outline of the board's corners in its own frame."""
     columns, rows = board.grid
-    grid = adjusted.geometry.points_mm.reshape(rows, columns, 3)
+    grid = adjustment.geometry.points_mm.reshape(rows, columns, 3)
     return np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2::-1, 0]])
 
 
-def _scene(adjusted: Adjusted, board: Board) -> Scene:
-    geometry, outline = adjusted.geometry, _outline(adjusted, board)
+def _make_scene(adjustment: BundleAdjustmentResult, board: Board) -> Scene:
+    geometry, outline = adjustment.geometry, _outline_board(adjustment, board)
     boards = {
         frame: outline @ rotation.T + translation
         for frame, rotation, translation in zip(
-            adjusted.frames, geometry.board_rotation, geometry.board_translation_mm, strict=True
+            adjustment.frames, geometry.board_rotation, geometry.board_translation_mm, strict=True
         )
     }
     middle = float(np.median(np.linalg.norm(geometry.board_translation_mm, axis=1)))
-    return rig_scene(adjusted.rig, length_mm=0.3 * middle, boards_mm=boards)
+    return rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm=boards)
 
 
-def _cameras(chain: Chain, adjusted: Adjusted, covariance: RigCovariance) -> Table:
+def _make_camera_table(
+    hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> Table:
     rows = []
-    sigmas = np.sqrt(np.diag(covariance.matrix))[: 9 * len(adjusted.rig.cameras)].reshape(-1, 9)
-    for (name, c), s, noise in zip(adjusted.rig.cameras.items(), sigmas, adjusted.sigma_px, strict=True):
-        camera = chain.monocular[name]
+    sigmas = np.sqrt(np.diag(covariance.matrix))[: 9 * len(adjustment.rig.cameras)].reshape(-1, 9)
+    for (name, c), s, noise in zip(adjustment.rig.cameras.items(), sigmas, adjustment.sigma_px, strict=True):
+        camera = hierarchy.monocular[name]
         rows.append(
             [
-                name + (" (core)" if name == chain.rig.core else ""),
+                name + (" (core)" if name == hierarchy.rig.core else ""),
                 f"{len(camera.cam_from_board)}", f"{noise:.3f}",
                 f"{c.focal_px[0]:.2f} ± {s[0]:.2f}", f"{c.focal_px[1]:.2f} ± {s[1]:.2f}",
                 f"{c.center_px[0]:.2f} ± {s[2]:.2f}", f"{c.center_px[1]:.2f} ± {s[3]:.2f}",
-                f"{np.linalg.norm(adjusted.rig.cam_from_core[name].center_mm):.2f}",
-                " → ".join(chain.network.paths[name]), ", ".join(camera.held) or "none",
+                f"{np.linalg.norm(adjustment.rig.cam_from_core[name].center_mm):.2f}",
+                " → ".join(hierarchy.network.paths[name]), ", ".join(camera.held) or "none",
             ]
         )  # fmt: skip
     names = [
@@ -249,39 +255,39 @@ def _cameras(chain: Chain, adjusted: Adjusted, covariance: RigCovariance) -> Tab
     return Table(names, rows, "After the joint adjustment, with one standard deviation each.")
 
 
-def _pairs(chain: Chain) -> Item:
-    errors = {frozenset(e.pair): e for e in chain.network.path_errors}
+def _make_pair_table(hierarchy: HierarchyResult) -> Item:
+    errors = {frozenset(e.pair): e for e in hierarchy.network.path_errors}
     rows = []
-    for pair in chain.network.pairs:
+    for pair in hierarchy.network.pairs:
         error = errors.get(frozenset((pair.first, pair.second)))
         rows.append(
             [
                 f"{pair.first} – {pair.second}", f"{len(pair.frames)}", f"{pair.corners}", f"{pair.rms_px:.3f}",
                 f"{np.linalg.norm(pair.second_from_first.translation_mm):.2f}",
-                f"{pair.second_from_first.angle_deg:.3f}", *(_closure(error) if error else ["–"] * 3),
+                f"{pair.second_from_first.angle_deg:.3f}", *(_format_closure(error) if error else ["–"] * 3),
             ]
         )  # fmt: skip
     names = ["pair", "frames", "corners", "RMS px", "baseline mm", "angle °", *CLOSURE]
     return Table(names, rows, "Pairs.")
 
 
-def _triangles(chain: Chain) -> list[Table]:
-    rows = [[" – ".join(error.cameras), *_closure(error)] for error in chain.network.loop_errors]
+def _make_triangle_tables(hierarchy: HierarchyResult) -> list[Table]:
+    rows = [[" – ".join(error.cameras), *_format_closure(error)] for error in hierarchy.network.loop_errors]
     return [Table(["triangle", *CLOSURE], rows, "Triangles.")] if rows else []
 
 
-def _closure(error: Misclosure) -> list[str]:
+def _format_closure(error: Misclosure) -> list[str]:
     return [f"{error.rotation_deg:.4f}", f"{error.translation_mm:.3f}", f"{error.chi2_per_dof:.1f}"]
 
 
-def _rejected(chain: Chain) -> list[str]:
+def _list_rejected(hierarchy: HierarchyResult) -> list[str]:
     lines = [
         f"{name}, frame {frame}: {why}"
-        for name, camera in chain.monocular.items()
+        for name, camera in hierarchy.monocular.items()
         for frame, why in camera.rejected.items()
     ]
     return lines + [
         f"{pair.first} – {pair.second}, frame {frame}: {why}"
-        for pair in chain.network.pairs
+        for pair in hierarchy.network.pairs
         for frame, why in pair.rejected.items()
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltscape.calibrate.score import Evidence
+from beltscape.calibrate.score import RigErrors
 from beltscape.calibrate.uncertainty import DepthSigma
 from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
@@ -53,17 +53,17 @@ def _depth_sigma(maps: Sequence[DepthSigma], scale: Scale, form: Form) -> Figure
     return figure
 
 
-def coverage_chart(rig: Rig, evidence: Evidence, caption: str) -> Chart:
+def coverage_chart(rig: Rig, rig_errors: RigErrors, caption: str) -> Chart:
     """Return the corners in each camera's image, coloured by their reprojection error."""
-    top = float(np.quantile(np.linalg.norm(evidence.errors_px(), axis=1), 0.98))
+    top = float(np.quantile(np.linalg.norm(rig_errors.compute_errors_px(), axis=1), 0.98))
     scale = Scale(0.0, top, DOUBT, label=f"reprojection error, px; {DARK_IS_SURE}")
-    return Chart.draw(partial(_coverage, rig, evidence, scale), caption, scale)
+    return Chart.draw(partial(_coverage, rig, rig_errors, scale), caption, scale)
 
 
-def _coverage(rig: Rig, evidence: Evidence, scale: Scale, form: Form) -> Figure:
+def _coverage(rig: Rig, rig_errors: RigErrors, scale: Scale, form: Form) -> Figure:
     figure, axes = _image_panels(rig, form)
     for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
-        pixels, errors = _residuals(evidence, name)
+        pixels, errors = _residuals(rig_errors, name)
         size = np.linalg.norm(errors, axis=1)
         step = np.clip(size / scale.high * _COLORS, 0, _COLORS - 1).astype(int)
         for k in np.unique(step):
@@ -73,21 +73,21 @@ def _coverage(rig: Rig, evidence: Evidence, scale: Scale, form: Form) -> Figure:
     return figure
 
 
-def residual_chart(rig: Rig, evidence: Evidence) -> Chart:
+def residual_chart(rig: Rig, rig_errors: RigErrors) -> Chart:
     """Return residual arrows in each camera's image, and the caption that says how far they are magnified."""
-    median = float(np.median(np.linalg.norm(evidence.errors_px(), axis=1)))
+    median = float(np.median(np.linalg.norm(rig_errors.compute_errors_px(), axis=1)))
     magnify = 0.02 * max(max(c.size_px) for c in rig.cameras.values()) / max(median, 1e-6)
-    most = max(len(_residuals(evidence, name)[0]) for name in rig.cameras)
+    most = max(len(_residuals(rig_errors, name)[0]) for name in rig.cameras)
     every = -(-most // _MOST_ARROWS)
     which = "" if every == 1 else f" One corner of {every} is drawn."
     caption = f"Residuals, magnified {magnify:.0f} times.{which}"
-    return Chart.draw(partial(_residual_arrows, rig, evidence, magnify, every), caption)
+    return Chart.draw(partial(_residual_arrows, rig, rig_errors, magnify, every), caption)
 
 
-def _residual_arrows(rig: Rig, evidence: Evidence, magnify: float, every: int, form: Form) -> Figure:
+def _residual_arrows(rig: Rig, rig_errors: RigErrors, magnify: float, every: int, form: Form) -> Figure:
     figure, axes = _image_panels(rig, form)
     for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
-        pixels, errors = _residuals(evidence, name)
+        pixels, errors = _residuals(rig_errors, name)
         start, arrow = pixels[::every], magnify * errors[::every]
         left, right = (arrow @ np.array([[-0.3, 0.16 * way], [-0.16 * way, -0.3]]) for way in (1, -1))
         tip = start + arrow
@@ -106,9 +106,9 @@ def _draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
     axis.plot(*parted.T, solid_capstyle="round", solid_joinstyle="round", **style)
 
 
-def _residuals(evidence: Evidence, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _residuals(rig_errors: RigErrors, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n, 2) places of a camera's corners and (n, 2) their residuals, px."""
-    views = evidence.residuals[name].values()
+    views = rig_errors.residuals[name].values()
     none = np.empty((0, 2))
     return (
         np.concatenate([none, *(v.pixels for v in views)]),

@@ -11,50 +11,50 @@ from beltscape.plan.plan import Plan
 from beltscape.report.charts import Chart
 from beltscape.report.legend import DARK_IS_SURE, DOUBT, Scale
 from beltscape.report.page import Section, Tile, Tiles, Turnable, render
-from beltscape.report.plan_drawing import side_charts, top_chart
+from beltscape.report.plan_drawing import make_side_charts, make_top_chart
 from beltscape.report.plan_tables import (
-    alternatives_table,
-    coverage_table,
-    light_table,
-    motion_table,
-    pixels_table,
-    poses_table,
+    make_alternatives_table,
+    make_coverage_table,
+    make_light_table,
+    make_motion_table,
+    make_pixels_table,
+    make_poses_table,
 )
 from beltscape.report.plots import Form, faded, map_height, panels, show_map
 from beltscape.report.scene import rig_scene
 
 
-def plan_page(plan: Plan) -> str:
+def render_plan_page(plan: Plan) -> str:
     """report.html of a plan."""
     sections = [
-        Section("The plan", "", [_tiles(plan)]),
+        Section("The plan", "", [_make_tiles(plan)]),
         Section(
-            "Where everything goes", _mounting_words(plan),
-            [*side_charts(plan), top_chart(plan), poses_table(plan), _scene(plan)],
+            "Where everything goes", _describe_mounting(plan),
+            [*make_side_charts(plan), make_top_chart(plan), make_poses_table(plan), _make_scene(plan)],
         ),
-        Section("Baseline", _baseline_words(plan), [alternatives_table(plan)]),
+        Section("Baseline", _describe_baseline(plan), [make_alternatives_table(plan)]),
         Section(
             "What is seen",
             "Shares of the strip of belt that the core sees. Seen: in the image; what lumps hide is told above.",
-            [coverage_table(plan), pixels_table(plan)],
+            [make_coverage_table(plan), make_pixels_table(plan)],
         ),
-        Section("Depth", _sigma_words(plan), [sigma_chart(plan)]),
-        Section("A moving belt", _motion_words(plan), [motion_table(plan)]),
-        Section("Light", _light_words(plan), [light_table(plan)]),
+        Section("Depth", _describe_sigma(plan), [make_sigma_chart(plan)]),
+        Section("A moving belt", _describe_motion(plan), [make_motion_table(plan)]),
+        Section("Light", _describe_light(plan), [make_light_table(plan)]),
     ]  # fmt: skip
-    return render("Rig plan", verdict(plan), sections, warnings=plan.warnings)
+    return render("Rig plan", summarise(plan), sections, warnings=plan.warnings)
 
 
-def verdict(plan: Plan) -> str:
+def summarise(plan: Plan) -> str:
     """The plan in a sentence or two."""
     hang, count, edges = plan.mounting, len(plan.planned.rig.cameras), plan.planes[1]
-    seen = edges.at_least[plan.enough]
+    seen = edges.at_least[plan.required_views]
     text = (
         f"{count} cameras: the core {hang.above_belt_mm:.0f} mm above the belt, the others "
         f"{plan.planned.baseline_mm:.0f} "
         f"mm from it and tilted by {np.rad2deg(plan.planned.tilt_rad):.1f}°, see {seen:.1%} of the "
         "belt under the core "
-        f"{plan.enough + 1} times, with {edges.pixel_mm['cam0'][1]:.2f} mm pixels and a depth σ of "
+        f"{plan.required_views + 1} times, with {edges.pixel_mm['cam0'][1]:.2f} mm pixels and a depth σ of "
         f"{plan.sigma_median_mm:.3f} mm from matching. "
     )
     lacks = []
@@ -67,7 +67,7 @@ def verdict(plan: Plan) -> str:
     return text + (f"What is missing: {', '.join(lacks)}." if lacks else "Light and frame rate suffice.")
 
 
-def _tiles(plan: Plan) -> Tiles:
+def _make_tiles(plan: Plan) -> Tiles:
     hang, move, core = plan.mounting, plan.motion, plan.planes[1].pixel_mm["cam0"]
     return Tiles(
         [
@@ -87,7 +87,7 @@ def _tiles(plan: Plan) -> Tiles:
     )  # fmt: skip
 
 
-def _mounting_words(plan: Plan) -> str:
+def _describe_mounting(plan: Plan) -> str:
     hang, belt = plan.mounting, plan.settings.belt
     return (
         f"Eq. 26: h ≥ (w/2) / tan(α/2) = {hang.eq26_mm:.1f} mm for w = {belt.span_mm:g} mm and α = "
@@ -99,7 +99,7 @@ def _mounting_words(plan: Plan) -> str:
     )
 
 
-def _scene(plan: Plan) -> Turnable:
+def _make_scene(plan: Plan) -> Turnable:
     boards = {}
     for plane in plan.planes:
         half, length = plane.width_mm / 2, max(plane.core_length_mm, 1.0) / 2
@@ -112,12 +112,12 @@ def _scene(plan: Plan) -> Turnable:
     )
 
 
-def _baseline_words(plan: Plan) -> str:
-    rig, number = plan.settings.rig, plan.enough
+def _describe_baseline(plan: Plan) -> str:
+    rig, number = plan.settings.rig, plan.required_views
     return (
         "Depth's σ falls as Z²/(f·B), but from farther aside lumps hide more. Taken is the most "
         "precise baseline from "
-        f"which {number} of {rig.auxiliaries} auxiliaries see at least {rig.share_seen:.0%} of the "
+        f"which {number} of {rig.auxiliaries} auxiliaries see at least {rig.required_share:.0%} of the "
         "places between lumps "
         f"that the core sees, under at most {rig.max_angle_deg:g}°. Lumps: balls over "
         f"{plan.settings.belt.lump_cover:.0%} "
@@ -125,7 +125,7 @@ def _baseline_words(plan: Plan) -> str:
     )
 
 
-def _sigma_words(plan: Plan) -> str:
+def _describe_sigma(plan: Plan) -> str:
     precision = plan.settings.precision
     calibration = precision.calibration_sigma_mm
     return (
@@ -136,16 +136,16 @@ def _sigma_words(plan: Plan) -> str:
     )
 
 
-def sigma_chart(plan: Plan) -> Chart:
+def make_sigma_chart(plan: Plan) -> Chart:
     """Return the σ maps as a chart, one scale for all."""
     known = np.concatenate([each.sigma_mm[np.isfinite(each.sigma_mm)] for each in plan.sigma])
     low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.0, 1.0)
     label = f"depth σ, mm; {DARK_IS_SURE}"
     scale = Scale(low, max(high, low + 1e-6), DOUBT, label=label)
-    return Chart.draw(partial(_sigma_maps, plan, scale), "Empty: fewer than two cameras.", scale)
+    return Chart.draw(partial(_draw_sigma_maps, plan, scale), "Empty: fewer than two cameras.", scale)
 
 
-def _sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
+def _draw_sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
     width, length = (
         max(float(np.ptp(getattr(each, name))) for each in plan.sigma) for name in ("x_mm", "y_mm")
     )
@@ -160,7 +160,7 @@ def _sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
     return figure
 
 
-def _motion_words(plan: Plan) -> str:
+def _describe_motion(plan: Plan) -> str:
     move, belt = plan.motion, plan.settings.belt
     return (
         f"At {belt.speed_m_s:g} m/s; a frame gives {move.frame_length_mm:.0f} mm of belt over the "
@@ -170,7 +170,7 @@ def _motion_words(plan: Plan) -> str:
     )
 
 
-def _light_words(plan: Plan) -> str:
+def _describe_light(plan: Plan) -> str:
     light = plan.settings.light
     return (
         f"{light.projector_lm:g} lm over what the core sees of the belt, {light.ambient_lux:g} lx in "

@@ -8,7 +8,7 @@ from beltscape.plan.plan import Plan
 from beltscape.report.page import Table
 
 
-def poses_table(plan: Plan) -> Table:
+def make_poses_table(plan: Plan) -> Table:
     """Where each lens is."""
     rows = []
     for name in plan.planned.rig.cameras:
@@ -23,10 +23,10 @@ def poses_table(plan: Plan) -> Table:
     )
 
 
-def alternatives_table(plan: Plan) -> Table:
+def make_alternatives_table(plan: Plan) -> Table:
     """Baselines and what speaks against them."""
     count = plan.settings.rig.auxiliaries
-    levels = sorted({1, plan.enough, count})
+    levels = sorted({1, plan.required_views, count})
     rows = [
         [
             f"{each.baseline_mm:.0f}" + (" ◄" if each is plan.chosen else ""), f"{each.tilt_deg:.1f}",
@@ -42,7 +42,7 @@ def alternatives_table(plan: Plan) -> Table:
     return Table([*names, "≥ 1 cover %", "all cover %", "against it"], rows, caption)
 
 
-def coverage_table(plan: Plan) -> Table:
+def make_coverage_table(plan: Plan) -> Table:
     """Shares seen, and lengths of belt."""
     count = plan.settings.rig.auxiliaries
     names = ["plane", "height mm", "width mm", *(f"core + ≥ {k} %" for k in range(1, count + 1))]
@@ -58,7 +58,7 @@ def coverage_table(plan: Plan) -> Table:
     return Table([*names, "by core mm", "by ≥ 2 mm", "by all mm"], rows, caption)
 
 
-def pixels_table(plan: Plan) -> Table:
+def make_pixels_table(plan: Plan) -> Table:
     """Pixels' edges on the belt."""
     rows = [
         [name, *("{1:.3f} ({0:.3f} … {2:.3f})".format(*plane.pixel_mm[name]) for plane in plan.planes)]
@@ -68,7 +68,7 @@ def pixels_table(plan: Plan) -> Table:
     return Table(["camera", *(plane.name for plane in plan.planes)], rows, caption)
 
 
-def motion_table(plan: Plan) -> Table:
+def make_motion_table(plan: Plan) -> Table:
     """Exposure, frame rate, data."""
     move, camera = plan.motion, plan.settings.camera
     rows = [
@@ -82,7 +82,7 @@ def motion_table(plan: Plan) -> Table:
     return Table(["", ""], rows)
 
 
-def light_table(plan: Plan) -> Table:
+def make_light_table(plan: Plan) -> Table:
     """Electrons and what is missing."""
     light = plan.light
     blur = ", ".join(

@@ -10,7 +10,7 @@ from beltscape.report.legend import NEAR_TO_FAR, Rgb, Scale
 from beltscape.report.pictures import Panel, sheet, span, to_rgb
 
 
-def simulated_picture(frame_set: FrameSet, depth_mm: NDArray[np.float64], columns: int = 3) -> Rgb:
+def draw_simulated_frame(frame_set: FrameSet, depth_mm: NDArray[np.float64], columns: int = 3) -> Rgb:
     """(H, W, 3) RGB: the cameras' images, brightened, and the core's true depth (H, W) in its undistorted image."""
     scale = Scale(*span(depth_mm), NEAR_TO_FAR)
     panels = [Panel(to_rgb(image), name) for name, image in frame_set.images.items()]

@@ -12,15 +12,15 @@ from beltscape.service.access import Access, install_access
 from beltscape.service.api import controls as controls_api
 from beltscape.service.api import export, pictures, state
 from beltscape.service.api import history as history_api
-from beltscape.service.api.common import Behind
-from beltscape.service.hub import Hub
+from beltscape.service.api.common import AppContext
+from beltscape.service.hub import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.service.static import FOLDER, files
+from beltscape.service.static import FOLDER, make_static_files
 from beltscape.sinks.historian import Historian
 
 
 def create_app(
-    hub: Hub, history: Historian, access: Access, controls: Controls, settings: WebSettings
+    live_state: LiveState, history: Historian, access: Access, controls: Controls, settings: WebSettings
 ) -> FastAPI:
     """All of it: page, API with its OpenAPI description at /api/openapi.json, WebSocket, metrics, access."""
     app = FastAPI(
@@ -31,12 +31,12 @@ def create_app(
         docs_url=None,  # its page would load scripts from elsewhere
         redoc_url=None,
     )
-    hub.resumed(history.totals)
-    behind = Behind(hub, history, controls, settings)
+    live_state.restore_totals(history.totals)
+    behind = AppContext(live_state, history, controls, settings)
     for room in (state, pictures, controls_api, history_api, export, metrics):
-        app.include_router(room.routes(behind))
-    live.add_live_route(app, behind)
-    app.mount("/page", files(), name="page")
+        app.include_router(module.make_router(context))
+    live.add_live_route(app, context)
+    app.mount("/page", make_static_files(), name="page")
 
     @app.get("/", include_in_schema=False)
     def index() -> FileResponse:

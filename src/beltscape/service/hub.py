@@ -15,26 +15,26 @@ from beltscape.core.frames import Image
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 from beltscape.service.settings import WebSettings
 from beltscape.service.shown.belt import BeltRows, BeltWindow
-from beltscape.service.shown.durations import Durations
-from beltscape.service.shown.flow import FlowMean, FlowNow
-from beltscape.service.shown.picture import Picture, small_picture
+from beltscape.service.shown.durations import DurationHistogram
+from beltscape.service.shown.flow import CurrentFlow, FlowAverage
+from beltscape.service.shown.picture import Picture, encode_thumbnail
 
 _RECORDS, _POINTS, _NOTES, _CAMERAS = 600, 3600, 50, 64
 _POINT_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class FlowPoint:
     """The flow at one instant, for the chart."""
 
     wall_ms: int
     """System clock, ms since 1970."""
-    flow: FlowNow
+    flow: CurrentFlow
     """As it was."""
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
+class FrameStatistics:
     """How frame sets go through."""
 
     done: int = 0
@@ -52,14 +52,14 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True)
-class Now:
+class Snapshot:
     """Everything but pictures, at one instant."""
 
     wall_ns: int
     """System clock."""
-    frames: Frames
+    frames: FrameStatistics
     """How frame sets go through."""
-    flow: FlowNow
+    flow: CurrentFlow
     """Volume and mass flow."""
     totals: Totals
     """The ledger's sums."""
@@ -80,7 +80,7 @@ class Now:
 
 
 @dataclass(slots=True)
-class _Seen:
+class _CameraImage:
     """A camera's last image."""
 
     frame: str
@@ -90,46 +90,46 @@ class _Seen:
     making: Lock = field(default_factory=Lock)
 
 
-class Hub:
+class LiveState:
     """Implements core.live.Observer. Bounded memory; every method may be called from any thread."""
 
     def __init__(
         self,
         settings: WebSettings | None = None,
         *,
-        steady_s: Callable[[], float] = time.monotonic,
+        monotonic_s: Callable[[], float] = time.monotonic,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self.settings = settings or WebSettings()
-        self._steady_s, self._wall_ns = steady_s, wall_ns
+        self._monotonic_s, self._wall_ns = monotonic_s, wall_ns
         self._lock = Lock()
-        self._frames, self._totals = Frames(), Totals()
+        self._frames, self._totals = FrameStatistics(), Totals()
         self._cameras: dict[str, CameraHealth] = {}
         self._alarms: tuple[Alarm, ...] = ()
         self._notes: deque[tuple[int, str]] = deque(maxlen=_NOTES)
         self._records: deque[BeltRecord] = deque(maxlen=_RECORDS)
-        self._points: deque[Point] = deque(maxlen=_POINTS)
+        self._points: deque[FlowPoint] = deque(maxlen=_POINTS)
         self._point_count, self._pointed_s = 0, -inf
-        self._seen: dict[str, _Seen] = {}
+        self._seen: dict[str, _CameraImage] = {}
         self._saw_s = self._health_s = -inf
-        self._flow = FlowMean(self.settings.flow_window_s)
+        self._flow = FlowAverage(self.settings.flow_window_s)
         self._belt = BeltWindow(self.settings.belt_m, self.settings.belt_cell_mm)
-        self.durations = Durations()
+        self.durations = DurationHistogram()
         """How long frame sets took."""
 
     # what the engine tells
 
     def on_frame(self, event: FrameEvent) -> None:
         """A frame set went through."""
-        wall_ns, now_s = self._wall_ns(), self._steady_s()
+        wall_ns, now_s = self._wall_ns(), self._monotonic_s()
         with self._lock:
             self._saw_s = now_s
-            self._frames = Frames(
+            self._frames = FrameStatistics(
                 event.done, event.dropped, event.waiting, event.seconds, event.coverage, event.speed_mm_s
             )
             self.durations.add(event.seconds)
             for name, image in islice(event.frames.images.items(), _CAMERAS):
-                self._seen[name] = _Seen(event.frames.frame, wall_ns, image)
+                self._seen[name] = _CameraImage(event.frames.frame, wall_ns, image)
             self._point(wall_ns, now_s)
 
     def resumed(self, totals: Totals) -> None:
@@ -144,7 +144,7 @@ class Hub:
             self._totals = totals
             self._records.extend(records)
             self._flow.add(records)
-            self._point(self._wall_ns(), self._steady_s())
+            self._point(self._wall_ns(), self._monotonic_s())
 
     def on_surface(self, stretch: BeltStretch) -> None:
         """A further piece of the belt is finished."""
@@ -154,7 +154,7 @@ class Hub:
     def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
         """How the cameras do."""
         with self._lock:
-            self._health_s = self._steady_s()
+            self._health_s = self._monotonic_s()
             self._cameras = dict(islice(sorted(cameras.items()), _CAMERAS))
 
     def on_alarms(self, alarms: Sequence[Alarm]) -> None:
@@ -174,19 +174,19 @@ class Hub:
         self._pointed_s, wall_ms = now_s, wall_ns // 1_000_000
         while self._points and self._points[-1].wall_ms >= wall_ms:
             self._points.pop()
-        self._points.append(Point(wall_ms, self._flow.now(self._frames.speed_mm_s)))
+        self._points.append(FlowPoint(wall_ms, self._flow.compute(self._frames.speed_mm_s)))
         self._point_count += 1
 
     # what others ask
 
-    def now(self) -> Now:
+    def now(self) -> Snapshot:
         """Everything but pictures."""
         with self._lock:
-            now_s = self._steady_s()
-            return Now(
+            now_s = self._monotonic_s()
+            return Snapshot(
                 self._wall_ns(),
                 self._frames,
-                self._flow.now(self._frames.speed_mm_s),
+                self._flow.compute(self._frames.speed_mm_s),
                 self._totals,
                 tuple(self._cameras.values()),
                 self._alarms,
@@ -197,7 +197,7 @@ class Hub:
                 {name: seen.frame for name, seen in self._seen.items()},
             )
 
-    def points(self, after: int = 0) -> tuple[int, list[Point]]:
+    def points(self, after: int = 0) -> tuple[int, list[FlowPoint]]:
         """How many points there were since the start, and the kept ones after the first ``after``."""
         with self._lock:
             new = max(self._point_count - after, 0)
@@ -222,6 +222,6 @@ class Hub:
             return None
         with seen.making:
             if seen.picture is None:
-                data = small_picture(seen.image, self.settings.picture_px)
+                data = encode_thumbnail(seen.image, self.settings.picture_px)
                 seen.picture = Picture(seen.frame, seen.wall_ns, data)
             return seen.picture

@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt_record import BeltRecord
 from beltscape.service.access import get_socket_user
-from beltscape.service.api.common import Behind
+from beltscape.service.api.common import AppContext
 from beltscape.service.api.state import StateOut
-from beltscape.service.hub import Hub, Point
-from beltscape.service.shown.belt import OFFSET_MM, STEP_MM, BeltRows, encode
+from beltscape.service.hub import FlowPoint, LiveState
+from beltscape.service.shown.belt import OFFSET_MM, STEP_MM, BeltRows, encode_heights
 
 PATH = "/api/live"
 _SEND_S = 20.0
@@ -41,7 +41,7 @@ _ROWS_A_MESSAGE = 512
 
 
 @dataclass(slots=True)
-class Told:
+class SentState:
     """What one page knows already."""
 
     points: int = 0
@@ -51,27 +51,27 @@ class Told:
     quiet: int = 0
 
 
-def news(hub: Hub, told: Told, quiet_at_most: int) -> list[str | bytes]:
+def collect_messages(live_state: LiveState, told: SentState, quiet_at_most: int) -> list[str | bytes]:
     """Messages that bring a page up to date; ``told`` then knows them.
 
     The same state is not told twice, unless nothing was told for ``quiet_at_most`` calls.
     """
     messages: list[str | bytes] = []
-    state = StateOut.of(hub.now()).model_dump_json()
+    state = StateOut.of(live_state.take_snapshot()).model_dump_json()
     told.quiet += 1
     if _without_clock(state) != told.state or told.quiet >= quiet_at_most:
         told.state, told.quiet = _without_clock(state), 0
         messages.append(f'{{"kind":"state",{state[1:]}')
-    count, points = hub.points(told.points)
+    count, points = live_state.list_points(told.points)
     if points:
         messages.append(_flow_message(count - len(points), points))
         told.points = count
-    records = hub.records(told.record)
+    records = live_state.list_records(told.record)
     if records:
         messages.append(_records_message(records))
         told.record = records[-1].number
         messages.extend(_section_message(records))
-    mark, rows = hub.belt(told.belt)
+    mark, rows = live_state.get_belt(told.belt)
     if rows is not None:
         messages.extend(_belt_messages(rows))
     told.belt = mark
@@ -89,7 +89,7 @@ def _rounded(value: float, digits: int) -> float | None:
     return round(value, digits) if isfinite(value) else None
 
 
-def _flow_message(first: int, points: list[Point]) -> str:
+def _flow_message(first: int, points: list[FlowPoint]) -> str:
     message = {
         "kind": "flow",
         "first": first,
@@ -129,7 +129,7 @@ def _section_message(records: list[BeltRecord]) -> list[bytes]:
         "step_mm": STEP_MM,
         "offset_mm": OFFSET_MM,
     }
-    return [binary(header, encode(section.height_mm, np.isfinite(section.height_mm)))]
+    return [pack_binary(header, encode_heights(section.height_mm, np.isfinite(section.height_mm)))]
 
 
 def _belt_messages(rows: BeltRows) -> list[bytes]:
@@ -148,18 +148,18 @@ def _belt_messages(rows: BeltRows) -> list[bytes]:
             "step_mm": STEP_MM,
             "offset_mm": OFFSET_MM,
         }
-        messages.append(binary(header, counts))
+        messages.append(pack_binary(header, counts))
     return messages
 
 
-def binary(header: dict[str, object], counts: NDArray[np.uint16]) -> bytes:
+def pack_binary(header: dict[str, object], counts: NDArray[np.uint16]) -> bytes:
     """One binary message."""
     head = json.dumps(header, separators=(",", ":")).encode()
     head += b" " * (-len(head) % 4)
     return len(head).to_bytes(4, "little") + head + counts.astype("<u2").tobytes()
 
 
-def add_live_route(app: FastAPI, behind: Behind) -> None:
+def add_live_route(app: FastAPI, context: AppContext) -> None:
     """Add the WebSocket to the app."""
 
     @app.websocket(PATH)
@@ -169,33 +169,33 @@ def add_live_route(app: FastAPI, behind: Behind) -> None:
             await socket.close(1008)
             return
         await socket.accept()
-        tasks = {asyncio.create_task(_tell(socket, behind)), asyncio.create_task(_until_gone(socket))}
+        tasks = {asyncio.create_task(_send_updates(socket, context)), asyncio.create_task(_wait_for_disconnect(socket))}
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             for task in tasks:
                 task.cancel()
             for ended in await asyncio.gather(*tasks, return_exceptions=True):
-                if isinstance(ended, Exception) and not isinstance(ended, _GONE):
+                if isinstance(ended, Exception) and not isinstance(ended, _DISCONNECT_ERRORS):
                     raise ended
 
 
-_GONE = (WebSocketDisconnect, TimeoutError, RuntimeError)
+_DISCONNECT_ERRORS = (WebSocketDisconnect, TimeoutError, RuntimeError)
 """What sending to a page that has left, or takes nothing, may raise."""
 
 
-async def _tell(socket: WebSocket, behind: Behind) -> None:
+async def _send_updates(socket: WebSocket, context: AppContext) -> None:
     """Tell one page what is new, for ever."""
-    rate_hz = behind.settings.page_rate_hz
-    told = Told()
+    rate_hz = context.settings.page_rate_hz
+    told = SentState()
     while True:
-        for message in await asyncio.to_thread(news, behind.hub, told, max(round(rate_hz), 1)):
+        for message in await asyncio.to_thread(collect_messages, context.live_state, told, max(round(rate_hz), 1)):
             sending = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
             await asyncio.wait_for(sending, _SEND_S)
         await asyncio.sleep(1 / rate_hz)
 
 
-async def _until_gone(socket: WebSocket) -> None:
+async def _wait_for_disconnect(socket: WebSocket) -> None:
     """Return when the page has left; what it says before is not listened to."""
     while (await socket.receive())["type"] != "websocket.disconnect":
         pass

@@ -14,22 +14,22 @@ _EVERY_S = 60.0
 _LEVEL = {"info": logging.INFO, "warning": logging.WARNING, "critical": logging.ERROR}
 
 
-class Log:
+class LogObserver:
     """An ``Observer``: notes, changes of cameras and alarms at once, the totals once a minute."""
 
     def __init__(self) -> None:
         self._states: dict[str, str] = {}
         self._alarms: dict[str, str] = {}
-        self._said = monotonic()
+        self._logged_s = monotonic()
 
     def on_frame(self, event: FrameEvent) -> None:
         """Too often for a log."""
 
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:  # noqa: ARG002
         """The totals, once a minute."""
-        if monotonic() - self._said < _EVERY_S:
+        if monotonic() - self._logged_s < _EVERY_S:
             return
-        self._said = monotonic()
+        self._logged_s = monotonic()
         _LOG.info(
             "%.3f m³ (σ %.3f) on %.1f m of belt: %.1f m valid, %.1f m degraded, %.1f m missing",
             totals.volume_mm3 * 1e-9,

@@ -12,8 +12,8 @@ from fastapi import APIRouter, Depends, Request, Response
 from beltscape import __version__
 from beltscape.core.live import CameraState
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import Behind, refusals
-from beltscape.service.hub import Hub, Now
+from beltscape.service.api.common import AppContext, describe_refusals
+from beltscape.service.hub import LiveState, Snapshot
 from beltscape.service.shown.durations import BOUNDS_S
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -32,46 +32,46 @@ class Family:
 
     def text(self) -> str:
         """As the format wants it; samples that are not known (NaN) are left out."""
-        lines = [f"# HELP {self.name} {_escaped(self.help)}", f"# TYPE {self.name} {self.kind}"]
+        lines = [f"# HELP {self.name} {_escape(self.help)}", f"# TYPE {self.name} {self.kind}"]
         for suffix, labels, value in self.samples:
             if isnan(value):
                 continue
-            inner = ",".join(f'{key}="{_quoted(text)}"' for key, text in labels.items())
+            inner = ",".join(f'{key}="{_escape_label(text)}"' for key, text in labels.items())
             lines.append(
-                f"{self.name}{suffix}{{{inner}}} {_number(value)}"
+                f"{self.name}{suffix}{{{inner}}} {_format_number(value)}"
                 if inner
-                else _plain(self.name, suffix, value)
+                else _format_sample(self.name, suffix, value)
             )
         return "\n".join(lines) + "\n"
 
 
 def _plain(name: str, suffix: str, value: float) -> str:
-    return f"{name}{suffix} {_number(value)}"
+    return f"{name}{suffix} {_format_number(value)}"
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.replace("\\", r"\\").replace("\n", r"\n")
 
 
-def _quoted(text: str) -> str:
-    return _escaped(text).replace('"', r"\"")
+def _escape_label(text: str) -> str:
+    return _escape(text).replace('"', r"\"")
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     if value in (inf, -inf):
         return "+Inf" if value > 0 else "-Inf"
     return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
-def _gauge(name: str, said: str, *values: float) -> Family:
+def _make_gauge(name: str, said: str, *values: float) -> Family:
     return Family(f"beltscape_{name}", "gauge", said, tuple(("", {}, value) for value in values))
 
 
-def _counter(name: str, said: str, value: float) -> Family:
+def _make_counter(name: str, said: str, value: float) -> Family:
     return Family(f"beltscape_{name}", "counter", said, (("", {}, value),))
 
 
-def _by(
+def _make_labelled(
     name: str,
     kind: Literal["gauge", "counter"],
     said: str,
@@ -80,76 +80,76 @@ def _by(
     return Family(f"beltscape_{name}", kind, said, tuple(("", labels, value) for labels, value in samples))
 
 
-def exposition(hub: Hub, now: Now) -> str:
+def format_metrics(live_state: LiveState, now: Snapshot) -> str:
     """The whole text."""
-    families = [*_flow(now), *_totals(now), *_frames(hub, now), *_cameras(now), *_alarms(now)]
+    families = [*_flow(now), *_totals(now), *_frames(live_state, now), *_cameras(now), *_alarms(now)]
     return "".join(family.text() for family in families)
 
 
-def _flow(now: Now) -> list[Family]:
+def _flow(now: Snapshot) -> list[Family]:
     flow = now.flow
     return [
-        _by("info", "gauge", "Version of the running program.", [({"version": __version__}, 1)]),
-        _gauge(
+        _make_labelled("info", "gauge", "Version of the running program.", [({"version": __version__}, 1)]),
+        _make_gauge(
             "flow_cubic_metres_per_hour",
             "Volume flow over the last seconds of belt travel.",
             flow.volume_m3_h,
         ),
-        _gauge(
+        _make_gauge(
             "flow_sigma_cubic_metres_per_hour", "One standard deviation of the volume flow.", flow.sigma_m3_h
         ),
-        _gauge("flow_tonnes_per_hour", "Mass flow; absent where no bulk density is known.", flow.mass_t_h),
-        _gauge("load_area_square_metres", "Mean cross-section of the load.", flow.area_mm2 * 1e-6),
-        _gauge("belt_speed_metres_per_second", "Speed of the belt.", now.frames.speed_mm_s * 1e-3),
-        _gauge("strip_coverage_ratio", "Share of the belt that was measured, 0..1.", flow.coverage),
+        _make_gauge("flow_tonnes_per_hour", "Mass flow; absent where no bulk density is known.", flow.mass_t_h),
+        _make_gauge("load_area_square_metres", "Mean cross-section of the load.", flow.area_mm2 * 1e-6),
+        _make_gauge("belt_speed_metres_per_second", "Speed of the belt.", now.frames.speed_mm_s * 1e-3),
+        _make_gauge("strip_coverage_ratio", "Share of the belt that was measured, 0..1.", flow.coverage),
     ]
 
 
-def _totals(now: Now) -> list[Family]:
+def _totals(now: Snapshot) -> list[Family]:
     totals = now.totals
     standings = (("valid", totals.valid_mm), ("degraded", totals.degraded_mm), ("missing", totals.missing_mm))
     belt = [({"standing": name}, length_mm * 1e-3) for name, length_mm in standings]
     return [
-        _counter("volume_cubic_metres_total", "Volume that passed.", totals.volume_mm3 * 1e-9),
-        _gauge(
+        _make_counter("volume_cubic_metres_total", "Volume that passed.", totals.volume_mm3 * 1e-9),
+        _make_gauge(
             "volume_sigma_cubic_metres",
             "One standard deviation of the volume that passed.",
             totals.sigma_mm3 * 1e-9,
         ),
-        _counter(
+        _make_counter(
             "mass_tonnes_total",
             "Mass that passed; absent where a bulk density was not known.",
             totals.mass_kg * 1e-3,
         ),
-        _by("belt_metres_total", "counter", "Belt that passed, by how it is counted.", belt),
-        _counter("records_total", "Entries of the ledger.", totals.records),
+        _make_labelled("belt_metres_total", "counter", "Belt that passed, by how it is counted.", belt),
+        _make_counter("records_total", "Entries of the ledger.", totals.records),
     ]
 
 
-def _frames(hub: Hub, now: Now) -> list[Family]:
+def _frames(live_state: LiveState, now: Snapshot) -> list[Family]:
     frames = now.frames
-    counts, seconds = hub.durations.cumulative()
+    counts, seconds = live_state.durations.cumulative()
     buckets = [
-        ("_bucket", {"le": _number(bound)}, float(n))
+        ("_bucket", {"le": _format_number(bound)}, float(n))
         for bound, n in zip((*BOUNDS_S, inf), counts, strict=True)
     ]
     took = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
     help_took = "From the last image's arrival to its measurement."
     return [
-        _counter("frame_sets_total", "Frame sets measured since the start.", frames.done),
-        _counter(
+        _make_counter("frame_sets_total", "Frame sets measured since the start.", frames.done),
+        _make_counter(
             "frame_sets_dropped_total",
             "Frame sets left out since the start, newer ones being there.",
             frames.dropped,
         ),
-        _gauge("frame_sets_waiting", "Frame sets in the queue.", frames.waiting),
-        _gauge("frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage),
-        _gauge("frame_age_seconds", "Since the last frame set; +Inf before the first.", now.frame_age_s),
+        _make_gauge("frame_sets_waiting", "Frame sets in the queue.", frames.waiting),
+        _make_gauge("frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage),
+        _make_gauge("frame_age_seconds", "Since the last frame set; +Inf before the first.", now.frame_age_s),
         Family("beltscape_processing_seconds", "histogram", help_took, took),
     ]
 
 
-def _cameras(now: Now) -> list[Family]:
+def _cameras(now: Snapshot) -> list[Family]:
     cameras = now.cameras
     states = [
         ({"camera": one.name, "state": state}, float(one.state == state))
@@ -158,21 +158,21 @@ def _cameras(now: Now) -> list[Family]:
     ]
     each = [({"camera": one.name}, one) for one in cameras]
     return [
-        _by("camera_state", "gauge", "1 at the state the camera is in.", states),
-        _by(
+        _make_labelled("camera_state", "gauge", "1 at the state the camera is in.", states),
+        _make_labelled(
             "camera_images_total",
             "counter",
             "Images taken since the start.",
             [(at, one.frames) for at, one in each],
         ),
-        _by(
+        _make_labelled(
             "camera_missed_total",
             "counter",
             "Trigger instants without an image.",
             [(at, one.missed) for at, one in each],
         ),
-        _by("camera_rate_hertz", "gauge", "Images per second.", [(at, one.rate_hz) for at, one in each]),
-        _by(
+        _make_labelled("camera_rate_hertz", "gauge", "Images per second.", [(at, one.rate_hz) for at, one in each]),
+        _make_labelled(
             "camera_skew_seconds",
             "gauge",
             "Last image against the core's.",
@@ -181,7 +181,7 @@ def _cameras(now: Now) -> list[Family]:
     ]
 
 
-def _alarms(now: Now) -> list[Family]:
+def _alarms(now: Snapshot) -> list[Family]:
     on = [
         ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "acknowledged")))
         for one in now.alarms
@@ -192,13 +192,13 @@ def _alarms(now: Now) -> list[Family]:
     ]
     disk = any(one.name == "disk_full" and one.state in ("raised", "acknowledged") for one in now.alarms)
     return [
-        _by("alarm_active", "gauge", "1 while the alarm's condition holds.", on),
-        _by("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),
-        _gauge("disk_trouble", "1 while the history cannot be written.", float(disk)),
+        _make_labelled("alarm_active", "gauge", "1 while the alarm's condition holds.", on),
+        _make_labelled("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),
+        _make_gauge("disk_trouble", "1 while the history cannot be written.", float(disk)),
     ]
 
 
-def routes(behind: Behind) -> APIRouter:
+def make_router(context: AppContext) -> APIRouter:
     """GET /metrics."""
     router = APIRouter(tags=["metrics"])
     viewer = require_role("viewer")
@@ -206,17 +206,17 @@ def routes(behind: Behind) -> APIRouter:
     def reader(request: Request) -> User | None:
         """Whoever may look; with ``metrics_open`` also programs on this machine."""
         here = request.client is not None and request.client.host in ("127.0.0.1", "::1")
-        return None if behind.settings.metrics_open and here else viewer(request)
+        return None if context.settings.metrics_open and here else viewer(request)
 
     allowed = Depends(reader)
 
     @router.get(
         "/metrics",
         response_class=Response,
-        responses=refusals() | {200: {"content": {MEDIA_TYPE: {}}, "description": "Prometheus text format"}},
+        responses=describe_refusals() | {200: {"content": {MEDIA_TYPE: {}}, "description": "Prometheus text format"}},
     )
     def metrics(_: User | None = allowed) -> Response:
         """Figures for Prometheus."""
-        return Response(exposition(behind.hub, behind.hub.now()), media_type=MEDIA_TYPE)
+        return Response(format_metrics(context.live_state, context.live_state.take_snapshot()), media_type=MEDIA_TYPE)
 
     return router

@@ -18,14 +18,14 @@ from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
 from beltscape.service.access.tls import read_expiry
 from beltscape.service.app import create_app
-from beltscape.service.hub import Hub
-from beltscape.service.log import Log
+from beltscape.service.hub import LiveState
+from beltscape.service.log import LogObserver
 from beltscape.service.project import ProjectSettings
-from beltscape.service.server import Running, check_listening, serve
-from beltscape.service.until import announce
+from beltscape.service.server import RunningServer, check_listening, serve
+from beltscape.service.until import log_address
 
 _DAY_S = 86_400.0
-_LOOK_S = 0.1
+_POLL_S = 0.1
 """How often it is looked whether to stop."""
 
 
@@ -47,36 +47,36 @@ def run_plant(
     """
     if page:
         check_listening(project.settings.web)  # before the history is opened
-    hub = Hub(project.settings.web)
-    assembled = assemble(project, ways, Observers([hub, Log()]))
+    live_state = LiveState(project.settings.web)
+    assembled = assemble(project, ways, Observers([live_state, LogObserver()]))
     before = assembled.historian.totals
-    with _page(project, ways.data, hub, assembled) if page else nullcontext() as running:
+    with _serve_page(project, ways.data, live_state, assembled) if page else nullcontext() as running:
         assembled.engine.start()
         notify("READY=1")
-        announce(running)
+        log_address(running)
         try:
-            while not stop.is_set() and not assembled.engine.wait(_LOOK_S):
+            while not stop.is_set() and not assembled.engine.wait(_POLL_S):
                 pass
         finally:
             notify("STOPPING=1")
             left = assembled.engine.stop()
-    answer = _answer(project, ways.data, before, assembled.historian.totals, left)
+    answer = _make_summary(project, ways.data, before, assembled.historian.totals, left)
     assembled.close()
     return answer
 
 
 @contextmanager
-def _page(project: Project[ProjectSettings], data: Path, hub: Hub, assembled: Assembled) -> Iterator[Running]:
+def _serve_page(project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: Assembled) -> Iterator[RunningServer]:
     web = project.settings.web
     with closing(Access(data, web.access)) as access:
-        running = serve(create_app(hub, assembled.historian, access, assembled.engine, web), web)
+        running = serve(create_app(live_state, assembled.historian, access, assembled.engine, web), web)
         try:
             yield running
         finally:
             running.close()
 
 
-def days_left(certificate: Path | None, key: Path | None) -> Callable[[], float]:
+def make_expiry_counter(certificate: Path | None, key: Path | None) -> Callable[[], float]:
     """How many days the certificate is still good for; NaN without one."""
     if certificate is None or key is None:
         return lambda: float("nan")
@@ -84,7 +84,7 @@ def days_left(certificate: Path | None, key: Path | None) -> Callable[[], float]
     return lambda: (ends - time()) / _DAY_S
 
 
-def _answer(
+def _make_summary(
     project: Project[ProjectSettings], data: Path, before: Totals, after: Totals, left: int
 ) -> dict[str, Any]:
     """What was counted in this run, and in all."""

@@ -27,7 +27,7 @@ def open_project(path: Path) -> Project[ProjectSettings]:
     return Project(project.path, settings)
 
 
-def replaying(project: Project[ProjectSettings], capture: Path | None) -> Project[ProjectSettings]:
+def substitute_capture(project: Project[ProjectSettings], capture: Path | None) -> Project[ProjectSettings]:
     """The project with a recorded capture in place of its cameras, its own or the one given, once through.
 
     Positions come from the capture's encoder.csv, where the project has an encoder and the capture the table.

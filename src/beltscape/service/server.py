@@ -26,7 +26,7 @@ _BACKLOG = (
 )
 
 
-class Listening(Protocol):
+class ListenSettings(Protocol):
     """Where to listen; WebSettings has it."""
 
     @property
@@ -56,7 +56,7 @@ class Listening(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Running:
+class RunningServer:
     """A server that runs until it is closed."""
 
     address: str
@@ -80,23 +80,23 @@ class Running:
             self._thread.join(STOP_S * 0.25)
 
 
-def check_listening(settings: Listening) -> None:
+def check_listening(settings: ListenSettings) -> None:
     """Raise what `serve` would where the page cannot be served as ``settings`` say; nothing is left open."""
-    _judged(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
+    _check_encryption(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         create_tls_context(settings.tls_certificate, settings.tls_key)
-    _listener(settings.host, settings.port).close()
+    _bind_socket(settings.host, settings.port).close()
 
 
-def serve(app: ASGIApp, settings: Listening) -> Running:
+def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
     """Serve ``app`` from now on. InputError, SettingsError or OutputError in one line where that cannot be."""
     limits, tls = settings.limits, None
-    warnings = _judged(settings.host, limits, encrypted=settings.tls_certificate is not None)
+    warnings = _check_encryption(settings.host, limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         tls = create_tls_context(settings.tls_certificate, settings.tls_key)
         ending = describe_expiry(settings.tls_certificate, settings.tls_key)
         warnings += (ending,) if ending else ()
-    listener = _listener(settings.host, settings.port)
+    listener = _bind_socket(settings.host, settings.port)
     http, websocket = make_protocols(limits, tls)
     config = Config(
         app, loop="asyncio", http=http, ws=websocket, lifespan="auto",
@@ -118,7 +118,7 @@ def serve(app: ASGIApp, settings: Listening) -> Running:
     if ip_address(host).is_unspecified:
         host = socket.gethostname()
     named = f"[{host}]" if ":" in host else host
-    return Running(f"{'https' if tls else 'http'}://{named}:{port}", warnings, server, thread)
+    return RunningServer(f"{'https' if tls else 'http'}://{named}:{port}", warnings, server, thread)
 
 
 def _run(server: Server, listener: socket.socket) -> None:
@@ -127,7 +127,7 @@ def _run(server: Server, listener: socket.socket) -> None:
         server.run([listener])
 
 
-def _listener(host: str, port: int) -> socket.socket:
+def _bind_socket(host: str, port: int) -> socket.socket:
     """A bound socket."""
     place = f"host = {host!r}, port = {port}"
     try:
@@ -146,19 +146,19 @@ def _listener(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         mend = "another program listens there; stop it, or choose another port (0: any free one)"
-        if not _in_use(error):
+        if not _is_address_in_use(error):
             mend = "choose an address of this machine, and a port from 1024 on"
         raise SettingsError(f"{place}: cannot listen ({error.strerror}): {mend}") from error
     return listener
 
 
-def _in_use(error: OSError) -> bool:
+def _is_address_in_use(error: OSError) -> bool:
     import errno
 
     return error.errno == errno.EADDRINUSE
 
 
-def _judged(host: str, limits: LimitSettings, *, encrypted: bool) -> tuple[str, ...]:
+def _check_encryption(host: str, limits: LimitSettings, *, encrypted: bool) -> tuple[str, ...]:
     """Refuse to send passwords over a network as they are, unless told to; then warn."""
     try:
         local = ip_address(host).is_loopback

@@ -16,7 +16,7 @@ for _ending, _kind in ((".js", "text/javascript"), (".woff2", "font/woff2"), (".
     mimetypes.add_type(_kind, _ending)
 
 
-class _Files(StaticFiles):
+class _RevalidatedFiles(StaticFiles):
     """Files that a browser asks about again each time, so that a new version is seen at once."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -25,6 +25,6 @@ class _Files(StaticFiles):
         return response
 
 
-def files() -> StaticFiles:
+def make_static_files() -> StaticFiles:
     """Serves the folder."""
-    return _Files(directory=FOLDER)
+    return _RevalidatedFiles(directory=FOLDER)

@@ -11,7 +11,7 @@ from time import monotonic
 from typing import Any
 
 from beltscape.files.systemd import notify, watchdog_s
-from beltscape.service.server import Running
+from beltscape.service.server import RunningServer
 
 
 def log_to_stderr() -> None:
@@ -24,7 +24,7 @@ def log_to_stderr() -> None:
     log.propagate = False
 
 
-def stop_signal() -> threading.Event:
+def make_stop_event() -> threading.Event:
     """Set by SIGINT and SIGTERM."""
     event = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -32,7 +32,7 @@ def stop_signal() -> threading.Event:
     return event
 
 
-def announce(page: Running | None) -> None:
+def log_address(page: RunningServer | None) -> None:
     """Where the page is, if there is one, and what somebody should know of it."""
     log = logging.getLogger("beltscape")
     for warning in () if page is None else page.warnings:
@@ -40,7 +40,7 @@ def announce(page: Running | None) -> None:
     log.info("measuring%s", "" if page is None else f"; the page is at {page.address}")
 
 
-def watchdog() -> Callable[[], None]:
+def make_watchdog() -> Callable[[], None]:
     """Tells systemd that all goes on, three times as often as it asks."""
     every = watchdog_s()
     if every is None:
@@ -55,8 +55,8 @@ def watchdog() -> Callable[[], None]:
     return alive
 
 
-def counted(result: Mapping[str, Any]) -> str:
-    """What a run counted, in a few lines."""
+def format_summary(result: Mapping[str, Any]) -> str:
+    """What a run format_summary, in a few lines."""
     valid, degraded, missing = (result[f"{name}_mm"] * 1e-3 for name in ("valid", "degraded", "missing"))
     lines = [
         f"volume {result['volume_mm3'] * 1e-6:.3f} l on {valid + degraded + missing:.3f} m of belt in "

@@ -17,7 +17,7 @@ BINS_PER_D_MIN = 8
 FREQUENCIES = np.arange(0, 2.5001, 0.05)
 """Edges of the rings that the spectrum is averaged over, in cycles per d_min."""
 
-LOW = 0.3
+LOW_FREQUENCY = 0.3
 """Cycles per d_min below which the spectrum is called low-frequency: structures wider than three d_min."""
 
 
@@ -45,14 +45,14 @@ class BlueNoise:
     peak_frequency_per_px: float
 
 
-def blue_noise(pattern: Pattern) -> BlueNoise:
+def measure_blue_noise(pattern: Pattern) -> BlueNoise:
     """The quality of a pattern of at least two dots; NaN where a single dot leaves it open."""
     d_min, points = float(pattern.settings.d_min_px or np.nan), pattern.dots[:, :2]
-    nearest = _nearest(points)
+    nearest = _nearest_distances(points)
     edges = np.linspace(1, 2, 41) * d_min
     edges[-1] = max(edges[-1], nearest.max(initial=0) * (1 + 1e-9))  # the last bin takes all beyond
     share = np.histogram(nearest, edges)[0] / max(len(nearest), 1)
-    power, low = _power(points, pattern.size_px, d_min, pattern.keep_out())
+    power, low = _radial_power(points, pattern.size_px, d_min, pattern.keep_out())
     frequency = (FREQUENCIES[:-1] + FREQUENCIES[1:]) / 2 / d_min
     peak = int(np.nanargmax(power))
     lattice = np.sqrt(2 / np.sqrt(3) * pattern.size_px[0] * pattern.size_px[1] / max(len(points), 1))
@@ -71,7 +71,7 @@ def blue_noise(pattern: Pattern) -> BlueNoise:
     )
 
 
-def _nearest(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _nearest_distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) distance to the nearest other point; empty for fewer than two."""
     from scipy.spatial import KDTree
 
@@ -80,7 +80,7 @@ def _nearest(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return KDTree(points).query(points, k=2)[0][:, 1]
 
 
-def _power(
+def _radial_power(
     points: NDArray[np.float64], size_px: tuple[int, int], d_min_px: float, keep_out: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
     """Radially averaged |Σ exp(-2πi f·x)|²/N on the rings, and its mean below LOW.
@@ -97,7 +97,7 @@ def _power(
     column = np.clip(np.floor((points[:, 0] + 0.5) * columns / width).astype(np.int64), 0, columns - 1)
     row = np.clip(np.floor((points[:, 1] + 0.5) * rows / height).astype(np.int64), 0, rows - 1)
     dots = np.bincount(row * columns + column, minlength=rows * columns).reshape(rows, columns)
-    open_ = _outside((columns, rows), size_px, keep_out)
+    open_ = _cells_outside((columns, rows), size_px, keep_out)
     spectrum = np.fft.rfft2(dots - open_ * (len(points) / open_.sum()))
     across, along = np.arange(spectrum.shape[1]) / width, np.fft.fftfreq(rows, 1 / rows) / height
     radius = np.hypot(along[:, None], across) * d_min_px
@@ -107,12 +107,12 @@ def _power(
     wanted = radius < FREQUENCIES[-1]
     total = np.histogram(radius[wanted], FREQUENCIES, weights=power[wanted])[0]
     count = np.histogram(radius[wanted], FREQUENCIES, weights=weight[wanted])[0]
-    low = radius < LOW
+    low = radius < LOW_FREQUENCY
     with np.errstate(invalid="ignore"):
         return total / count, float(power[low].sum() / weight[low].sum()) if low.any() else np.nan
 
 
-def _outside(
+def _cells_outside(
     cells: tuple[int, int], size_px: tuple[int, int], discs: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(rows, columns) 1 where the middle of a cell lies in no disc, else 0."""

@@ -12,11 +12,11 @@ from beltscape.core.errors import InputError
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.toml_text import read_toml, validated
 
-LEAST_CORNERS = 8
+MIN_CORNERS = 8
 """A view with fewer corners says more about noise than about the camera."""
 
 
-def _known_dictionary(name: str) -> str:
+def _check_dictionary(name: str) -> str:
     import cv2
 
     if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
@@ -24,7 +24,7 @@ def _known_dictionary(name: str) -> str:
     return name
 
 
-def _dictionary(name: str) -> Any:
+def _load_dictionary(name: str) -> Any:
     import cv2
 
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
@@ -38,12 +38,12 @@ class CharucoBoard(BaseModel):
     squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
     square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
     marker_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    dictionary: Annotated[str, AfterValidator(_known_dictionary)]
+    dictionary: Annotated[str, AfterValidator(_check_dictionary)]
     legacy: bool | None = None
     inverted: bool | None = None
 
     @model_validator(mode="after")
-    def _marker_fits(self) -> CharucoBoard:
+    def _check_marker_size(self) -> CharucoBoard:
         if self.marker_mm >= self.square_mm:
             raise ValueError(
                 f"marker_mm = {self.marker_mm:g} must be smaller than square_mm = {self.square_mm:g}"
@@ -51,22 +51,22 @@ class CharucoBoard(BaseModel):
         return self
 
     @model_validator(mode="after")
-    def _enough_markers(self) -> CharucoBoard:
-        (columns, rows), there = self.squares, len(_dictionary(self.dictionary).bytesList)
-        if columns * rows // 2 > there:
+    def _check_marker_count(self) -> CharucoBoard:
+        (columns, rows), available = self.squares, len(_load_dictionary(self.dictionary).bytesList)
+        if columns * rows // 2 > available:
             raise ValueError(
-                f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, {self.dictionary} has {there}; "
+                f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, {self.dictionary} has {available}; "
                 "correct squares or dictionary"
             )
         return self
 
     @model_validator(mode="after")
-    def _enough_corners(self) -> CharucoBoard:
+    def _check_corner_count(self) -> CharucoBoard:
         columns, rows = self.grid
-        if columns * rows < LEAST_CORNERS or min(columns, rows) < 2:
+        if columns * rows < MIN_CORNERS or min(columns, rows) < 2:
             raise ValueError(
                 f"squares = [{self.squares[0]}, {self.squares[1]}] have {columns}×{rows} inner corners; a camera "
-                f"needs {LEAST_CORNERS} at least, in two rows or more"
+                f"needs {MIN_CORNERS} at least, in two rows or more"
             )
         return self
 
@@ -75,11 +75,11 @@ class CharucoBoard(BaseModel):
         """Inner corners (columns, rows)."""
         return self.squares[0] - 1, self.squares[1] - 1
 
-    def opencv(self, *, legacy: bool) -> Any:
+    def to_opencv(self, *, legacy: bool) -> Any:
         """OpenCV's own board object."""
         import cv2
 
-        dictionary = _dictionary(self.dictionary)
+        dictionary = _load_dictionary(self.dictionary)
         board = cv2.aruco.CharucoBoard(self.squares, self.square_mm, self.marker_mm, dictionary)
         board.setLegacyPattern(legacy)
         return board

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 GRAINS = 1000
 """Positions are whole thousandths of a pixel, so that distances are compared in exact integers."""
 
-FINE = 8
+RASTER_CELLS = 8
 """Cells of the raster of free places across one d_min."""
 
-FRUITLESS = 20
+MAX_EMPTY_ROUNDS = 20
 """Rounds of at least MIN_ROUND darts without one hit before the plane counts as full."""
 
 MIN_ROUND, MAX_ROUND = 16384, 65536
@@ -48,16 +48,16 @@ def throw_darts(
     Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, Eqs. 4-5.
     """
     plane = _Plane(size_px, d_min_px, np.asarray(keep_out, dtype=np.float64))
-    fruitless = 0
-    while plane.count < count and fruitless < FRUITLESS:
+    empty_rounds = 0
+    while plane.count < count and empty_rounds < MAX_EMPTY_ROUNDS:
         wanted = count - plane.count
-        darts = plane.darts(rng, min(max(2 * wanted, MIN_ROUND), MAX_ROUND))
+        darts = plane.draw_darts(rng, min(max(2 * wanted, MIN_ROUND), MAX_ROUND))
         if darts.size == 0:
             break
-        hits = plane.clear(darts)[: plane.crowd]
-        hits = hits[_first_come(hits, plane.limit)][:wanted]
-        plane.put(hits)
-        fruitless = 0 if hits.size else fruitless + 1
+        hits = plane.reject_close(darts)[: plane.max_hits]
+        hits = hits[_resolve_conflicts(hits, plane.limit)][:wanted]
+        plane.add(hits)
+        empty_rounds = 0 if hits.size else empty_rounds + 1
     return (plane.points[: plane.count] - GRAINS / 2).astype(np.float64) / GRAINS
 
 
@@ -68,18 +68,20 @@ class _Plane:
         self.size = np.array(size_px) * GRAINS
         d = d_min_px * GRAINS
         self.limit = floor(d * d + 1e-3)  # a distance squared up to this is too close; ties are not accepted
-        self.crowd = 64 + int(2 * self.size.prod() / self.limit)  # more at once would mostly hit each other
+        self.max_hits = 64 + int(
+            2 * self.size.prod() / self.limit
+        )  # more at once would mostly hit each other
         self.keep_out = np.column_stack([keep_out[:, :2] + 0.5, keep_out[:, 2]]) * GRAINS
         self.cell = d / sqrt(2)  # at most one point in a cell
         columns, rows = (np.floor(self.size / self.cell) + 5).astype(int)
         self.index = np.full((rows, columns), -1, dtype=np.int64)
-        self.fine = d / FINE
+        self.fine = d / RASTER_CELLS
         width, height = np.ceil(self.size / self.fine).astype(int)
         self.free = np.ones((height, width), dtype=bool)
         self.points = np.full((1, 2), -(10**9), dtype=np.int64)  # the last row stands for "nobody"
         self.count = 0
 
-    def darts(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
+    def draw_darts(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
         """(count, 2) darts, uniform over the free raster cells; none when there is no free cell."""
         cells = np.flatnonzero(self.free)
         if cells.size == 0:
@@ -88,7 +90,7 @@ class _Plane:
         xy = (np.stack([column, row], axis=-1) + rng.random((count, 2))) * self.fine
         return np.rint(xy[(xy <= self.size).all(axis=1)]).astype(np.int64)
 
-    def clear(self, darts: NDArray[np.int64]) -> NDArray[np.int64]:
+    def reject_close(self, darts: NDArray[np.int64]) -> NDArray[np.int64]:
         """Those far enough from every accepted point and outside the kept-out discs."""
         for x, y, radius in self.keep_out:
             away = (darts[:, 0] - x) ** 2 + (darts[:, 1] - y) ** 2 > radius * radius
@@ -100,7 +102,7 @@ class _Plane:
             darts, row, column = darts[away], row[away], column[away]
         return darts
 
-    def put(self, points: NDArray[np.int64]) -> None:
+    def add(self, points: NDArray[np.int64]) -> None:
         """Accept points and mark the places they cover."""
         column, row = self._cells(points)
         self.index[row, column] = self.count + np.arange(len(points))
@@ -126,14 +128,14 @@ _NEIGHBOURS = sorted(
 
 _COVERED = [
     (dx, dy)
-    for dy in range(-FINE, FINE + 1)
-    for dx in range(-FINE, FINE + 1)
-    if (abs(dx) + 1) ** 2 + (abs(dy) + 1) ** 2 <= FINE**2
+    for dy in range(-RASTER_CELLS, RASTER_CELLS + 1)
+    for dx in range(-RASTER_CELLS, RASTER_CELLS + 1)
+    if (abs(dx) + 1) ** 2 + (abs(dy) + 1) ** 2 <= RASTER_CELLS**2
 ]
 """Raster cells that a dot covers wholly, wherever in its own cell it lies."""
 
 
-def _first_come(darts: NDArray[np.int64], limit: int) -> NDArray[np.bool_]:
+def _resolve_conflicts(darts: NDArray[np.int64], limit: int) -> NDArray[np.bool_]:
     """Which darts of one round stay when each is held against all accepted before it."""
     from scipy.spatial import KDTree
 

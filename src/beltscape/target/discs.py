@@ -9,7 +9,7 @@ CHUNK = 1 << 20
 """Pixel corners worked on at once."""
 
 
-def disc_coverage(size_px: tuple[int, int], discs: NDArray[np.float64]) -> NDArray[np.float64]:
+def compute_disc_coverage(size_px: tuple[int, int], discs: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of the discs' weights times the share of each pixel they cover.
 
     Parameters
@@ -30,11 +30,13 @@ def disc_coverage(size_px: tuple[int, int], discs: NDArray[np.float64]) -> NDArr
         alike = discs[spans == span]
         step = max(CHUNK // int(span + 1) ** 2, 1)
         for start in range(0, len(alike), step):
-            _add(image, size_px, alike[start : start + step], int(span))
+            _add_discs(image, size_px, alike[start : start + step], int(span))
     return image.reshape(height, width)
 
 
-def _add(image: NDArray[np.float64], size_px: tuple[int, int], discs: NDArray[np.float64], span: int) -> None:
+def _add_discs(
+    image: NDArray[np.float64], size_px: tuple[int, int], discs: NDArray[np.float64], span: int
+) -> None:
     """Add (n, 4) discs, each within span × span pixels, to the flat image."""
     width, height = size_px
     x, y, radius, weight = discs.T
@@ -55,10 +57,12 @@ def _area_below(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.fl
     u, v = np.clip(u, -1, 1)[:, None, :], np.clip(v, -1, 1)[:, :, None]
     half = np.sqrt(1 - v * v)  # the chord at v reaches from -half to half
     end = np.clip(u, -half, half)
-    cap = _under_arc(end) - _under_arc(-half) - np.abs(v) * (end + half)  # beyond |v|, left of u
-    return np.where(v < 0, cap, 2 * _under_arc(u) - cap)
+    cap = (
+        _integrate_half_chord(end) - _integrate_half_chord(-half) - np.abs(v) * (end + half)
+    )  # beyond |v|, left of u
+    return np.where(v < 0, cap, 2 * _integrate_half_chord(u) - cap)
 
 
-def _under_arc(u: NDArray[np.float64]) -> NDArray[np.float64]:
+def _integrate_half_chord(u: NDArray[np.float64]) -> NDArray[np.float64]:
     """∫ √(1 - t²) dt from 0 to u."""
     return (u * np.sqrt(1 - u * u) + np.arcsin(u)) / 2

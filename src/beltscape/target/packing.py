@@ -5,29 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import pi
 
-SATURATED = 0.5470735
+SATURATED_SHARE = 0.5470735
 """Area share of discs of diameter d_min thrown at random until none fits: Zhang & Torquato, Phys. Rev. E 88, 053312
 (2013), doi:10.1103/PhysRevE.88.053312."""
 
-REACHABLE = 0.97
+MAX_SHARE = 0.97
 """Share of the saturated number that is thrown without hunting for the last gaps; more is refused."""
 
-COMFORTABLE = 0.95
+AUTOMATIC_SHARE = 0.95
 """Share of the saturated number that an automatic d_min asks for."""
 
-BORDER = 0.45
+BORDER_D_MIN = 0.45
 """Centres may lie on the border, so the plane acts as if this many d_min larger; measured, as its half at discs."""
 
 
-def capacity(size_px: tuple[int, int], d_min_px: float, keep_out_px: float, discs: int) -> float:
+def saturated_count(size_px: tuple[int, int], d_min_px: float, keep_out_px: float, discs: int) -> float:
     """Saturated number of dots in W × H px with ``discs`` kept-out discs of that radius; 0 where these fill it."""
     width, height = size_px
-    radius = max(keep_out_px - BORDER * d_min_px / 2, 0)
-    area = (width + BORDER * d_min_px) * (height + BORDER * d_min_px) - discs * pi * radius * radius
-    return max(area, 0) * SATURATED / (pi / 4 * d_min_px * d_min_px)
+    radius = max(keep_out_px - BORDER_D_MIN * d_min_px / 2, 0)
+    area = (width + BORDER_D_MIN * d_min_px) * (
+        height + BORDER_D_MIN * d_min_px
+    ) - discs * pi * radius * radius
+    return max(area, 0) * SATURATED_SHARE / (pi / 4 * d_min_px * d_min_px)
 
 
-def largest_d_min(saturated: Callable[[float], float], count: float) -> float:
+def find_largest_d_min(saturated: Callable[[float], float], count: float) -> float:
     """The largest d_min, in steps of 0.01 px, at which ``saturated(d_min)`` is still ``count``.
 
     ``saturated`` must not grow with d_min. 0.0 when even 0.01 px is too much.

@@ -20,7 +20,7 @@ LARGEST_MM = 5080.0
 """A PDF page is at most 14,400 points wide (ISO 32000-1, Annex C)."""
 
 
-def page_for(needed_mm: tuple[float, float], page: str | None) -> tuple[float, float]:
+def choose_page(needed_mm: tuple[float, float], page: str | None) -> tuple[float, float]:
     """Width and height in mm of a page that holds ``needed_mm``, turned as suits it best.
 
     Parameters
@@ -33,21 +33,21 @@ def page_for(needed_mm: tuple[float, float], page: str | None) -> tuple[float, f
     SettingsError
         When the page is unknown or too small, with one that is not.
     """
-    wanted = None if page is None else _sizes(page)
-    for width, height in wanted or [size for name in PAPERS_MM for size in _sizes(name)]:
+    wanted = None if page is None else _page_sizes(page)
+    for width, height in wanted or [size for name in PAPERS_MM for size in _page_sizes(name)]:
         landscape = width > height
-        if _fits(needed_mm, (width, height)):
+        if _is_large_enough(needed_mm, (width, height)):
             turned = (height, width)
-            better = landscape != (needed_mm[0] > needed_mm[1]) and _fits(needed_mm, turned)
+            better = landscape != (needed_mm[0] > needed_mm[1]) and _is_large_enough(needed_mm, turned)
             return turned if better and wanted != [(width, height)] else (width, height)
     short = "more than A0" if page is None else f"more than page {page}"
     raise SettingsError(
         f"the board with margin, ruler and text needs {ceil(needed_mm[0])}×{ceil(needed_mm[1])} mm, {short}; "
-        f"give {_enough(needed_mm)}smaller squares"
+        f"give {_suggest_page(needed_mm)}smaller squares"
     )
 
 
-def _sizes(page: str) -> list[tuple[float, float]]:
+def _page_sizes(page: str) -> list[tuple[float, float]]:
     """Sizes a page can have: a named one upright or turned."""
     if page.upper() in PAPERS_MM:
         width, height = PAPERS_MM[page.upper()]
@@ -61,14 +61,14 @@ def _sizes(page: str) -> list[tuple[float, float]]:
     return [size]
 
 
-def _fits(needed: tuple[float, float], page: tuple[float, float]) -> bool:
+def _is_large_enough(needed: tuple[float, float], page: tuple[float, float]) -> bool:
     return needed[0] <= page[0] + 1e-9 and needed[1] <= page[1] + 1e-9
 
 
-def _enough(needed: tuple[float, float]) -> str:
+def _suggest_page(needed: tuple[float, float]) -> str:
     """The smallest page that does, where there is one."""
     for name in PAPERS_MM:
-        if any(_fits(needed, size) for size in _sizes(name)):
+        if any(_is_large_enough(needed, size) for size in _page_sizes(name)):
             return f"page {name}, or "
     size = ceil(needed[0]), ceil(needed[1])
     return f"page {size[0]}x{size[1]}, or " if max(size) <= LARGEST_MM else ""

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validat
 
 from beltscape.core.errors import SettingsError
 from beltscape.target.darts import throw_darts
-from beltscape.target.packing import COMFORTABLE, REACHABLE, capacity, largest_d_min
+from beltscape.target.packing import AUTOMATIC_SHARE, MAX_SHARE, saturated_count, find_largest_d_min
 
 PRESETS = {"paper": 25_000, "fine": 50_000, "dense": 100_000}
 """Preset → number of dots; ``paper`` is the paper's pattern."""
@@ -31,7 +31,7 @@ MIN_RADIUS_PX = 0.3
 """Finer dots are only a grey shade of one pixel."""
 
 
-def _color(text: str) -> str:
+def _parse_color(text: str) -> str:
     if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
         raise ValueError("a colour is written #RRGGBB, as #FFD700")
     return text.upper()
@@ -40,7 +40,7 @@ def _color(text: str) -> str:
 Side = Annotated[int, Field(ge=64, le=8192)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Length = Annotated[float, Field(gt=0, le=8192)]
-Color = Annotated[str, AfterValidator(_color)]
+Color = Annotated[str, AfterValidator(_parse_color)]
 
 
 class PatternSettings(BaseModel):
@@ -59,7 +59,7 @@ class PatternSettings(BaseModel):
 
     @field_validator("grey")
     @classmethod
-    def _rising(cls, grey: tuple[float, float]) -> tuple[float, float]:
+    def _check_order(cls, grey: tuple[float, float]) -> tuple[float, float]:
         if grey[0] > grey[1]:
             raise ValueError("the first level must be the smaller one")
         return grey
@@ -93,7 +93,7 @@ class Pattern:
 
     def keep_out(self) -> NDArray[np.float64]:
         """(16, 3) x, y, radius of the discs about the markers that hold no dot's centre, px."""
-        return _discs(self.settings, self.markers)
+        return _keep_out_discs(self.settings, self.markers)
 
 
 def make_pattern(settings: PatternSettings) -> Pattern:
@@ -108,24 +108,24 @@ def make_pattern(settings: PatternSettings) -> Pattern:
     ----------
     Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, section 2.1.
     """
-    settings = resolved(settings)
-    markers = markers_of(settings)
+    settings = resolve_settings(settings)
+    markers = make_markers(settings)
     # levels have their own stream: a change of the grey range leaves every dot where it is
     places, levels = (np.random.default_rng((settings.seed, stream)) for stream in range(2))
-    d_min = _told(settings.d_min_px)
-    xy = throw_darts(settings.size_px, settings.count, d_min, _discs(settings, markers), places)
+    d_min = _resolved_length(settings.d_min_px)
+    xy = throw_darts(settings.size_px, settings.count, d_min, _keep_out_discs(settings, markers), places)
     if len(xy) < settings.count:
-        raise SettingsError(_too_many(settings, d_min, len(xy)))
+        raise SettingsError(_describe_excess(settings, d_min, len(xy)))
     low, high = settings.grey
     level = np.round(low + (high - low) * levels.random(len(xy)), 3)
     dots = np.column_stack([xy, np.full(len(xy), settings.radius_px), level])
     return Pattern(settings, dots, markers)
 
 
-def markers_of(settings: PatternSettings) -> tuple[Marker, ...]:
+def make_markers(settings: PatternSettings) -> tuple[Marker, ...]:
     """The markers of resolved settings (Eq. 6)."""
     width, height = settings.size_px
-    radius = _marker_radius(_told(settings.radius_px))
+    radius = _marker_radius(_resolved_length(settings.radius_px))
     return tuple(
         Marker(row, col, (width / MARKERS * (col + 0.5) - 0.5, height / MARKERS * (row + 0.5) - 0.5), radius)
         for row in range(MARKERS)
@@ -133,37 +133,39 @@ def markers_of(settings: PatternSettings) -> tuple[Marker, ...]:
     )
 
 
-def resolved(settings: PatternSettings) -> PatternSettings:
+def resolve_settings(settings: PatternSettings) -> PatternSettings:
     """The settings with d_min and radius chosen where they were open, or SettingsError where they do not fit."""
-    d_min = settings.d_min_px or _automatic_d_min(settings)
-    radius = _radius(settings, d_min)
-    widest = _widest_dot(settings)
+    d_min = settings.d_min_px or _choose_d_min(settings)
+    radius = _choose_radius(settings, d_min)
+    widest = _max_dot_radius(settings)
     if radius < MIN_RADIUS_PX:
-        most = _most(settings, MIN_RADIUS_PX / RADIUS_OF_D_MIN, COMFORTABLE)
+        most = _max_count(settings, MIN_RADIUS_PX / RADIUS_OF_D_MIN, AUTOMATIC_SHARE)
         raise SettingsError(
-            f"{settings.count} dots on {_size(settings)} would be finer than a radius of {MIN_RADIUS_PX:g} px; "
+            f"{settings.count} dots on {_format_size(settings)} would be finer than a radius of {MIN_RADIUS_PX:g} px; "
             f"give at most {most}"
         )
     if d_min < 2 * radius:
-        raise SettingsError(_overlap(settings, d_min, radius))
+        raise SettingsError(_describe_overlap(settings, d_min, radius))
     if radius > widest:
         raise SettingsError(
             f"dots of radius {radius:g} px have markers of {_marker_radius(radius):g} px, too large for their blocks "
-            f"on {_size(settings)}; give a dot radius up to {_down(widest):g} px"
+            f"on {_format_size(settings)}; give a dot radius up to {_round_down(widest):g} px"
         )
-    if settings.count > _most(settings, d_min):
-        raise SettingsError(_too_many(settings, d_min, _most(settings, d_min)))
+    if settings.count > _max_count(settings, d_min):
+        raise SettingsError(_describe_excess(settings, d_min, _max_count(settings, d_min)))
     return settings.model_copy(update={"d_min_px": d_min, "radius_px": radius})
 
 
-def _widest_dot(settings: PatternSettings) -> float:
+def _max_dot_radius(settings: PatternSettings) -> float:
     """Radius of a dot whose marker is half as wide as its block."""
     return min(settings.size_px) / MARKERS / 4 / MARKER_RATIO
 
 
-def _radius(settings: PatternSettings, d_min_px: float) -> float:
+def _choose_radius(settings: PatternSettings, d_min_px: float) -> float:
     """As told, or in proportion to d_min but not too wide for the markers that go with it."""
-    return settings.radius_px or min(round(RADIUS_OF_D_MIN * d_min_px, 2), _down(_widest_dot(settings)))
+    return settings.radius_px or min(
+        round(RADIUS_OF_D_MIN * d_min_px, 2), _round_down(_max_dot_radius(settings))
+    )
 
 
 def _marker_radius(radius_px: float) -> float:
@@ -175,50 +177,50 @@ def _clearance(radius_px: float, d_min_px: float) -> float:
     return _marker_radius(radius_px) + d_min_px - radius_px
 
 
-def _discs(settings: PatternSettings, markers: tuple[Marker, ...]) -> NDArray[np.float64]:
-    clearance = _clearance(_told(settings.radius_px), _told(settings.d_min_px))
+def _keep_out_discs(settings: PatternSettings, markers: tuple[Marker, ...]) -> NDArray[np.float64]:
+    clearance = _clearance(_resolved_length(settings.radius_px), _resolved_length(settings.d_min_px))
     return np.array([(*marker.center_px, clearance) for marker in markers])
 
 
-def _most(settings: PatternSettings, d_min_px: float, share: float = REACHABLE) -> int:
+def _max_count(settings: PatternSettings, d_min_px: float, share: float = MAX_SHARE) -> int:
     """How many dots fit at this d_min, as a share of those that fill the plane."""
-    clearance = _clearance(_radius(settings, d_min_px), d_min_px)
-    return floor(share * capacity(settings.size_px, d_min_px, clearance, MARKERS**2))
+    clearance = _clearance(_choose_radius(settings, d_min_px), d_min_px)
+    return floor(share * saturated_count(settings.size_px, d_min_px, clearance, MARKERS**2))
 
 
-def _automatic_d_min(settings: PatternSettings) -> float:
+def _choose_d_min(settings: PatternSettings) -> float:
     """The largest d_min at which the count is comfortably thrown."""
-    return largest_d_min(lambda d: _most(settings, d, COMFORTABLE), settings.count)
+    return find_largest_d_min(lambda d: _max_count(settings, d, AUTOMATIC_SHARE), settings.count)
 
 
-def _too_many(settings: PatternSettings, d_min_px: float, most: int) -> str:
-    largest = largest_d_min(lambda d: _most(settings, d), settings.count)
+def _describe_excess(settings: PatternSettings, d_min_px: float, most: int) -> str:
+    largest = find_largest_d_min(lambda d: _max_count(settings, d), settings.count)
     least = 2 * (settings.radius_px or MIN_RADIUS_PX / RADIUS_OF_D_MIN / 2)
-    mend = f", or d_min up to {largest:g} px" if largest >= least else ""
-    return f"{settings.count} dots do not fit {_size(settings)} at d_min {d_min_px:g} px; at most {most} do{mend}"
+    fix = f", or d_min up to {largest:g} px" if largest >= least else ""
+    return f"{settings.count} dots do not fit {_format_size(settings)} at d_min {d_min_px:g} px; at most {most} do{fix}"
 
 
-def _overlap(settings: PatternSettings, d_min_px: float, radius_px: float) -> str:
+def _describe_overlap(settings: PatternSettings, d_min_px: float, radius_px: float) -> str:
     if settings.d_min_px is not None:
         return (
             f"d_min {d_min_px:g} px lets dots of radius {radius_px:g} px overlap; "
-            f"give d_min of at least {2 * radius_px:g} px, or a radius up to {_down(d_min_px / 2):g} px"
+            f"give d_min of at least {2 * radius_px:g} px, or a radius up to {_round_down(d_min_px / 2):g} px"
         )
     return (
-        f"{settings.count} dots of radius {radius_px:g} px overlap on {_size(settings)}; "
-        f"give at most {_most(settings, 2 * radius_px, COMFORTABLE)} dots, or no radius"
+        f"{settings.count} dots of radius {radius_px:g} px overlap on {_format_size(settings)}; "
+        f"give at most {_max_count(settings, 2 * radius_px, AUTOMATIC_SHARE)} dots, or no radius"
     )
 
 
-def _down(value: float) -> float:
+def _round_down(value: float) -> float:
     return floor(value * 100) / 100
 
 
-def _size(settings: PatternSettings) -> str:
+def _format_size(settings: PatternSettings) -> str:
     return f"{settings.size_px[0]}×{settings.size_px[1]} px"
 
 
-def _told(value: float | None) -> float:
+def _resolved_length(value: float | None) -> float:
     """A length of resolved settings."""
     if value is None:
         raise SettingsError("the pattern's lengths are still open; resolve its settings first")

@@ -7,15 +7,15 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.target.discs import disc_coverage
+from beltscape.target.discs import compute_disc_coverage
 from beltscape.target.pattern import Pattern
 
 
 def draw_pattern(pattern: Pattern, bits: Literal[8, 16] = 8) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """(H, W, 3) RGB of 8 or 16 bits; each pixel is the mean of the colours in it, in pixel values."""
     markers = np.array([(*marker.center_px, marker.radius_px, 1.0) for marker in pattern.markers])
-    under = np.clip(disc_coverage(pattern.size_px, pattern.dots), 0, 1)
-    over = np.clip(disc_coverage(pattern.size_px, markers), 0, 1)
+    under = np.clip(compute_disc_coverage(pattern.size_px, pattern.dots), 0, 1)
+    over = np.clip(compute_disc_coverage(pattern.size_px, markers), 0, 1)
     settings = pattern.settings
     background, dot, marker = map(
         rgb_from_hex, (settings.background, settings.dot_color, settings.marker_color)

@@ -8,7 +8,7 @@ from beltscape.target.pattern import Pattern
 from beltscape.target.pattern_image import hex_from_rgb, rgb_from_hex
 
 
-def pattern_svg(pattern: Pattern) -> str:
+def pattern_to_svg(pattern: Pattern) -> str:
     """The pattern's SVG text; one unit is one pixel, and (0, 0) the centre of the top-left one."""
     (width, height), settings = pattern.size_px, pattern.settings
     parts = [

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from beltscape.files.atomic import write_bytes, write_text
 from beltscape.target.board import Board, CharucoBoard
-from beltscape.target.paper import page_for
-from beltscape.target.sheet import Sheet, letters
-from beltscape.target.sheet_pdf import sheet_pdf
-from beltscape.target.sheet_png import sheet_png
-from beltscape.target.sheet_svg import sheet_svg
+from beltscape.target.paper import choose_page
+from beltscape.target.sheet import Sheet, outline_text
+from beltscape.target.sheet_pdf import sheet_to_pdf
+from beltscape.target.sheet_png import sheet_to_png
+from beltscape.target.sheet_svg import sheet_to_svg
 
 MARGIN_MM = 5.0
 """White all round: what most printers cannot reach."""
@@ -44,18 +44,18 @@ def lay_out(board: Board, page: str | None = None) -> PrintedBoard:
         board = board.model_copy(update={"legacy": False, "inverted": False})
     columns, rows = board.grid
     size = ((columns + 1) * board.square_mm, (rows + 1) * board.square_mm)
-    outlines, text_mm = letters(caption(board), FONT_MM)
+    outlines, text_mm = outline_text(make_caption(board), FONT_MM)
     widest = max(size[0], RULER_MM + 1, text_mm)
-    page_mm = page_for((widest + 2 * MARGIN_MM, size[1] + FOOT_MM + 2 * MARGIN_MM), page)
+    page_mm = choose_page((widest + 2 * MARGIN_MM, size[1] + FOOT_MM + 2 * MARGIN_MM), page)
     x, y = (page_mm[0] - size[0]) / 2, (page_mm[1] - size[1] - FOOT_MM) / 2
     start = ((page_mm[0] - RULER_MM) / 2, y + size[1] + 3.5)
     text_at = ((page_mm[0] - text_mm) / 2, y + size[1] + FOOT_MM - 0.8)
-    rectangles = np.concatenate([_moved(black_squares(board), (x, y)), _moved(ruler(), start)])
-    sheet = Sheet(page_mm, caption(board), rectangles, tuple(outline + text_at for outline in outlines))
+    rectangles = np.concatenate([_shift(black_squares(board), (x, y)), _shift(make_ruler(), start)])
+    sheet = Sheet(page_mm, make_caption(board), rectangles, tuple(outline + text_at for outline in outlines))
     return PrintedBoard(board, sheet, (x, y))
 
 
-def caption(board: Board) -> str:
+def make_caption(board: Board) -> str:
     """What the board is, as printed below it."""
     if isinstance(board, CharucoBoard):
         what = (
@@ -74,13 +74,13 @@ def black_squares(board: Board) -> NDArray[np.float64]:
     # OpenCV since 4.6 and the chessboard agree: the top left square is black
     black = (row + column) % 2 == 0
     squares = np.stack([column[black], row[black], np.ones(black.sum()), np.ones(black.sum())], axis=-1)
-    markers = _markers(board) if isinstance(board, CharucoBoard) else []
+    markers = _marker_bits(board) if isinstance(board, CharucoBoard) else []
     return np.concatenate([squares * board.square_mm, *markers])
 
 
-def _markers(board: CharucoBoard) -> list[NDArray[np.float64]]:
+def _marker_bits(board: CharucoBoard) -> list[NDArray[np.float64]]:
     """(R, 4) black bits of each marker, neighbours in a row joined."""
-    theirs = board.opencv(legacy=False)
+    theirs = board.to_opencv(legacy=False)
     dictionary = theirs.getDictionary()
     bits = int(dictionary.markerSize) + 2  # the border is one bit wide
     bit_mm = board.marker_mm / bits
@@ -89,11 +89,11 @@ def _markers(board: CharucoBoard) -> list[NDArray[np.float64]]:
         cell = np.floor(np.asarray(corners, dtype=np.float64)[:, :2].min(axis=0) / board.square_mm)
         corner = cell * board.square_mm + (board.square_mm - board.marker_mm) / 2  # in double precision
         runs = _runs(dictionary.generateImageMarker(number, bits) == 0)
-        boxes.append(_moved(runs * bit_mm, corner))
+        boxes.append(_shift(runs * bit_mm, corner))
     return boxes
 
 
-def _moved(boxes: NDArray[np.float64], by: Iterable[float]) -> NDArray[np.float64]:
+def _shift(boxes: NDArray[np.float64], by: Iterable[float]) -> NDArray[np.float64]:
     """Boxes (R, 4) shifted by x, y."""
     return boxes + np.array([*by, 0, 0])
 
@@ -106,7 +106,7 @@ def _runs(black: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.stack([start, row, end - start, np.ones_like(row)], axis=-1).astype(np.float64)
 
 
-def ruler() -> NDArray[np.float64]:
+def make_ruler() -> NDArray[np.float64]:
     """(R, 4) boxes of a ruler: its end ticks' middles are RULER_MM apart, at x = 0 and x = RULER_MM."""
     at = np.arange(RULER_MM + 1)
     long = np.where(at % 10 == 0, 3.0, np.where(at % 5 == 0, 2.2, 1.4))
@@ -116,7 +116,7 @@ def ruler() -> NDArray[np.float64]:
     return np.concatenate([line, ticks])
 
 
-def board_toml(board: Board) -> str:
+def board_to_toml(board: Board) -> str:
     """board.toml of a board as it is printed."""
     if isinstance(board, CharucoBoard):
         return (
@@ -132,10 +132,10 @@ def board_toml(board: Board) -> str:
 
 def write_board_files(folder: Path, printed: PrintedBoard, dpi: float = 300) -> dict[str, Path]:
     """Write board.pdf, board.svg, board.png and board.toml; what was written."""
-    png = sheet_png(printed.sheet, dpi)
+    png = sheet_to_png(printed.sheet, dpi)
     files = {kind: folder / f"board.{kind}" for kind in ("pdf", "svg", "png", "toml")}
-    write_bytes(files["pdf"], sheet_pdf(printed.sheet))
-    write_text(files["svg"], sheet_svg(printed.sheet))
+    write_bytes(files["pdf"], sheet_to_pdf(printed.sheet))
+    write_text(files["svg"], sheet_to_svg(printed.sheet))
     write_bytes(files["png"], png)
-    write_text(files["toml"], board_toml(printed.board))
+    write_text(files["toml"], board_to_toml(printed.board))
     return files

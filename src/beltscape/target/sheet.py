@@ -21,23 +21,23 @@ class Sheet:
     """Closed polygons (P, 2) of letters, filled by the even-odd rule: fonts differ from printer to printer."""
 
 
-def number(value: float) -> str:
+def format_length(value: float) -> str:
     """A length as text: to the nanometre, without trailing zeros."""
     text = f"{value:.6f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
 
-def letters(text: str, height_mm: float) -> tuple[list[NDArray[np.float64]], float]:
+def outline_text(text: str, height_mm: float) -> tuple[list[NDArray[np.float64]], float]:
     """Outlines of a line of text, (P, 2) mm each, y down from the base line; and the text's width in mm.
 
     ``height_mm`` is the font's size, about 1.4 times the height of a capital.
     """
-    unit, advance = _letters(text)
+    unit, advance = _outline_unit_text(text)
     return [outline * height_mm for outline in unit], advance * height_mm
 
 
 @cache
-def _letters(text: str) -> tuple[list[NDArray[np.float64]], float]:
+def _outline_unit_text(text: str) -> tuple[list[NDArray[np.float64]], float]:
     """Outlines and width for a font of size 1."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextPath

@@ -5,46 +5,46 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.target.sheet import Sheet, number
+from beltscape.target.sheet import Sheet, format_length
 
 POINTS_PER_MM = 72 / 25.4
 
 
-def sheet_pdf(sheet: Sheet) -> bytes:
+def sheet_to_pdf(sheet: Sheet) -> bytes:
     """The page. One path holds all rectangles, so that no hairline shows where they touch.
 
     Viewers are asked not to scale when they print (ISO 32000-1, 12.2).
     """
     width, height = (side * POINTS_PER_MM for side in sheet.size_mm)
-    content = _content(sheet, height)
+    content = _draw_content(sheet, height)
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-        f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {number(width)} {number(height)}] "
+        f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {format_length(width)} {format_length(height)}] "
         "/Resources << >> /Contents 4 0 R >>".encode("ascii"),
         b"<< /Length %d >>\nstream\n%s\nendstream" % (len(content), content),
         b"<< /Title <%s> /Producer (Beltscape) >>" % sheet.title.encode("utf-16").hex().upper().encode(),
     ]
-    return _file(objects)
+    return _assemble_file(objects)
 
 
-def _content(sheet: Sheet, height_points: float) -> bytes:
+def _draw_content(sheet: Sheet, height_points: float) -> bytes:
     """Drawing operators, in mm with y down."""
     scale = f"{POINTS_PER_MM:.12f}"
-    lines = [f"{scale} 0 0 -{scale} 0 {number(height_points)} cm", "0 g"]
-    lines += [" ".join(map(number, row)) + " re" for row in sheet.rectangles_mm.tolist()]
+    lines = [f"{scale} 0 0 -{scale} 0 {format_length(height_points)} cm", "0 g"]
+    lines += [" ".join(map(format_length, row)) + " re" for row in sheet.rectangles_mm.tolist()]
     lines.append("f")
     for outline in sheet.outlines_mm:
-        lines += _polygon(outline)
+        lines += _draw_polygon(outline)
     return "\n".join([*lines, "f*"]).encode("ascii")
 
 
-def _polygon(outline: NDArray[np.float64]) -> list[str]:
-    points = [f"{number(x)} {number(y)}" for x, y in outline.tolist()]
+def _draw_polygon(outline: NDArray[np.float64]) -> list[str]:
+    points = [f"{format_length(x)} {format_length(y)}" for x, y in outline.tolist()]
     return [f"{points[0]} m", *(f"{point} l" for point in points[1:]), "h"]
 
 
-def _file(objects: list[bytes]) -> bytes:
+def _assemble_file(objects: list[bytes]) -> bytes:
     """Header, objects, cross-reference table, trailer (ISO 32000-1, 7.5)."""
     data, starts = b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n", []
     for index, body in enumerate(objects, start=1):

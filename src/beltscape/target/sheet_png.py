@@ -13,9 +13,9 @@ from beltscape.files.images import encode_image
 from beltscape.target.sheet import Sheet
 
 MAX_PIXELS = 400_000_000
-STRIP = 512
+STRIP_ROWS = 512
 """Rows drawn at once."""
-FINER = 8
+LETTER_OVERSAMPLE = 8
 """Letters are drawn this many times finer and averaged."""
 
 
@@ -35,8 +35,8 @@ def draw_sheet(sheet: Sheet, dpi: float) -> NDArray[np.uint8]:
     left, top, wide, high = sheet.rectangles_mm.T * scale
     edges = np.stack([left, top, left + wide, top + high], axis=-1)
     image = np.empty((height, width), dtype=np.uint8)
-    for start in range(0, height, STRIP):
-        ink = np.zeros((min(STRIP, height - start), width), dtype=np.float32)
+    for start in range(0, height, STRIP_ROWS):
+        ink = np.zeros((min(STRIP_ROWS, height - start), width), dtype=np.float32)
         inside = edges[(edges[:, 3] > start) & (edges[:, 1] < start + len(ink))]
         for x0, y0, x1, y1 in inside.tolist():
             _add_box(ink, x0, y0 - start, x1, y1 - start)
@@ -45,7 +45,7 @@ def draw_sheet(sheet: Sheet, dpi: float) -> NDArray[np.uint8]:
     return image
 
 
-def sheet_png(sheet: Sheet, dpi: float) -> bytes:
+def sheet_to_png(sheet: Sheet, dpi: float) -> bytes:
     """The drawn sheet as PNG that knows its resolution, so that it too prints in true size."""
     data = encode_image(draw_sheet(sheet, dpi))
     per_metre = round(dpi / 0.0254)
@@ -56,12 +56,12 @@ def sheet_png(sheet: Sheet, dpi: float) -> bytes:
 
 
 def _add_box(ink: NDArray[np.float32], x0: float, y0: float, x1: float, y1: float) -> None:
-    rows, across = _overlap(y0, y1, ink.shape[0])
-    columns, along = _overlap(x0, x1, ink.shape[1])
+    rows, across = _covered_shares(y0, y1, ink.shape[0])
+    columns, along = _covered_shares(x0, x1, ink.shape[1])
     ink[rows, columns] += across[:, None] * along
 
 
-def _overlap(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float32]]:
+def _covered_shares(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float32]]:
     """Which of ``count`` cells [i, i + 1] an interval touches, and the share of each that it covers."""
     first, last = max(int(np.floor(low)), 0), min(int(np.ceil(high)), count)
     cells = np.arange(first, max(last, first))
@@ -78,12 +78,13 @@ def _draw_letters(image: NDArray[np.uint8], outlines: list[NDArray[np.float64]])
     points = np.concatenate(outlines)
     x0, y0 = np.maximum(np.floor(points.min(axis=0)).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(points.max(axis=0)).astype(int) + 1, image.shape[::-1])
-    fine = np.zeros(((y1 - y0) * FINER, (x1 - x0) * FINER), dtype=np.uint8)
+    fine = np.zeros(((y1 - y0) * LETTER_OVERSAMPLE, (x1 - x0) * LETTER_OVERSAMPLE), dtype=np.uint8)
     shift = 4
     polygons = [
-        np.rint(((outline - (x0, y0)) * FINER - 0.5) * (1 << shift)).astype(np.int32) for outline in outlines
+        np.rint(((outline - (x0, y0)) * LETTER_OVERSAMPLE - 0.5) * (1 << shift)).astype(np.int32)
+        for outline in outlines
     ]
     cv2.fillPoly(fine, polygons, 255, shift=shift)
-    ink = fine.reshape(y1 - y0, FINER, x1 - x0, FINER).mean(axis=(1, 3))
+    ink = fine.reshape(y1 - y0, LETTER_OVERSAMPLE, x1 - x0, LETTER_OVERSAMPLE).mean(axis=(1, 3))
     window = image[y0:y1, x0:x1]
     window[:] = np.rint(np.maximum(window - ink, 0))

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from xml.sax.saxutils import escape
 
-from beltscape.target.sheet import Sheet, number
+from beltscape.target.sheet import Sheet, format_length
 
 
-def sheet_svg(sheet: Sheet) -> str:
+def sheet_to_svg(sheet: Sheet) -> str:
     """The SVG text; one path holds all rectangles, so that no hairline shows where they touch."""
-    width, height = map(number, sheet.size_mm)
+    width, height = map(format_length, sheet.size_mm)
     boxes = "\n".join(
-        f"M{number(x)} {number(y)}h{number(w)}v{number(h)}h{number(-w)}z"
+        f"M{format_length(x)} {format_length(y)}h{format_length(w)}v{format_length(h)}h{format_length(-w)}z"
         for x, y, w, h in sheet.rectangles_mm.tolist()
     )
     outlines = "\n".join(
-        "M" + "L".join(f"{number(x)} {number(y)}" for x, y in outline.tolist()) + "z"
+        "M" + "L".join(f"{format_length(x)} {format_length(y)}" for x, y in outline.tolist()) + "z"
         for outline in sheet.outlines_mm
     )
     return (

@@ -38,5 +38,5 @@ def access(make) -> Iterator[Access]:
 
 @pytest.fixture
 def app(access) -> FastAPI:
-    """Behind the door with one user of each role."""
+    """AppContext the door with one user of each role."""
     return application(access)

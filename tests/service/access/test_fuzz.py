@@ -19,7 +19,7 @@ from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.roles import ROLES, User
 from beltscape.service.access.sessions import derive_page_token
 from beltscape.service.app import create_app
-from beltscape.service.hub import Hub
+from beltscape.service.hub import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -86,9 +86,9 @@ class Caller:
             "raw_path": raw, "query_string": target.query.encode(), "root_path": "", "headers": headers,
             "http_version": "1.1", "client": (next(self.addresses), 1), "server": ("localhost", 80),
         }  # fmt: skip
-        return self.runner.run(self._answer(scope, body))
+        return self.runner.run(self._make_summary(scope, body))
 
-    async def _answer(self, scope: dict, body: bytes) -> tuple[int, bytes]:
+    async def _make_summary(self, scope: dict, body: bytes) -> tuple[int, bytes]:
         sent: list[dict] = []
         ended = asyncio.Event()
         messages = [{"type": "http.request", "body": body, "more_body": False}]
@@ -119,12 +119,12 @@ def caller(tmp_path_factory):
         for role in ROLES:
             access.accounts.add(f"the-{role}", role, PASSWORD)
         history.begin_run()
-        hub = Hub(web)
-        plant = Plant([hub], history)
+        live_state = LiveState(web)
+        plant = Plant([live_state], history)
         for i in range(30):
             plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
-        hub.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
-        caller = Caller(create_app(hub, history, access, Answers(), web), access)
+        live_state.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
+        caller = Caller(create_app(live_state, history, access, Answers(), web), access)
         with caller.runner:
             yield caller
 

@@ -14,7 +14,7 @@ from fastapi import FastAPI
 import beltscape.service.access as access_package
 from beltscape.service.access import Access, install_access
 from beltscape.service.server import serve
-from beltscape.service.static import FOLDER, files
+from beltscape.service.static import FOLDER, make_static_files
 from service.access.door import CHEAP, PASSWORD
 from service.test_server import Web
 
@@ -25,7 +25,7 @@ CHROMIUM = shutil.which("chromium")
 def door(tmp_path):
     """A service without users, and its address."""
     app = FastAPI()
-    app.mount("/page", files())
+    app.mount("/page", make_static_files())
     app.add_api_route("/", lambda: {"the": "belt"})
     with closing(Access(tmp_path, None, CHEAP)) as access:
         install_access(app, access)

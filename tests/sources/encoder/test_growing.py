@@ -114,11 +114,11 @@ def test_a_line_that_comes_between_the_last_look_and_the_renaming_is_read(tmp_pa
     path, old = tmp_path / "encoder.csv", tmp_path / "encoder.csv.1"
 
     class Raced(FileTail):
-        def _replaced(self):
+        def _is_replaced(self):
             path.rename(old)
             append(old, b"2\n")
             append(path, b"3\n")
-            return super()._replaced()
+            return super()._is_replaced()
 
     append(path, b"")
     tail = Raced(path)

@@ -92,11 +92,11 @@ def test_nobody_waits_for_one_that_is_silent_or_closed():
     silent = track([(0, 0.0), (10, 1.0)])
     begun = monotonic_ns()
     assert silent.position_at(monotonic_ns(), wait_ns=5_000 * MS) is None
-    speaking = PositionTrack(10_000 * MS)
-    speaking.add(begun, 0.0)
-    waiting = Thread(target=speaking.at, args=(begun + 1, 60_000 * MS))
+    active = PositionTrack(10_000 * MS)
+    active.add(begun, 0.0)
+    waiting = Thread(target=active.position_at, args=(begun + 1, 60_000 * MS))
     waiting.start()
-    speaking.close()
+    active.close()
     waiting.join(2)
     assert not waiting.is_alive()
     assert monotonic_ns() - begun < 2_000 * MS

@@ -13,9 +13,9 @@ from beltscape.sources.genicam.fake.network import own_network
 def fake_network():
     """Everything started within has five loopback addresses for cameras, and no other network."""
     try:
-        from beltscape.sources.genicam.aravis import aravis
+        from beltscape.sources.genicam.aravis import load_aravis
 
-        aravis()
+        load_aravis()
         network = own_network(f"127.0.0.{FIRST_ADDRESS + i}" for i in range(5))
         network.__enter__()
     except BeltscapeError as error:

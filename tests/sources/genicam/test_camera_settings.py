@@ -95,9 +95,9 @@ def test_position_goes_on_when_the_counter_begins_again(start, steps, mm_per_cou
 def test_position_goes_on_when_the_camera_lost_power():
     counter = BeltCounter(EncoderSettings(mm_per_count=0.5, feature="Counter0Value"))
     assert counter.position_mm(10_000) == 5000
-    counter.reopened()
+    counter.on_reopened()
     assert counter.position_mm(10_100) == 5050  # only the network was gone
-    counter.reopened()
+    counter.on_reopened()
     assert counter.position_mm(40) == 5070  # it began at 0
     assert counter.position_mm(30) == 5065  # backwards
 

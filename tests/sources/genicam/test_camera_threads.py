@@ -10,9 +10,9 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
-from beltscape.sources.genicam.camera import Pace
-from beltscape.sources.genicam.device import Raw
-from beltscape.sources.genicam.health import light_of
+from beltscape.sources.genicam.camera import TriggerPace
+from beltscape.sources.genicam.device import RawImage
+from beltscape.sources.genicam.health import find_brightness_fault
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import READY, GenicamSource
 
@@ -29,7 +29,7 @@ class Steered:
         self.broken = 0
         self.frames = 0
         self.closed = threading.Event()
-        self._images: list[Raw] = []
+        self._images: list[RawImage] = []
         self._came = threading.Condition()
 
     def trigger(self) -> bool:
@@ -39,11 +39,11 @@ class Steered:
         now = time.monotonic_ns()
         data = np.full(self.size[::-1], self.level, np.uint8).tobytes()
         with self._came:
-            self._images.append(Raw(data, MONO8, self.size, self.frames, now + 10**15, now, self.frames))
+            self._images.append(RawImage(data, MONO8, self.size, self.frames, now + 10**15, now, self.frames))
             self._came.notify()
         return True
 
-    def take(self, seconds: float) -> Raw | None:
+    def take(self, seconds: float) -> RawImage | None:
         with self._came:
             self._came.wait_for(lambda: self._images, seconds)
             return self._images.pop(0) if self._images else None
@@ -145,13 +145,13 @@ def test_closing_ends_the_iteration_even_with_a_dead_camera():
 
 
 def test_all_threads_have_the_same_instants():
-    pace = Pace(100.0, 0.1)
+    pace = TriggerPace(100.0, 0.1)
     assert pace.after(100.0) == pytest.approx(100.1)
     assert pace.after(100.349) == pytest.approx(100.4)
     assert pace.after(99.95) == pytest.approx(100.0)
 
 
 def test_brightness_is_judged():
-    assert light_of(np.full((40, 40), 255, np.uint8)).startswith("overexposed: 100%")
-    assert light_of(np.full((40, 40), 900, np.uint16)).startswith("dark: the brightest pixels reach 1.4%")
-    assert light_of(np.full((40, 40, 3), 90, np.uint8)) == ""
+    assert find_brightness_fault(np.full((40, 40), 255, np.uint8)).startswith("overexposed: 100%")
+    assert find_brightness_fault(np.full((40, 40), 900, np.uint16)).startswith("dark: the brightest pixels reach 1.4%")
+    assert find_brightness_fault(np.full((40, 40, 3), 90, np.uint8)) == ""

@@ -15,7 +15,7 @@ import pytest
 from beltscape.cli import cameras
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.sources.genicam.fake.bench import Bench
+from beltscape.sources.genicam.fake.bench import SimulatedCameras
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import open_cameras
 
@@ -75,7 +75,7 @@ def running(settings: dict, core: str, sizes_px):
         collected.join()
 
 
-def settings_of(bench: Bench, **more) -> dict:
+def settings_of(bench: SimulatedCameras, **more) -> dict:
     return {
         "devices": bench.devices,
         "frames_per_s": 10,
@@ -122,7 +122,7 @@ def longest_gap(collected: Collected, begin: float, end: float) -> float:
 
 def test_five_cameras_are_matched_survive_a_loss_and_rejoin(fake_network, tmp_path):
     counts = [100 * k for k in range(ROUND)]
-    bench = Bench(tmp_path / "bench", PICTURES, 10, counts, 100 * ROUND)
+    bench = SimulatedCameras(tmp_path / "bench", PICTURES, 10, counts, 100 * ROUND)
     with bench, running(settings_of(bench), "cam0", bench.sizes_px) as (source, collected):
         collected.wait(whole, 10)
         time.sleep(0.7)
@@ -153,7 +153,7 @@ def test_formats_and_sizes_as_set(fake_network, tmp_path):
     mosaic[0::2, 0::2], mosaic[1::2, 1::2] = 200, 50  # red, blue; green is 0
     deep = rng.integers(0, 65536, (32, 40), dtype=np.uint16)
     colour = rng.integers(0, 256, (24, 32, 3), dtype=np.uint8)
-    bench = Bench(tmp_path / "bench", {"cam0": [mosaic], "cam1": [deep], "cam2": [colour]}, 10)
+    bench = SimulatedCameras(tmp_path / "bench", {"cam0": [mosaic], "cam1": [deep], "cam2": [colour]}, 10)
     own = {
         "cam0": {"pixel_format": "BayerRG8"},
         "cam1": {"pixel_format": "Mono16"},
@@ -170,7 +170,7 @@ def test_formats_and_sizes_as_set(fake_network, tmp_path):
 
 
 def test_what_does_not_fit_is_told_and_the_others_go_on(fake_network, tmp_path):
-    bench = Bench(tmp_path / "bench", {name: PICTURES[name] for name in ("cam0", "cam1")}, 10)
+    bench = SimulatedCameras(tmp_path / "bench", {name: PICTURES[name] for name in ("cam0", "cam1")}, 10)
     devices = {"cam0": bench.devices["cam0"], "cam1": "cam1", "cam2": "GV99"}  # two by serial number
     settings = settings_of(bench, devices=devices, own={"cam0": {"gain_db": -20}}, encoder=None)
     with bench, running(settings, "cam1", {"cam1": SIZE}) as (source, collected):
@@ -194,7 +194,7 @@ def test_it_finds_and_checks_simulated_cameras(tmp_path, fake_network):
         '[cameras.devices]\ncam0 = "127.0.0.11"\ncam1 = "cam1"\n[cameras.own.cam1]\npixel_format = "Mono8"\n'
     )
     dark = [np.zeros((4, 4), np.uint8)]
-    with Bench(tmp_path / "bench", {"cam0": dark, "cam1": dark}, 10):
+    with SimulatedCameras(tmp_path / "bench", {"cam0": dark, "cam1": dark}, 10):
         result = cameras.run(Namespace(check=project), Silent())
     assert [(one["address"], one["serial"]) for one in result["cameras"]] == [
         ("127.0.0.11", "cam0"),

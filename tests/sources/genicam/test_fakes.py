@@ -15,9 +15,9 @@ from beltscape.core.errors import InputError
 from beltscape.files.images import write_image
 from beltscape.sources.genicam.fake.__main__ import project_tables
 from beltscape.sources.genicam.fake.album import pixel_format, read_album, write_album
-from beltscape.sources.genicam.fake.bench import Bench
-from beltscape.sources.genicam.fake.capture import pictures_of
-from beltscape.sources.genicam.fake.instants import Instants
+from beltscape.sources.genicam.fake.bench import SimulatedCameras
+from beltscape.sources.genicam.fake.capture import read_pictures
+from beltscape.sources.genicam.fake.instants import InstantCounter
 from beltscape.sources.genicam.settings import CamerasSettings
 
 PERIOD_NS = 100_000_000
@@ -30,7 +30,7 @@ PERIOD_NS = 100_000_000
 )
 def test_processes_agree_on_the_instant_whatever_they_missed(tmp_path_factory, late, start_ns, present):
     path = tmp_path_factory.mktemp("instants") / "instants"
-    each = [Instants(path, 0.1) for _ in late[0]]
+    each = [InstantCounter(path, 0.1) for _ in late[0]]
     first = late[0][0] * 1_000_000
     each[0].of(start_ns + first)
     for k, offsets in enumerate(late):
@@ -43,9 +43,9 @@ def test_processes_agree_on_the_instant_whatever_they_missed(tmp_path_factory, l
 
 
 def test_one_that_comes_later_counts_on(tmp_path):
-    early = Instants(tmp_path / "instants", 0.1)
+    early = InstantCounter(tmp_path / "instants", 0.1)
     assert [early.of(5 + k * PERIOD_NS) for k in range(4)] == [0, 1, 2, 3]
-    late = Instants(tmp_path / "instants", 0.1)
+    late = InstantCounter(tmp_path / "instants", 0.1)
     assert late.of(5 + 40 * PERIOD_NS) == 40
     assert early.of(5 + 39 * PERIOD_NS) == 39  # held up
     assert early.of(5 + 41 * PERIOD_NS) == 41
@@ -69,22 +69,22 @@ def test_a_capture_s_frames_that_all_cameras_have_with_the_belt_s_counts(tmp_pat
     for name, frames in {"cam0": "012", "cam1": "0123"}.items():
         for frame in frames:
             write_image(tmp_path / name / f"{frame}.png", np.full((4, 5), int(frame), np.uint8))
-    pictures, counts, per_round = pictures_of(tmp_path, 0.5)
+    pictures, counts, per_round = read_pictures(tmp_path, 0.5)
     assert {name: len(images) for name, images in pictures.items()} == {"cam0": 3, "cam1": 3}
     assert (counts, per_round) == ([], 0)
     rows = "\n".join(f"{k},{k / 10},{20 * k}" for k in range(4))
     (tmp_path / "encoder.csv").write_text(f"frame,timestamp_s,belt_position_mm\n{rows}\n")
-    assert pictures_of(tmp_path, 0.5)[1:] == ([0, 40, 80], 120)
+    assert read_pictures(tmp_path, 0.5)[1:] == ([0, 40, 80], 120)
     (tmp_path / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\n0,0,0\n")
     with pytest.raises(InputError, match="no row for frame 1"):
-        pictures_of(tmp_path, 0.5)
+        read_pictures(tmp_path, 0.5)
 
 
 @pytest.mark.parametrize("frames_per_s", [2.0, 10.0, 60.0])
 @pytest.mark.parametrize("mm_per_count", [None, 0.01])
 def test_the_printed_tables_are_a_project_that_reads_the_encoder(tmp_path, frames_per_s, mm_per_count):
     images = [np.zeros((3, 4), np.uint8)] * 2
-    bench = Bench(tmp_path / "bench", {"cam0": images, "cam1": images}, frames_per_s)
+    bench = SimulatedCameras(tmp_path / "bench", {"cam0": images, "cam1": images}, frames_per_s)
     told = tomllib.loads(project_tables(bench, frames_per_s, mm_per_count))
     cameras = CamerasSettings.model_validate(told["cameras"])
     assert cameras.allowed_skew_ms == pytest.approx(300 / frames_per_s)
@@ -103,7 +103,7 @@ def test_grey_pictures_with_a_palette_or_three_channels_are_grey(tmp_path):
     levels = np.random.default_rng(3).integers(0, 255, (9, 7))
     for frame, mode in (("0", "L"), ("1", "P"), ("2", "RGB")):
         save(tmp_path / "cam0" / f"{frame}.png", levels + int(frame), mode)
-    pictures, _, _ = pictures_of(tmp_path, 1.0)
+    pictures, _, _ = read_pictures(tmp_path, 1.0)
     for shift, picture in enumerate(pictures["cam0"]):
         np.testing.assert_array_equal(picture, (levels + shift).astype(np.uint8))
 
@@ -116,7 +116,7 @@ def test_a_picture_of_another_form_is_named(tmp_path):
     with pytest.raises(
         InputError, match=r"cam0/1\.png: 7×9 px RGB 8 bit, but .*cam0/0\.png is 7×9 px grey 8 bit"
     ):
-        pictures_of(tmp_path, 1.0)
+        read_pictures(tmp_path, 1.0)
     write_image(tmp_path / "cam0" / "1.png", np.zeros((9, 8), np.uint8))
     with pytest.raises(InputError, match=r"cam0/1\.png: 8×9 px grey"):
-        pictures_of(tmp_path, 1.0)
+        read_pictures(tmp_path, 1.0)

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.sources.genicam.matching import Matcher, lost_between
-from beltscape.sources.genicam.shots import Matched, Rules, Shot
+from beltscape.sources.genicam.matching import InstantMatcher, count_missing
+from beltscape.sources.genicam.shots import MatchedInstant, MatchingRules, CameraImage
 
 MS = 1_000_000
 PERIOD = 100 * MS
-RULES = Rules(window_ns=40 * MS, skew_ns=5 * MS, timeout_ns=300 * MS)
+RULES = MatchingRules(window_ns=40 * MS, skew_ns=5 * MS, timeout_ns=300 * MS)
 CAMERAS = ("cam0", "cam1", "cam2", "cam3")
 
 
@@ -35,7 +35,7 @@ class Wire:
     stalls: list[tuple[int, int]] = field(default_factory=list)
     """From instant, for so many instants: all that falls into it comes at its end."""
 
-    def shots(self, name: str, instants: range, seed: int) -> list[Shot[int]]:
+    def shots(self, name: str, instants: range, seed: int) -> list[CameraImage[int]]:
         rng = np.random.default_rng(seed)
         out, frame_id = [], self.first_id
         earliest = 0
@@ -45,26 +45,26 @@ class Wire:
             camera_ns = self.offset_ns + round(taken * (1 - self.drift_ppm * 1e-6))
             ends = [(start + length) * PERIOD for start, length in self.stalls if start <= k < start + length]
             earliest = max([earliest, taken + latency, *ends])  # a camera's images come in their order
-            shot = Shot(name, frame_id, camera_ns, earliest, k)
+            shot = CameraImage(name, frame_id, camera_ns, earliest, k)
             frame_id = frame_id % 65535 + 1
             if k not in self.lost:
                 out.append(shot)
-                if k in self.twice:
+                if k in self.duplicates:
                     out.append(shot)
         return out
 
 
 def played(
-    wires: dict[str, Wire], count: int, rules: Rules = RULES, seed: int = 0
-) -> tuple[Matcher[int], list[tuple[int, Matched[int]]]]:
+    wires: dict[str, Wire], count: int, rules: MatchingRules = RULES, seed: int = 0
+) -> tuple[InstantMatcher[int], list[tuple[int, MatchedInstant[int]]]]:
     """The matcher after ``count`` instants, and what it gave out when."""
-    matcher: Matcher[int] = Matcher(tuple(wires), "cam0", rules)
+    matcher: InstantMatcher[int] = InstantMatcher(tuple(wires), "cam0", rules)
     shots = [
         s
         for i, (name, wire) in enumerate(wires.items())
         for s in wire.shots(name, range(10, count), seed + i)
     ]
-    given_out: list[tuple[int, Matched[int]]] = []
+    given_out: list[tuple[int, MatchedInstant[int]]] = []
 
     def until(now_ns: int) -> None:
         while (deadline := matcher.deadline_ns()) is not None and deadline <= now_ns:
@@ -78,7 +78,7 @@ def played(
     return matcher, given_out
 
 
-def assert_laws(given_out: list[tuple[int, Matched[int]]]) -> None:
+def assert_laws(given_out: list[tuple[int, MatchedInstant[int]]]) -> None:
     instants = []
     for _, one in given_out:
         seen = {shot.payload for shot in one.shots.values()}
@@ -142,7 +142,7 @@ def test_an_instant_waits_no_longer_than_allowed_and_only_once():
 
 
 def test_at_the_start_the_first_waits_for_the_others():
-    rules = Rules(40 * MS, 5 * MS, 300 * MS, start_ns=2000 * MS)
+    rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, start_ns=2000 * MS)
     late = Wire(lost=set(range(10, 20)))
     _, given_out = played({"cam0": Wire(), "cam1": late}, 40, rules)
     assert set(given_out[0][1].shots) == {"cam0", "cam1"}
@@ -154,11 +154,11 @@ def test_it_comes_back_with_a_new_clock_and_count():
     before = Wire(10**15, first_id=900).shots("cam1", range(10, 40), 1)
     after = Wire(5 * 10**9, first_id=1).shots("cam1", range(70, 100), 2)
     other = Wire().shots("cam0", range(10, 100), 3)
-    matcher: Matcher[int] = Matcher(("cam0", "cam1"), "cam0", RULES)
+    matcher: InstantMatcher[int] = InstantMatcher(("cam0", "cam1"), "cam0", RULES)
     given_out = []
     for shot in sorted([*before, *after, *other], key=lambda s: s.arrival_ns):
         if shot is after[0]:
-            matcher.reopened("cam1")
+            matcher.on_reopened("cam1")
         matcher.add(shot, shot.arrival_ns)
         given_out.extend((shot.arrival_ns, one) for one in matcher.due(shot.arrival_ns))
     assert_laws(given_out)
@@ -178,13 +178,13 @@ def test_the_core_may_be_absent_and_time_goes_on():
 
 def test_an_image_too_far_from_the_others_is_left_out_and_told():
     wires = {"cam0": Wire(), "cam1": Wire(), "cam2": Wire()}
-    matcher: Matcher[int] = Matcher(tuple(wires), "cam0", RULES)
-    given_out: list[Matched[int]] = []
+    matcher: InstantMatcher[int] = InstantMatcher(tuple(wires), "cam0", RULES)
+    given_out: list[MatchedInstant[int]] = []
     for k in range(30):
         for name in wires:
             late = 12 * MS if name == "cam2" and k >= 20 else 0
             matcher.add(
-                Shot(name, k + 1, k * PERIOD + late, k * PERIOD + late + MS, k), k * PERIOD + late + MS
+                CameraImage(name, k + 1, k * PERIOD + late, k * PERIOD + late + MS, k), k * PERIOD + late + MS
             )
         given_out.extend(matcher.due((k + 1) * PERIOD))
     assert set(given_out[-1].shots) == {"cam0", "cam1"}
@@ -195,19 +195,19 @@ def test_an_image_too_far_from_the_others_is_left_out_and_told():
 
 
 def test_between_two_clocks_on_one_pulse_the_constant_part_is_error():
-    rules = Rules(40 * MS, 5 * MS, 300 * MS, common_pulse=True)
-    matcher: Matcher[int] = Matcher(("cam0", "cam1"), "cam0", rules)
+    rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, common_pulse=True)
+    matcher: InstantMatcher[int] = InstantMatcher(("cam0", "cam1"), "cam0", rules)
     for k in range(60):
-        matcher.add(Shot("cam0", k + 1, k * PERIOD, k * PERIOD + MS, k), k * PERIOD + MS)
+        matcher.add(CameraImage("cam0", k + 1, k * PERIOD, k * PERIOD + MS, k), k * PERIOD + MS)
         jump = 2 * MS if k == 59 else 0
-        shot = Shot("cam1", k + 1, 7 * 10**14 + k * PERIOD + jump, k * PERIOD + 8 * MS + jump, k)
+        shot = CameraImage("cam1", k + 1, 7 * 10**14 + k * PERIOD + jump, k * PERIOD + 8 * MS + jump, k)
         matcher.add(shot, k * PERIOD + 8 * MS)
         matcher.due(k * PERIOD + 8 * MS)
     assert matcher.tally("cam1").skew_ns == pytest.approx(2 * MS, abs=MS // 10)
 
 
 def test_a_clock_that_is_not_shared_is_told():
-    rules = Rules(40 * MS, 5 * MS, 300 * MS, clocks="ptp")
+    rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, clocks="ptp")
     wires = {"cam0": Wire(10**18), "cam1": Wire(10**18), "cam2": Wire(10**18 + 37 * 10**9)}
     matcher, given_out = played(wires, 50, rules)
     assert_laws(given_out)
@@ -218,13 +218,13 @@ def test_a_clock_that_is_not_shared_is_told():
 
 
 def test_a_clock_that_is_set_while_running_is_learned_again():
-    matcher: Matcher[int] = Matcher(("cam0", "cam1"), "cam0", RULES)
+    matcher: InstantMatcher[int] = InstantMatcher(("cam0", "cam1"), "cam0", RULES)
     given_out = []
     for k in range(120):
         for name in ("cam0", "cam1"):
             stepped = -3600 * 10**9 if name == "cam1" and k >= 60 else 0
             camera_ns = 10**16 + k * PERIOD + stepped
-            matcher.add(Shot(name, k + 1, camera_ns, k * PERIOD + MS, k), k * PERIOD + MS)
+            matcher.add(CameraImage(name, k + 1, camera_ns, k * PERIOD + MS, k), k * PERIOD + MS)
         given_out.extend((0, one) for one in matcher.due(k * PERIOD + MS))
         given_out.extend((0, one) for one in matcher.due(k * PERIOD + 90 * MS))
     assert_laws(given_out)
@@ -246,4 +246,4 @@ def test_a_clock_that_is_set_while_running_is_learned_again():
     ],
 )
 def test_what_the_count_says_is_lost(before, after, lost):
-    assert lost_between(before, after) == lost
+    assert count_missing(before, after) == lost

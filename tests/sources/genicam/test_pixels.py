@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.sources.genicam.pixels import FORMATS, image_from, scaled
+from beltscape.sources.genicam.pixels import FORMATS, decode_image, scale_to_full_range
 
 CODES = {one.name: code for code, one in FORMATS.items()}
 
@@ -40,22 +40,22 @@ def streamed(values: np.ndarray, bits: int) -> bytes:
 def test_deep_pixels_are_the_same_in_every_packing(bits, packing, height, seed):
     values = np.random.default_rng(seed).integers(0, 1 << bits, 8 * height)
     write = {"Packed": packed, "p": streamed, "": lambda v, _: v.astype("<u2").tobytes()}[packing]
-    image = image_from(write(values, bits), CODES[f"Mono{bits}{packing}"], (8, height))
+    image = decode_image(write(values, bits), CODES[f"Mono{bits}{packing}"], (8, height))
     assert image.dtype == np.uint16
     np.testing.assert_array_equal(image >> (16 - bits), values.reshape(height, 8))
 
 
 def test_odd_numbers_of_pixels_fill_up_the_last_group():
     values = np.arange(15) * 250
-    image = image_from(streamed(values, 12), CODES["Mono12p"], (5, 3))
+    image = decode_image(streamed(values, 12), CODES["Mono12p"], (5, 3))
     np.testing.assert_array_equal(image >> 4, values.reshape(3, 5))
-    image = image_from(packed(np.append(values, 0), 12), CODES["Mono12Packed"], (5, 3))
+    image = decode_image(packed(np.append(values, 0), 12), CODES["Mono12Packed"], (5, 3))
     np.testing.assert_array_equal(image >> 4, values.reshape(3, 5))
 
 
 @pytest.mark.parametrize("bits", [10, 12, 14])
 def test_the_whole_range_is_used_evenly(bits):
-    wide = scaled(np.arange(1 << bits, dtype=np.uint16), bits).astype(int)
+    wide = scale_to_full_range(np.arange(1 << bits, dtype=np.uint16), bits).astype(int)
     assert (wide[0], wide[-1]) == (0, 65535)
     steps = np.diff(wide)
     assert steps.min() >= 1 << (16 - bits)
@@ -78,7 +78,7 @@ def test_colours_come_from_where_the_mosaic_has_them(start, suffix, bits):
         data = packed(plane, 12)
     else:
         data = plane.astype(np.uint8 if bits == 8 else "<u2").tobytes()
-    image = image_from(data, CODES[f"Bayer{start}{suffix}"], (16, 16))
+    image = decode_image(data, CODES[f"Bayer{start}{suffix}"], (16, 16))
     assert image.shape == (16, 16, 3)
     full = np.iinfo(image.dtype).max
     np.testing.assert_allclose(
@@ -90,25 +90,25 @@ def test_plain_images_are_the_camera_s_bytes():
     rng = np.random.default_rng(1)
     grey = rng.integers(0, 256, (6, 7), dtype=np.uint8)
     colour = rng.integers(0, 256, (6, 7, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(image_from(grey.tobytes() + b"chunk", CODES["Mono8"], (7, 6)), grey)
-    np.testing.assert_array_equal(image_from(colour.tobytes(), CODES["RGB8"], (7, 6)), colour)
+    np.testing.assert_array_equal(decode_image(grey.tobytes() + b"chunk", CODES["Mono8"], (7, 6)), grey)
+    np.testing.assert_array_equal(decode_image(colour.tobytes(), CODES["RGB8"], (7, 6)), colour)
     backwards = cv2.cvtColor(colour, cv2.COLOR_RGB2BGR)
-    np.testing.assert_array_equal(image_from(backwards.tobytes(), CODES["BGR8"], (7, 6)), colour)
+    np.testing.assert_array_equal(decode_image(backwards.tobytes(), CODES["BGR8"], (7, 6)), colour)
 
 
 def test_what_is_not_understood_or_too_short_is_told():
     with pytest.raises(InputError, match="0x02100032 is not understood"):
-        image_from(b"", 0x02100032, (2, 2))
+        decode_image(b"", 0x02100032, (2, 2))
     with pytest.raises(InputError, match=r"4×2 Mono12Packed has 11 bytes instead of 12"):
-        image_from(bytes(11), CODES["Mono12Packed"], (4, 2))
+        decode_image(bytes(11), CODES["Mono12Packed"], (4, 2))
 
 
 def test_codes_are_aravis_s():
     from beltscape.core.errors import SettingsError
-    from beltscape.sources.genicam.aravis import aravis
+    from beltscape.sources.genicam.aravis import load_aravis
 
     try:
-        lib = aravis()
+        lib = load_aravis()
     except SettingsError as error:
         pytest.skip(str(error))
     for name in ("MONO_8", "MONO_10", "MONO_12", "MONO_14", "MONO_16", "MONO_10_PACKED", "MONO_12_PACKED"):

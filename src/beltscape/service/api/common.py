@@ -1,4 +1,4 @@
-"""What the endpoints share: bounds of parameters, descriptions of refusals, what they work with."""
+"""What the endpoints share: bounds of parameters, descriptions of describe_refusals, what they work with."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastapi import HTTPException, Path, Query
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from beltscape.core.live import Controls
-from beltscape.service.hub import Hub
+from beltscape.service.hub import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 
@@ -23,35 +23,35 @@ AlarmName = Annotated[str, Path(min_length=1, max_length=160, description="Name 
 
 
 @dataclass(frozen=True, slots=True)
-class Behind:
+class AppContext:
     """What the endpoints work with."""
 
-    hub: Hub
+    live_state: LiveState
     history: Historian
     controls: Controls
     settings: WebSettings
 
 
-class Out(BaseModel):
+class ResponseModel(BaseModel):
     """What is answered; nothing is in it that its description does not name."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Problem(Out):
+class Problem(ResponseModel):
     """Why it was refused, in one line."""
 
     detail: str
 
 
-def _none_for_nan(value: object) -> object:
+def _replace_nan(value: object) -> object:
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
-Number = Annotated[float | None, BeforeValidator(_none_for_nan)]
+Number = Annotated[float | None, BeforeValidator(_replace_nan)]
 """A number; null where it is not known."""
 
-_WHY = {
+_REFUSAL_REASONS = {
     401: "Not signed in",
     403: "Signed in, but the role does not allow it",
     404: "There is no such thing",
@@ -61,12 +61,12 @@ _WHY = {
 }
 
 
-def refusals(*codes: int) -> dict[int | str, dict[str, Any]]:
-    """Descriptions of the refusals an endpoint gives, beside those that all of them give."""
-    return {code: {"model": Problem, "description": _WHY[code]} for code in (401, 403, 429, *codes)}
+def describe_refusals(*codes: int) -> dict[int | str, dict[str, Any]]:
+    """Descriptions of the describe_refusals an endpoint gives, beside those that all of them give."""
+    return {code: {"model": Problem, "description": _REFUSAL_REASONS[code]} for code in (401, 403, 429, *codes)}
 
 
-def not_before(since_ms: int, until_ms: int) -> None:
+def check_period(since_ms: int, until_ms: int) -> None:
     """422 where a period ends before it begins."""
     if until_ms < since_ms:
         detail = [{"loc": ["query", "until_ms"], "msg": "lies before since_ms", "type": "value_error"}]

@@ -8,10 +8,10 @@ from fastapi import APIRouter, Depends, HTTPException
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import AlarmName, Behind, Out, refusals
+from beltscape.service.api.common import AlarmName, AppContext, ResponseModel, describe_refusals
 
 
-class Done(Out):
+class Done(ResponseModel):
     """It was done."""
 
     by: str
@@ -24,23 +24,23 @@ class KeepRecording(BaseModel):
     reason: Annotated[str, Field(min_length=1, max_length=200)]
 
 
-def routes(behind: Behind) -> APIRouter:
+def make_router(context: AppContext) -> APIRouter:
     """POST /api/alarms/{name}/acknowledge and /api/recording/keep."""
     router = APIRouter(prefix="/api", tags=["controls"])
 
-    @router.post("/alarms/{name}/acknowledge", responses=refusals(404, 409))
+    @router.post("/alarms/{name}/acknowledge", responses=describe_refusals(404, 409))
     def acknowledge(name: AlarmName, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
         """Say that somebody has seen the alarm of that name."""
-        if all(alarm.name != name for alarm in behind.hub.now().alarms):
+        if all(alarm.name != name for alarm in context.live_state.take_snapshot().alarms):
             raise HTTPException(404, "there is no alarm of that name")
-        if not behind.controls.acknowledge(name, user.name):
+        if not context.controls.acknowledge(name, user.name):
             raise HTTPException(409, "that alarm is not waiting to be acknowledged")
         return Done(by=user.name)
 
-    @router.post("/recording/keep", responses=refusals(409))
+    @router.post("/recording/keep", responses=describe_refusals(409))
     def keep(wish: KeepRecording, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
         """Keep the raw frames that the ring of the last minutes holds now."""
-        if not behind.controls.keep_recording(wish.reason, user.name):
+        if not context.controls.keep_recording(wish.reason, user.name):
             raise HTTPException(409, "nothing is being recorded, or what there is was kept already")
         return Done(by=user.name)
 

@@ -12,8 +12,8 @@ from fastapi.responses import StreamingResponse
 
 from beltscape.core.belt_record import BeltRecord
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import Behind, WallMs, not_before, refusals
-from beltscape.service.api.history import MS_NS, readable
+from beltscape.service.api.common import AppContext, WallMs, check_period, describe_refusals
+from beltscape.service.api.history import MS_NS, map_history_errors
 from beltscape.sinks.csv_sink import HEADER, csv_line
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian.day_table import schema, to_table
@@ -28,14 +28,14 @@ MEDIA_TYPES: dict[Format, str] = {
 }
 
 
-def routes(behind: Behind) -> APIRouter:
+def make_router(context: AppContext) -> APIRouter:
     """GET /api/export."""
     router = APIRouter(prefix="/api", tags=["history"])
 
     @router.get(
         "/export",
         response_class=StreamingResponse,
-        responses=refusals(503)
+        responses=describe_refusals(503)
         | {200: {"content": {kind: {} for kind in MEDIA_TYPES.values()}, "description": "The table"}},
     )
     def export(
@@ -45,7 +45,7 @@ def routes(behind: Behind) -> APIRouter:
         kind: Annotated[Format, Query(alias="format", description="Kind of table")] = "csv",
     ) -> StreamingResponse:
         """All records of at most a year."""
-        not_before(since_ms, until_ms)
+        check_period(since_ms, until_ms)
         if until_ms - since_ms > _LONGEST_MS:
             detail = [
                 {
@@ -55,10 +55,10 @@ def routes(behind: Behind) -> APIRouter:
                 }
             ]
             raise HTTPException(422, detail)
-        with readable():  # what is wrong from the start is said by the answer's code
-            behind.history.records(since_ms * MS_NS, until_ms * MS_NS, 1)
-        batches = _batches(behind.history, since_ms * MS_NS, until_ms * MS_NS, sections=kind == "parquet")
-        made = csv_text(batches) if kind == "csv" else parquet(batches)
+        with map_history_errors():  # what is wrong from the start is said by the answer's code
+            context.history.records(since_ms * MS_NS, until_ms * MS_NS, 1)
+        batches = _read_batches(context.history, since_ms * MS_NS, until_ms * MS_NS, sections=kind == "parquet")
+        made = format_csv(batches) if kind == "csv" else encode_parquet(batches)
         days = "_".join(
             datetime.fromtimestamp(ms / 1000, UTC).strftime("%Y%m%dT%H%M") for ms in (since_ms, until_ms)
         )
@@ -68,7 +68,7 @@ def routes(behind: Behind) -> APIRouter:
     return router
 
 
-def _batches(
+def _read_batches(
     history: Historian, since_ns: int, until_ns: int, *, sections: bool
 ) -> Iterator[Sequence[BeltRecord]]:
     after, most = 0, _SECTIONS if sections else _ROWS
@@ -77,14 +77,14 @@ def _batches(
         after = records[-1].number
 
 
-def csv_text(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[str]:
+def format_csv(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[str]:
     """Rows with a heading, as the CSV files of the running system have them."""
     yield f"{HEADER}\n"
     for records in batches:
         yield "".join(f"{csv_line(record)}\n" for record in records)
 
 
-class _Pipe(io.RawIOBase):
+class _ByteBuffer(io.RawIOBase):
     """Takes what a writer writes until it is fetched."""
 
     def __init__(self) -> None:
@@ -109,11 +109,11 @@ class _Pipe(io.RawIOBase):
         return data
 
 
-def parquet(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[bytes]:
+def encode_parquet(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[bytes]:
     """Columns as in the day files, with the cross-sections; one row group a batch."""
     import pyarrow.parquet as pq
 
-    pipe = _Pipe()
+    pipe = _ByteBuffer()
     with pq.ParquetWriter(pipe, schema(), compression="zstd") as writer:
         for records in batches:
             rows, sections = [to_row(record) for record in records], [record.section for record in records]

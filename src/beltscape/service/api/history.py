@@ -15,14 +15,21 @@ from pydantic import Field
 from beltscape.core.belt_record import BeltRecord, Standing
 from beltscape.core.errors import BeltscapeError
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import Behind, Number, Out, WallMs, not_before, refusals
+from beltscape.service.api.common import (
+    AppContext,
+    Number,
+    ResponseModel,
+    WallMs,
+    check_period,
+    describe_refusals,
+)
 
 MS_NS = 1_000_000
 Viewer = Annotated[User, Depends(require_role("viewer"))]
 RecordNumber = Annotated[int, Query(ge=0, le=2**53, description="Number of an entry of the ledger")]
 
 
-class SeriesOut(Out):
+class SeriesOut(ResponseModel):
     """Curves over equal intervals; null: not known."""
 
     start_ms: Annotated[tuple[int, ...], Field(description="System clock at which each interval begins")]
@@ -40,7 +47,7 @@ class SeriesOut(Out):
     missing_m: tuple[Number, ...]
 
 
-class RecordOut(Out):
+class RecordOut(ResponseModel):
     """One entry of the ledger."""
 
     number: int
@@ -78,7 +85,7 @@ class RecordOut(Out):
         )
 
 
-class DayOut(Out):
+class DayOut(ResponseModel):
     """What passed on one day."""
 
     day: Annotated[str, Field(description="Such as 2026-11-21")]
@@ -90,7 +97,7 @@ class DayOut(Out):
     missing_m: float
 
 
-class EventOut(Out):
+class EventOut(ResponseModel):
     """Something that happened."""
 
     number: int
@@ -101,7 +108,7 @@ class EventOut(Out):
     by: str
 
 
-class SectionOut(Out):
+class SectionOut(ResponseModel):
     """The mean cross-section behind a record."""
 
     number: int
@@ -110,7 +117,7 @@ class SectionOut(Out):
 
 
 @contextmanager
-def readable() -> Iterator[None]:
+def map_history_errors() -> Iterator[None]:
     """503 where the history cannot be read."""
     try:
         yield
@@ -118,18 +125,18 @@ def readable() -> Iterator[None]:
         raise HTTPException(503, "the history cannot be read at the moment; see the alarms") from error
 
 
-def routes(behind: Behind) -> APIRouter:
+def make_router(context: AppContext) -> APIRouter:
     """GET /api/series, /api/records, /api/events, /api/days and /api/section."""
     router = APIRouter(prefix="/api", tags=["history"])
-    history = behind.history
+    history = context.history
 
-    @router.get("/series", responses=refusals(503))
+    @router.get("/series", responses=describe_refusals(503))
     def series(
         _: Viewer, since_ms: WallMs, until_ms: WallMs, points: Annotated[int, Query(ge=2, le=2000)] = 600
     ) -> SeriesOut:
         """Curves from ``since_ms`` to before ``until_ms`` in at most ``points`` intervals."""
-        not_before(since_ms, until_ms)
-        with readable():
+        check_period(since_ms, until_ms)
+        with map_history_errors():
             found = history.series(since_ms * MS_NS, until_ms * MS_NS, points)
         return SeriesOut(
             start_ms=tuple(int(ns) // MS_NS for ns in found.start_ns),
@@ -147,7 +154,7 @@ def routes(behind: Behind) -> APIRouter:
             missing_m=_listed(found.missing_mm * 1e-3),
         )
 
-    @router.get("/records", responses=refusals(503))
+    @router.get("/records", responses=describe_refusals(503))
     def records(
         _: Viewer,
         since_ms: WallMs,
@@ -156,18 +163,18 @@ def routes(behind: Behind) -> APIRouter:
         after: RecordNumber = 0,
     ) -> list[RecordOut]:
         """Entries of the ledger with numbers above ``after``, in order."""
-        not_before(since_ms, until_ms)
-        with readable():
+        check_period(since_ms, until_ms)
+        with map_history_errors():
             found = history.records(since_ms * MS_NS, until_ms * MS_NS, limit, after)
         return [RecordOut.of(record) for record in found]
 
-    @router.get("/events", responses=refusals(503))
+    @router.get("/events", responses=describe_refusals(503))
     def events(
         _: Viewer, since_ms: WallMs, until_ms: WallMs, limit: Annotated[int, Query(ge=1, le=1000)] = 200
     ) -> list[EventOut]:
         """Alarms, notes and what people did, newest first."""
-        not_before(since_ms, until_ms)
-        with readable():
+        check_period(since_ms, until_ms)
+        with map_history_errors():
             found = history.events(since_ms * MS_NS, until_ms * MS_NS, limit)
         return [
             EventOut(
@@ -181,11 +188,11 @@ def routes(behind: Behind) -> APIRouter:
             for one in found
         ]
 
-    @router.get("/days", responses=refusals(503))
+    @router.get("/days", responses=describe_refusals(503))
     def days(_: Viewer, since_ms: WallMs, until_ms: WallMs) -> list[DayOut]:
         """What passed on each of at most the last 1000 days that begin in that time, oldest first."""
-        not_before(since_ms, until_ms)
-        with readable():
+        check_period(since_ms, until_ms)
+        with map_history_errors():
             found = history.day_totals(since_ms * MS_NS, until_ms * MS_NS)[-1000:]
         return [
             DayOut(
@@ -200,10 +207,10 @@ def routes(behind: Behind) -> APIRouter:
             for one in found
         ]
 
-    @router.get("/section", responses=refusals(404, 503))
+    @router.get("/section", responses=describe_refusals(404, 503))
     def section(_: Viewer, number: RecordNumber) -> SectionOut:
         """The cross-section behind the record of that number."""
-        with readable():
+        with map_history_errors():
             found = history.section(number)
         if found is None:
             raise HTTPException(404, "no cross-section is kept behind that record")

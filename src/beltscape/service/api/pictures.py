@@ -7,22 +7,22 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, HTTPException, Response
 
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import Behind, CameraName, refusals
+from beltscape.service.api.common import AppContext, CameraName, describe_refusals
 from beltscape.service.shown.picture import MEDIA_TYPE
 
 
-def routes(behind: Behind) -> APIRouter:
+def make_router(context: AppContext) -> APIRouter:
     """GET /api/cameras/{name}/picture."""
     router = APIRouter(prefix="/api", tags=["now"])
 
     @router.get(
         "/cameras/{name}/picture",
         response_class=Response,
-        responses=refusals(404) | {200: {"content": {MEDIA_TYPE: {}}, "description": "WebP"}},
+        responses=describe_refusals(404) | {200: {"content": {MEDIA_TYPE: {}}, "description": "WebP"}},
     )
     def picture(name: CameraName, _: Annotated[User, Depends(require_role("viewer"))]) -> Response:
         """The camera's last image; ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` say which and of when."""
-        made = behind.hub.picture(name)
+        made = context.live_state.get_picture(name)
         if made is None:
             raise HTTPException(404, "no image came from a camera of that name yet")
         headers = {

@@ -10,13 +10,13 @@ from pydantic import Field
 from beltscape.core.belt_record import Standing, Totals
 from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import Behind, Number, Out, refusals
-from beltscape.service.hub import Now
+from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
+from beltscape.service.hub import Snapshot
 from beltscape.service.settings import Language
 from beltscape.service.shown.flow import Trend
 
 
-class FlowOut(Out):
+class FlowOut(ResponseModel):
     """Flow over the last seconds of belt travel; null: not known."""
 
     volume_m3_h: Number
@@ -30,7 +30,7 @@ class FlowOut(Out):
     standing: Annotated[Standing, Field(description="The worst standing in it")]
 
 
-class FramesOut(Out):
+class FramesOut(ResponseModel):
     """How frame sets go through."""
 
     done: int
@@ -42,7 +42,7 @@ class FramesOut(Out):
     age_s: Annotated[Number, Field(description="Since the last one; null: there was none yet")]
 
 
-class TotalsOut(Out):
+class TotalsOut(ResponseModel):
     """What the ledger adds up to."""
 
     records: int
@@ -69,7 +69,7 @@ class TotalsOut(Out):
         )
 
 
-class CameraOut(Out):
+class CameraOut(ResponseModel):
     """How one camera does."""
 
     name: str
@@ -96,7 +96,7 @@ class CameraOut(Out):
         )
 
 
-class AlarmOut(Out):
+class AlarmOut(ResponseModel):
     """One alarm as it stands."""
 
     name: str
@@ -125,14 +125,14 @@ class AlarmOut(Out):
         )
 
 
-class NoteOut(Out):
+class NoteOut(ResponseModel):
     """A remark of the running system."""
 
     wall_ms: int
     text: str
 
 
-class StateOut(Out):
+class StateOut(ResponseModel):
     """Everything but pictures."""
 
     wall_ms: Annotated[int, Field(description="System clock of the machine that measures")]
@@ -146,7 +146,7 @@ class StateOut(Out):
     health_age_s: Annotated[Number, Field(description="Since the cameras' health was told")]
 
     @classmethod
-    def of(cls, now: Now) -> StateOut:
+    def of(cls, now: Snapshot) -> StateOut:
         """In the units people use."""
         frames, flow = now.frames, now.flow
         return cls(
@@ -180,7 +180,7 @@ class StateOut(Out):
         )
 
 
-class PageOut(Out):
+class PageOut(ResponseModel):
     """What the page needs to know before it shows anything."""
 
     plant: str
@@ -192,21 +192,21 @@ class PageOut(Out):
     role: str
 
 
-def routes(behind: Behind) -> APIRouter:
+def make_router(context: AppContext) -> APIRouter:
     """GET /api/state and /api/page."""
     router = APIRouter(prefix="/api", tags=["now"])
 
-    @router.get("/state", responses=refusals())
+    @router.get("/state", responses=describe_refusals())
     def state(_: Annotated[User, Depends(require_role("viewer"))]) -> StateOut:
         """Flow, totals, cameras and alarms as they are now."""
-        return StateOut.of(behind.hub.now())
+        return StateOut.of(context.live_state.take_snapshot())
 
-    @router.get("/page", responses=refusals())
+    @router.get("/page", responses=describe_refusals())
     def page(user: Annotated[User, Depends(require_role("viewer"))]) -> PageOut:
         """Who is signed in, and how the page is set."""
         from beltscape import __version__
 
-        settings = behind.settings
+        settings = context.settings
         return PageOut(
             plant=settings.plant,
             language=settings.language,

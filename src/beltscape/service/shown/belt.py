@@ -36,7 +36,7 @@ class BeltRows:
     """(n, Nx) uint16 heights as ``encode`` gives them."""
 
 
-def encode(height_mm: NDArray[np.floating], measured: NDArray[np.bool_]) -> NDArray[np.uint16]:
+def encode_heights(height_mm: NDArray[np.floating], measured: NDArray[np.bool_]) -> NDArray[np.uint16]:
     """uint16 counts of heights over the empty belt; NaN becomes UNKNOWN."""
     known = np.isfinite(height_mm)
     counts = np.clip(np.rint((np.where(known, height_mm, 0) - OFFSET_MM) / STEP_MM), 0, FILLED - 2)
@@ -44,7 +44,7 @@ def encode(height_mm: NDArray[np.floating], measured: NDArray[np.bool_]) -> NDAr
     return np.where(known, coded, UNKNOWN).astype(np.uint16)
 
 
-def decode(counts: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def decode_heights(counts: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Heights in mm, float32, NaN where unknown, and where they were measured."""
     height = (counts & (FILLED - 1)).astype(np.float32) * STEP_MM + OFFSET_MM
     return np.where(counts == UNKNOWN, np.float32(np.nan), height), counts < FILLED
@@ -171,4 +171,4 @@ class _OpenRow:
     def counts(self) -> NDArray[np.uint16]:
         """Means; measured is a cell of which a frame saw at least half."""
         mean = np.divide(self.total, self.known, out=np.full(self.total.shape, np.nan), where=self.known > 0)
-        return encode(mean, self.measured * 2 >= np.maximum(self.known, 1))
+        return encode_heights(mean, self.measured * 2 >= np.maximum(self.known, 1))

@@ -10,7 +10,7 @@ BOUNDS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Upper bounds of the classes; one more is without a bound."""
 
 
-class Durations:
+class DurationHistogram:
     """Counts since the start. Written by one thread at a time."""
 
     def __init__(self) -> None:

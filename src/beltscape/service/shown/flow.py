@@ -17,7 +17,7 @@ _STOPPED_MM_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class FlowNow:
+class CurrentFlow:
     """Flow over the last seconds of belt travel; NaN: not known."""
 
     volume_m3_h: float = nan
@@ -51,7 +51,7 @@ class _Strip:
     standing: Standing
 
 
-class FlowMean:
+class FlowAverage:
     """Keeps the strips of the last minute of belt travel. Not thread-safe."""
 
     def __init__(self, window_s: float) -> None:
@@ -83,13 +83,13 @@ class FlowMean:
         while self._strips and kept - self._strips[0].seconds > _TREND_S + self._window_s:
             kept -= self._strips.popleft().seconds
 
-    def now(self, speed_mm_s: float) -> FlowNow:
+    def now(self, speed_mm_s: float) -> CurrentFlow:
         """The flow, given how fast the belt runs at this moment (NaN: not known)."""
         if speed_mm_s <= _STOPPED_MM_S:
-            return FlowNow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, "valid")
+            return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, "valid")
         last, before = self._parted()
         if not last:
-            return FlowNow()
+            return CurrentFlow()
         standings = {strip.standing for strip in last}
         worst: Standing = next(name for name in ("missing", "degraded", "valid") if name in standings)
         counted = [strip for strip in last if strip.standing != "missing"]
@@ -98,12 +98,12 @@ class FlowMean:
             sum(strip.length_mm for strip in counted),
         )
         if not seconds:
-            return FlowNow()
+            return CurrentFlow()
         volume = sum(strip.volume_mm3 for strip in counted) / seconds * 3600e-9
         sigma = sum(strip.sigma_mm3 for strip in counted) / seconds * 3600e-9
         mass = sum(strip.mass_kg for strip in counted) / seconds * 3.6
         trend, change = _trend(volume, sigma, before)
-        return FlowNow(
+        return CurrentFlow(
             volume,
             sigma,
             mass,

@@ -26,7 +26,7 @@ class Picture:
     """WebP."""
 
 
-def eight_bit(image: Image) -> NDArray[np.uint8]:
+def convert_to_8_bit(image: Image) -> NDArray[np.uint8]:
     """The image in 8 bits; of a deeper one those bits that are in use."""
     if image.dtype == np.uint8:
         return image.astype(np.uint8, copy=False)
@@ -35,11 +35,11 @@ def eight_bit(image: Image) -> NDArray[np.uint8]:
     return (image >> (used - 8)).astype(np.uint8)
 
 
-def small_picture(image: Image, longest_px: int) -> bytes:
+def encode_thumbnail(image: Image, longest_px: int) -> bytes:
     """WebP of a grey or RGB image, its longer side at most that long."""
     height, width = image.shape[:2]
     scale = min(longest_px / max(height, width), 1.0)
     size = (max(round(width * scale), 1), max(round(height * scale), 1))
-    small = eight_bit(cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image)
+    small = convert_to_8_bit(cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image)
     bgr = small if small.ndim == 2 else np.ascontiguousarray(small[..., ::-1])
     return cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, _QUALITY])[1].tobytes()

@@ -9,7 +9,7 @@ from typing import Any
 from beltscape.core.errors import InputError, SettingsError
 
 
-def aravis() -> Any:
+def load_aravis() -> Any:
     """The module ``gi.repository.Aravis``, or SettingsError that says what to install."""
     try:
         import gi  # pyright: ignore[reportMissingImports]
@@ -24,15 +24,15 @@ def aravis() -> Any:
     return Aravis
 
 
-def failures() -> type[Exception]:
-    """What Aravis's calls raise; after ``aravis()``."""
+def glib_error_type() -> type[Exception]:
+    """What Aravis's calls raise; after ``load_aravis()``."""
     from gi.repository import GLib  # pyright: ignore[reportMissingImports, reportAttributeAccessIssue]
 
     return GLib.Error
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundCamera:
     """A camera on the network."""
 
     device: str
@@ -44,12 +44,12 @@ class Found:
     protocol: str
 
 
-def found_cameras() -> list[Found]:
+def find_cameras() -> list[FoundCamera]:
     """The cameras that answer now, by address; takes a second."""
-    lib = aravis()
+    lib = load_aravis()
     lib.update_device_list()
     cameras = [
-        Found(
+        FoundCamera(
             lib.get_device_id(i) or "",
             lib.get_device_model(i) or "",
             lib.get_device_vendor(i) or "",
@@ -69,14 +69,14 @@ def _order(address: str) -> int:
         return 0
 
 
-def where(device: str) -> str:
+def resolve_device(device: str) -> str:
     """What Aravis opens a camera by: an address as it is; for an id or serial number the id, looked for.
 
     InputError where no or more than one camera answers to it.
     """
     if _order(device):
         return device
-    there = found_cameras()
+    there = find_cameras()
     fitting = [one for one in there if device in (one.device, one.serial)]
     if not fitting:
         known = ", ".join(f"{one.device} ({one.address})" for one in there) or "none"

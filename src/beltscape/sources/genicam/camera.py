@@ -8,21 +8,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from beltscape.sources.genicam.device import Raw
+from beltscape.sources.genicam.device import RawImage
 
 REOPEN_AFTER_S = 1.5
 """Without an image where one was due, a camera is opened anew."""
-AGAIN_S = 0.3
+RETRY_S = 0.3
 """Between two attempts; an attempt itself takes seconds where nothing answers."""
 CLOSE_S = 1.0
 """A camera that answers is closed in this time; one that does not is opened anew meanwhile."""
 LATEST = 0.2
 """A trigger that is late by this share of the period is left out."""
-LISTEN_S = 0.1
+RECEIVE_S = 0.1
 """So long a call waits for an image before it looks whether it is to stop."""
 
 
-class Opened(Protocol):
+class OpenCamera(Protocol):
     """What is needed of an opened camera."""
 
     broken: int
@@ -32,7 +32,7 @@ class Opened(Protocol):
         """Whether it does not answer any more."""
         ...
 
-    def take(self, seconds: float) -> Raw | None:
+    def take(self, seconds: float) -> RawImage | None:
         """The next whole image; None where none came in time."""
         ...
 
@@ -46,8 +46,8 @@ class Opened(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
-    """Instants of the software trigger: all cameras' threads have the same."""
+class TriggerPace:
+    """InstantCounter of the software trigger: all cameras' threads have the same."""
 
     start_s: float
     """time.monotonic() of one of them."""
@@ -64,18 +64,18 @@ class CameraThreads:
     def __init__(
         self,
         name: str,
-        open_: Callable[[], Opened],
+        open_: Callable[[], OpenCamera],
         opened: Callable[[str], None],
-        took: Callable[[str, Raw], None],
+        took: Callable[[str, RawImage], None],
         due: Callable[[str, float], bool],
-        pace: Pace | None,
+        pace: TriggerPace | None,
     ) -> None:
         """``due(name, seconds without an image)`` says whether that is too long; ``pace``: of software triggers."""
         self._name = name
-        self._open, self._opened, self._took, self._due = open_, opened, took, due
+        self._open, self._on_open, self._on_image, self._is_overdue = open_, opened, took, due
         self._pace = pace
         self._stop = threading.Event()
-        self._device: Opened | None = None
+        self._device: OpenCamera | None = None
         self._broken_before = 0
         self.trouble = ""
         """Why it cannot be opened; empty while it is open."""
@@ -103,12 +103,12 @@ class CameraThreads:
             except Exception as error:  # whatever a driver does, the camera is tried again
                 self.trouble = str(error).partition("\n")[0] or type(error).__name__
             if self.trouble:  # by now the error is gone, and with it all it held of the camera
-                self._stop.wait(AGAIN_S)
+                self._stop.wait(RETRY_S)
 
     def _serve(self) -> None:
         device = self._open()
         self.trouble = ""
-        self._opened(self._name)
+        self._on_open(self._name)
         self._device = device
         try:
             self._listen(device)
@@ -120,14 +120,14 @@ class CameraThreads:
             closing.start()
             closing.join(CLOSE_S)
 
-    def _listen(self, device: Opened) -> None:
+    def _listen(self, device: OpenCamera) -> None:
         last_s = time.monotonic()
         while not self._stop.is_set() and not device.lost:
-            raw = device.take(LISTEN_S)
+            raw = device.take(RECEIVE_S)
             if raw is not None:
                 last_s = time.monotonic()
-                self._took(self._name, raw)
-            elif self._due(self._name, time.monotonic() - last_s):
+                self._on_image(self._name, raw)
+            elif self._is_overdue(self._name, time.monotonic() - last_s):
                 return
 
     def _trigger(self) -> None:

@@ -22,7 +22,7 @@ DRIFT_PPM = 300.0
 """No quartz is farther off."""
 LATE_NS = 2_000_000_000
 """An image that seems to come so late says that a clock was set."""
-STRANGE = 3
+OUTLIERS = 3
 """Images in a row that must say so."""
 
 
@@ -46,7 +46,7 @@ class CameraClock:
         self._clear()
 
     def _clear(self) -> None:
-        self._strange = 0
+        self._outliers = 0
         self._first: deque[tuple[int, int]] = deque(maxlen=AMONG)  # camera time, arrival − camera time
         self._bins: deque[tuple[int, int]] = deque(maxlen=KEPT)  # the same, one a second
         self._base_ns = 0
@@ -55,7 +55,7 @@ class CameraClock:
         self._drift = 0.0
 
     @property
-    def settled(self) -> bool:
+    def is_settled(self) -> bool:
         """Whether it knows enough to be used."""
         return bool(self._bins)
 
@@ -74,16 +74,16 @@ class CameraClock:
         delay_ns = arrival_ns - camera_ns
         if self._bins and camera_ns - self._bins[-1][0] > self._longest_ns:
             self._clear()
-        if not self.settled:
+        if not self.is_settled:
             return self._settle(camera_ns, delay_ns)
         # an image cannot come before it is taken; while little is known, the offset may still be too great
         early_ns = LATE_NS if len(self._bins) < LINE_FROM else 4 * self._tight_ns
         if not -early_ns < arrival_ns - self.host_ns(camera_ns) < LATE_NS:
-            self._strange += 1
-            if self._strange >= STRANGE:
+            self._outliers += 1
+            if self._outliers >= OUTLIERS:
                 self._clear()
             return False
-        self._strange = 0
+        self._outliers = 0
         self._keep(camera_ns, delay_ns)
         return True
 

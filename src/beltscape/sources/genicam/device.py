@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from beltscape.core.errors import InputError
-from beltscape.sources.genicam.aravis import aravis, failures, where
+from beltscape.sources.genicam.aravis import glib_error_type, load_aravis, resolve_device
 from beltscape.sources.genicam.features import Features
 from beltscape.sources.genicam.settings import CamerasSettings
 
@@ -18,7 +18,7 @@ EXTRA_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Raw:
+class RawImage:
     """One image as it came."""
 
     data: bytes
@@ -44,27 +44,27 @@ class Device:
 
         InputError where it is not there, another program has it, or a setting does not fit.
         """
-        self._lib = aravis()
+        self._lib = load_aravis()
         self._encoder = settings.encoder if counts else None
         self._control = _Control()
         self._closed = False
         self._triggering = threading.Lock()
-        self._stepped = _Steps()
+        self._arrival_clock = _ArrivalClock()
         self._parser: Any = None
         self._stream: Any = None
         self.broken = 0
         """Images that came with packets missing."""
-        place = where(settings.devices[name])
+        place = resolve_device(settings.devices[name])
         try:
             self._camera = self._lib.Camera.new(place)
-        except failures() as error:
-            raise _told(name, settings, error) from error
+        except glib_error_type() as error:
+            raise _camera_error(name, settings, error) from error
         self._handler = self._camera.get_device().connect("control-lost", self._control.gone)
         try:
             self._start(Features(self._lib, name, self._camera), settings, size_px)
-        except failures() as error:
+        except glib_error_type() as error:
             self.close()
-            raise _told(name, settings, error) from error
+            raise _camera_error(name, settings, error) from error
         except InputError:
             self.close()
             raise
@@ -79,7 +79,7 @@ class Device:
         if self._encoder is None:
             return None
         if self._encoder.feature is not None:
-            features.need(self._encoder.feature, "encoder.feature")
+            features.require_feature(self._encoder.feature, "encoder.feature")
             return None
         self._camera.set_chunks(self._encoder.chunk)
         return self._camera.create_chunk_parser()
@@ -99,7 +99,7 @@ class Device:
         """Whether the camera has not answered for some seconds."""
         return self._control.lost
 
-    def take(self, seconds: float) -> Raw | None:
+    def take(self, seconds: float) -> RawImage | None:
         """The next whole image; None where none came in time."""
         buffer = self._stream.timeout_pop_buffer(int(seconds * 1e6))
         if buffer is None:
@@ -112,9 +112,9 @@ class Device:
         finally:
             self._stream.push_buffer(buffer)
 
-    def _raw(self, buffer: Any) -> Raw:
-        arrival_ns = self._stepped.monotonic_ns(buffer.get_system_timestamp())
-        return Raw(
+    def _raw(self, buffer: Any) -> RawImage:
+        arrival_ns = self._arrival_clock.monotonic_ns(buffer.get_system_timestamp())
+        return RawImage(
             buffer.get_image_data(),
             buffer.get_image_pixel_format() & 0xFFFFFFFF,
             (buffer.get_image_width(), buffer.get_image_height()),
@@ -131,7 +131,7 @@ class Device:
             if self._parser is not None:
                 return self._parser.get_integer_value(buffer, f"Chunk{self._encoder.chunk}")
             return self._camera.get_integer(self._encoder.feature)
-        except failures():
+        except glib_error_type():
             return None
 
     def trigger(self) -> bool:
@@ -141,7 +141,7 @@ class Device:
                 return False
             try:
                 self._camera.software_trigger()
-            except failures():
+            except glib_error_type():
                 return False
         return True
 
@@ -152,7 +152,7 @@ class Device:
         device = self._camera.get_device()
         device.disconnect(self._handler)
         if self._stream is not None and not self._control.lost:
-            with suppress(failures()):
+            with suppress(glib_error_type()):
                 self._camera.stop_acquisition()
         # Aravis lets go of a camera with the last reference to it
         del device, self._parser, self._stream, self._camera
@@ -168,11 +168,11 @@ class _Control:
         self.lost = True
 
 
-def _told(name: str, settings: CamerasSettings, error: Exception) -> InputError:
+def _camera_error(name: str, settings: CamerasSettings, error: Exception) -> InputError:
     return InputError(f"{name} ({settings.devices[name]}): {error.message}")  # pyright: ignore[reportAttributeAccessIssue]
 
 
-class _Steps:
+class _ArrivalClock:
     """Aravis tells arrivals by the system clock, which may be set: this tells them by the monotonic one."""
 
     def __init__(self) -> None:

@@ -20,7 +20,7 @@ class Features:
         self._name = name
         self._camera = camera
 
-    def need(self, feature: str, setting: str) -> None:
+    def require_feature(self, feature: str, setting: str) -> None:
         """InputError where the camera has no such feature."""
         if not self._camera.is_feature_available(feature):
             raise InputError(f"{self._name}: the camera has no feature {feature}; correct {setting}")

@@ -10,15 +10,15 @@ import numpy as np
 from beltscape.core.frames import Image, saturated_fraction
 from beltscape.core.live import CameraHealth, CameraState
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.sources.genicam.shots import Tally
+from beltscape.sources.genicam.shots import CameraStatistics
 
 OVEREXPOSED = 0.2
 """Share of saturated pixels from which a view is called overexposed."""
 DARK = 0.03
 """A view whose brightest pixels reach this share of the range shows nothing."""
-RATE_OVER_S = 5.0
+RATE_WINDOW_S = 5.0
 """The rate is told over so many seconds."""
-LOOK_EVERY_S = 1.0
+BRIGHTNESS_INTERVAL_S = 1.0
 """So often an image's brightness is looked at."""
 SKEWED_FROM = 3
 """Images in a row that must be too far from the others: one may be by chance."""
@@ -27,7 +27,7 @@ RECENT_S = 10.0
 
 
 @dataclass(slots=True)
-class Watch:
+class CameraMonitor:
     """One camera, as watched."""
 
     last_s: float | None = None
@@ -35,33 +35,33 @@ class Watch:
     times_s: deque[float] = field(default_factory=lambda: deque(maxlen=8192))
     light: str = ""
     """What is wrong with its brightness."""
-    misfit: str = ""
+    image_fault: str = ""
     """Why its last image could not be used at all."""
-    looked_s: float = float("-inf")
+    brightness_checked_s: float = float("-inf")
     broken: int = 0
     broken_s: float = float("-inf")
     """When a broken image was last noticed."""
 
-    def came(self, now_s: float) -> None:
+    def add_image(self, now_s: float) -> None:
         """An image came."""
         self.last_s = now_s
         self.times_s.append(now_s)
 
-    def look(self, image: Image, now_s: float) -> None:
+    def check_brightness(self, image: Image, now_s: float) -> None:
         """Judge the brightness, now and then."""
-        if now_s - self.looked_s >= LOOK_EVERY_S:
-            self.looked_s = now_s
-            self.light = light_of(image)
+        if now_s - self.brightness_checked_s >= BRIGHTNESS_INTERVAL_S:
+            self.brightness_checked_s = now_s
+            self.light = find_brightness_fault(image)
 
     def rate_hz(self, now_s: float) -> float:
         """Images per second of the last seconds."""
-        while self.times_s and self.times_s[0] < now_s - RATE_OVER_S:
+        while self.times_s and self.times_s[0] < now_s - RATE_WINDOW_S:
             self.times_s.popleft()
         count = len(self.times_s)
         return (count - 1) / (self.times_s[-1] - self.times_s[0]) if count > 1 else 0.0
 
 
-def light_of(image: Image) -> str:
+def find_brightness_fault(image: Image) -> str:
     """What is wrong with an image's brightness; empty where nothing is."""
     some = image[::4, ::4]
     share = saturated_fraction(some)
@@ -75,11 +75,11 @@ def light_of(image: Image) -> str:
     return ""
 
 
-def health_of(
+def assess_health(
     name: str,
     settings: CamerasSettings,
-    watch: Watch,
-    tally: Tally,
+    watch: CameraMonitor,
+    tally: CameraStatistics,
     trouble: str,
     is_open: bool,
     now_s: float,
@@ -100,21 +100,21 @@ def health_of(
 def _state(
     name: str,
     settings: CamerasSettings,
-    watch: Watch,
-    tally: Tally,
+    watch: CameraMonitor,
+    tally: CameraStatistics,
     trouble: str,
     is_open: bool,
     now_s: float,
 ) -> tuple[CameraState, str]:
     if watch.last_s is None:
-        return _unheard(name, settings, trouble, is_open)
+        return _state_before_first_image(name, settings, trouble, is_open)
     silence_s = now_s - watch.last_s
     if not is_open or tally.silent or (settings.trigger != "line" and silence_s > silence_limit_s(settings)):
         why = f" ({trouble})" if trouble else ""
         wire = "trigger wire, " if settings.trigger == "line" else ""
         return "lost", f"no image for {silence_s:.0f} s; see to its {wire}power, cable and switch{why}"
-    if watch.misfit:
-        return "unusable", watch.misfit
+    if watch.image_fault:
+        return "unusable", watch.image_fault
     if tally.unsynchronised:
         return (
             "unusable",
@@ -136,7 +136,7 @@ def _state(
     return "ok", ""
 
 
-def _unheard(name: str, settings: CamerasSettings, trouble: str, is_open: bool) -> tuple[CameraState, str]:
+def _state_before_first_image(name: str, settings: CamerasSettings, trouble: str, is_open: bool) -> tuple[CameraState, str]:
     if trouble:
         return "lost", trouble
     if is_open and settings.trigger == "line":

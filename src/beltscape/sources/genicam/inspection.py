@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltscape.core.errors import InputError
-from beltscape.sources.genicam.aravis import aravis, failures
+from beltscape.sources.genicam.aravis import glib_error_type, load_aravis
 from beltscape.sources.genicam.device import Device
 from beltscape.sources.genicam.settings import CamerasSettings
 
@@ -24,9 +24,9 @@ class Inspection:
     """Why it could not be asked; empty where it could."""
 
 
-def inspect(device: str) -> Inspection:
+def inspect_camera(device: str) -> Inspection:
     """Open a camera by its id and ask it; one that another program has open says so in ``trouble``."""
-    lib = aravis()
+    lib = load_aravis()
     try:
         camera = lib.Camera.new(device)
         sensor = camera.get_sensor_size()
@@ -35,11 +35,11 @@ def inspect(device: str) -> Inspection:
             tuple(sorted(camera.dup_available_pixel_formats_as_strings() or [])),
             tuple(sorted(camera.dup_available_trigger_sources() or [])),
         )
-    except failures() as error:
+    except glib_error_type() as error:
         return Inspection((0, 0), (), (), f"{error.message}; does another program have it open?")  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def check(name: str, settings: CamerasSettings) -> str:
+def check_settings(name: str, settings: CamerasSettings) -> str:
     """Open a camera with its settings; what does not fit, empty where all does."""
     try:
         Device(name, settings, None, counts=False).close()

@@ -10,14 +10,14 @@ from typing import Generic
 import numpy as np
 
 from beltscape.sources.genicam.clock import CameraClock
-from beltscape.sources.genicam.shots import Matched, Payload, Rules, Shot, Tally
+from beltscape.sources.genicam.shots import MatchedInstant, Payload, MatchingRules, CameraImage, CameraStatistics
 
 KEPT_IDS = 64
 """Images of a camera that are remembered to know one that comes twice."""
 BIAS_OF = 51
-"""Instants from which the constant part of a clock's error is told."""
+"""InstantCounter from which the constant part of a clock's error is told."""
 BIAS_FROM = 5
-"""Instants known until it is used."""
+"""InstantCounter known until it is used."""
 UNSYNCHRONISED_NS = 50_000_000
 """Shared clocks that are farther apart are not shared."""
 
@@ -25,7 +25,7 @@ UNSYNCHRONISED_NS = 50_000_000
 @dataclass(slots=True)
 class _Camera:
     clock: CameraClock
-    tally: Tally = field(default_factory=Tally)
+    tally: CameraStatistics = field(default_factory=CameraStatistics)
     ids: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=KEPT_IDS))
     newest_ns: int | None = None
     """Host time of its newest image."""
@@ -41,33 +41,33 @@ class _Camera:
 class _Instant(Generic[Payload]):
     at_ns: int
     opened_ns: int
-    shots: dict[str, tuple[int, Shot[Payload]]]
+    shots: dict[str, tuple[int, CameraImage[Payload]]]
     """Host time of the image, the image."""
 
 
-class Matcher(Generic[Payload]):
+class InstantMatcher(Generic[Payload]):
     """Gathers images into instants; an instant is given out when it is complete or has waited long enough.
 
     All images are placed on the host's clock by their cameras' clocks; whatever comes late on the network keeps
-    its place. Instants are at least twice ``window_ns`` apart, so as long as clocks err by less than half of it,
+    its place. InstantCounter are at least twice ``window_ns`` apart, so as long as clocks err by less than half of it,
     no image comes to a wrong instant.
     """
 
-    def __init__(self, cameras: Sequence[str], core: str, rules: Rules) -> None:
+    def __init__(self, cameras: Sequence[str], core: str, rules: MatchingRules) -> None:
         self._rules = rules
         self._core = core
         self._cameras = {name: _Camera(self._new_clock()) for name in cameras}
         self._open: list[_Instant[Payload]] = []
         self._first_ns: int | None = None
         self._start_ns: int | None = None
-        self._given_at_ns: int | None = None
-        self._given_time_ns: int | None = None
+        self._last_instant_ns: int | None = None
+        self._last_time_ns: int | None = None
 
     def _new_clock(self) -> CameraClock:
         # one clock for all: what it is off is the same for each
         return CameraClock(self._rules.window_ns // 4, *([0.0] if self._rules.clocks == "ptp" else []))
 
-    def tally(self, camera: str) -> Tally:
+    def tally(self, camera: str) -> CameraStatistics:
         """What was seen of a camera."""
         return self._cameras[camera].tally
 
@@ -75,27 +75,27 @@ class Matcher(Generic[Payload]):
         """A camera's clock as learned."""
         return self._cameras[camera].clock
 
-    def reopened(self, camera: str) -> None:
+    def on_reopened(self, camera: str) -> None:
         """The camera was opened (again): its count and its clock may begin anew."""
         one = self._cameras[camera]
         one.clock = self._new_clock()
         one.ids.clear()
         one.apart.clear()
-        one.tally.heard = False
+        one.tally.has_clock = False
 
-    def add(self, shot: Shot[Payload], now_ns: int) -> None:
+    def add(self, shot: CameraImage[Payload], now_ns: int) -> None:
         """An image came."""
         one = self._cameras[shot.camera]
         if (shot.frame_id, shot.camera_ns) in one.ids:
-            one.tally.twice += 1
+            one.tally.duplicates += 1
             return
         if one.ids:
-            one.tally.skipped += lost_between(one.ids[-1][0], shot.frame_id)
+            one.tally.skipped += count_missing(one.ids[-1][0], shot.frame_id)
         one.ids.append((shot.frame_id, shot.camera_ns))
         one.tally.taken += 1
         trusted = one.clock.add(shot.camera_ns, shot.arrival_ns)
-        one.tally.heard = one.clock.settled
-        if not one.clock.settled:
+        one.tally.has_clock = one.clock.is_settled
+        if not one.clock.is_settled:
             one.apart.clear()
         host_ns = self._host_ns(one, shot.camera_ns) if trusted else None
         if host_ns is None or not self._starts(host_ns, now_ns):
@@ -109,7 +109,7 @@ class Matcher(Generic[Payload]):
         if self._start_ns is None:
             self._first_ns = now_ns if self._first_ns is None else self._first_ns
             if now_ns - self._first_ns < self._rules.start_ns and not all(
-                one.tally.heard for one in self._cameras.values()
+                one.tally.has_clock for one in self._cameras.values()
             ):
                 return False
             self._start_ns = now_ns if self._rules.start_ns else host_ns - self._rules.window_ns
@@ -121,13 +121,13 @@ class Matcher(Generic[Payload]):
         if self._rules.clocks == "own":
             return own - one.bias_ns
         settled = [self._cameras[self._core], *self._cameras.values()]
-        common = next(c.clock for c in settled if c.clock.settled).host_ns(camera_ns)
+        common = next(c.clock for c in settled if c.clock.is_settled).host_ns(camera_ns)
         one.tally.unsynchronised = abs(common - own) > UNSYNCHRONISED_NS
         return None if one.tally.unsynchronised else common
 
-    def _place(self, shot: Shot[Payload], host_ns: int, now_ns: int) -> None:
+    def _place(self, shot: CameraImage[Payload], host_ns: int, now_ns: int) -> None:
         window = self._rules.window_ns
-        if self._given_at_ns is not None and host_ns < self._given_at_ns + window:
+        if self._last_instant_ns is not None and host_ns < self._last_instant_ns + window:
             self._cameras[shot.camera].tally.late += 1
             return
         near = [instant for instant in self._open if abs(instant.at_ns - host_ns) < window]
@@ -138,11 +138,11 @@ class Matcher(Generic[Payload]):
             self._open.sort(key=lambda instant: instant.at_ns)
         nearest.shots[shot.camera] = host_ns, shot
 
-    def due(self, now_ns: int) -> list[Matched[Payload]]:
+    def due(self, now_ns: int) -> list[MatchedInstant[Payload]]:
         """The instants that can be given out now, in order."""
         out = []
         while self._open and self._is_due(self._open[0], now_ns):
-            out.append(self._give(self._open.pop(0)))
+            out.append(self._complete(self._open.pop(0)))
         return out
 
     def deadline_ns(self) -> int | None:
@@ -153,7 +153,7 @@ class Matcher(Generic[Payload]):
         awaited = [
             one
             for name, one in self._cameras.items()
-            if name not in instant.shots and self._awaits(one, instant)
+            if name not in instant.shots and self._is_awaited(one, instant)
         ]
         if awaited and now_ns < instant.opened_ns + self._rules.timeout_ns:
             return False
@@ -161,25 +161,25 @@ class Matcher(Generic[Payload]):
             one.tally.silent = True
         return True
 
-    def _awaits(self, one: _Camera, instant: _Instant[Payload]) -> bool:
-        if not one.tally.heard or one.tally.silent:
+    def _is_awaited(self, one: _Camera, instant: _Instant[Payload]) -> bool:
+        if not one.tally.has_clock or one.tally.silent:
             return False
         # images of one camera come in order: what is newer says that this one is lost
         return one.newest_ns is None or one.newest_ns < instant.at_ns + self._rules.window_ns
 
-    def _give(self, instant: _Instant[Payload]) -> Matched[Payload]:
-        self._given_at_ns = instant.at_ns
+    def _complete(self, instant: _Instant[Payload]) -> MatchedInstant[Payload]:
+        self._last_instant_ns = instant.at_ns
         for name, one in self._cameras.items():
             one.tally.missed += name not in instant.shots
-        kept = self._together(instant)
+        kept = self._select_within_skew(instant)
         times = sorted(time for name, (time, _) in instant.shots.items() if name in kept)
         time_ns = instant.shots[self._core][0] if self._core in kept else times[(len(times) - 1) // 2]
-        if self._given_time_ns is not None:
-            time_ns = max(time_ns, self._given_time_ns + 1)
-        self._given_time_ns = time_ns
-        return Matched(time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in kept})
+        if self._last_time_ns is not None:
+            time_ns = max(time_ns, self._last_time_ns + 1)
+        self._last_time_ns = time_ns
+        return MatchedInstant(time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in kept})
 
-    def _together(self, instant: _Instant[Payload]) -> set[str]:
+    def _select_within_skew(self, instant: _Instant[Payload]) -> set[str]:
         """The cameras whose images are near enough to the middle one; between two, the core's counts."""
         times = {name: time for name, (time, _) in instant.shots.items()}
         ordered = sorted(times.values())
@@ -198,7 +198,7 @@ class Matcher(Generic[Payload]):
         return kept
 
 
-def lost_between(before: int, after: int) -> int:
+def count_missing(before: int, after: int) -> int:
     """Images missing between two of a camera's counts; 0 where the count began anew."""
     step = after - before
     if step < 0 and before <= 65535:  # 16 bits go from 65535 on to 1

@@ -57,7 +57,7 @@ FORMATS: dict[int, Format] = {
 """Code in the image's head → what it means."""
 
 
-def image_from(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
+def decode_image(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
     """(H, W) or (H, W, 3) RGB of a buffer; uint8 from 8 bits, else uint16 with the top value at 65535.
 
     ``size_px`` is (width, height) as the image's head says. InputError: format not understood, too few bytes.
@@ -67,33 +67,33 @@ def image_from(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
         raise InputError(f"pixel format {code:#010x} is not understood; set pixel_format, such as Mono8")
     width, height = size_px
     count = width * height * format_.channels
-    need = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _bytes_of(format_, count)
+    need = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _count_bytes(format_, count)
     if len(data) < need:
         raise InputError(f"image of {width}×{height} {format_.name} has {len(data)} bytes instead of {need}")
-    values: Any = scaled(unpacked(np.frombuffer(data, np.uint8, need), format_, count), format_.bits)
+    values: Any = scale_to_full_range(unpack(np.frombuffer(data, np.uint8, need), format_, count), format_.bits)
     if format_.channels == 3:
         colours = values.reshape(height, width, 3)
         return np.ascontiguousarray(colours[..., ::-1]) if format_.name.startswith("BGR") else colours
     plane = values.reshape(height, width)
-    return demosaiced(plane, format_.pattern) if format_.pattern else plane
+    return demosaic(plane, format_.pattern) if format_.pattern else plane
 
 
-def _bytes_of(format_: Format, count: int) -> int:
+def _count_bytes(format_: Format, count: int) -> int:
     if format_.packing == "gige":
         return (count + 1) // 2 * 3
     return count if format_.bits <= 8 else 2 * count
 
 
-def unpacked(raw: NDArray[np.uint8], format_: Format, count: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def unpack(raw: NDArray[np.uint8], format_: Format, count: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """(count,) values of a buffer's bytes, in the format's own range."""
     if format_.packing == "gige":
-        return _two_in_three(raw, format_.bits)[:count]
+        return _unpack_gige(raw, format_.bits)[:count]
     if format_.packing == "lsb":
-        return _bit_stream(raw, format_.bits, count)
+        return _unpack_lsb(raw, format_.bits, count)
     return raw if format_.bits <= 8 else raw.view(np.dtype("<u2"))
 
 
-def _two_in_three(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
+def _unpack_gige(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
     """The middle byte has the low bits of both pixels, those of the first in its lower half."""
     low = bits - 8
     first, both, second = raw.reshape(-1, 3).astype(np.uint16).T
@@ -102,7 +102,7 @@ def _two_in_three(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
     return np.stack(pair, axis=-1, dtype=np.uint16).ravel()
 
 
-def _bit_stream(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:
+def _unpack_lsb(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:
     """Pixel after pixel from the lowest bit on; groups that fill whole bytes are done at once."""
     pixels, size = (2, 3) if bits == 12 else (4, 5)
     groups = -(-count // pixels)
@@ -116,7 +116,7 @@ def _bit_stream(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uin
     return out.ravel()[:count]
 
 
-def scaled(
+def scale_to_full_range(
     values: NDArray[np.uint8] | NDArray[np.uint16], bits: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """8 bits as they are; more on 16, the top value at 65535 and 0 at 0 (the high bits repeat below)."""
@@ -126,7 +126,7 @@ def scaled(
     return ((wide << (16 - bits)) | (wide >> (2 * bits - 16))).astype(np.uint16, copy=False)
 
 
-def demosaiced(plane: NDArray[np.uint8] | NDArray[np.uint16], pattern: str) -> Image:
+def demosaic(plane: NDArray[np.uint8] | NDArray[np.uint16], pattern: str) -> Image:
     """(H, W, 3) RGB of a (H, W) colour mosaic that begins with the 2×2 ``pattern``, by bilinear interpolation."""
     import cv2
 

@@ -19,7 +19,7 @@ class BeltCounter:
         self._counts = 0
         self._reopened = False
 
-    def reopened(self) -> None:
+    def on_reopened(self) -> None:
         """The camera was opened again: it may have lost power, and its count with it."""
         self._reopened = True
 

@@ -16,11 +16,11 @@ PixelFormat = Literal[
 ]  # fmt: skip
 """GenICam's names of the pixel formats that are understood."""
 
-WINDOW = 0.4
+WINDOW_SHARE = 0.4
 """Images within this share of the shortest time between instants may be of one instant."""
 
 
-class OwnSettings(BaseModel):
+class CameraOverrides(BaseModel):
     """What one camera has of its own; what is not given is that of all."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -65,7 +65,7 @@ class CamerasSettings(BaseModel):
 
     devices: dict[Name, Name] = Field(min_length=1)
     """Name of the camera in the rig → its device id, address or serial number."""
-    own: dict[Name, OwnSettings] = {}
+    own: dict[Name, CameraOverrides] = {}
     """Name of the camera in the rig → what it has of its own."""
     exposure_us: float | None = Field(None, gt=0, le=1e7)
     """Exposure time; not given: as the camera stands."""
@@ -109,11 +109,11 @@ class CamerasSettings(BaseModel):
                 )
         if len(set(self.devices.values())) < len(self.devices):
             raise ValueError("devices: the same device is given twice")
-        most_ms = WINDOW * 1e3 / self.frames_per_s
+        most_ms = WINDOW_SHARE * 1e3 / self.frames_per_s
         if self.allowed_skew_ms >= most_ms:
             raise ValueError(
                 f"allowed_skew_ms {self.allowed_skew_ms:g} must be less than {most_ms:.3g} "
-                f"({WINDOW:g} of the time between frames); lower it or frames_per_s"
+                f"({WINDOW_SHARE:g} of the time between frames); lower it or frames_per_s"
             )
         return self
 

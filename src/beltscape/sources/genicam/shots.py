@@ -9,7 +9,7 @@ Payload = TypeVar("Payload")
 
 
 @dataclass(frozen=True, slots=True)
-class Shot(Generic[Payload]):
+class CameraImage(Generic[Payload]):
     """One camera's image, as it came."""
 
     camera: str
@@ -23,17 +23,17 @@ class Shot(Generic[Payload]):
 
 
 @dataclass(frozen=True, slots=True)
-class Matched(Generic[Payload]):
+class MatchedInstant(Generic[Payload]):
     """The images of one instant."""
 
     time_ns: int
     """Host's monotonic clock at the instant; grows from one to the next."""
-    shots: dict[str, Shot[Payload]]
+    shots: dict[str, CameraImage[Payload]]
     """By camera; those without an image are absent."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class MatchingRules:
     """How images are matched."""
 
     window_ns: int
@@ -51,16 +51,16 @@ class Rules:
 
 
 @dataclass(slots=True)
-class Tally:
+class CameraStatistics:
     """What was seen of one camera."""
 
     taken: int = 0
     """Images that came whole, duplicates not counted."""
     missed: int = 0
-    """Instants that were given out without it."""
+    """InstantCounter that were given out without it."""
     late: int = 0
     """Images that came after their instant was given out."""
-    twice: int = 0
+    duplicates: int = 0
     """Images that came again."""
     skipped: int = 0
     """Images that its count says were lost on the way."""
@@ -74,5 +74,5 @@ class Tally:
     """Whether its clock is not the one the others share."""
     silent: bool = False
     """Whether an instant waited for it in vain and nothing has come since."""
-    heard: bool = False
+    has_clock: bool = False
     """Whether its clock is known since it was opened."""

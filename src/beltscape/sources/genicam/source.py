@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.live import CameraHealth
-from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, Opened, Pace
-from beltscape.sources.genicam.device import Raw
-from beltscape.sources.genicam.health import Watch, health_of, silence_limit_s
-from beltscape.sources.genicam.matching import Matcher
-from beltscape.sources.genicam.pixels import image_from
+from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
+from beltscape.sources.genicam.device import RawImage
+from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s
+from beltscape.sources.genicam.matching import InstantMatcher
+from beltscape.sources.genicam.pixels import decode_image
 from beltscape.sources.genicam.position import BeltCounter
-from beltscape.sources.genicam.settings import WINDOW, CamerasSettings
-from beltscape.sources.genicam.shots import Matched, Rules, Shot
+from beltscape.sources.genicam.settings import WINDOW_SHARE, CamerasSettings
+from beltscape.sources.genicam.shots import MatchedInstant, MatchingRules, CameraImage
 
 READY = 16
 """Frame sets that wait to be fetched; beyond, the oldest are dropped."""
@@ -27,11 +27,11 @@ START_S = 2.0
 CLOSE_S = 3.0
 """Closing waits this long for the cameras."""
 
-Opener = Callable[[str], Opened]
+Opener = Callable[[str], OpenCamera]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Taken:
+class CountedImage:
     """An image with the encoder's count."""
 
     image: Image
@@ -53,17 +53,17 @@ class GenicamSource:
         self._core = core
         self._sizes_px = sizes_px or {}
         self._lock = threading.Condition()
-        self._matcher: Matcher[Taken] = Matcher(self.cameras, core, _rules(settings))
+        self._matcher: InstantMatcher[CountedImage] = InstantMatcher(self.cameras, core, _rules(settings))
         self._counter = None if settings.encoder is None else BeltCounter(settings.encoder)
         self._ready: deque[FrameSet] = deque()
-        self._watches = {name: Watch() for name in self.cameras}
+        self._watches = {name: CameraMonitor() for name in self.cameras}
         self._number = 0
         self._closed = False
         self.overrun = 0
         """Frame sets dropped since the start because nobody fetched them."""
-        pace = Pace(time.monotonic(), 1 / settings.frames_per_s) if settings.trigger == "software" else None
+        pace = TriggerPace(time.monotonic(), 1 / settings.frames_per_s) if settings.trigger == "software" else None
         self._threads = {
-            name: CameraThreads(name, lambda n=name: opener(n), self._opened, self._took, self._due, pace)
+            name: CameraThreads(name, lambda n=name: opener(n), self._on_open, self._on_image, self._is_overdue, pace)
             for name in self.cameras
         }
 
@@ -88,38 +88,38 @@ class GenicamSource:
         deadline_ns = self._matcher.deadline_ns()
         return None if deadline_ns is None else max(0.0, (deadline_ns - time.monotonic_ns()) * 1e-9)
 
-    def _opened(self, name: str) -> None:
+    def _on_open(self, name: str) -> None:
         with self._lock:
-            self._matcher.reopened(name)
+            self._matcher.on_reopened(name)
             if name == self._core and self._counter is not None:
-                self._counter.reopened()
+                self._counter.on_reopened()
 
-    def _took(self, name: str, raw: Raw) -> None:
+    def _on_image(self, name: str, raw: RawImage) -> None:
         watch, now_s = self._watches[name], time.monotonic()
         try:
             image = self._image(name, raw)
         except InputError as error:
             with self._lock:
-                watch.came(now_s)
-                watch.misfit = str(error)
+                watch.add_image(now_s)
+                watch.image_fault = str(error)
             return
-        shot = Shot(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, Taken(image, raw.count))
-        watch.look(image, now_s)
+        shot = CameraImage(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, CountedImage(image, raw.count))
+        watch.check_brightness(image, now_s)
         with self._lock:
-            watch.came(now_s)
-            watch.misfit = ""
+            watch.add_image(now_s)
+            watch.image_fault = ""
             self._matcher.add(shot, time.monotonic_ns())
             self._collect()
             self._lock.notify_all()
 
-    def _image(self, name: str, raw: Raw) -> Image:
+    def _image(self, name: str, raw: RawImage) -> Image:
         wanted = self._sizes_px.get(name)
         if wanted is not None and raw.size_px != wanted:
             raise InputError(
                 f"its images have {raw.size_px[0]}×{raw.size_px[1]} px, the rig's {wanted[0]}×{wanted[1]}: "
                 "another camera, or its region or binning was changed"
             )
-        return image_from(raw.data, raw.code, raw.size_px)
+        return decode_image(raw.data, raw.code, raw.size_px)
 
     def _collect(self) -> None:
         for matched in self._matcher.due(time.monotonic_ns()):
@@ -128,7 +128,7 @@ class GenicamSource:
                 self._ready.popleft()
                 self.overrun += 1
 
-    def _frame_set(self, matched: Matched[Taken]) -> FrameSet:
+    def _frame_set(self, matched: MatchedInstant[CountedImage]) -> FrameSet:
         self._number += 1
         core = matched.shots.get(self._core)
         position_mm = None
@@ -137,12 +137,12 @@ class GenicamSource:
         images = {name: matched.shots[name].payload.image for name in self.cameras if name in matched.shots}
         return FrameSet(f"{self._number:08d}", images, matched.time_ns, position_mm)
 
-    def _due(self, name: str, silence_s: float) -> bool:
+    def _is_overdue(self, name: str, silence_s: float) -> bool:
         """Whether a camera without an image for that long is to be opened anew."""
         if self._settings.trigger == "line":  # the belt may stand: only the others tell whether a pulse came
             with self._lock:
                 tally = self._matcher.tally(name)
-                return silence_s > REOPEN_AFTER_S and tally.silent and tally.heard
+                return silence_s > REOPEN_AFTER_S and tally.silent and tally.has_clock
         return silence_s > max(REOPEN_AFTER_S, 2 * silence_limit_s(self._settings))
 
     def health(self) -> Mapping[str, CameraHealth]:
@@ -156,7 +156,7 @@ class GenicamSource:
         if threads.broken > watch.broken:
             watch.broken, watch.broken_s = threads.broken, now_s
         tally = self._matcher.tally(name)
-        return health_of(name, self._settings, watch, tally, threads.trouble, threads.is_open, now_s)
+        return assess_health(name, self._settings, watch, tally, threads.trouble, threads.is_open, now_s)
 
     def close(self) -> None:
         """Stop; the iteration ends. A camera that does not answer is left to end by itself."""
@@ -170,9 +170,9 @@ class GenicamSource:
             threads.join(max(0.0, until - time.monotonic()))
 
 
-def _rules(settings: CamerasSettings) -> Rules:
-    return Rules(
-        window_ns=round(WINDOW * 1e9 / settings.frames_per_s),
+def _rules(settings: CamerasSettings) -> MatchingRules:
+    return MatchingRules(
+        window_ns=round(WINDOW_SHARE * 1e9 / settings.frames_per_s),
         skew_ns=round(settings.allowed_skew_ms * 1e6),
         timeout_ns=round(settings.frame_timeout_ms * 1e6),
         clocks=settings.clocks,
@@ -189,17 +189,17 @@ def open_cameras(
     ``core`` is the rig's core camera; ``sizes_px`` the (width, height) that each camera's images must have.
     SettingsError where Aravis is not installed or a camera of ``sizes_px`` has no device.
     """
-    from beltscape.sources.genicam.aravis import aravis
+    from beltscape.sources.genicam.aravis import load_aravis
     from beltscape.sources.genicam.device import Device
 
-    aravis()
+    load_aravis()
     for name in [core, *(sizes_px or {})]:
         if name not in settings.devices:
             raise SettingsError(
                 f"cameras.devices: the rig's camera {name} has no device; there are {', '.join(settings.devices)}"
             )
 
-    def opener(name: str) -> Opened:
+    def opener(name: str) -> OpenCamera:
         return Device(name, settings, (sizes_px or {}).get(name), counts=name == core)
 
     return GenicamSource(settings, core, sizes_px, opener)

@@ -13,27 +13,27 @@ from pathlib import Path
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import Image
 from beltscape.sources.genicam.fake.album import read_album
-from beltscape.sources.genicam.fake.bench import Bench
+from beltscape.sources.genicam.fake.bench import SimulatedCameras
 from beltscape.sources.genicam.fake.camera import COUNTER, FakeCamera
-from beltscape.sources.genicam.fake.capture import pictures_of
-from beltscape.sources.genicam.fake.instants import Instants
+from beltscape.sources.genicam.fake.capture import read_pictures
+from beltscape.sources.genicam.fake.instants import InstantCounter
 from beltscape.sources.genicam.fake.network import add_addresses
 
 _SKEW = 0.3
-"""Allowed skew as a share of the time between frames; [cameras] takes less than `settings.WINDOW` = 0.4."""
+"""Allowed skew as a share of the time between frames; [cameras] takes less than `settings.WINDOW_SHARE` = 0.4."""
 STOP = (signal.SIGINT, signal.SIGTERM)
 
 
 def main(words: Sequence[str]) -> int:
     """Serve until interrupted; 2 where it cannot."""
     try:
-        return one(Path(words[1]), words[2], words[3]) if words[:1] == ["one"] else every(words)
+        return serve_camera(Path(words[1]), words[2], words[3]) if words[:1] == ["one"] else serve_capture(words)
     except BeltscapeError as error:
         print(error, file=sys.stderr)
         return 2
 
 
-def every(words: Sequence[str]) -> int:
+def serve_capture(words: Sequence[str]) -> int:
     """The cameras of a capture."""
     parser = argparse.ArgumentParser(prog="python -m beltscape.sources.genicam.fake", description=__doc__)
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png")
@@ -43,9 +43,9 @@ def every(words: Sequence[str]) -> int:
     parser.add_argument("--mm-per-count", type=float, default=0.01, help="of the encoder (default: 0.01)")
     arguments = parser.parse_args(words)
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP)  # they are waited for
-    pictures, counts, per_round = pictures_of(arguments.capture, arguments.mm_per_count)
+    pictures, counts, per_round = read_pictures(arguments.capture, arguments.mm_per_count)
     with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Path(folder), pictures, arguments.frames_per_s, counts, per_round)
+        bench = SimulatedCameras(Path(folder), pictures, arguments.frames_per_s, counts, per_round)
         add_addresses(bench.devices.values())
         with bench:
             print(
@@ -56,7 +56,7 @@ def every(words: Sequence[str]) -> int:
     return 0
 
 
-def project_tables(bench: Bench, frames_per_s: float, mm_per_count: float | None) -> str:
+def project_tables(bench: SimulatedCameras, frames_per_s: float, mm_per_count: float | None) -> str:
     """The tables of project.toml that fit these cameras.
 
     All clocks are this machine's, and its loopback interface has large packets. The cameras are processes that a
@@ -78,19 +78,19 @@ def project_tables(bench: Bench, frames_per_s: float, mm_per_count: float | None
     return "\n".join(lines)
 
 
-def one(folder: Path, name: str, address: str) -> int:
+def serve_camera(folder: Path, name: str, address: str) -> int:
     """One camera of a bench, in this process."""
-    camera = FakeCamera(address, name, _shows(folder, name))
+    camera = FakeCamera(address, name, _picture_function(folder, name))
     print("listening", flush=True)
     sys.stdin.buffer.read()  # ends with the program that started it, however that ends
     camera.close()
     return 0
 
 
-def _shows(folder: Path, name: str) -> Callable[[int], tuple[Image, int]]:
+def _picture_function(folder: Path, name: str) -> Callable[[int], tuple[Image, int]]:
     told = json.loads((folder / "bench.json").read_text())
     album, counts, per_round = read_album(folder / f"{name}.npy"), told["counts"], told["round"]
-    instants = Instants(folder / "instants", told["period_s"])
+    instants = InstantCounter(folder / "instants", told["period_s"])
 
     def picture(camera_ns: int) -> tuple[Image, int]:
         rounds, index = divmod(instants.of(camera_ns), len(album))

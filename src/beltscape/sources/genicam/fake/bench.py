@@ -17,7 +17,7 @@ FIRST_ADDRESS = 11
 """127.0.0.11, 127.0.0.12, …"""
 
 
-class Bench:
+class SimulatedCameras:
     """Cameras that show the pictures they are given, over and over, a picture for each instant.
 
     All show the same number at one instant, also one that was killed and comes back. The loopback interface needs
@@ -85,7 +85,7 @@ class Bench:
         for name in list(self._running):
             self.kill(name)
 
-    def __enter__(self) -> Bench:
+    def __enter__(self) -> SimulatedCameras:
         self.start()
         return self
 

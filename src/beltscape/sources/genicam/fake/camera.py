@@ -10,7 +10,7 @@ import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
-from beltscape.sources.genicam.aravis import aravis
+from beltscape.sources.genicam.aravis import load_aravis
 
 COUNTER = "TestRegister"
 """The feature in which a simulated camera shows the belt's count: its spare register."""
@@ -30,10 +30,10 @@ class FakeCamera:
 
         InputError where nothing can listen on the address.
         """
-        aravis()  # says what to install
+        load_aravis()  # says what to install
         self._lib = _library()
         self._picture = picture
-        self._fill = _Fill(self._filled)  # kept: the library calls it for as long as the camera is there
+        self._fill = _Fill(self._fill_buffer)  # kept: the library calls it for as long as the camera is there
         self._camera = self._lib.arv_gv_fake_camera_new(address.encode(), serial.encode())
         if not self._lib.arv_gv_fake_camera_is_running(self._camera):
             raise InputError(
@@ -44,7 +44,7 @@ class FakeCamera:
         # PyGObject's binding of this one frees the callback at once
         self._lib.arv_fake_camera_set_fill_pattern(self._inner, self._fill, None)
 
-    def _filled(self, buffer: int, _data: Any, _exposure_us: int, _gain: int, _code: int) -> None:
+    def _fill_buffer(self, buffer: int, _data: Any, _exposure_us: int, _gain: int, _code: int) -> None:
         image, count = self._picture(self._lib.arv_buffer_get_timestamp(buffer))
         self._lib.arv_fake_camera_write_register(self._inner, COUNTER_ADDRESS, count & 0xFFFFFFFF)
         room = self._lib.arv_fake_camera_get_payload(self._inner)  # the buffer itself says 0

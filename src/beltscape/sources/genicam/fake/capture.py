@@ -11,7 +11,7 @@ from beltscape.files.encoder_csv import read_encoder
 from beltscape.files.images import is_grey_throughout, read_image
 
 
-def pictures_of(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image]], list[int], int]:
+def read_pictures(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image]], list[int], int]:
     """Camera → pictures of the frames that all have; the belt's counts at them, counts of a whole round.
 
     The counts are empty where the capture has no encoder.csv. InputError: no frame that all cameras have.
@@ -20,7 +20,7 @@ def pictures_of(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image
     frames = [f for f in capture.frames if all(f in files for files in capture.files.values())]
     if not frames:
         raise InputError(f"{folder}: no frame that all cameras have")
-    pictures = {name: _alike([files[f] for f in frames]) for name, files in capture.files.items()}
+    pictures = {name: _read_uniform([files[f] for f in frames]) for name, files in capture.files.items()}
     counts = _counts(folder / "encoder.csv", frames, mm_per_count)
     if len(counts) < 2:
         return pictures, [], 0
@@ -28,7 +28,7 @@ def pictures_of(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image
     return pictures, counts, counts[-1] - counts[0] + round((counts[-1] - counts[0]) / (len(counts) - 1))
 
 
-def _alike(files: list[Path]) -> list[Image]:
+def _read_uniform(files: list[Path]) -> list[Image]:
     """A camera's pictures, of one size and pixel format, as a camera sends them; grey where one of them is.
 
     Raises
@@ -46,12 +46,12 @@ def _alike(files: list[Path]) -> list[Image]:
     for path, image in zip(files, images, strict=True):
         if image.shape != first.shape or image.dtype != first.dtype:
             raise InputError(
-                f"{path}: {_form(image)}, but {files[0]} is {_form(first)}; a camera sends images of one form"
+                f"{path}: {_describe_format(image)}, but {files[0]} is {_describe_format(first)}; a camera sends images of one form"
             )
     return images
 
 
-def _form(image: Image) -> str:
+def _describe_format(image: Image) -> str:
     colour = "grey" if image.ndim == 2 else "RGB"
     return f"{image.shape[1]}×{image.shape[0]} px {colour} {8 * image.itemsize} bit"
 

@@ -13,7 +13,7 @@ FOLLOW = 0.1
 """Share by which the instants follow the images: triggers come a little sooner or later."""
 
 
-class Instants:
+class InstantCounter:
     """Counts instants in a file that all processes share: they are a period apart, an image is of the nearest one."""
 
     def __init__(self, path: Path, period_s: float) -> None:

@@ -28,14 +28,14 @@ _WINDOWS = 9, 25, 51, 101
 _CROP_PX = 48
 """Edge of the middle of the image that the reference does."""
 NOTES = f"""\
-Cells: ms (throughput): Mpx/s of the core, of sweep, aggregate and coarse Mde/s: pixels × {PLANES} planes. Frame: the
-rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp); {PLANES} × 4 of
-cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many disparities, its own
-matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
-scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, top_view and window_minima have
-but one thread. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels. Rivals and
-likenesses (of all 9 rivals) are for a fifth of the pixels, as are neighbours (24 and the pixel itself, of 2 planes)
-and hear (a round of scrutiny's messages); perceptron: 52 planes, 64 units, 2 answers.
+Cells: ms (throughput): Mpx/s of the core; of sweep, aggregate and both at once Mde/s: pixels × {PLANES} planes.
+Frame: the rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp);
+{PLANES} × 4 of cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many
+disparities, its own matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
+scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, rasterise_heights and window_minima
+run on one thread only. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels. Candidate
+surfaces and the photo-consistency of all 9 are for a fifth of the pixels, as are gather (24 neighbours and the pixel
+itself, of 2 planes) and pass_messages (a round); evaluate_network: 52 planes, 64 units, 2 outputs.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -93,7 +93,9 @@ def _rows(scene: Scene, best: str, others: list[str]) -> list[str]:
     calls, small_calls, peers = _calls(case), _calls(small), _peers(case)
     rows = []
     for name, call in calls.items():
-        planes, few = ((c.planes if name in {"sweep", "aggregate", "coarse"} else 1) for c in (case, small))
+        planes, few = (
+            (c.planes if name in {"sweep", "aggregate", "sweep_and_aggregate"} else 1) for c in (case, small)
+        )
         amount = case.s.size * planes
         times = [_timed(call, load(best), 1), _timed(call, load(best), 2) if name not in _ALONE else None]
         times += [_timed(call, load(level), 1) for level in others]
@@ -134,7 +136,7 @@ def _calls(case: Case) -> dict[str, Call]:
     p, s, (slope_u, slope_v) = case.prepared, case.s, case.slopes
     floor, native = p.noise.floor, load()
     sizes = [image.shape[::-1] for image in p.images]
-    buffers = native.nearness_buffers(s, p.views, sizes)
+    buffers = native.inverse_depth_buffers(s, p.views, sizes)
     planes = case.first, case.step, case.planes, floor
     cost = native.sweep(p.core, p.images, p.views, *planes)
     around = offsets(MultiviewSettings().distances_px)
@@ -142,7 +144,7 @@ def _calls(case: Case) -> dict[str, Call]:
     equations = native.normal_equations(s, p.core, p.coefficients, p.views, **judged)
     projections, pixels = _points(s.size)
     doubtful, trusted = _doubtful(s)
-    rivals = native.rivals(s, slope_u, slope_v, trusted, *doubtful, reach=8, same=1.0)
+    rivals = native.candidate_surfaces(s, slope_u, slope_v, trusted, *doubtful, reach=8, separation=1.0)
     light = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
     light |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
     belief, around_one = fitted("belief"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
@@ -155,32 +157,34 @@ def _calls(case: Case) -> dict[str, Call]:
         "warp": lambda k, n: k.warp(s, p.views[0], p.coefficients[0], threads=n),
         "sweep": lambda k, n: k.sweep(p.core, p.images, p.views, *planes, threads=n),
         "aggregate": lambda k, _: k.aggregate(cost, *_JUMPS),
-        "coarse": lambda k, n: k.coarse(p.core, p.images, p.views, *planes, *_JUMPS, threads=n),
+        "sweep_and_aggregate": lambda k, n: k.sweep_and_aggregate(
+            p.core, p.images, p.views, *planes, *_JUMPS, threads=n
+        ),
         "propagate": lambda k, n: k.propagate(
             s, slope_u, slope_v, p.core, p.images, p.views, buffers,
             offsets=around, floor=floor, tolerance=OCCLUDER_PX, threads=n,
         ),
-        "nearness_buffers": lambda k, n: k.nearness_buffers(s, p.views, sizes, threads=n),
+        "inverse_depth_buffers": lambda k, n: k.inverse_depth_buffers(s, p.views, sizes, threads=n),
         "normal_equations": lambda k, n: k.normal_equations(
             s, p.core, p.coefficients, p.views, **judged, threads=n
         ),
         "local_fit": lambda k, n: k.local_fit(
             equations.information, equations.pull, s, slope_u, slope_v, tolerance=0.25, threads=n
         ),
-        "rivals": lambda k, n: k.rivals(
-            s, slope_u, slope_v, trusted, *doubtful, reach=8, same=1.0, threads=n
+        "candidate_surfaces": lambda k, n: k.candidate_surfaces(
+            s, slope_u, slope_v, trusted, *doubtful, reach=8, separation=1.0, threads=n
         ),
-        "likenesses": lambda k, n: k.likenesses(
+        "photo_consistency": lambda k, n: k.photo_consistency(
             *doubtful, *rivals[:3], **light, tolerance=OCCLUDER_PX, threads=n
         ),
-        "neighbours": lambda k, n: k.neighbours([s, p.core], *doubtful, around_one, threads=n),
-        "hear": lambda k, n: k.hear(said, heard, kept, hear.layers, threads=n),
-        "perceptron": lambda k, n: k.perceptron(evidence, belief.limits, belief.layers, threads=n),
+        "gather": lambda k, n: k.gather([s, p.core], *doubtful, around_one, threads=n),
+        "pass_messages": lambda k, n: k.pass_messages(said, heard, kept, hear.layers, threads=n),
+        "evaluate_network": lambda k, n: k.evaluate_network(evidence, belief.limits, belief.layers, threads=n),
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
-        "top_view": lambda k, n: k.top_view(
+        "rasterise_heights": lambda k, n: k.rasterise_heights(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
         ),
-        "first_met": lambda k, n: k.first_met(
+        "first_hits": lambda k, n: k.first_hits(
             np.isfinite(holed), place, np.sin(turn), np.cos(turn), 95, threads=n
         ),
         "quadratics": lambda k, n: k.quadratics(holed, place, _WINDOWS, threads=n),

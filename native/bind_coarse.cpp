@@ -49,7 +49,8 @@ void aggregate_as(const CostBand& band, int width, int planes, int small_jump, i
     Aggregator<Cell>(width, planes, small_jump, large_jump).aggregate(band, index, margin);
 }
 
-void aggregate(Costs cost, int small_jump, int large_jump, GridOut index, GridOut margin) {
+void aggregate(Costs cost, int small_jump, int large_jump, GridOut index, GridOut margin,
+               std::size_t /* runs on one thread */) {
     const int rows = static_cast<int>(cost.shape(0)), width = static_cast<int>(cost.shape(1)),
               planes = static_cast<int>(cost.shape(2));
     const CostBand band{cost.data(), cost.data() + cost.size(), rows, 0, rows};
@@ -83,8 +84,8 @@ void bind_coarse(nb::module_& m) {
           nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("first_row"),
           nb::arg("out"), nb::arg("threads"));
     m.def("aggregate", &aggregate, nb::arg("cost"), nb::arg("small_jump"), nb::arg("large_jump"),
-          nb::arg("index"), nb::arg("margin"));
-    m.def("coarse", &coarse, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
+          nb::arg("index"), nb::arg("margin"), nb::arg("threads"));
+    m.def("sweep_and_aggregate", &coarse, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
           nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("small_jump"),
           nb::arg("large_jump"), nb::arg("band_rows"), nb::arg("halo_rows"), nb::arg("slab_rows"),
           nb::arg("index"), nb::arg("margin"), nb::arg("threads"));

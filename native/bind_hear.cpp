@@ -32,7 +32,7 @@ void hear_all(Grid said, Addresses near, Grid kept, const std::vector<Grid>& lay
 }  // namespace
 
 void bind_hear(nb::module_& m) {
-    m.def("hear", &hear_all, nb::arg("said"), nb::arg("near"), nb::arg("kept"), nb::arg("layers"),
+    m.def("pass_messages", &hear_all, nb::arg("said"), nb::arg("near"), nb::arg("kept"), nb::arg("layers"),
           nb::arg("out"), nb::arg("threads"));
 }
 

@@ -35,7 +35,7 @@ void neighbours_of(const std::vector<Grid>& planes, Numbers u, Numbers v, Offset
 }  // namespace
 
 void bind_neighbours(nb::module_& m) {
-    m.def("neighbours", &neighbours_of, nb::arg("planes"), nb::arg("u"), nb::arg("v"), nb::arg("offsets"),
+    m.def("gather", &neighbours_of, nb::arg("planes"), nb::arg("u"), nb::arg("v"), nb::arg("offsets"),
           nb::arg("out"), nb::arg("threads"));
 }
 

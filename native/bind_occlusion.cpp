@@ -47,7 +47,7 @@ void visible(Grid s, ViewRow row, Grid buffer, float tolerance, Flags out, std::
 }  // namespace
 
 void bind_occlusion(nb::module_& m) {
-    m.def("nearness_buffers", &nearness_buffers, nb::arg("s"), nb::arg("views"), nb::arg("buffers"),
+    m.def("inverse_depth_buffers", &nearness_buffers, nb::arg("s"), nb::arg("views"), nb::arg("buffers"),
           nb::arg("threads"));
     m.def("visible", &visible, nb::arg("s"), nb::arg("view"), nb::arg("buffer"), nb::arg("tolerance"),
           nb::arg("out"), nb::arg("threads"));

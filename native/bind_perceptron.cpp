@@ -28,7 +28,7 @@ void perceptron(const std::vector<Grid>& planes, Grid limits, const std::vector<
 }  // namespace
 
 void bind_perceptron(nb::module_& m) {
-    m.def("perceptron", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("layers"), nb::arg("out"),
+    m.def("evaluate_network", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("layers"), nb::arg("out"),
           nb::arg("threads"));
 }
 

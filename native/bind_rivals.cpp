@@ -59,9 +59,9 @@ void likenesses(Numbers u, Numbers v, const std::vector<Grid>& planes, Grid core
 }  // namespace
 
 void bind_rivals(nb::module_& m) {
-    m.def("rivals", &rivals, nb::arg("surface"), nb::arg("trusted"), nb::arg("u"), nb::arg("v"),
+    m.def("candidate_surfaces", &rivals, nb::arg("surface"), nb::arg("trusted"), nb::arg("u"), nb::arg("v"),
           nb::arg("reach"), nb::arg("same"), nb::arg("out"), nb::arg("threads"));
-    m.def("likenesses", &likenesses, nb::arg("u"), nb::arg("v"), nb::arg("planes"), nb::arg("core"),
+    m.def("photo_consistency", &likenesses, nb::arg("u"), nb::arg("v"), nb::arg("planes"), nb::arg("core"),
           nb::arg("variance"), nb::arg("images"), nb::arg("views"), nb::arg("buffers"), nb::arg("gains"),
           nb::arg("tolerance"), nb::arg("out"), nb::arg("threads"));
 }

@@ -10,7 +10,7 @@ using Transform = nb::ndarray<const double, nb::shape<3, 4>, nb::c_contig, nb::d
 using Heights = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 void bound_top_view(Grid depth, Grid sigma, Mask use, Transform grid_from_pixel, float step, Heights height,
-                    Heights variance) {
+                    Heights variance, std::size_t /* runs on one thread */) {
     const TopViewInput in{depth.data(),     sigma.data(),           use.data(), width_of(depth),
                           height_of(depth), grid_from_pixel.data(), step,       width_of(height),
                           height_of(height)};
@@ -22,8 +22,9 @@ void bound_top_view(Grid depth, Grid sigma, Mask use, Transform grid_from_pixel,
 }  // namespace
 
 void bind_top_view(nb::module_& m) {
-    m.def("top_view", &bound_top_view, nb::arg("depth"), nb::arg("sigma"), nb::arg("use"),
-          nb::arg("grid_from_pixel"), nb::arg("step"), nb::arg("height"), nb::arg("variance"));
+    m.def("rasterise_heights", &bound_top_view, nb::arg("depth"), nb::arg("sigma"), nb::arg("use"),
+          nb::arg("grid_from_pixel"), nb::arg("step"), nb::arg("height"), nb::arg("variance"),
+          nb::arg("threads"));
 }
 
 }  // namespace beltscape

@@ -56,7 +56,8 @@ void bound_window_means(Field field, Numbers rows, Numbers columns, Numbers side
     window_means(in, to_share, to_mean, threads);
 }
 
-void bound_window_minima(Field field, Numbers rows, Numbers columns, Numbers sides, TableOut least) {
+void bound_window_minima(Field field, Numbers rows, Numbers columns, Numbers sides, TableOut least,
+                         std::size_t /* runs on one thread */) {
     const WindowsInput in = windows_of(field, rows, columns, sides);
     double* const to = least.data();
     nb::gil_scoped_release release;
@@ -74,7 +75,7 @@ void bound_plane_slopes(Field field, StackOut slope, std::size_t threads) {
 }  // namespace
 
 void bind_windows(nb::module_& m) {
-    m.def("first_met", &bound_first_met, nb::arg("measured"), nb::arg("rows"), nb::arg("columns"),
+    m.def("first_hits", &bound_first_met, nb::arg("measured"), nb::arg("rows"), nb::arg("columns"),
           nb::arg("down"), nb::arg("across"), nb::arg("most"), nb::arg("cell"), nb::arg("steps"),
           nb::arg("threads"));
     m.def("quadratics", &bound_quadratics, nb::arg("field"), nb::arg("rows"), nb::arg("columns"),
@@ -82,7 +83,7 @@ void bind_windows(nb::module_& m) {
     m.def("window_means", &bound_window_means, nb::arg("field"), nb::arg("rows"), nb::arg("columns"),
           nb::arg("sides"), nb::arg("share"), nb::arg("mean"), nb::arg("threads"));
     m.def("window_minima", &bound_window_minima, nb::arg("field"), nb::arg("rows"), nb::arg("columns"),
-          nb::arg("sides"), nb::arg("least"));
+          nb::arg("sides"), nb::arg("least"), nb::arg("threads"));
     m.def("plane_slopes", &bound_plane_slopes, nb::arg("field"), nb::arg("slope"), nb::arg("threads"));
 }
 

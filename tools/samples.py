@@ -12,7 +12,7 @@ import numpy as np
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth import interior_pixels
 from beltscape.kernels import load
-from beltscape.kernels.protocol.rivals import Rivals
+from beltscape.kernels.candidates import Candidates
 from beltscape.stereo.contest import DOUBTFUL, Arena
 from beltscape.stereo.judge import closer_look, first_look, impressed
 from beltscape.stereo.matched import Match
@@ -125,7 +125,7 @@ class Contest:
     share: float
     """Of them that is taken."""
 
-    def taken(self) -> Iterator[tuple[Place, Rivals, dict[str, np.ndarray], np.ndarray]]:
+    def taken(self) -> Iterator[tuple[Place, Candidates, dict[str, np.ndarray], np.ndarray]]:
         """Some pixels at a time, their rivals, these' evidence, and how far off they are in px of scale 1 (9, N)."""
         rng = np.random.default_rng(0)
         for rows, columns in self.arena.doubtful():

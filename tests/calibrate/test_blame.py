@@ -28,7 +28,7 @@ def pairs(rig: Rig, wrong=(), seed: int = 0, noise: float = 1.0) -> list[Pair]:
     rng = np.random.default_rng(seed)
     found = []
     for first, second in combinations(rig.cameras, 2):
-        pose = rig.relative(second, first) @ exp(noise * SIGMA @ rng.normal(size=6))
+        pose = rig.relative_pose(second, first) @ exp(noise * SIGMA @ rng.normal(size=6))
         if (first, second) in wrong:
             pose = SHIFT @ pose
         found.append(Pair(first, second, pose, 0.1, ("00",), 100, SIGMA**2))

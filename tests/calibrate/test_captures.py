@@ -34,7 +34,7 @@ def assert_recovered(
     for name, camera in found.cameras.items():
         np.testing.assert_allclose(camera.focal_px, true.cameras[name].focal_px, rtol=focal)
         np.testing.assert_allclose(camera.center_px, true.cameras[name].center_px, atol=4)
-        expected = true.relative(name, found.core)
+        expected = true.relative_pose(name, found.core)
         assert (expected.inverse() @ found.cam_from_core[name]).angle_deg < angle_deg
         assert np.linalg.norm(expected.center_mm - found.cam_from_core[name].center_mm) < mm
 

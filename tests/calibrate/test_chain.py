@@ -21,7 +21,7 @@ def test_without_noise_the_rig_is_recovered(rig, board, poses):
     found = solve_hierarchy(make_detections(rig, board, poses), board, "b", reporter).rig
     assert (found.core, list(found.cameras)) == ("b", ["b", "a", "c", "d"])
     for name in rig.cameras:
-        offset = found.cam_from_core[name].inverse() @ rig.relative(name, "b")
+        offset = found.cam_from_core[name].inverse() @ rig.relative_pose(name, "b")
         assert offset.angle_deg < 1e-3
         assert np.linalg.norm(offset.translation_mm) < 0.01
     assert reporter.warnings == []

@@ -141,10 +141,10 @@ def test_the_renderer_draws_what_opencv_projects():
 
 
 def test_a_chessboard_is_numbered_from_its_front():
-    from beltscape.calibrate.detect import _from_the_front
+    from beltscape.calibrate.detect import _orient_rows
 
     columns, rows = np.meshgrid(np.arange(4.0), np.arange(3.0))
     front = np.stack([10 * columns, 10 * rows], axis=-1)
-    np.testing.assert_array_equal(_from_the_front(front.reshape(-1, 2), (4, 3)), front.reshape(-1, 2))
+    np.testing.assert_array_equal(_orient_rows(front.reshape(-1, 2), (4, 3)), front.reshape(-1, 2))
     mirrored = front[:, ::-1].reshape(-1, 2)
-    np.testing.assert_array_equal(_from_the_front(mirrored, (4, 3)), front.reshape(-1, 2))
+    np.testing.assert_array_equal(_orient_rows(mirrored, (4, 3)), front.reshape(-1, 2))

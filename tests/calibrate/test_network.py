@@ -20,7 +20,7 @@ COVARIANCE = np.diag(np.repeat([1e-4, 0.1], 3) ** 2)
 
 
 def pair(rig, first: str, second: str, rms_px: float = 0.1, corners: int = 100) -> Pair:
-    return Pair(first, second, rig.relative(second, first), rms_px, ("00",), corners, COVARIANCE)
+    return Pair(first, second, rig.relative_pose(second, first), rms_px, ("00",), corners, COVARIANCE)
 
 
 def nothing(rig) -> BoardDetections:
@@ -33,7 +33,7 @@ def test_every_camera_comes_into_the_core_frame(rig, core):
     network = associate_cameras(core, pairs)
     assert set(network.cam_from_core) == set(rig.cameras)
     for name, pose in network.cam_from_core.items():
-        expected = rig.relative(name, core)
+        expected = rig.relative_pose(name, core)
         np.testing.assert_allclose(pose.rotation, expected.rotation, atol=1e-12)
         np.testing.assert_allclose(pose.translation_mm, expected.translation_mm, atol=1e-9)
     np.testing.assert_array_equal(network.cam_from_core[core].rotation, np.eye(3))

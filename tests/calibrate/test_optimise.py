@@ -24,7 +24,7 @@ def measured_pair(rig: Rig, first: str, second: str, rng: np.random.Generator, n
     mixed = rng.normal(size=(6, 6))
     covariance = UNITS @ (mixed @ mixed.T / 6 + 0.3 * np.eye(6)) @ UNITS
     error = noise * np.linalg.cholesky(covariance) @ rng.normal(size=6)
-    pose = rig.relative(second, first) @ exp(error)
+    pose = rig.relative_pose(second, first) @ exp(error)
     return Pair(first, second, pose, 0.1, ("00",), 100, covariance)
 
 
@@ -37,7 +37,7 @@ def errors(rig: Rig, found: CameraNetwork) -> np.ndarray:
     """(n, 2) rotation in degrees and displacement of the centre in mm."""
     rows = []
     for name, pose in found.cam_from_core.items():
-        true = rig.relative(name, found.core)
+        true = rig.relative_pose(name, found.core)
         rows.append([(pose.inverse() @ true).angle_deg, np.linalg.norm(pose.center_mm - true.center_mm)])
     return np.array(rows)
 

@@ -86,7 +86,7 @@ def known(rig, name, poses) -> MonocularCalibration:
 
 
 def normalised_error(rig, pair) -> float:
-    error = log(rig.relative(pair.second, pair.first).inverse() @ pair.second_from_first)
+    error = log(rig.relative_pose(pair.second, pair.first).inverse() @ pair.second_from_first)
     return float(error @ np.linalg.solve(pair.covariance, error)) / 6
 
 

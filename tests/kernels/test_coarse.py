@@ -40,7 +40,7 @@ def scene(height: int, width: int):
 @pytest.mark.parametrize("jumps", [LOW, HIGH])
 def test_it_is_sweep_and_aggregate_over_bands(level, height, jumps):
     kernels, given = load(level), scene(height, 33)
-    index, margin = kernels.coarse(*given, **jumps)
+    index, margin = kernels.sweep_and_aggregate(*given, **jumps)
     for band in bands(height):
         parts = kernels.aggregate(kernels.sweep(*given, rows=(band.first, band.last)), **jumps)
         middle = slice(band.keep_first - band.first, band.keep_last - band.first)
@@ -51,9 +51,9 @@ def test_it_is_sweep_and_aggregate_over_bands(level, height, jumps):
 
 def test_native_is_the_reference_but_for_rounding():
     given = scene(110, 12)
-    index, margin = load("reference").coarse(*given, **LOW)
+    index, margin = load("reference").sweep_and_aggregate(*given, **LOW)
     for level in levels():
-        found = load(level).coarse(*given, **LOW)
+        found = load(level).sweep_and_aggregate(*given, **LOW)
         assert np.mean(abs(found[0] - index) > 0.1) < 0.01
         assert np.mean(abs(found[1] - margin) > 0.01) < 0.01
 
@@ -73,7 +73,9 @@ def test_a_step_between_two_planes_is_found(name):
         views.append(STRAIGHT * np.where(np.arange(21) == 9, sign, 1).astype(np.float32))
         views[-1][14] = 20
     truth = np.where(near, shift[1], shift[0])
-    index, _ = load(name).coarse(core[:, 20:], images, np.stack(views), 0, 1, 16, 9.0, **LOW, best=1)
+    index, _ = load(name).sweep_and_aggregate(
+        core[:, 20:], images, np.stack(views), 0, 1, 16, 9.0, **LOW, best=1
+    )
     inner = (abs(np.arange(width) - 30) > 6) & (np.arange(width) < 48)
     assert np.mean(abs(index - truth)[:, inner] < 0.5) > 0.99
 
@@ -81,9 +83,9 @@ def test_a_step_between_two_planes_is_found(name):
 @every_level
 def test_the_number_of_threads_does_not_change_a_byte(level):
     given = scene(300, 40)
-    one = load(level).coarse(*given, **LOW, threads=1)
+    one = load(level).sweep_and_aggregate(*given, **LOW, threads=1)
     for threads in (0, 2, 3):
-        found = load(level).coarse(*given, **LOW, threads=threads)
+        found = load(level).sweep_and_aggregate(*given, **LOW, threads=threads)
         assert found[0].tobytes() == one[0].tobytes()
         assert found[1].tobytes() == one[1].tobytes()
 
@@ -92,9 +94,9 @@ def test_the_number_of_threads_does_not_change_a_byte(level):
 @pytest.mark.parametrize("bands_at_once", [0, 1, 2, 3])
 def test_how_many_costs_are_held_at_once_does_not_matter(level, bands_at_once, monkeypatch):
     given = scene(300, 40)
-    whole = load(level).coarse(*given, **LOW)
-    monkeypatch.setattr("beltscape.kernels.native.coarse.SLAB_BYTES", bands_at_once * 64 * 40 * 7)
-    found = load(level).coarse(*given, **LOW, threads=2)
+    whole = load(level).sweep_and_aggregate(*given, **LOW)
+    monkeypatch.setattr("beltscape.kernels.plane_sweep.SLAB_BYTES", bands_at_once * 64 * 40 * 7)
+    found = load(level).sweep_and_aggregate(*given, **LOW, threads=2)
     assert found[0].tobytes() == whole[0].tobytes()
     assert found[1].tobytes() == whole[1].tobytes()
 
@@ -102,7 +104,7 @@ def test_how_many_costs_are_held_at_once_does_not_matter(level, bands_at_once, m
 @pytest.mark.skipif(len(fusing_levels()) < 2, reason="only one level on this processor fuses")
 def test_the_levels_that_round_alike_give_the_same_bytes():
     given = scene(120, 61)
-    lowest, *others = [load(level).coarse(*given, **LOW) for level in fusing_levels()]
+    lowest, *others = [load(level).sweep_and_aggregate(*given, **LOW) for level in fusing_levels()]
     for other in others:
         assert other[0].tobytes() == lowest[0].tobytes()
         assert other[1].tobytes() == lowest[1].tobytes()

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
+from beltscape.kernels.local_fit import MOST_DISAGREEMENT, RADII
 from beltscape.kernels.native import levels
-from beltscape.kernels.protocol.local_fit import MOST_DISAGREEMENT, RADII
 from kernels.grids import WIDTHS, surface
 from kernels.rounding import first_alike
 from strategies import seeds

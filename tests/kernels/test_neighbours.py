@@ -26,8 +26,8 @@ def test_native_is_the_reference(level, seed, height, width, count, pixels, move
     planes[0][rng.random((height, width)) < 0.1] = np.nan
     u, v = rng.integers(0, width, pixels), rng.integers(0, height, pixels)
     offsets = rng.integers(-2 * width, 2 * width, (moves, 2))
-    expected = load("reference").neighbours(planes, u, v, offsets)
-    found = load(level).neighbours(planes, u, v, offsets, threads=threads)
+    expected = load("reference").gather(planes, u, v, offsets)
+    found = load(level).gather(planes, u, v, offsets, threads=threads)
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, expected)
 
@@ -35,7 +35,7 @@ def test_native_is_the_reference(level, seed, height, width, count, pixels, move
 @everything
 def test_beyond_the_edge_the_edge_stands_in(name):
     plane = np.arange(12.0).reshape(3, 4)
-    found = load(name).neighbours(
+    found = load(name).gather(
         [plane, -plane], np.array([3]), np.array([1]), np.array([[0, 0], [2, 0], [-1, -9]])
     )
     assert found[..., 0].tolist() == [[7, 7, 2], [-7, -7, -2]]
@@ -54,4 +54,4 @@ def test_beyond_the_edge_the_edge_stands_in(name):
 )
 def test_what_does_not_fit_is_refused(name, planes, u, offsets, message):
     with pytest.raises(KernelError, match=message):
-        load(name).neighbours([np.zeros(shape) for shape in planes], np.array(u), np.zeros(1, int), offsets)
+        load(name).gather([np.zeros(shape) for shape in planes], np.array(u), np.zeros(1, int), offsets)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.reference.view import see
+from beltscape.kernels.reference.view import project
 from kernels.grids import WIDTHS, surface, texture, view_of_seed
 from kernels.rounding import first_alike
 from strategies import seeds
@@ -34,7 +34,7 @@ def scene(seed: int, height: int, width: int, count: int = 2):
     core[np.random.default_rng(seed).random(core.shape) < 0.03] = np.nan
     views = np.stack([view_of_seed(seed + k) for k in range(count)])
     for view in views:
-        u, v, _ = see(view, *np.indices(s.shape)[::-1], s)
+        u, v, _ = project(view, *np.indices(s.shape)[::-1], s)
         away = np.minimum.reduce([np.abs(u - 1), np.abs(u - 46), np.abs(v - 1), np.abs(v - 38)])
         s[~(away > 1e-3)] = np.nan
     return s, core, [texture(seed + k + 1, 40, 48) for k in range(count)], views

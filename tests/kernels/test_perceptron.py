@@ -42,8 +42,8 @@ def evidence(seed: int, planes: int, height: int, width: int) -> list[np.ndarray
 @given(seeds, widths, widths, st.integers(1, 80), st.lists(st.integers(1, 19), min_size=1, max_size=4))
 def test_native_agrees_with_the_reference(level, seed, height, width, planes, units):
     net, x = network(seed, planes, *units), evidence(seed, planes, height, width)
-    expected = load("reference").perceptron(x, *net)
-    found = load(level).perceptron(x, *net, threads=2)
+    expected = load("reference").evaluate_network(x, *net)
+    found = load(level).evaluate_network(x, *net, threads=2)
     assert len(found) == units[-1]
     for a, b in zip(found, expected, strict=True):
         assert a.dtype == np.float32
@@ -54,8 +54,8 @@ def test_native_agrees_with_the_reference(level, seed, height, width, planes, un
 def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width, threads):
     net, x = network(seed, 7, 9, 5, 2), evidence(seed, 7, 37, width)
     for level in levels():
-        first = load(first_alike(level)).perceptron(x, *net, threads=1)
-        for a, b in zip(load(level).perceptron(x, *net, threads=threads), first, strict=True):
+        first = load(first_alike(level)).evaluate_network(x, *net, threads=1)
+        for a, b in zip(load(level).evaluate_network(x, *net, threads=threads), first, strict=True):
             assert a.tobytes() == b.tobytes()
 
 
@@ -63,11 +63,11 @@ def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width
 @given(seeds)
 def test_beyond_the_limits_nothing_changes_and_pixels_do_not_know_each_other(name, seed):
     (limits, layers), x = network(seed, 4, 3, 1), evidence(seed, 4, 9, 21)
-    (one,) = load(name).perceptron(x, limits, layers)
+    (one,) = load(name).evaluate_network(x, limits, layers)
     held = [np.clip(np.nan_to_num(p, nan=a), a, b) for p, a, b in zip(x, *limits, strict=True)]
-    (two,) = load(name).perceptron(held, limits, layers)
+    (two,) = load(name).evaluate_network(held, limits, layers)
     np.testing.assert_array_equal(one, two)
-    (turned,) = load(name).perceptron([p[::-1, ::-1] for p in x], limits, layers)
+    (turned,) = load(name).evaluate_network([p[::-1, ::-1] for p in x], limits, layers)
     np.testing.assert_allclose(turned[::-1, ::-1], one, rtol=1e-5, atol=1e-5)
 
 
@@ -77,7 +77,7 @@ def test_an_exclusive_or_needs_and_has_its_hidden_layer(name):
     hidden = np.array([[1, 1, 0], [1, 1, -1]], np.float32)
     output = np.array([[1, -2, 0], [0, 0, 7]], np.float32)
     limits = np.array([[0, 0], [1, 1]], np.float32)
-    either, constant = load(name).perceptron([x, y], limits, [hidden, output])
+    either, constant = load(name).evaluate_network([x, y], limits, [hidden, output])
     assert either.tolist() == [[0, 1, 1, 0]]
     assert constant.tolist() == [[7] * 4]
 
@@ -98,11 +98,11 @@ def test_an_exclusive_or_needs_and_has_its_hidden_layer(name):
 )
 def test_what_does_not_fit_is_refused(name, planes, limits, layers, message):
     with pytest.raises(KernelError, match=message):
-        load(name).perceptron([np.zeros(p) for p in planes], np.zeros(limits), [*map(np.zeros, layers)])
+        load(name).evaluate_network([np.zeros(p) for p in planes], np.zeros(limits), [*map(np.zeros, layers)])
 
 
 @everything
 def test_one_layer_alone_is_linear(name):
     x = [np.array([[-3, 0, 2]], np.float32)]
-    (found,) = load(name).perceptron(x, np.array([[-9], [9]]), [np.array([[2, 1]])])
+    (found,) = load(name).evaluate_network(x, np.array([[-9], [9]]), [np.array([[2, 1]])])
     assert found.tolist() == [[-5, 1, 5]]

@@ -39,7 +39,7 @@ def scene(seed: int, height: int, width: int, views: int) -> dict[str, Any]:
         "core": texture(seed, height, width),
         "images": [texture(seed + i, h, w) for i, (w, h) in enumerate(sizes)],
         "views": rows,
-        "buffers": load("reference").nearness_buffers(other, rows, sizes),
+        "buffers": load("reference").inverse_depth_buffers(other, rows, sizes),
         "offsets": OFFSETS,
         "floor": 4.0,
         "tolerance": 1.0,
@@ -120,7 +120,9 @@ def test_a_step_that_was_smeared_finds_back_to_its_edge(name):
         views.append(view)
     smeared = truth.copy()
     smeared[:, edge - 5 : edge] = 12  # the foreground has grown
-    buffers = load(name).nearness_buffers(smeared, np.stack(views), [image.shape[::-1] for image in images])
+    buffers = load(name).inverse_depth_buffers(
+        smeared, np.stack(views), [image.shape[::-1] for image in images]
+    )
     found = load(name).propagate(
         smeared,
         flat,

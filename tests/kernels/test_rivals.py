@@ -1,4 +1,4 @@
-"""Rivals and likenesses: each level against the reference, and laws that hold for any surface."""
+"""Candidates and likenesses: each level against the reference, and laws that hold for any surface."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
+from beltscape.kernels.candidates import CANDIDATES
 from beltscape.kernels.native import levels
-from beltscape.kernels.protocol.rivals import RIVALS
 from kernels.grids import WIDTHS, surface, texture, view_of_seed
 from kernels.rounding import first_alike
 from kernels.test_propagate import SIDEWAYS
@@ -24,7 +24,7 @@ sizes = st.sampled_from(WIDTHS)
 
 
 def field(seed: int, height: int, width: int, count: int) -> dict[str, Any]:
-    """What `rivals` is given: a rough surface with holes, half of it trusted, pixels at random."""
+    """What `rivals` is given: a rough surface with holes, half of it reliable, pixels at random."""
     rng = np.random.default_rng(seed)
     slopes = rng.normal(0, 0.8, (2, height, width)).astype(np.float32)
     slopes[rng.random(slopes.shape) < 0.05] = np.nan
@@ -32,7 +32,7 @@ def field(seed: int, height: int, width: int, count: int) -> dict[str, Any]:
         "s": surface(seed, height, width),
         "slope_u": slopes[0],
         "slope_v": slopes[1],
-        "trusted": rng.random((height, width)) < 0.5,
+        "reliable": rng.random((height, width)) < 0.5,
         "u": rng.integers(0, width, count),
         "v": rng.integers(0, height, count),
     }
@@ -48,7 +48,7 @@ def cameras(seed: int, height: int, width: int, views: int) -> dict[str, Any]:
         "variance": rng.uniform(1, 2000, (height, width)),
         "images": [texture(seed + i, h, w) for i, (w, h) in enumerate(shapes)],
         "views": rows,
-        "buffers": load("reference").nearness_buffers(surface(seed + 1, height, width), rows, shapes),
+        "buffers": load("reference").inverse_depth_buffers(surface(seed + 1, height, width), rows, shapes),
         "gains": [rng.uniform(0.7, 1.3, (height, width)) for _ in range(views)],
         "tolerance": 1.0,
     }
@@ -58,8 +58,8 @@ def cameras(seed: int, height: int, width: int, views: int) -> dict[str, Any]:
 @given(seeds, sizes, sizes, st.integers(1, 40), st.integers(1, 9))
 def test_native_rivals_are_the_references(level, seed, height, width, count, reach):
     given_ = field(seed, height, width, count)
-    expected = load("reference").rivals(**given_, reach=reach, same=1.0)
-    found = load(level).rivals(**given_, reach=reach, same=1.0, threads=2)
+    expected = load("reference").candidate_surfaces(**given_, reach=reach, separation=1.0)
+    found = load(level).candidate_surfaces(**given_, reach=reach, separation=1.0, threads=2)
     for name in ("s", "slope_u", "slope_v", "distance"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-4)
     apart = np.abs(expected.s[:, None] - expected.s[None])
@@ -73,10 +73,10 @@ def test_native_rivals_are_the_references(level, seed, height, width, count, rea
 def test_native_likenesses_are_the_references(level, seed, height, width, count, views):
     there = field(seed, height, width, count)
     u, v = there["u"], there["v"]
-    planes = load("reference").rivals(**there, reach=5, same=1.0)
+    planes = load("reference").candidate_surfaces(**there, reach=5, separation=1.0)
     given_ = cameras(seed, height, width, views)
-    expected = load("reference").likenesses(u, v, *planes[:3], **given_)
-    found = load(level).likenesses(u, v, *planes[:3], **given_, threads=2)
+    expected = load("reference").photo_consistency(u, v, *planes[:3], **given_)
+    found = load(level).photo_consistency(u, v, *planes[:3], **given_, threads=2)
     same = found.views == expected.views
     assert (~same).sum() <= 1 + 0.005 * same.size
     for a, b in zip(found, expected, strict=True):
@@ -90,11 +90,11 @@ def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width
     there, given_ = field(seed, 37, width, 2500), cameras(seed, 37, width, 3)
     for level in levels():
         first = load(first_alike(level))
-        planes = first.rivals(**there, reach=6, same=1.0, threads=1)
-        like = first.likenesses(there["u"], there["v"], *planes[:3], **given_, threads=1)
-        others = load(level).rivals(**there, reach=6, same=1.0, threads=threads)
+        planes = first.candidate_surfaces(**there, reach=6, separation=1.0, threads=1)
+        like = first.photo_consistency(there["u"], there["v"], *planes[:3], **given_, threads=1)
+        others = load(level).candidate_surfaces(**there, reach=6, separation=1.0, threads=threads)
         assert [a.tobytes() for a in others] == [a.tobytes() for a in planes]
-        others = load(level).likenesses(there["u"], there["v"], *planes[:3], **given_, threads=threads)
+        others = load(level).photo_consistency(there["u"], there["v"], *planes[:3], **given_, threads=threads)
         assert [a.tobytes() for a in others] == [a.tobytes() for a in like]
 
 
@@ -105,7 +105,7 @@ def test_on_a_plane_all_rivals_say_the_same(name, seed, across, down):
     v, u = np.mgrid[:30, :31]
     there |= {"s": 20 + across * u + down * v, "slope_u": np.full(u.shape, across)}
     there |= {"slope_v": np.full(u.shape, down)}
-    found = load(name).rivals(**there, reach=7, same=0.1)
+    found = load(name).candidate_surfaces(**there, reach=7, separation=0.1)
     own = there["s"][there["v"], there["u"]]
     known = np.isfinite(found.s)
     np.testing.assert_allclose(found.s[known], np.broadcast_to(own, found.s.shape)[known], atol=1e-3)
@@ -117,8 +117,8 @@ def test_on_a_plane_all_rivals_say_the_same(name, seed, across, down):
 @everything
 def test_nobody_trusted_leaves_a_pixel_its_own(name):
     there = field(1, 20, 20, 12)
-    there["trusted"] = np.zeros((20, 20), np.uint8)
-    found = load(name).rivals(**there, reach=20, same=1.0)
+    there["reliable"] = np.zeros((20, 20), np.uint8)
+    found = load(name).candidate_surfaces(**there, reach=20, separation=1.0)
     assert np.isnan(found.s[1:]).all()
     np.testing.assert_array_equal(found.s[0], there["s"][there["v"], there["u"]])
     assert not found.support.any()
@@ -130,7 +130,7 @@ def test_what_a_view_sees_as_bright_as_the_gain_says_is_alike(name):
     image = texture(3, height, width + 10)
     core = gain * image[:, shift : shift + width]
     s = np.full((height, width), float(shift), np.float32)
-    buffers = load("reference").nearness_buffers(s, SIDEWAYS[None], [(width + 10, height)])
+    buffers = load("reference").inverse_depth_buffers(s, SIDEWAYS[None], [(width + 10, height)])
     u, v = np.arange(4, 32), np.full(28, 9)
     planes = np.stack([np.full(28, shift), np.full(28, shift + 3), np.full(28, shift - 3)])
     given_: dict[str, Any] = {
@@ -144,7 +144,9 @@ def test_what_a_view_sees_as_bright_as_the_gain_says_is_alike(name):
     }
     true, nearer, farther = (
         np.stack(part)
-        for part in zip(*load(name).likenesses(u, v, planes, 0 * planes, 0 * planes, **given_), strict=True)
+        for part in zip(
+            *load(name).photo_consistency(u, v, planes, 0 * planes, 0 * planes, **given_), strict=True
+        )
     )
     assert true[:8].max() < 1e-6
     assert nearer[6].mean() > 5
@@ -158,16 +160,16 @@ def test_what_a_view_sees_as_bright_as_the_gain_says_is_alike(name):
     ("change", "message"),
     [
         ({"reach": 0}, "reach must be 1 to 1000 steps, not 0"),
-        ({"same": 0.0}, "same must be positive"),
+        ({"separation": 0.0}, "separation must be positive"),
         ({"u": np.array([0.5])}, "u must be .* integers"),
         ({"u": np.arange(50)}, "u must be 0 to 29, not 0 to 49"),
         ({"v": np.arange(3)}, "v must be .* integers"),
-        ({"trusted": np.ones((2, 2), np.uint8)}, "trusted must be uint8 or bool"),
+        ({"reliable": np.ones((2, 2), np.uint8)}, "reliable must be uint8 or bool"),
     ],
 )
 def test_what_does_not_fit_is_refused(name, change, message):
     with pytest.raises(KernelError, match=message):
-        load(name).rivals(**(field(1, 20, 30, 50) | {"reach": 4, "same": 1.0} | change))
+        load(name).candidate_surfaces(**(field(1, 20, 30, 50) | {"reach": 4, "separation": 1.0} | change))
 
 
 @everything
@@ -180,8 +182,8 @@ def test_what_does_not_fit_is_refused(name, change, message):
     ],
 )
 def test_cameras_that_do_not_fit_are_refused(name, change, message):
-    plane = np.ones((RIVALS, 5))
+    plane = np.ones((CANDIDATES, 5))
     with pytest.raises(KernelError, match=message):
-        load(name).likenesses(
+        load(name).photo_consistency(
             np.arange(5), np.arange(5), plane, plane, plane, **(cameras(1, 20, 30, 2) | change)
         )

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
+from beltscape.kernels.height_rasterisation import RasterisedHeights
 from beltscape.kernels.native import levels
-from beltscape.kernels.protocol.top_view import TopView
 from kernels.grids import WIDTHS, surface
 from strategies import seeds
 
@@ -22,10 +22,10 @@ nodes = st.integers(1, 12)
 
 def above(
     name: str, depth: np.ndarray, matrix: list[list[float]] | np.ndarray, step: float, shape, **given
-) -> TopView:
+) -> RasterisedHeights:
     """The view with σ = 1 and every pixel in use, where nothing else is given."""
     sigma, use = given.get("sigma", np.ones(depth.shape)), given.get("use", np.ones(depth.shape, bool))
-    return load(name).top_view(depth, sigma, use, np.array(matrix, float), step, shape)
+    return load(name).rasterise_heights(depth, sigma, use, np.array(matrix, float), step, shape)
 
 
 def transform(seed: int, kind: str, mesh: tuple[int, int], grid: tuple[int, int]) -> np.ndarray:
@@ -55,7 +55,7 @@ def test_native_is_the_reference_to_the_bit(level, seed, height, width, rows, co
     sigma = rng.choice([0.5, 1.0, 3.0, np.nan, np.inf], depth.shape, p=[0.4, 0.3, 0.28, 0.01, 0.01])
     use = rng.random(depth.shape) < 0.97
     given = depth, sigma, use, transform(seed, kind, depth.shape, shape), step, shape
-    expected, found = load("reference").top_view(*given), load(level).top_view(*given)
+    expected, found = load("reference").rasterise_heights(*given), load(level).rasterise_heights(*given)
     for a, b in zip(found, expected, strict=True):
         assert a.dtype == np.float64
         np.testing.assert_array_equal(a, b)
@@ -162,7 +162,7 @@ def results(level: str, threads: int) -> list[bytes]:
     depth, use = surface(3, 99, 77), rng.random((99, 77)) < 0.95
     matrix = np.array([[0.09, 0.01, 0.2, 0], [0.01, 0.07, -0.1, 0], [0.1, 0.1, -1, 0]])
     sigma = rng.uniform(1, 2, depth.shape)
-    top = load(level).top_view(depth, sigma, use, matrix, 1.0, (60, 70), threads=threads)
+    top = load(level).rasterise_heights(depth, sigma, use, matrix, 1.0, (60, 70), threads=threads)
     assert 0.2 < np.isfinite(top.height).mean() < 1
     return [array.tobytes() for array in top]
 
@@ -192,5 +192,5 @@ def test_what_does_not_fit_is_named(name, wrong, message):
         "grid_from_pixel": np.eye(3, 4), "step": 1.0, "shape": (4, 4),
     }  # fmt: skip
     with pytest.raises(KernelError) as error:
-        load(name).top_view(**(fits | wrong))
+        load(name).rasterise_heights(**(fits | wrong))
     assert str(error.value) == message

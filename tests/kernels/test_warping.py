@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.reference.view import see
+from beltscape.kernels.reference.view import project
 from kernels.grids import WIDTHS, surface, texture, view_of_seed
 from kernels.rounding import first_alike
 from strategies import seeds
@@ -79,7 +79,7 @@ def test_native_warps_agree_with_the_reference(level, seed, height, width):
     expected, expected_slope = load("reference").warp(s, view, coefficients)
     value, slope = load(level).warp(s, view, coefficients)
     assert value.dtype == slope.dtype == np.float32
-    u, v, _ = see(view, *np.indices(s.shape)[::-1], s)
+    u, v, _ = project(view, *np.indices(s.shape)[::-1], s)
     brink = np.minimum.reduce([np.abs(u - 1), np.abs(u - 46), np.abs(v - 1), np.abs(v - 38)]) < 1e-3
     np.testing.assert_array_equal(np.isnan(value)[~brink], np.isnan(expected)[~brink])
     np.testing.assert_array_equal(slope[np.isnan(value)], 0)

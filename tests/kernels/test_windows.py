@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
+from beltscape.kernels.arrays import CellIndices
 from beltscape.kernels.native import levels
-from beltscape.kernels.protocol.first_met import Place
 from kernels.grids import WIDTHS
 from strategies import seeds
 
@@ -30,7 +30,7 @@ def a_field(seed: int, height: int, width: int, holes: float) -> np.ndarray:
     return field
 
 
-def places(seed: int, shape: tuple[int, ...], count: int) -> Place:
+def places(seed: int, shape: tuple[int, ...], count: int) -> CellIndices:
     """Anywhere, in no order, corners among them."""
     rng = np.random.default_rng(seed)
     corners = [[0, 0], [shape[0] - 1, 0], [0, shape[1] - 1], [shape[0] - 1, shape[1] - 1]]
@@ -58,7 +58,7 @@ def test_lines_are_the_references(level, seed, size, holes, count, ways, fixed, 
     half = rng.random(shape) < 0.5
     down, across = (np.where(half, np.round(2 * part) / 2, part) for part in (np.sin(turn), np.cos(turn)))
     given = measured, places(seed, measured.shape, count), down, across, most
-    assert_same(load(level).first_met(*given, threads=2), load("reference").first_met(*given))
+    assert_same(load(level).first_hits(*given, threads=2), load("reference").first_hits(*given))
 
 
 @every_level
@@ -93,7 +93,7 @@ def results(level: str, threads: int) -> list[bytes]:
     place = np.nonzero(~np.isfinite(field))
     turn = np.linspace(0, 6, 9)[:, None]
     told = (
-        *kernels.first_met(np.isfinite(field), place, np.sin(turn), np.cos(turn), 90, threads=threads),
+        *kernels.first_hits(np.isfinite(field), place, np.sin(turn), np.cos(turn), 90, threads=threads),
         *kernels.quadratics(field, place, (9, 25), threads=threads),
         *kernels.window_means(field, place, (9, 25), threads=threads),
         kernels.window_minima(field, place, (9, 25), threads=threads),
@@ -114,12 +114,12 @@ def test_a_line_ends_at_the_first_measured_cell_or_nowhere(name):
     measured[2, 9] = measured[7, 4] = measured[4, 4] = True
     place = (np.array([2, 4]), np.array([4, 4]))
     down, across = np.array([[0.0], [1.0], [0.5], [0.0]]), np.array([[1.0], [0.0], [0.0], [0.0]])
-    cell, steps = load(name).first_met(measured, place, down, across, 20)
+    cell, steps = load(name).first_hits(measured, place, down, across, 20)
     inf = np.inf
     # halves go to even rows: 2, 3, 4, and 4, 5, 6, 6, 6, 7
     np.testing.assert_array_equal(steps, [[5, inf], [2, 3], [3, 1], [inf, 1]])
     np.testing.assert_array_equal(cell, [[2 * 12 + 9, -1], [52, 88], [52, 52], [-1, 52]])
-    short = load(name).first_met(measured, place, down, across, 2)
+    short = load(name).first_hits(measured, place, down, across, 2)
     np.testing.assert_array_equal(short.steps, [[inf, inf], [2, inf], [inf, 1], [inf, 1]])
 
 
@@ -130,8 +130,8 @@ def test_a_mirrored_field_has_mirrored_lines_and_slopes(name, seed):
     place, turn = places(seed, field.shape, 9), np.random.default_rng(seed).uniform(0, 7, (4, 1))
     turned = (place[0], 22 - place[1])
     measured, ways = np.isfinite(field), (np.sin(turn), np.cos(turn))
-    one = load(name).first_met(measured, place, *ways, 30)
-    other = load(name).first_met(measured[:, ::-1], turned, ways[0], -ways[1], 30)
+    one = load(name).first_hits(measured, place, *ways, 30)
+    other = load(name).first_hits(measured[:, ::-1], turned, ways[0], -ways[1], 30)
     np.testing.assert_array_equal(other.steps, one.steps)
     across, down = load(name).plane_slopes(field)
     other_across, other_down = load(name).plane_slopes(field[:, ::-1])
@@ -166,9 +166,9 @@ def test_means_and_minima_are_those_of_the_windows_and_nothing_of_empty_ones(nam
     np.testing.assert_array_equal(least, [[-2, -2, nothing, 7], [4, -2, nothing, 7]])
 
 
-FITS = {"field": np.ones((5, 6)), "place": (np.array([1]), np.array([2])), "sides": (3,)}
+FITS = {"field": np.ones((5, 6)), "cells": (np.array([1]), np.array([2])), "sides": (3,)}
 LINES = {
-    "measured": np.ones((5, 6), bool), "place": (np.array([1, 4]), np.array([2, 5])),
+    "measured": np.ones((5, 6), bool), "cells": (np.array([1, 4]), np.array([2, 5])),
     "down": np.ones((3, 1)), "across": np.ones((3, 1)), "most": 4,
 }  # fmt: skip
 
@@ -181,11 +181,11 @@ LINES = {
         ({"sides": (3, 4)}, "sides must be odd and positive, not (3, 4)"),
         ({"sides": ()}, "sides must be odd and positive, not ()"),
         (
-            {"place": (np.zeros(2), np.zeros(3))},
-            "place must have the shapes (H,) and (H,), not (2,) and (3,)",
+            {"cells": (np.zeros(2), np.zeros(3))},
+            "cells must have the shapes (H,) and (H,), not (2,) and (3,)",
         ),
-        ({"place": (np.array([5]), np.array([0]))}, "place must lie within the field (5, 6)"),
-        ({"place": (np.array([0]), np.array([-1]))}, "place must lie within the field (5, 6)"),
+        ({"cells": (np.array([5]), np.array([0]))}, "cells must lie within the field (5, 6)"),
+        ({"cells": (np.array([0]), np.array([-1]))}, "cells must lie within the field (5, 6)"),
     ],
 )
 def test_windows_that_do_not_fit_are_named(name, wrong, message):
@@ -210,7 +210,7 @@ def test_windows_that_do_not_fit_are_named(name, wrong, message):
 )
 def test_lines_that_do_not_fit_are_named(name, wrong, message):
     with pytest.raises(KernelError) as error:
-        load(name).first_met(**(LINES | wrong))
+        load(name).first_hits(**(LINES | wrong))
     assert str(error.value) == message
     with pytest.raises(KernelError, match="field must have"):
         load(name).plane_slopes(np.ones(3))

@@ -11,7 +11,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from beltscape.kernels.reference.view import see
+from beltscape.kernels.reference.view import project
 from beltscape.stereo.nearness import nearness_unit, view_row
 from strategies import looking_rigs, seeds
 
@@ -37,7 +37,7 @@ def test_a_view_projects_like_the_rig(rig, seed, core_step, aux_step):
     assert row.dtype == np.float32
     assert row.shape == (21,)
     at = (np.stack([u, v]) - (core_step - 1) / 2) / core_step
-    found_u, found_v, nearness = see(row, *at, 1 / (z * unit))
+    found_u, found_v, nearness = project(row, *at, 1 / (z * unit))
     found = np.column_stack([found_u, found_v]) * aux_step + (aux_step - 1) / 2
     np.testing.assert_allclose(found[inside], pixels[inside], atol=1e-3)
     depth = rig.cam_from_core[name].apply(points)[:, 2]
@@ -50,7 +50,7 @@ def test_the_core_sees_its_own_pixels_through_its_lens(rig, seed):
     camera = rig.core_camera
     u, v = rng.uniform(0, 1, (2, 20)) * np.array(camera.size_px)[:, None]
     ideal = (np.stack([u, v], axis=1) - camera.center_px) / camera.focal_px
-    found = see(view_row(rig, rig.core, 1e-6), u, v, rng.uniform(0, 500, 20))[:2]
+    found = project(view_row(rig, rig.core, 1e-6), u, v, rng.uniform(0, 500, 20))[:2]
     np.testing.assert_allclose(
         np.stack(found, axis=1), camera.distort(ideal) * camera.focal_px + camera.center_px, atol=1e-3
     )
@@ -80,7 +80,7 @@ def test_beside_the_core_a_step_of_nearness_moves_a_pixel_by_one():
     rig = two_cameras([-200, 0, 0])
     unit = nearness_unit(rig, ["aux"])
     u = [
-        see(view_row(rig, "aux", unit), np.full(1, 320.0), np.full(1, 240.0), np.full(1, s))[0][0]
+        project(view_row(rig, "aux", unit), np.full(1, 320.0), np.full(1, 240.0), np.full(1, s))[0][0]
         for s in (7, 8)
     ]
     assert u[1] - u[0] == pytest.approx(0.9, rel=1e-5)  # of the mean focal length, 1000; across it is 900

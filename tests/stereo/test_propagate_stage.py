@@ -71,7 +71,7 @@ def test_only_active_pixels_change_whatever_memory_holds(column):
     made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(size_px=(160, 100)), noise=1.0)
     surface, prepared, kernels = with_slopes(made.s, load(), 1), made.prepared, load()
     sizes = [image.shape[::-1] for image in prepared.images]
-    buffers = kernels.nearness_buffers(made.s, prepared.views, sizes, threads=1)
+    buffers = kernels.inverse_depth_buffers(made.s, prepared.views, sizes, threads=1)
     active = np.zeros(made.s.shape, np.uint8)
     active[40:60, column] = 1
 

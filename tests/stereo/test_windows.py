@@ -5,7 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.kernels.check_refine import WINDOW_LIMIT, fit_windows
+from beltscape.kernels.arrays import WINDOW_LIMIT
+from beltscape.kernels.local_fit import fit_windows
 from beltscape.stereo.windows import windows
 
 widths = st.integers(1, 20_000)

@@ -1,4 +1,9 @@
-"""The hot loops, behind one protocol; `load` is the only place that knows names."""
+"""The hot loops: families of kernels with one signature each, and back ends that carry them out.
+
+A kernel's signature, documentation, checks and result stand in its family's module (`plane_sweep`, `propagation`, …).
+It fills a record of checked inputs and calls a back end: `native` (C++, in native/) or `reference` (NumPy). `load`
+returns all families with one back end.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +11,64 @@ import os
 from functools import cache
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.protocol import Kernels
+from beltscape.kernels.candidates import CandidateKernels
+from beltscape.kernels.gathering import GatheringKernels
+from beltscape.kernels.height_rasterisation import HeightRasterisationKernels
+from beltscape.kernels.local_fit import LocalFitKernels
+from beltscape.kernels.message_passing import MessagePassingKernels
+from beltscape.kernels.network import NetworkKernels
+from beltscape.kernels.normal_equations import NormalEquationsKernels
+from beltscape.kernels.plane_sweep import PlaneSweepKernels
+from beltscape.kernels.propagation import PropagationKernels
+from beltscape.kernels.ray_march import RayMarchKernels
+from beltscape.kernels.triangulation import TriangulationKernels
+from beltscape.kernels.visibility import VisibilityKernels
+from beltscape.kernels.warping import WarpingKernels
+from beltscape.kernels.window_statistics import WindowStatisticsKernels
 
 __all__ = ["Kernels", "load"]
 
 
+class Kernels(
+    TriangulationKernels,
+    WarpingKernels,
+    VisibilityKernels,
+    PlaneSweepKernels,
+    NormalEquationsKernels,
+    LocalFitKernels,
+    PropagationKernels,
+    NetworkKernels,
+    MessagePassingKernels,
+    CandidateKernels,
+    GatheringKernels,
+    HeightRasterisationKernels,
+    RayMarchKernels,
+    WindowStatisticsKernels,
+):
+    """All kernels of one back end; stages receive them as a value.
+
+    Every kernel takes ``threads`` (0 takes all cores), on which its result does not depend, and raises
+    KernelError where the shapes of its arrays do not fit each other.
+    """
+
+
 @cache
 def load(name: str | None = None) -> Kernels:
-    """Kernels by name: ``native`` (the best level of this processor), ``v2``, ``v3``, ``v4``, ``reference``.
+    """Return kernels by name: ``native`` (the best level of this processor), ``v2``, ``v3``, ``v4``, ``reference``.
 
-    Without a name the environment variable BELTSCAPE_KERNELS is asked, then ``native`` is taken.
+    Without a name the environment variable BELTSCAPE_KERNELS decides, then ``native`` is taken.
     """
     name = name or os.environ.get("BELTSCAPE_KERNELS") or "native"
     if name == "reference":
-        from beltscape.kernels.reference import ReferenceKernels
+        from beltscape.kernels.reference import ReferenceBackend
 
-        return ReferenceKernels()
-    from beltscape.kernels.native import NativeKernels, levels
+        return Kernels(ReferenceBackend())
+    from beltscape.kernels.native import NativeBackend, levels
 
     if name == "native":
-        return NativeKernels(levels()[-1])
+        return Kernels(NativeBackend(levels()[-1]))
     if name in levels():
-        return NativeKernels(name)
+        return Kernels(NativeBackend(name))
     raise KernelError(
         f"no kernels named {name!r} on this processor; there are reference, native, {', '.join(levels())}"
     )

@@ -122,7 +122,7 @@ def compute_height_map(
     shape = (grid.shape[0] * side, grid.shape[1] * side)
     start = np.array(grid.origin_mm) - 0.5 * (side - 1) * fine_mm
     transform = _grid_from_pixel(camera, belt_from_core, start, fine_mm)
-    height, variance = load().top_view(
+    height, variance = load().rasterise_heights(
         depth.depth_mm, depth.sigma_mm, use, transform, sampling.step_mm, shape
     )
     if side > 1:

@@ -32,7 +32,7 @@ class Belief:
     ) -> list[Array]:
         """M of (H, W), of evidence (H, W) by name."""
         planes = [evidence[name] for name in self.names]
-        found = kernels.perceptron(planes, self.limits, self.layers, threads=threads)
+        found = kernels.evaluate_network(planes, self.limits, self.layers, threads=threads)
         return [np.asarray(answer, np.float32) for answer in found]
 
 

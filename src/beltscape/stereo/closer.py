@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.protocol.rivals import Likenesses
+from beltscape.kernels.candidates import PhotoConsistency
 from beltscape.stereo.evidence import window
 from beltscape.stereo.known import known
 from beltscape.stereo.likeness import Likeness, likeness_evidence
@@ -48,7 +48,7 @@ def levels_evidence(
     like = likeness.of(
         at, *(plane[at][None] for plane in (surface.s, surface.slope_u, surface.slope_v)), threads
     )
-    alike = Likenesses(*(np.zeros((1, 1), np.float32) for _ in like))
+    alike = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in like))
     elsewhere = dict(likeness_evidence(alike, auxiliaries))
     for name, told in likeness_evidence(like, auxiliaries):
         plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)

@@ -51,7 +51,7 @@ def sweep(
     """
     far, near = nearness
     planes = max(_LEAST_PLANES, int(np.ceil((near - far) / plane)) + 1)
-    index, margin = kernels.coarse(
+    index, margin = kernels.sweep_and_aggregate(
         prepared.core, prepared.images, prepared.views, far, plane, planes, prepared.noise.floor,
         _SMALL_JUMP, _LARGE_JUMP, best=2, threads=threads,
     )  # fmt: skip

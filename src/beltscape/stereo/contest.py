@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.kernels.protocol.rivals import Likenesses, Rivals
+from beltscape.kernels.candidates import PhotoConsistency, Candidates
 from beltscape.stereo.belief import fitted
 from beltscape.stereo.brightness import Brightness, brightness
 from beltscape.stereo.likeness import Likeness, likeness_evidence
@@ -33,7 +33,7 @@ REACH_PX = 8
 AROUND_PX = 2
 """So far about a pixel finalists are looked at, at scale 1."""
 SAME_PX = 1.0
-"""Rivals so close in s say the same, at scale 1."""
+"""Candidates so close in s say the same, at scale 1."""
 TRUSTED, HIDING, DOUBTFUL = 1.0, 0.0, 1.5
 """Logits: from which on a pixel hands its surface on and hides others, and up to which it is looked at again."""
 ABOUT = (
@@ -107,7 +107,7 @@ class Arena:
     ) -> Arena:
         """Of a surface and the evidence (H, W) of `ABOUT` by name."""
         hiding = np.where(planes["impression"] > HIDING, surface.s, np.nan).astype(np.float32)
-        buffers = kernels.nearness_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
+        buffers = kernels.inverse_depth_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
         light = brightness(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
         trusted = (planes["impression"] >= TRUSTED).astype(np.uint8)
         around = Surroundings.of(surface.s, planes["impression"], prepared.core, AROUND_PX, scale, kernels)
@@ -125,19 +125,19 @@ class Arena:
         doubt = (self.planes["impression"] < DOUBTFUL) & np.isfinite(self.likeness.prepared.core)
         return places(doubt & (cv2.dilate(self.trusted, window) > 0), _PIXELS)
 
-    def look(self, at: Place) -> tuple[Rivals, dict[str, Array]]:
+    def look(self, at: Place) -> tuple[Candidates, dict[str, Array]]:
         """The rivals of some pixels, and the evidence (9, N) for each by name."""
         surface = self.surface
-        rivals = self.likeness.kernels.rivals(
+        rivals = self.likeness.kernels.candidate_surfaces(
             surface.s, surface.slope_u, surface.slope_v, self.trusted, at[1], at[0], reach=self.reach,
-            same=SAME_PX * self.scale, threads=1,
+            separation=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
         like = self.likeness.of(at, *rivals[:3])
         about = {name: np.broadcast_to(self.planes[name][at], rivals.s.shape) for name in ABOUT}
         return rivals, about | dict(_speaking(rivals, like, self.scale, len(self.likeness.prepared.images)))
 
     def winners(
-        self, at: Place, rivals: Rivals, evidence: Mapping[str, Array]
+        self, at: Place, rivals: Candidates, evidence: Mapping[str, Array]
     ) -> tuple[NDArray[np.int_], Array]:
         """(N,) each: which rival wins, and the logit of its being right; -inf where there is none.
 
@@ -155,7 +155,7 @@ class Arena:
         return winner, logit
 
     def finalists(
-        self, rivals: Rivals, evidence: Mapping[str, Array]
+        self, rivals: Candidates, evidence: Mapping[str, Array]
     ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
         """(N,) the likeliest and the likeliest that says something else (-1: none), and (9, N) logits."""
         (score,) = fitted("rivals").answers(evidence, self.likeness.kernels, 1)
@@ -169,7 +169,7 @@ class Arena:
     def duel(
         self,
         at: Place,
-        rivals: Rivals,
+        rivals: Candidates,
         evidence: Mapping[str, Array],
         met: NDArray[np.int_],
         finalists: tuple[NDArray[np.int_], NDArray[np.int_]],
@@ -187,7 +187,7 @@ class Arena:
 
 
 def _speaking(
-    rivals: Rivals, like: Likenesses, scale: float, auxiliaries: int
+    rivals: Candidates, like: PhotoConsistency, scale: float, auxiliaries: int
 ) -> Iterator[tuple[str, Array]]:
     """Evidence (9, N) for each rival by name."""
     yield from likeness_evidence(like, auxiliaries)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.kernels.protocol.rivals import Likenesses
+from beltscape.kernels.candidates import PhotoConsistency
 from beltscape.stereo.brightness import Brightness
 from beltscape.stereo.places import Place
 from beltscape.stereo.prepared import PreparedFrame
@@ -31,19 +31,19 @@ class Likeness:
     """n of (h, w): how near to each auxiliary what hides others lies."""
     kernels: Kernels
 
-    def of(self, at: Place, s: Array, slope_u: Array, slope_v: Array, threads: int = 1) -> Likenesses:
+    def of(self, at: Place, s: Array, slope_u: Array, slope_v: Array, threads: int = 1) -> PhotoConsistency:
         """Of n surfaces (n, N) at each of N pixels."""
         prepared = self.prepared
-        return self.kernels.likenesses(
+        return self.kernels.photo_consistency(
             at[1], at[0], s, slope_u, slope_v, core=prepared.core, variance=self.brightness.variance,
             images=prepared.images, views=prepared.views, buffers=self.buffers, gains=self.brightness.gains,
             tolerance=OCCLUDER_PX, threads=threads,
         )  # fmt: skip
 
 
-def likeness_evidence(like: Likenesses, auxiliaries: int) -> Iterator[tuple[str, Array]]:
+def likeness_evidence(like: PhotoConsistency, auxiliaries: int) -> Iterator[tuple[str, Array]]:
     """What the levels say of surfaces: differences by their logarithm, and who sees them."""
-    for name, plane in zip(Likenesses._fields[:-1], like[:-1], strict=True):
+    for name, plane in zip(PhotoConsistency._fields[:-1], like[:-1], strict=True):
         yield name.replace("_", " "), np.log(plane + np.float32(_ROUND))
     yield "seen by", np.minimum(like.views, 4)
     yield "seen by share", like.views / np.float32(auxiliaries)

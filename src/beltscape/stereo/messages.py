@@ -41,7 +41,7 @@ class Round:
         """(M, N) the network's answers, of states (S, N) that hear those at the addresses ``around`` (9, N)."""
         words = self.others.shape[1]
         said = np.hstack([self.others.T, state[:words]])
-        return kernels.hear(said, around, state[words:], self.layers, threads=threads).astype(
+        return kernels.pass_messages(said, around, state[words:], self.layers, threads=threads).astype(
             np.float32, copy=False
         )
 

@@ -45,7 +45,7 @@ def moved_nearness(
     with np.errstate(divide="ignore", invalid="ignore"):
         before = (1 / (depth * unit)).astype(np.float32)
     view = displaced_row(rig, prior.motion_mm * unit, step)
-    (buffer,) = kernels.nearness_buffers(before, view[None], [(width, height)], threads=threads)
+    (buffer,) = kernels.inverse_depth_buffers(before, view[None], [(width, height)], threads=threads)
     s = np.where(buffer > 0, buffer, np.nan).astype(np.float32)
     _, _, used = equations(s, prepared, windows(width).levels_px, _FIT_VARIANCE, kernels, threads)
     agreed = used >= min(2, len(prepared.images))

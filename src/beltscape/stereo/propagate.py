@@ -54,7 +54,7 @@ def propagate(
 
     They come from all directions at every distance, or, with a ``turn``, from half of these in alternation.
     """
-    buffers = kernels.nearness_buffers(surface.s, prepared.views, prepared.sizes, threads=threads)
+    buffers = kernels.inverse_depth_buffers(surface.s, prepared.views, prepared.sizes, threads=threads)
     active = near_steps(surface.s, reach_px=max(1, min(distances_px) // 2))
     chosen = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,

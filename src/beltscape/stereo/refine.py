@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.kernels.protocol.normal_equations import NormalEquations
+from beltscape.kernels.normal_equations import NormalEquations
 from beltscape.stereo.prepared import PreparedFrame
 from beltscape.stereo.surface import Surface
 from beltscape.stereo.windows import Radii

@@ -35,7 +35,7 @@ def seen_through(
     threads: int,
 ) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
     """The same, and the buffers (h, w) of what lies nearest to each auxiliary by which it is told."""
-    buffers = kernels.nearness_buffers(s, views, sizes, threads=threads)
+    buffers = kernels.inverse_depth_buffers(s, views, sizes, threads=threads)
     seen = np.zeros(s.shape, np.uint8)
     for view, buffer in zip(views, buffers, strict=True):
         seen += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)

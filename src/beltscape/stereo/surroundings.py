@@ -82,10 +82,10 @@ class Surroundings:
         return dict(zip(_names(what, self.reach), rows, strict=True))
 
     def _around(self, planes: Sequence[Array], at: Place) -> Array:
-        return self.kernels.neighbours(planes, at[1], at[0], self.step * _offsets(self.reach), threads=1)
+        return self.kernels.gather(planes, at[1], at[0], self.step * _offsets(self.reach), threads=1)
 
 
 def picked(planes: Mapping[str, Array], at: Place, kernels: Kernels) -> dict[str, Array]:
     """(N,) of some pixels of planes (H, W) by name."""
-    found = kernels.neighbours(list(planes.values()), at[1], at[0], _HERE, threads=1)
+    found = kernels.gather(list(planes.values()), at[1], at[0], _HERE, threads=1)
     return dict(zip(planes, found[:, 0], strict=True))

@@ -43,7 +43,7 @@ class Steered:
             self._came.notify()
         return True
 
-    def take(self, seconds: float) -> RawImage | None:
+    def receive(self, seconds: float) -> RawImage | None:
         with self._came:
             self._came.wait_for(lambda: self._images, seconds)
             return self._images.pop(0) if self._images else None
@@ -153,5 +153,7 @@ def test_all_threads_have_the_same_instants():
 
 def test_brightness_is_judged():
     assert find_brightness_fault(np.full((40, 40), 255, np.uint8)).startswith("overexposed: 100%")
-    assert find_brightness_fault(np.full((40, 40), 900, np.uint16)).startswith("dark: the brightest pixels reach 1.4%")
+    assert find_brightness_fault(np.full((40, 40), 900, np.uint16)).startswith(
+        "dark: the brightest pixels reach 1.4%"
+    )
     assert find_brightness_fault(np.full((40, 40, 3), 90, np.uint8)) == ""

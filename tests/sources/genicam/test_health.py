@@ -12,35 +12,45 @@ SETTINGS = CamerasSettings(devices={"cam0": "10.0.0.5"}, frames_per_s=10)
 LINE = CamerasSettings(devices={"cam0": "10.0.0.5"}, trigger="line")
 
 
-def health(settings=SETTINGS, watch=None, tally=None, trouble="", is_open=True, now_s=100.0):
-    seen = CameraMonitor(last_s=99.95) if watch is None else watch
-    return assess_health("cam0", settings, seen, tally or CameraStatistics(taken=7), trouble, is_open, now_s)
+def health(settings=SETTINGS, monitor=None, statistics=None, trouble="", is_open=True, now_s=100.0):
+    seen = CameraMonitor(last_s=99.95) if monitor is None else monitor
+    return assess_health(
+        "cam0", settings, seen, statistics or CameraStatistics(taken=7), trouble, is_open, now_s
+    )
 
 
 @pytest.mark.parametrize(
     ("given", "state", "says"),
     [
         ({}, "ok", ""),
-        ({"watch": CameraMonitor()}, "waiting", "10.0.0.5 is being started"),
-        ({"watch": CameraMonitor(), "is_open": False}, "waiting", "10.0.0.5 is being looked for"),
-        ({"watch": CameraMonitor(), "is_open": False, "trouble": "no camera"}, "lost", "no camera"),
-        ({"watch": CameraMonitor(), "settings": LINE}, "waiting", "no pulse has come on Line1 yet"),
+        ({"monitor": CameraMonitor()}, "waiting", "10.0.0.5 is being started"),
+        ({"monitor": CameraMonitor(), "is_open": False}, "waiting", "10.0.0.5 is being looked for"),
+        ({"monitor": CameraMonitor(), "is_open": False, "trouble": "no camera"}, "lost", "no camera"),
+        ({"monitor": CameraMonitor(), "settings": LINE}, "waiting", "no pulse has come on Line1 yet"),
         ({"now_s": 100.4}, "ok", ""),
         ({"now_s": 101.0}, "lost", "no image for 1 s; see to its power, cable"),
         ({"now_s": 9000.0, "settings": LINE}, "ok", ""),
-        ({"tally": CameraStatistics(silent=True), "settings": LINE}, "lost", "see to its trigger wire, power"),
-        ({"is_open": False, "trouble": "no answer"}, "lost", "(no answer)"),
-        ({"watch": CameraMonitor(last_s=99.9, image_fault="odd")}, "unusable", "odd"),
-        ({"watch": CameraMonitor(last_s=99.9, light="dark: x")}, "unusable", "dark: x"),
-        ({"tally": CameraStatistics(unsynchronised=True)}, "unusable", "PTP"),
-        ({"tally": CameraStatistics(out_of_skew=SKEWED_FROM - 1, skew_ns=9_000_000)}, "ok", ""),
         (
-            {"tally": CameraStatistics(out_of_skew=SKEWED_FROM, skew_ns=9_000_000)},
+            {"statistics": CameraStatistics(silent=True), "settings": LINE},
+            "lost",
+            "see to its trigger wire, power",
+        ),
+        ({"is_open": False, "trouble": "no answer"}, "lost", "(no answer)"),
+        ({"monitor": CameraMonitor(last_s=99.9, image_fault="odd")}, "unusable", "odd"),
+        ({"monitor": CameraMonitor(last_s=99.9, brightness_fault="dark: x")}, "unusable", "dark: x"),
+        ({"statistics": CameraStatistics(unsynchronised=True)}, "unusable", "PTP"),
+        ({"statistics": CameraStatistics(out_of_skew=SKEWED_FROM - 1, skew_ns=9_000_000)}, "ok", ""),
+        (
+            {"statistics": CameraStatistics(out_of_skew=SKEWED_FROM, skew_ns=9_000_000)},
             "unusable",
             "+9.00 ms from the core camera's, more than allowed_skew_ms = 2",
         ),
-        ({"watch": CameraMonitor(last_s=99.9, broken=4, broken_s=95)}, "ok", "4 images came with packets missing"),
-        ({"watch": CameraMonitor(last_s=99.9, broken=4, broken_s=80)}, "ok", ""),
+        (
+            {"monitor": CameraMonitor(last_s=99.9, broken=4, broken_s=95)},
+            "ok",
+            "4 images came with packets missing",
+        ),
+        ({"monitor": CameraMonitor(last_s=99.9, broken=4, broken_s=80)}, "ok", ""),
     ],
 )
 def test_states_and_words(given, state, says):
@@ -52,11 +62,11 @@ def test_states_and_words(given, state, says):
 
 
 def test_figures():
-    watch = CameraMonitor()
+    monitor = CameraMonitor()
     for i in range(100):
-        watch.add_image(90 + i / 10)
-    told = health(watch=watch, tally=CameraStatistics(taken=100, missed=3, skew_ns=-1_500_000))
+        monitor.add_image(90 + i / 10)
+    told = health(monitor=monitor, statistics=CameraStatistics(taken=100, missed=3, skew_ns=-1_500_000))
     assert (told.frames, told.missed, told.skew_ms) == (100, 3, -1.5)
     assert told.rate_hz == pytest.approx(10)
     assert isnan(health().skew_ms)
-    assert health(watch=CameraMonitor(last_s=50.0)).rate_hz == 0
+    assert health(monitor=CameraMonitor(last_s=50.0)).rate_hz == 0

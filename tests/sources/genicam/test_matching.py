@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.sources.genicam.matching import InstantMatcher, count_missing
-from beltscape.sources.genicam.shots import MatchedInstant, MatchingRules, CameraImage
+from beltscape.sources.genicam.shots import CameraImage, MatchedInstant, MatchingRules
 
 MS = 1_000_000
 PERIOD = 100 * MS
@@ -120,7 +120,7 @@ def test_everything_prompt_is_complete(offsets, drifts):
     assert_laws(given_out)
     whole = [one for _, one in given_out if len(one.shots) == 4]
     assert len(whole) >= 200 - 10 - 5
-    assert all(matcher.tally(name).late == 0 for name in CAMERAS)
+    assert all(matcher.statistics(name).late == 0 for name in CAMERAS)
 
 
 def test_drift_is_told():
@@ -136,9 +136,9 @@ def test_an_instant_waits_no_longer_than_allowed_and_only_once():
     waits = {next(iter(one.shots.values())).payload: now - one.time_ns for now, one in given_out}
     assert waits[40] == pytest.approx(300 * MS, abs=10 * MS)
     assert all(waits[k] < 10 * MS for k in range(45, 80))
-    tally = matcher.tally("cam2")
-    assert tally.silent
-    assert tally.missed == 40
+    statistics = matcher.statistics("cam2")
+    assert statistics.silent
+    assert statistics.missed == 40
 
 
 def test_at_the_start_the_first_waits_for_the_others():
@@ -165,7 +165,7 @@ def test_it_comes_back_with_a_new_clock_and_count():
     with_both = [one.shots["cam0"].payload for _, one in given_out if len(one.shots) == 2]
     assert max(with_both) == 99
     assert min(k for k in with_both if k >= 70) <= 76
-    assert matcher.tally("cam1").skipped == 0
+    assert matcher.statistics("cam1").skipped == 0
 
 
 def test_the_core_may_be_absent_and_time_goes_on():
@@ -188,10 +188,10 @@ def test_an_image_too_far_from_the_others_is_left_out_and_told():
             )
         given_out.extend(matcher.due((k + 1) * PERIOD))
     assert set(given_out[-1].shots) == {"cam0", "cam1"}
-    tally = matcher.tally("cam2")
-    assert tally.out_of_skew
-    assert tally.skew_ns == 12 * MS
-    assert not matcher.tally("cam1").out_of_skew
+    statistics = matcher.statistics("cam2")
+    assert statistics.out_of_skew
+    assert statistics.skew_ns == 12 * MS
+    assert not matcher.statistics("cam1").out_of_skew
 
 
 def test_between_two_clocks_on_one_pulse_the_constant_part_is_error():
@@ -203,7 +203,7 @@ def test_between_two_clocks_on_one_pulse_the_constant_part_is_error():
         shot = CameraImage("cam1", k + 1, 7 * 10**14 + k * PERIOD + jump, k * PERIOD + 8 * MS + jump, k)
         matcher.add(shot, k * PERIOD + 8 * MS)
         matcher.due(k * PERIOD + 8 * MS)
-    assert matcher.tally("cam1").skew_ns == pytest.approx(2 * MS, abs=MS // 10)
+    assert matcher.statistics("cam1").skew_ns == pytest.approx(2 * MS, abs=MS // 10)
 
 
 def test_a_clock_that_is_not_shared_is_told():
@@ -211,8 +211,8 @@ def test_a_clock_that_is_not_shared_is_told():
     wires = {"cam0": Wire(10**18), "cam1": Wire(10**18), "cam2": Wire(10**18 + 37 * 10**9)}
     matcher, given_out = played(wires, 50, rules)
     assert_laws(given_out)
-    assert matcher.tally("cam2").unsynchronised
-    assert not matcher.tally("cam1").unsynchronised
+    assert matcher.statistics("cam2").unsynchronised
+    assert not matcher.statistics("cam1").unsynchronised
     assert all(set(one.shots) <= {"cam0", "cam1"} for _, one in given_out)
     assert len(given_out[-1][1].shots) == 2
 

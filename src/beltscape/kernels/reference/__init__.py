@@ -1,49 +1,54 @@
-"""The kernels in plain NumPy, float64: what the fast ones are held against. Written to be read, a family a file."""
+"""The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
 from beltscape.kernels.reference.aggregation import aggregate
-from beltscape.kernels.reference.coarse import coarse
-from beltscape.kernels.reference.first_met import first_met
-from beltscape.kernels.reference.hear import hear
+from beltscape.kernels.reference.candidates import candidate_surfaces, photo_consistency
+from beltscape.kernels.reference.gathering import gather
+from beltscape.kernels.reference.height_rasterisation import rasterise_heights
 from beltscape.kernels.reference.local_fit import local_fit
-from beltscape.kernels.reference.neighbours import neighbours
+from beltscape.kernels.reference.message_passing import pass_messages
+from beltscape.kernels.reference.network import evaluate_network
 from beltscape.kernels.reference.normal_equations import normal_equations
-from beltscape.kernels.reference.occlusion import nearness_buffers, visible
-from beltscape.kernels.reference.perceptron import perceptron
+from beltscape.kernels.reference.plane_sweep import sweep, sweep_and_aggregate
 from beltscape.kernels.reference.propagation import propagate
 from beltscape.kernels.reference.quadratics import quadratics
-from beltscape.kernels.reference.rivals import likenesses, rivals
-from beltscape.kernels.reference.sweep import sweep
-from beltscape.kernels.reference.top_view import top_view
+from beltscape.kernels.reference.ray_march import first_hits
 from beltscape.kernels.reference.triangulation import triangulate
+from beltscape.kernels.reference.visibility import inverse_depth_buffers, visible
 from beltscape.kernels.reference.warping import spline_coefficients, warp
-from beltscape.kernels.reference.windows import plane_slopes, window_means, window_minima
+from beltscape.kernels.reference.window_statistics import plane_slopes, window_means, window_minima
+
+_KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
+    kernel.__name__: kernel
+    for kernel in (
+        aggregate, candidate_surfaces, evaluate_network, first_hits, gather, local_fit, normal_equations,
+        pass_messages, photo_consistency, plane_slopes, propagate, quadratics, spline_coefficients,
+        sweep_and_aggregate, triangulate, visible, warp, window_means, window_minima,
+    )
+}  # fmt: skip
 
 
-class ReferenceKernels:
-    """Every kernel, one obvious step after another."""
+class ReferenceBackend:
+    """Every kernel, one obvious step after another, on one thread."""
 
     name = "reference"
-    triangulate = staticmethod(triangulate)
-    spline_coefficients = staticmethod(spline_coefficients)
-    warp = staticmethod(warp)
-    nearness_buffers = staticmethod(nearness_buffers)
-    visible = staticmethod(visible)
-    sweep = staticmethod(sweep)
-    aggregate = staticmethod(aggregate)
-    coarse = staticmethod(coarse)
-    normal_equations = staticmethod(normal_equations)
-    local_fit = staticmethod(local_fit)
-    propagate = staticmethod(propagate)
-    perceptron = staticmethod(perceptron)
-    hear = staticmethod(hear)
-    rivals = staticmethod(rivals)
-    likenesses = staticmethod(likenesses)
-    neighbours = staticmethod(neighbours)
-    top_view = staticmethod(top_view)
-    first_met = staticmethod(first_met)
-    quadratics = staticmethod(quadratics)
-    window_means = staticmethod(window_means)
-    window_minima = staticmethod(window_minima)
-    plane_slopes = staticmethod(plane_slopes)
+
+    def run(
+        self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
+    ) -> Sequence[NDArray[Any]]:
+        """See `beltscape.kernels.backend.Backend`; of ``out`` only the shapes count."""
+        del threads
+        match kernel:
+            case "sweep":
+                return sweep(given, len(out[0]))  # pyright: ignore[reportArgumentType]
+            case "rasterise_heights":
+                return rasterise_heights(given, out[0].shape)  # pyright: ignore[reportArgumentType]
+            case "inverse_depth_buffers":
+                return inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyright: ignore[reportArgumentType]
+        return _KERNELS[kernel](given)

@@ -5,18 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.check_sweep import WORST, costs, jumps
+from beltscape.kernels.plane_sweep import WORST, AggregateInput
 
 Array = NDArray[np.float64]
 PATHS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
 
-def aggregate(
-    cost: NDArray[np.uint8], small_jump: int, large_jump: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """See `beltscape.kernels.protocol.coarse`."""
-    small_jump, large_jump = jumps(small_jump, large_jump)
-    cost_of_plane = np.minimum(costs(cost), WORST).astype(np.float64)
+def aggregate(given: AggregateInput) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return plane and margin (rows, W) each."""
+    cost, small_jump, large_jump = given
+    cost_of_plane = np.minimum(cost, WORST).astype(np.float64)
     sums = np.sum([_path(cost_of_plane, dy, dx, small_jump, large_jump) for dy, dx in PATHS], axis=0)
     return _decide(sums)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.check_refine import FitInput, FitWindow, fit_input
-from beltscape.kernels.protocol.local_fit import MOST_DISAGREEMENT, RADII, LocalFit
+from beltscape.kernels.local_fit import MOST_DISAGREEMENT, FitWindow, LocalFitInput
 
 Array = NDArray[np.float64]
 
@@ -32,32 +31,15 @@ class _Plane:
     variance: Array
 
 
-def local_fit(
-    information: NDArray[np.floating],
-    pull: NDArray[np.floating],
-    s: NDArray[np.floating],
-    slope_u: NDArray[np.floating],
-    slope_v: NDArray[np.floating],
-    *,
-    radii: Sequence[tuple[int, float]] = RADII,
-    tolerance: float,
-    confidence_width: float = 2.0,
-    prior_information: float = 1.0,
-    flatten: float = 1.0,
-    threads: int = 0,
-) -> LocalFit:
-    """See `beltscape.kernels.protocol.local_fit`; ``threads`` is ignored here."""
-    del threads
-    fields = {"information": information, "pull": pull, "s": s, "slope_u": slope_u, "slope_v": slope_v}
-    given = fit_input(fields, radii, tolerance, confidence_width, prior_information, flatten)
+def local_fit(given: LocalFitInput) -> tuple[NDArray[Any], ...]:
+    """Return the fields of LocalFit, (H, W) each."""
     fits = [_fitted(given, window) for window in given.windows]
-    taken, scale = _largest_consistent(fits, confidence_width)
-    nearness = given.fields[2]
-    missing = ~np.isfinite(nearness)
-    moved = nearness + np.clip(taken.change, -LARGEST_STEP, LARGEST_STEP)
-    told = moved, taken.slope_u, taken.slope_v, taken.variance, _disagreement(fits)
-    planes = (np.where(missing, np.nan, a) for a in told)
-    return LocalFit(*planes, np.where(missing, 0, scale).astype(np.uint8))
+    taken, scale = _largest_consistent(fits, given.confidence_width)
+    missing = ~np.isfinite(given.s)
+    moved = given.s + np.clip(taken.change, -LARGEST_STEP, LARGEST_STEP)
+    fitted = moved, taken.slope_u, taken.slope_v, taken.variance, _disagreement(fits)
+    planes = (np.where(missing, np.nan, a) for a in fitted)
+    return *planes, np.where(missing, 0, scale).astype(np.uint8)
 
 
 def _largest_consistent(planes: list[_Plane], width: float) -> tuple[_Plane, NDArray[np.int64]]:
@@ -79,9 +61,9 @@ def _disagreement(planes: list[_Plane]) -> Array:
     return np.minimum(apart**2 / np.maximum(smaller.variance, LEAST_VARIANCE), MOST_DISAGREEMENT)
 
 
-def _fitted(given: FitInput, window: FitWindow) -> _Plane:
+def _fitted(given: LocalFitInput, window: FitWindow) -> _Plane:
     """The weighted least squares of one window, all its taps at once."""
-    information, pull, s, slope_u, slope_v = (np.asarray(field, np.float64) for field in given.fields)
+    information, pull, s, slope_u, slope_v = (np.asarray(field, np.float64) for field in given[:5])
     there, known = np.isfinite(s), np.isfinite(information) & np.isfinite(pull)
     information, pull = np.where(known, information, 0), np.where(known, pull, 0)
     slope_u, slope_v = (np.where(np.isnan(slope), 0, slope) for slope in (slope_u, slope_v))

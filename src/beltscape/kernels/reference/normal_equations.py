@@ -1,54 +1,36 @@
-"""What all views know of a better nearness: the reference of `normal_equations`."""
+"""Gauss-Newton equations for a change of inverse depth: the reference of `normal_equations`."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from beltscape.kernels.check_refine import NormalInput, normal_input
-from beltscape.kernels.protocol.normal_equations import NormalEquations
+from beltscape.kernels.normal_equations import NormalEquationsInput
 from beltscape.kernels.reference.warping import warp
+from beltscape.kernels.warping import WarpInput
 
 Array = NDArray[np.float64]
 
 
 def normal_equations(
-    s: NDArray[np.floating],
-    core: NDArray[np.floating],
-    coefficients: Sequence[NDArray[np.floating]],
-    views: NDArray[np.floating],
-    *,
-    window: int = 7,
-    floor: float,
-    noise_variance: float,
-    model_variance: float,
-    gate: float = 3.0,
-    residual_window: int = 2,
-    threads: int = 0,
-) -> NormalEquations:
-    """See `beltscape.kernels.protocol.normal_equations`; ``threads`` is ignored here."""
-    del threads
-    given = normal_input(
-        s, core, coefficients, views, window=window, residual_window=residual_window, floor=floor,
-        noise_variance=noise_variance, model_variance=model_variance, gate=gate,
-    )  # fmt: skip
+    given: NormalEquationsInput,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+    """Return information, pull and the number of used views, (H, W) each."""
     grey = np.asarray(given.core, np.float64)
     information, pull, used = np.zeros(grey.shape), np.zeros(grey.shape), np.zeros(grey.shape, np.uint8)
     for view, image in zip(given.views, given.coefficients, strict=True):
-        value, slope = warp(given.s, view, image)
+        value, slope = warp(WarpInput(given.s, view, image))
         seen = np.isfinite(value) & np.isfinite(grey)
         weight, normal_slope, residual, misfit = _compared(given, grey, np.where(seen, value, grey), slope)
         information += np.where(seen, weight * normal_slope**2, 0)
         pull += np.where(seen, weight * normal_slope * residual, 0)
-        used += seen & (misfit < gate)
-    return NormalEquations(information, pull, used)
+        used += seen & (misfit < given.gate)
+    return information, pull, used
 
 
 def _compared(
-    given: NormalInput, core: Array, view: Array, slope: Array
+    given: NormalEquationsInput, core: Array, view: Array, slope: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Weight, dn/ds, residual and misfit q (each (H, W)) of a view's warp against the core."""
     core_normal, core_scale = _normalised(core, given.window, given.floor)

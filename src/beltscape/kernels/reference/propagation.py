@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.check_propagate import PropagateInput, propagate_input
-from beltscape.kernels.protocol.propagation import Propagated
-from beltscape.kernels.reference.selection import NO_CANDIDATE, Kept, chosen
-from beltscape.kernels.reference.view import see
+from beltscape.kernels.propagation import PropagationInput
+from beltscape.kernels.reference.selection import NO_CANDIDATE, Kept, choose
+from beltscape.kernels.reference.view import project
 
 Array = NDArray[np.float64]
 
@@ -20,75 +17,35 @@ BAND_ROWS = 128
 HALO_ROWS = 12
 
 
-def propagate(
-    s: NDArray[np.floating],
-    slope_u: NDArray[np.floating],
-    slope_v: NDArray[np.floating],
-    core: NDArray[np.floating],
-    images: Sequence[NDArray[np.floating]],
-    views: NDArray[np.floating],
-    buffers: Sequence[NDArray[np.floating]],
-    *,
-    offsets: NDArray[np.integer],
-    candidates: int = 5,
-    separation: float = 0.4,
-    floor: float,
-    unseen_cost: float = 0.35,
-    tolerance: float = 2.0,
-    small_jump: float = 0.2,
-    large_jump: float = 0.5,
-    active: NDArray[np.uint8] | None = None,
-    threads: int = 0,
-) -> Propagated:
-    """See `beltscape.kernels.protocol.propagation`; ``threads`` is ignored here."""
-    del threads
-    numbers = {
-        "separation": separation,
-        "floor": floor,
-        "unseen_cost": unseen_cost,
-        "tolerance": tolerance,
-        "small_jump": small_jump,
-        "large_jump": large_jump,
-    }
-    given = propagate_input(
-        s,
-        slope_u,
-        slope_v,
-        core,
-        images,
-        views,
-        buffers,
-        offsets=offsets,
-        candidates=candidates,
-        numbers=numbers,
-        active=active,
-    )
+def propagate(given: PropagationInput) -> tuple[NDArray[np.floating], ...]:
+    """Return the fields of Propagated, (H, W) each."""
     kept = _kept(given)
-    height = given.s.shape[0]
+    height = given.core.shape[0]
     bands = []
     for first in range(0, height, BAND_ROWS):
         end = min(height, first + BAND_ROWS)
         above, below = max(0, first - HALO_ROWS), min(height, end + HALO_ROWS)
-        band = chosen(kept.rows(above, below), small_jump, large_jump)
+        band = choose(kept.rows(above, below), given.costs.small_jump, given.costs.large_jump)
         bands.append([field[first - above : end - above] for field in band])
-    return Propagated(*(np.concatenate(parts) for parts in zip(*bands, strict=True)))
+    return tuple(np.concatenate(parts) for parts in zip(*bands, strict=True))
 
 
-def _kept(given: PropagateInput) -> Kept:
+def _kept(given: PropagationInput) -> Kept:
     """The candidates (H, W, K) that the pixels keep."""
-    shape = (*given.s.shape, given.candidates)
+    s, slope_u, slope_v = given.surface
+    shape = (*s.shape, given.candidates)
     kept = Kept(
         s=np.full(shape, NO_CANDIDATE),
-        slope_u=np.repeat(finite_or_zero(given.slope_u)[..., None], given.candidates, axis=2),
-        slope_v=np.repeat(finite_or_zero(given.slope_v)[..., None], given.candidates, axis=2),
+        slope_u=np.repeat(finite_or_zero(slope_u)[..., None], given.candidates, axis=2),
+        slope_v=np.repeat(finite_or_zero(slope_v)[..., None], given.candidates, axis=2),
         cost=np.full(shape, NO_COST),
     )
-    everywhere = np.ones(given.s.shape, bool)
-    active = everywhere if given.active is None else given.active > 0
+    everywhere = np.ones(s.shape, bool)
+    active = given.active[0] > 0 if given.active else everywhere
     for i, (dx, dy) in enumerate([(0, 0), *given.offsets.tolist()]):
-        s, slope_u, slope_v = handed(given, dx, dy)
-        allowed = np.isfinite(s) & (everywhere if i == 0 else active)
-        _keep(kept, (s, slope_u, slope_v, dissimilarity(given, s)), given.separation, allowed)
+        candidate = shifted_candidate(given, dx, dy)
+        allowed = np.isfinite(candidate[0]) & (everywhere if i == 0 else active)
+        _keep(kept, (*candidate, dissimilarity(given, candidate[0])), given.costs.separation, allowed)
     return kept
 
 
@@ -97,30 +54,30 @@ def finite_or_zero(a: NDArray[np.floating]) -> Array:
     return np.where(np.isfinite(a), a, 0).astype(np.float64)
 
 
-def handed(given: PropagateInput, dx: int, dy: int) -> tuple[Array, Array, Array]:
+def shifted_candidate(given: PropagationInput, dx: int, dy: int) -> tuple[Array, Array, Array]:
     """(H, W) each: the candidate of an offset and its slopes."""
-    height, width = given.s.shape
-    y, x = np.indices(given.s.shape)
+    s, slope_u, slope_v = given.surface
+    height, width = s.shape
+    y, x = np.indices(s.shape)
     from_y, from_x = np.clip(y - dy, 0, height - 1), np.clip(x - dx, 0, width - 1)
-    slope_u = finite_or_zero(given.slope_u[from_y, from_x])
-    slope_v = finite_or_zero(given.slope_v[from_y, from_x])
+    slope_u, slope_v = finite_or_zero(slope_u[from_y, from_x]), finite_or_zero(slope_v[from_y, from_x])
     step = np.clip(slope_u * (x - from_x) + slope_v * (y - from_y), -FARTHEST_STEP, FARTHEST_STEP)
-    return given.s[from_y, from_x] + step, slope_u, slope_v
+    return s[from_y, from_x] + step, slope_u, slope_v
 
 
-def dissimilarity(given: PropagateInput, s: Array) -> Array:
+def dissimilarity(given: PropagationInput, s: Array) -> Array:
     """(H, W) of the surface s, over the views in which each pixel is seen."""
     y, x = np.indices(s.shape)
     core = _centred_windows(given.core.astype(np.float64))
     each, seen = [], []
     for image, view, buffer in zip(given.images, given.views, given.buffers, strict=True):
-        u, v, nearness = see(view, x, y, s)
+        u, v, inverse_depth = project(view, x, y, s)
         aux = _centred_windows(bilinear(image.astype(np.float64), u, v))
-        energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.floor
+        energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.costs.floor
         c = ((core - aux) ** 2).sum(axis=0) / energy
         each.append(np.where(np.isnan(c), 1, np.minimum(c, 1)))
-        seen.append(clear(buffer, u, v, nearness + given.tolerance))
-    return _agreement(np.array(each), np.array(seen), given.unseen_cost)
+        seen.append(clear(buffer, u, v, inverse_depth + given.costs.tolerance))
+    return _agreement(np.array(each), np.array(seen), given.costs.unseen_cost)
 
 
 def _agreement(each: Array, seen: NDArray[np.bool_], unseen_cost: float) -> Array:

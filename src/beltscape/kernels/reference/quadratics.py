@@ -8,35 +8,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.check_windows import windows_input
-from beltscape.kernels.protocol.first_met import Place
-from beltscape.kernels.protocol.windows import FEWEST, MOST_LEVERAGE, RIDGE, TERMS, Quadratics
 from beltscape.kernels.reference.window_sums import WindowSums, bands
+from beltscape.kernels.window_statistics import FEWEST, MOST_LEVERAGE, RIDGE, TERMS, WindowsInput
 
 _POWERS = tuple((i, j) for i in range(5) for j in range(5 - i))
 
 
-def quadratics(
-    field: NDArray[np.float64], place: Place, sides: tuple[int, ...], *, threads: int = 0
-) -> Quadratics:
-    """See `beltscape.kernels.protocol.windows`; ``threads`` is ignored here."""
-    del threads
-    field, *_ = windows_input(field, place, sides)
+def quadratics(given: WindowsInput) -> list[NDArray[np.float64]]:
+    """Return value, miss and leverage, (K, H) each."""
+    field, cells, sides = given.field, (given.rows, given.columns), given.sides.tolist()
     measured = np.isfinite(field)
     height = np.where(measured, field, 0.0)
-    found = np.empty((3, len(sides), len(place[0])))
+    found = np.empty((3, len(sides), len(cells[0])))
     half = np.array(sides)[:, None] / 2
-    for own, near in bands(place, max(sides) // 2, len(field)):
+    for own, near in bands(cells, max(sides) // 2, len(field)):
         x, y = (np.arange(count) - count // 2 for count in (field.shape[1], near.stop - near.start))
         masses = WindowSums(_weighted(measured[near].astype(np.int64), x, y, _POWERS))
         heights = WindowSums(_weighted(height[near], x, y, TERMS))
         squares = WindowSums(height[near][None] ** 2)
-        at = (place[0][own] - near.start, place[1][own])
+        at = (cells[0][own] - near.start, cells[1][own])
         mass, right, square = (
             np.stack([table.at(at, side) for side in sides], axis=1) for table in (masses, heights, squares)
         )
         found[:, :, own] = _solved(mass, right, square[0], x[at[1]], y[at[0]], half)
-    return Quadratics(*found)
+    return list(found)
 
 
 def _weighted(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.protocol.propagation import Propagated
+from beltscape.kernels.propagation import Propagated
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ APART = 1.5
 """Candidates farther apart in s are different surfaces."""
 
 
-def chosen(kept: Kept, small_jump: float, large_jump: float) -> Propagated:
+def choose(kept: Kept, small_jump: float, large_jump: float) -> Propagated:
     """The candidates with the least cost + mean of what eight paths bring."""
     paths = [_path(kept, dx, dy, small_jump, large_jump) for dx, dy in DIRECTIONS]
     totals = kept.cost + np.mean(paths, axis=0)

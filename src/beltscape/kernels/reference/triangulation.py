@@ -5,19 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.check import triangulation_input
+from beltscape.kernels.triangulation import TriangulationInput
 
 MAX_CONDITION = 1e12
 """A point is refused when ‖N‖·‖N⁻¹‖ (Frobenius) of its normal matrix exceeds this."""
 
 
-def triangulate(
-    projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0
-) -> NDArray[np.float64]:
-    """See `beltscape.kernels.protocol.triangulation`; ``threads`` is ignored here."""
-    del threads
-    projections, pixels = triangulation_input(projections, pixels)
-    return np.array([_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]).reshape(-1, 3)
+def triangulate(given: TriangulationInput) -> tuple[NDArray[np.float64]]:
+    """Return the points (N, 3)."""
+    projections, pixels = given
+    points = [_triangulate_point(projections, p) for p in np.swapaxes(pixels, 0, 1)]
+    return (np.array(points).reshape(-1, 3),)
 
 
 def _triangulate_point(projections: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def see(view: NDArray[np.floating], u: Array, v: Array, s: Array) -> tuple[Array, Array, Array]:
+def project(view: NDArray[np.floating], u: Array, v: Array, s: Array) -> tuple[Array, Array, Array]:
     """Pixel (u, v) of the auxiliary and nearness to it, for core pixels (u, v) at nearness s; shapes broadcast.
 
     ``view`` is (21,): direction (9, row by row), shift (3), focal u, v, centre u, v, k1, k2, p1, p2, k3. The

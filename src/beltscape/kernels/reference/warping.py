@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.check import float32, spline
-from beltscape.kernels.reference.view import see
+from beltscape.kernels.reference.view import project
+from beltscape.kernels.warping import SplineInput, WarpInput
 
 Array = NDArray[np.float64]
 
@@ -14,12 +14,11 @@ STEP = 1e-3
 """Of s, for the slope by central differences; the projection is smooth over far more than that."""
 
 
-def spline_coefficients(image: NDArray[np.floating], *, threads: int = 0) -> Array:
-    """See `beltscape.kernels.protocol.warping`; ``threads`` is ignored here."""
-    del threads
-    grey = np.asarray(float32("image", image, ("h", "w")), np.float64)
+def spline_coefficients(given: SplineInput) -> tuple[Array]:
+    """Return the coefficients (h, w)."""
+    grey = np.asarray(given.image, np.float64)
     along_columns = np.linalg.solve(_values(grey.shape[0]), grey)
-    return np.asarray(np.linalg.solve(_values(grey.shape[1]), along_columns.T).T, np.float64)
+    return (np.asarray(np.linalg.solve(_values(grey.shape[1]), along_columns.T).T, np.float64),)
 
 
 def _values(n: int) -> Array:
@@ -32,20 +31,12 @@ def _values(n: int) -> Array:
     return matrix
 
 
-def warp(
-    s: NDArray[np.floating],
-    view: NDArray[np.floating],
-    coefficients: NDArray[np.floating],
-    *,
-    threads: int = 0,
-) -> tuple[Array, Array]:
-    """See `beltscape.kernels.protocol.warping`; ``threads`` is ignored here."""
-    del threads
-    s, view = np.asarray(float32("s", s, ("H", "W")), np.float64), float32("view", view, (21,))
-    taps = np.asarray(spline(coefficients), np.float64)
+def warp(given: WarpInput) -> tuple[Array, Array]:
+    """Return value and slope, (H, W) each."""
+    s, view, taps = np.asarray(given.s, np.float64), given.view, np.asarray(given.coefficients, np.float64)
     y, x = np.indices(s.shape)
-    u, v, _ = see(view, x, y, s)
-    ahead, behind = see(view, x, y, s + STEP), see(view, x, y, s - STEP)
+    u, v, _ = project(view, x, y, s)
+    ahead, behind = project(view, x, y, s + STEP), project(view, x, y, s - STEP)
     value, by_u, by_v = sample(taps, u, v)
     slope = (by_u * (ahead[0] - behind[0]) + by_v * (ahead[1] - behind[1])) / (2 * STEP)
     return value, np.where(np.isnan(value), 0.0, slope)

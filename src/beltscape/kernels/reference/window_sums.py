@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.protocol.first_met import Place
-from beltscape.kernels.protocol.windows import BAND_ROWS
+from beltscape.kernels.arrays import CellIndices
+from beltscape.kernels.window_statistics import BAND_ROWS
 
 
-def bands(place: Place, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
+def bands(cells: CellIndices, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
     """Places, by number, that lie in the same band of a field's ``rows``, and the rows up to ``reach`` about them."""
-    if not len(place[0]):
+    if not len(cells[0]):
         return
-    for first in range(int(place[0].min()), int(place[0].max()) + 1, BAND_ROWS):
-        own = np.flatnonzero((place[0] >= first) & (place[0] < first + BAND_ROWS))
+    for first in range(int(cells[0].min()), int(cells[0].max()) + 1, BAND_ROWS):
+        own = np.flatnonzero((cells[0] >= first) & (cells[0] < first + BAND_ROWS))
         if len(own):
-            low, high = int(place[0][own].min()), int(place[0][own].max())
+            low, high = int(cells[0][own].min()), int(cells[0][own].max())
             yield own, slice(max(low - reach, 0), min(high + reach + 1, rows))
 
 
@@ -39,12 +39,12 @@ class WindowSums:
             table[:, row + 1, 1:] += table[:, row, 1:]
         self._table = table.reshape(count, -1)
 
-    def at(self, place: Place, side: int) -> NDArray[Any]:
-        """(F, H) sums over windows of odd ``side`` cells about H places; outside of the fields lies nothing."""
+    def at(self, cells: CellIndices, side: int) -> NDArray[Any]:
+        """(F, H) sums over windows of odd ``side`` cells about H cells; nothing lies outside the fields."""
         rows, columns = self._shape
         half = side // 2
-        top, bottom = np.maximum(place[0] - half, 0), np.minimum(place[0] + half + 1, rows)
-        left, right = np.maximum(place[1] - half, 0), np.minimum(place[1] + half + 1, columns)
+        top, bottom = np.maximum(cells[0] - half, 0), np.minimum(cells[0] + half + 1, rows)
+        left, right = np.maximum(cells[1] - half, 0), np.minimum(cells[1] + half + 1, columns)
         table, stride = self._table, columns + 1
         lower, upper = bottom * stride, top * stride
         return (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.kernels.protocol.first_met import Place
+from beltscape.kernels.arrays import CellIndices
 from beltscape.measure.holes.rims import gradients
 from beltscape.measure.network import Network
 
@@ -36,7 +36,7 @@ _LIMITS = (-0.5, 1.0)
 class Brinks:
     """B measured cells that touch a hole and stand above a drop."""
 
-    place: Place
+    place: CellIndices
     """Row and column, (B,) each."""
     drop_mm: NDArray[np.float64]
     """(B,) down to the lowest measured cell within the widest reach in which it is steep."""
@@ -77,7 +77,7 @@ def brinks(value_mm: NDArray[np.float64], lean: NDArray[np.float64], cell_mm: fl
 
 
 def _viewed_down(
-    value_mm: NDArray[np.float64], lean: NDArray[np.float64], place: Place
+    value_mm: NDArray[np.float64], lean: NDArray[np.float64], place: CellIndices
 ) -> NDArray[np.float64]:
     """(B,) tangent by which the rays come down the way the measured surface about a cell falls."""
     known = np.isfinite(value_mm)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import load
-from beltscape.kernels.protocol.first_met import Place
+from beltscape.kernels.arrays import CellIndices
 from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook
 from beltscape.measure.holes.quadrics import Quadrics
 from beltscape.measure.holes.rims import Lowest
@@ -46,7 +46,7 @@ class Around:
 
 
 def around(
-    value_mm: NDArray[np.float64], calm_mm: NDArray[np.float64], place: Place, cell_mm: float
+    value_mm: NDArray[np.float64], calm_mm: NDArray[np.float64], place: CellIndices, cell_mm: float
 ) -> Around:
     """Windows about the hole cells ``place`` of a field (Ny, Nx), ``calm_mm`` the same without flying pixels."""
     hole = ~np.isfinite(value_mm)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.kernels.protocol.first_met import Place
+from beltscape.kernels.arrays import CellIndices
 from beltscape.measure.holes.brinks import brinks
 from beltscape.measure.holes.features import around, features
 from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook, expected, outlook
@@ -107,7 +107,7 @@ def hole_view(
     pinhole: NDArray[np.bool_],
     cell_mm: float,
     lean: NDArray[np.float64],
-    place: Place,
+    place: CellIndices,
 ) -> HoleView:
     """What the hole cells ``place`` of a field (Ny, Nx) see."""
     calm = _calmed(value_mm, ~np.isfinite(value_mm))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import load
-from beltscape.kernels.protocol.first_met import Place
+from beltscape.kernels.arrays import CellIndices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,7 +23,7 @@ class Quadrics:
     """(K, H) variance of the value in units of one cell's over their number: 1 for a mean, much if extrapolated."""
 
 
-def quadrics(value_mm: NDArray[np.float64], place: Place, sides: tuple[int, ...]) -> Quadrics:
+def quadrics(value_mm: NDArray[np.float64], place: CellIndices, sides: tuple[int, ...]) -> Quadrics:
     """Fit the measured cells of a field (Ny, Nx) in windows of odd ``sides`` cells about places (row, column)."""
     # about the field's own middle, so that squares do not drown in rounding
     middle = float(np.nanmean(value_mm))

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import load
-from beltscape.kernels.protocol.first_met import Met, Place
+from beltscape.kernels.arrays import CellIndices
+from beltscape.kernels.ray_march import FirstHits
 
 _LOADED_MM = 5.0
 """What lies no higher is bare belt."""
@@ -92,7 +93,7 @@ def gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float
     return load().plane_slopes(value_mm) / cell_mm
 
 
-def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place, cell_mm: float) -> Lowest:
+def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: CellIndices, cell_mm: float) -> Lowest:
     """Of twelve lines through hole cells, all around, the one whose higher rim is lowest.
 
     Along a slot between walls it runs from its one end to its other, where the floor may be seen; ``lines`` are those
@@ -100,7 +101,7 @@ def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place,
     """
     ways = np.deg2rad(np.array(_TURNS_DEG))[:, None] + np.array([np.pi, 0.0])  # both sides
     down, across = np.sin(ways).reshape(-1, 1), np.cos(ways).reshape(-1, 1)
-    met = load().first_met(np.isfinite(rim_mm), place, down, across, _LONGEST_CELLS)
+    met = load().first_hits(np.isfinite(rim_mm), place, down, across, _LONGEST_CELLS)
     at, steps = (part.reshape(*ways.shape, -1) for part in met)
     height = np.where(at >= 0, rim_mm.ravel()[at], np.nan)
     fixed = [np.stack([line.near_mm, line.far_mm, line.near_at_mm, line.far_at_mm]) for line in lines[1:]]
@@ -124,7 +125,7 @@ def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: Place,
 
 def lines_through(
     rim_mm: NDArray[np.float64],
-    place: Place,
+    place: CellIndices,
     gradient: NDArray[np.float64],
     lean: NDArray[np.float64],
     cell_mm: float,
@@ -140,7 +141,7 @@ def lines_through(
     down, across = np.where(straight_down, 0.0, tan_y / unit), np.where(straight_down, 1.0, tan_x / unit)
 
     def line(
-        ends: Met,
+        ends: FirstHits,
         step_mm: float,
         way: tuple[NDArray[np.float64] | float, ...],
         slant: NDArray[np.float64],
@@ -153,13 +154,13 @@ def lines_through(
 
     measured, both = np.isfinite(rim_mm), np.array([-1.0, 1.0])[:, None]
     farthest = max(measured.shape) - 1
-    own = load().first_met(measured, place, both * down, both * across, farthest)
+    own = load().first_hits(measured, place, both * down, both * across, farthest)
     found = [line(own, cell_mm, (down, across), tangent)]
     ways = (both[:, 0] * np.array(_DIRECTIONS)[..., None]).transpose(1, 0, 2).reshape(2, -1, 1)
-    met = load().first_met(measured, place, *ways, farthest)
+    met = load().first_hits(measured, place, *ways, farthest)
     for k, way in enumerate(_DIRECTIONS):
         length = float(np.hypot(*way))
         slant = (tan_x * way[1] + tan_y * way[0]) / length
-        ends = Met(*(part[2 * k : 2 * k + 2] for part in met))
+        ends = FirstHits(*(part[2 * k : 2 * k + 2] for part in met))
         found.append(line(ends, cell_mm * length, (way[0] / length, way[1] / length), slant))
     return found

@@ -32,7 +32,7 @@ class OpenCamera(Protocol):
         """Whether it does not answer any more."""
         ...
 
-    def take(self, seconds: float) -> RawImage | None:
+    def receive(self, seconds: float) -> RawImage | None:
         """The next whole image; None where none came in time."""
         ...
 
@@ -47,7 +47,7 @@ class OpenCamera(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TriggerPace:
-    """InstantCounter of the software trigger: all cameras' threads have the same."""
+    """Instants of the software trigger: all cameras' threads have the same."""
 
     start_s: float
     """time.monotonic() of one of them."""
@@ -65,14 +65,14 @@ class CameraThreads:
         self,
         name: str,
         open_: Callable[[], OpenCamera],
-        opened: Callable[[str], None],
-        took: Callable[[str, RawImage], None],
-        due: Callable[[str, float], bool],
+        on_open: Callable[[str], None],
+        on_image: Callable[[str, RawImage], None],
+        is_overdue: Callable[[str, float], bool],
         pace: TriggerPace | None,
     ) -> None:
         """``due(name, seconds without an image)`` says whether that is too long; ``pace``: of software triggers."""
         self._name = name
-        self._open, self._on_open, self._on_image, self._is_overdue = open_, opened, took, due
+        self._open, self._on_open, self._on_image, self._is_overdue = open_, on_open, on_image, is_overdue
         self._pace = pace
         self._stop = threading.Event()
         self._device: OpenCamera | None = None
@@ -99,19 +99,19 @@ class CameraThreads:
     def _keep(self) -> None:
         while not self._stop.is_set():
             try:
-                self._serve()
+                self._run_session()
             except Exception as error:  # whatever a driver does, the camera is tried again
                 self.trouble = str(error).partition("\n")[0] or type(error).__name__
             if self.trouble:  # by now the error is gone, and with it all it held of the camera
                 self._stop.wait(RETRY_S)
 
-    def _serve(self) -> None:
+    def _run_session(self) -> None:
         device = self._open()
         self.trouble = ""
         self._on_open(self._name)
         self._device = device
         try:
-            self._listen(device)
+            self._receive(device)
         finally:
             self._device = None
             self._broken_before += device.broken
@@ -120,10 +120,10 @@ class CameraThreads:
             closing.start()
             closing.join(CLOSE_S)
 
-    def _listen(self, device: OpenCamera) -> None:
+    def _receive(self, device: OpenCamera) -> None:
         last_s = time.monotonic()
         while not self._stop.is_set() and not device.lost:
-            raw = device.take(RECEIVE_S)
+            raw = device.receive(RECEIVE_S)
             if raw is not None:
                 last_s = time.monotonic()
                 self._on_image(self._name, raw)

@@ -38,14 +38,14 @@ class Device:
     """A camera of its own; every call may block for seconds where the camera is gone, so each has its thread."""
 
     def __init__(
-        self, name: str, settings: CamerasSettings, size_px: tuple[int, int] | None, counts: bool
+        self, name: str, settings: CamerasSettings, size_px: tuple[int, int] | None, has_encoder: bool
     ) -> None:
         """Open it and start; ``counts``: it has the belt's encoder.
 
         InputError where it is not there, another program has it, or a setting does not fit.
         """
         self._lib = load_aravis()
-        self._encoder = settings.encoder if counts else None
+        self._encoder = settings.encoder if has_encoder else None
         self._control = _Control()
         self._closed = False
         self._triggering = threading.Lock()
@@ -59,7 +59,7 @@ class Device:
             self._camera = self._lib.Camera.new(place)
         except glib_error_type() as error:
             raise _camera_error(name, settings, error) from error
-        self._handler = self._camera.get_device().connect("control-lost", self._control.gone)
+        self._handler = self._camera.get_device().connect("control-lost", self._control.on_lost)
         try:
             self._start(Features(self._lib, name, self._camera), settings, size_px)
         except glib_error_type() as error:
@@ -71,11 +71,11 @@ class Device:
 
     def _start(self, features: Features, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
         features.apply(settings, size_px)
-        self._parser = self._chunks(features)
-        self._stream = self._new_stream(settings)
+        self._parser = self._create_chunk_parser(features)
+        self._stream = self._create_stream(settings)
         self._camera.start_acquisition()
 
-    def _chunks(self, features: Features) -> Any:
+    def _create_chunk_parser(self, features: Features) -> Any:
         if self._encoder is None:
             return None
         if self._encoder.feature is not None:
@@ -84,7 +84,7 @@ class Device:
         self._camera.set_chunks(self._encoder.chunk)
         return self._camera.create_chunk_parser()
 
-    def _new_stream(self, settings: CamerasSettings) -> Any:
+    def _create_stream(self, settings: CamerasSettings) -> Any:
         stream = self._camera.create_stream(None, None)
         if settings.socket_buffer_bytes is not None and self._camera.is_gv_device():
             stream.set_property("socket-buffer", self._lib.GvStreamSocketBuffer.FIXED)
@@ -99,7 +99,7 @@ class Device:
         """Whether the camera has not answered for some seconds."""
         return self._control.lost
 
-    def take(self, seconds: float) -> RawImage | None:
+    def receive(self, seconds: float) -> RawImage | None:
         """The next whole image; None where none came in time."""
         buffer = self._stream.timeout_pop_buffer(int(seconds * 1e6))
         if buffer is None:
@@ -159,12 +159,12 @@ class Device:
 
 
 class _Control:
-    """Told when the camera does not answer any more; apart, so that the camera does not hold what holds it."""
+    """Told when the camera does not answer any more; offsets_ns, so that the camera does not hold what holds it."""
 
     def __init__(self) -> None:
         self.lost = False
 
-    def gone(self, _device: Any) -> None:
+    def on_lost(self, _device: Any) -> None:
         self.lost = True
 
 

@@ -27,15 +27,15 @@ class Features:
 
     def apply(self, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
         """Set all of them; the camera is not sending. Aravis's own errors pass through."""
-        self._pixels(settings, size_px)
-        self._light(settings.exposure_of(self._name), settings.gain_of(self._name))
-        self._trigger(settings)
+        self._apply_pixel_format(settings, size_px)
+        self._apply_exposure(settings.exposure_of(self._name), settings.gain_of(self._name))
+        self._apply_trigger(settings)
         if settings.clocks == "ptp":
-            self._share_clock()
+            self._enable_shared_clock()
         if self._camera.is_gv_device():
-            self._network(settings)
+            self._apply_network(settings)
 
-    def _pixels(self, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
+    def _apply_pixel_format(self, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
         wanted = settings.format_of(self._name)
         offered = self._camera.dup_available_pixel_formats_as_strings() or []
         if wanted not in offered:
@@ -55,25 +55,25 @@ class Features:
         if (sensor.width, sensor.height) != size_px or self._camera.get_region()[2:] != size_px:
             self._camera.set_region(x, y, *size_px)
 
-    def _light(self, exposure_us: float | None, gain_db: float | None) -> None:
+    def _apply_exposure(self, exposure_us: float | None, gain_db: float | None) -> None:
         off = self._lib.Auto.OFF
         if exposure_us is not None:
             if self._camera.is_exposure_auto_available():
                 self._camera.set_exposure_time_auto(off)
-            self._within("exposure_us", exposure_us, self._camera.get_exposure_time_bounds())
+            self._require_within("exposure_us", exposure_us, self._camera.get_exposure_time_bounds())
             self._camera.set_exposure_time(exposure_us)
         if gain_db is not None:
             if self._camera.is_gain_auto_available():
                 self._camera.set_gain_auto(off)
-            self._within("gain_db", gain_db, self._camera.get_gain_bounds())
+            self._require_within("gain_db", gain_db, self._camera.get_gain_bounds())
             self._camera.set_gain(gain_db)
 
-    def _within(self, setting: str, value: float, bounds: Any) -> None:
+    def _require_within(self, setting: str, value: float, bounds: Any) -> None:
         low, high = bounds[0], bounds[1]
         if not low <= value <= high:
             raise InputError(f"{self._name}: {setting} {value:g} is outside the camera's {low:g} to {high:g}")
 
-    def _trigger(self, settings: CamerasSettings) -> None:
+    def _apply_trigger(self, settings: CamerasSettings) -> None:
         self._camera.set_acquisition_mode(self._lib.AcquisitionMode.CONTINUOUS)
         if settings.trigger == "free":
             self._camera.clear_triggers()
@@ -90,13 +90,13 @@ class Features:
         if settings.trigger == "line" and self._camera.is_feature_available("TriggerActivation"):
             self._camera.set_string("TriggerActivation", settings.trigger_activation)
 
-    def _share_clock(self) -> None:
+    def _enable_shared_clock(self) -> None:
         for feature in PTP:
             if self._camera.is_feature_available(feature):
                 self._camera.set_boolean(feature, True)
                 return
 
-    def _network(self, settings: CamerasSettings) -> None:
+    def _apply_network(self, settings: CamerasSettings) -> None:
         if settings.packet_size is None:
             self._camera.gv_auto_packet_size()
         else:

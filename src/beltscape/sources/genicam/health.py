@@ -33,7 +33,7 @@ class CameraMonitor:
     last_s: float | None = None
     """time.monotonic() of its last image."""
     times_s: deque[float] = field(default_factory=lambda: deque(maxlen=8192))
-    light: str = ""
+    brightness_fault: str = ""
     """What is wrong with its brightness."""
     image_fault: str = ""
     """Why its last image could not be used at all."""
@@ -51,7 +51,7 @@ class CameraMonitor:
         """Judge the brightness, now and then."""
         if now_s - self.brightness_checked_s >= BRIGHTNESS_INTERVAL_S:
             self.brightness_checked_s = now_s
-            self.light = find_brightness_fault(image)
+            self.brightness_fault = find_brightness_fault(image)
 
     def rate_hz(self, now_s: float) -> float:
         """Images per second of the last seconds."""
@@ -78,21 +78,21 @@ def find_brightness_fault(image: Image) -> str:
 def assess_health(
     name: str,
     settings: CamerasSettings,
-    watch: CameraMonitor,
-    tally: CameraStatistics,
+    monitor: CameraMonitor,
+    statistics: CameraStatistics,
     trouble: str,
     is_open: bool,
     now_s: float,
 ) -> CameraHealth:
     """How a camera does at ``now_s`` (time.monotonic())."""
-    state, message = _state(name, settings, watch, tally, trouble, is_open, now_s)
+    state, message = _state(name, settings, monitor, statistics, trouble, is_open, now_s)
     return CameraHealth(
         name,
         state,
-        tally.taken,
-        tally.missed,
-        0.0 if state == "lost" else watch.rate_hz(now_s),
-        float("nan") if tally.skew_ns is None else tally.skew_ns * 1e-6,
+        statistics.taken,
+        statistics.missed,
+        0.0 if state == "lost" else monitor.rate_hz(now_s),
+        float("nan") if statistics.skew_ns is None else statistics.skew_ns * 1e-6,
         message,
     )
 
@@ -100,43 +100,53 @@ def assess_health(
 def _state(
     name: str,
     settings: CamerasSettings,
-    watch: CameraMonitor,
-    tally: CameraStatistics,
+    monitor: CameraMonitor,
+    statistics: CameraStatistics,
     trouble: str,
     is_open: bool,
     now_s: float,
 ) -> tuple[CameraState, str]:
-    if watch.last_s is None:
+    if monitor.last_s is None:
         return _state_before_first_image(name, settings, trouble, is_open)
-    silence_s = now_s - watch.last_s
-    if not is_open or tally.silent or (settings.trigger != "line" and silence_s > silence_limit_s(settings)):
+    silence_s = now_s - monitor.last_s
+    if (
+        not is_open
+        or statistics.silent
+        or (settings.trigger != "line" and silence_s > silence_limit_s(settings))
+    ):
         why = f" ({trouble})" if trouble else ""
         wire = "trigger wire, " if settings.trigger == "line" else ""
         return "lost", f"no image for {silence_s:.0f} s; see to its {wire}power, cable and switch{why}"
-    if watch.image_fault:
-        return "unusable", watch.image_fault
-    if tally.unsynchronised:
+    if monitor.image_fault:
+        return "unusable", monitor.image_fault
+    if statistics.unsynchronised:
         return (
             "unusable",
             "its clock is not the others' one: see whether PTP runs on the camera and the switch",
         )
-    if tally.out_of_skew >= SKEWED_FROM:
-        skew = "" if tally.skew_ns is None else f"{tally.skew_ns * 1e-6:+.2f} ms from the core camera's, "
+    if statistics.out_of_skew >= SKEWED_FROM:
+        skew = (
+            ""
+            if statistics.skew_ns is None
+            else f"{statistics.skew_ns * 1e-6:+.2f} ms from the core camera's, "
+        )
         return "unusable", (
             f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: see to its trigger wire "
             "and trigger delay"
         )
-    if watch.light:
-        return "unusable", watch.light
-    if now_s - watch.broken_s < RECENT_S:
+    if monitor.brightness_fault:
+        return "unusable", monitor.brightness_fault
+    if now_s - monitor.broken_s < RECENT_S:
         return "ok", (
-            f"{watch.broken} images came with packets missing: see to cable, packet_size, packet_delay_ns and the "
+            f"{monitor.broken} images came with packets missing: see to cable, packet_size, packet_delay_ns and the "
             "system's socket buffers"
         )
     return "ok", ""
 
 
-def _state_before_first_image(name: str, settings: CamerasSettings, trouble: str, is_open: bool) -> tuple[CameraState, str]:
+def _state_before_first_image(
+    name: str, settings: CamerasSettings, trouble: str, is_open: bool
+) -> tuple[CameraState, str]:
     if trouble:
         return "lost", trouble
     if is_open and settings.trigger == "line":

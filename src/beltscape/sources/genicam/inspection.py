@@ -42,7 +42,7 @@ def inspect_camera(device: str) -> Inspection:
 def check_settings(name: str, settings: CamerasSettings) -> str:
     """Open a camera with its settings; what does not fit, empty where all does."""
     try:
-        Device(name, settings, None, counts=False).close()
+        Device(name, settings, None, has_encoder=False).close()
     except InputError as error:
         return str(error)
     return ""

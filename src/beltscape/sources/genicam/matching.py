@@ -10,31 +10,37 @@ from typing import Generic
 import numpy as np
 
 from beltscape.sources.genicam.clock import CameraClock
-from beltscape.sources.genicam.shots import MatchedInstant, Payload, MatchingRules, CameraImage, CameraStatistics
+from beltscape.sources.genicam.shots import (
+    CameraImage,
+    CameraStatistics,
+    MatchedInstant,
+    MatchingRules,
+    Payload,
+)
 
 KEPT_IDS = 64
 """Images of a camera that are remembered to know one that comes twice."""
 BIAS_OF = 51
-"""InstantCounter from which the constant part of a clock's error is told."""
+"""Instants from which the constant part of a clock's error is told."""
 BIAS_FROM = 5
-"""InstantCounter known until it is used."""
+"""Instants known until it is used."""
 UNSYNCHRONISED_NS = 50_000_000
-"""Shared clocks that are farther apart are not shared."""
+"""Shared clocks that are farther offsets_ns are not shared."""
 
 
 @dataclass(slots=True)
 class _Camera:
     clock: CameraClock
-    tally: CameraStatistics = field(default_factory=CameraStatistics)
+    statistics: CameraStatistics = field(default_factory=CameraStatistics)
     ids: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=KEPT_IDS))
     newest_ns: int | None = None
     """Host time of its newest image."""
-    apart: deque[int] = field(default_factory=lambda: deque(maxlen=BIAS_OF))
+    offsets_ns: deque[int] = field(default_factory=lambda: deque(maxlen=BIAS_OF))
     """How far its last images were from the core's, by the clocks as learned."""
 
     @property
     def bias_ns(self) -> int:
-        return round(float(np.median(self.apart))) if len(self.apart) >= BIAS_FROM else 0
+        return round(float(np.median(self.offsets_ns))) if len(self.offsets_ns) >= BIAS_FROM else 0
 
 
 @dataclass(slots=True)
@@ -49,7 +55,7 @@ class InstantMatcher(Generic[Payload]):
     """Gathers images into instants; an instant is given out when it is complete or has waited long enough.
 
     All images are placed on the host's clock by their cameras' clocks; whatever comes late on the network keeps
-    its place. InstantCounter are at least twice ``window_ns`` apart, so as long as clocks err by less than half of it,
+    its place. Instants are at least twice ``window_ns`` offsets_ns, so as long as clocks err by less than half of it,
     no image comes to a wrong instant.
     """
 
@@ -67,9 +73,9 @@ class InstantMatcher(Generic[Payload]):
         # one clock for all: what it is off is the same for each
         return CameraClock(self._rules.window_ns // 4, *([0.0] if self._rules.clocks == "ptp" else []))
 
-    def tally(self, camera: str) -> CameraStatistics:
+    def statistics(self, camera: str) -> CameraStatistics:
         """What was seen of a camera."""
-        return self._cameras[camera].tally
+        return self._cameras[camera].statistics
 
     def clock(self, camera: str) -> CameraClock:
         """A camera's clock as learned."""
@@ -80,27 +86,27 @@ class InstantMatcher(Generic[Payload]):
         one = self._cameras[camera]
         one.clock = self._new_clock()
         one.ids.clear()
-        one.apart.clear()
-        one.tally.has_clock = False
+        one.offsets_ns.clear()
+        one.statistics.has_clock = False
 
     def add(self, shot: CameraImage[Payload], now_ns: int) -> None:
         """An image came."""
         one = self._cameras[shot.camera]
         if (shot.frame_id, shot.camera_ns) in one.ids:
-            one.tally.duplicates += 1
+            one.statistics.duplicates += 1
             return
         if one.ids:
-            one.tally.skipped += count_missing(one.ids[-1][0], shot.frame_id)
+            one.statistics.skipped += count_missing(one.ids[-1][0], shot.frame_id)
         one.ids.append((shot.frame_id, shot.camera_ns))
-        one.tally.taken += 1
+        one.statistics.taken += 1
         trusted = one.clock.add(shot.camera_ns, shot.arrival_ns)
-        one.tally.has_clock = one.clock.is_settled
+        one.statistics.has_clock = one.clock.is_settled
         if not one.clock.is_settled:
-            one.apart.clear()
+            one.offsets_ns.clear()
         host_ns = self._host_ns(one, shot.camera_ns) if trusted else None
         if host_ns is None or not self._starts(host_ns, now_ns):
             return
-        one.tally.silent = False
+        one.statistics.silent = False
         one.newest_ns = host_ns if one.newest_ns is None else max(one.newest_ns, host_ns)
         self._place(shot, host_ns, now_ns)
 
@@ -109,7 +115,7 @@ class InstantMatcher(Generic[Payload]):
         if self._start_ns is None:
             self._first_ns = now_ns if self._first_ns is None else self._first_ns
             if now_ns - self._first_ns < self._rules.start_ns and not all(
-                one.tally.has_clock for one in self._cameras.values()
+                one.statistics.has_clock for one in self._cameras.values()
             ):
                 return False
             self._start_ns = now_ns if self._rules.start_ns else host_ns - self._rules.window_ns
@@ -122,13 +128,13 @@ class InstantMatcher(Generic[Payload]):
             return own - one.bias_ns
         settled = [self._cameras[self._core], *self._cameras.values()]
         common = next(c.clock for c in settled if c.clock.is_settled).host_ns(camera_ns)
-        one.tally.unsynchronised = abs(common - own) > UNSYNCHRONISED_NS
-        return None if one.tally.unsynchronised else common
+        one.statistics.unsynchronised = abs(common - own) > UNSYNCHRONISED_NS
+        return None if one.statistics.unsynchronised else common
 
     def _place(self, shot: CameraImage[Payload], host_ns: int, now_ns: int) -> None:
         window = self._rules.window_ns
         if self._last_instant_ns is not None and host_ns < self._last_instant_ns + window:
-            self._cameras[shot.camera].tally.late += 1
+            self._cameras[shot.camera].statistics.late += 1
             return
         near = [instant for instant in self._open if abs(instant.at_ns - host_ns) < window]
         nearest = min(near, key=lambda instant: abs(instant.at_ns - host_ns), default=None)
@@ -158,11 +164,11 @@ class InstantMatcher(Generic[Payload]):
         if awaited and now_ns < instant.opened_ns + self._rules.timeout_ns:
             return False
         for one in awaited:
-            one.tally.silent = True
+            one.statistics.silent = True
         return True
 
     def _is_awaited(self, one: _Camera, instant: _Instant[Payload]) -> bool:
-        if not one.tally.has_clock or one.tally.silent:
+        if not one.statistics.has_clock or one.statistics.silent:
             return False
         # images of one camera come in order: what is newer says that this one is lost
         return one.newest_ns is None or one.newest_ns < instant.at_ns + self._rules.window_ns
@@ -170,14 +176,16 @@ class InstantMatcher(Generic[Payload]):
     def _complete(self, instant: _Instant[Payload]) -> MatchedInstant[Payload]:
         self._last_instant_ns = instant.at_ns
         for name, one in self._cameras.items():
-            one.tally.missed += name not in instant.shots
+            one.statistics.missed += name not in instant.shots
         kept = self._select_within_skew(instant)
         times = sorted(time for name, (time, _) in instant.shots.items() if name in kept)
         time_ns = instant.shots[self._core][0] if self._core in kept else times[(len(times) - 1) // 2]
         if self._last_time_ns is not None:
             time_ns = max(time_ns, self._last_time_ns + 1)
         self._last_time_ns = time_ns
-        return MatchedInstant(time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in kept})
+        return MatchedInstant(
+            time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in kept}
+        )
 
     def _select_within_skew(self, instant: _Instant[Payload]) -> set[str]:
         """The cameras whose images are near enough to the middle one; between two, the core's counts."""
@@ -190,11 +198,11 @@ class InstantMatcher(Generic[Payload]):
         core_ns = times.get(self._core)
         for name, time in times.items():
             one = self._cameras[name]
-            one.tally.out_of_skew = 0 if name in kept else one.tally.out_of_skew + 1
-            one.tally.skewed += name not in kept
-            one.tally.skew_ns = None if core_ns is None else time - core_ns
+            one.statistics.out_of_skew = 0 if name in kept else one.statistics.out_of_skew + 1
+            one.statistics.skewed += name not in kept
+            one.statistics.skew_ns = None if core_ns is None else time - core_ns
             if core_ns is not None and self._rules.common_pulse and self._rules.clocks == "own":
-                one.apart.append(time - core_ns + one.bias_ns)
+                one.offsets_ns.append(time - core_ns + one.bias_ns)
         return kept
 
 

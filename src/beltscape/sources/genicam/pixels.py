@@ -70,7 +70,9 @@ def decode_image(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
     need = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _count_bytes(format_, count)
     if len(data) < need:
         raise InputError(f"image of {width}×{height} {format_.name} has {len(data)} bytes instead of {need}")
-    values: Any = scale_to_full_range(unpack(np.frombuffer(data, np.uint8, need), format_, count), format_.bits)
+    values: Any = scale_to_full_range(
+        unpack(np.frombuffer(data, np.uint8, need), format_, count), format_.bits
+    )
     if format_.channels == 3:
         colours = values.reshape(height, width, 3)
         return np.ascontiguousarray(colours[..., ::-1]) if format_.name.startswith("BGR") else colours

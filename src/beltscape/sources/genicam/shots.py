@@ -57,7 +57,7 @@ class CameraStatistics:
     taken: int = 0
     """Images that came whole, duplicates not counted."""
     missed: int = 0
-    """InstantCounter that were given out without it."""
+    """Instants that were given out without it."""
     late: int = 0
     """Images that came after their instant was given out."""
     duplicates: int = 0

@@ -18,7 +18,7 @@ from beltscape.sources.genicam.matching import InstantMatcher
 from beltscape.sources.genicam.pixels import decode_image
 from beltscape.sources.genicam.position import BeltCounter
 from beltscape.sources.genicam.settings import WINDOW_SHARE, CamerasSettings
-from beltscape.sources.genicam.shots import MatchedInstant, MatchingRules, CameraImage
+from beltscape.sources.genicam.shots import CameraImage, MatchedInstant, MatchingRules
 
 READY = 16
 """Frame sets that wait to be fetched; beyond, the oldest are dropped."""
@@ -56,14 +56,20 @@ class GenicamSource:
         self._matcher: InstantMatcher[CountedImage] = InstantMatcher(self.cameras, core, _rules(settings))
         self._counter = None if settings.encoder is None else BeltCounter(settings.encoder)
         self._ready: deque[FrameSet] = deque()
-        self._watches = {name: CameraMonitor() for name in self.cameras}
+        self._monitors = {name: CameraMonitor() for name in self.cameras}
         self._number = 0
         self._closed = False
         self.overrun = 0
         """Frame sets dropped since the start because nobody fetched them."""
-        pace = TriggerPace(time.monotonic(), 1 / settings.frames_per_s) if settings.trigger == "software" else None
+        pace = (
+            TriggerPace(time.monotonic(), 1 / settings.frames_per_s)
+            if settings.trigger == "software"
+            else None
+        )
         self._threads = {
-            name: CameraThreads(name, lambda n=name: opener(n), self._on_open, self._on_image, self._is_overdue, pace)
+            name: CameraThreads(
+                name, lambda n=name: opener(n), self._on_open, self._on_image, self._is_overdue, pace
+            )
             for name in self.cameras
         }
 
@@ -95,19 +101,19 @@ class GenicamSource:
                 self._counter.on_reopened()
 
     def _on_image(self, name: str, raw: RawImage) -> None:
-        watch, now_s = self._watches[name], time.monotonic()
+        monitor, now_s = self._monitors[name], time.monotonic()
         try:
             image = self._image(name, raw)
         except InputError as error:
             with self._lock:
-                watch.add_image(now_s)
-                watch.image_fault = str(error)
+                monitor.add_image(now_s)
+                monitor.image_fault = str(error)
             return
         shot = CameraImage(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, CountedImage(image, raw.count))
-        watch.check_brightness(image, now_s)
+        monitor.check_brightness(image, now_s)
         with self._lock:
-            watch.add_image(now_s)
-            watch.image_fault = ""
+            monitor.add_image(now_s)
+            monitor.image_fault = ""
             self._matcher.add(shot, time.monotonic_ns())
             self._collect()
             self._lock.notify_all()
@@ -141,8 +147,8 @@ class GenicamSource:
         """Whether a camera without an image for that long is to be opened anew."""
         if self._settings.trigger == "line":  # the belt may stand: only the others tell whether a pulse came
             with self._lock:
-                tally = self._matcher.tally(name)
-                return silence_s > REOPEN_AFTER_S and tally.silent and tally.has_clock
+                statistics = self._matcher.statistics(name)
+                return silence_s > REOPEN_AFTER_S and statistics.silent and statistics.has_clock
         return silence_s > max(REOPEN_AFTER_S, 2 * silence_limit_s(self._settings))
 
     def health(self) -> Mapping[str, CameraHealth]:
@@ -152,11 +158,13 @@ class GenicamSource:
             return {name: self._health(name, now_s) for name in self.cameras}
 
     def _health(self, name: str, now_s: float) -> CameraHealth:
-        watch, threads = self._watches[name], self._threads[name]
-        if threads.broken > watch.broken:
-            watch.broken, watch.broken_s = threads.broken, now_s
-        tally = self._matcher.tally(name)
-        return assess_health(name, self._settings, watch, tally, threads.trouble, threads.is_open, now_s)
+        monitor, threads = self._monitors[name], self._threads[name]
+        if threads.broken > monitor.broken:
+            monitor.broken, monitor.broken_s = threads.broken, now_s
+        statistics = self._matcher.statistics(name)
+        return assess_health(
+            name, self._settings, monitor, statistics, threads.trouble, threads.is_open, now_s
+        )
 
     def close(self) -> None:
         """Stop; the iteration ends. A camera that does not answer is left to end by itself."""
@@ -200,6 +208,6 @@ def open_cameras(
             )
 
     def opener(name: str) -> OpenCamera:
-        return Device(name, settings, (sizes_px or {}).get(name), counts=name == core)
+        return Device(name, settings, (sizes_px or {}).get(name), has_encoder=name == core)
 
     return GenicamSource(settings, core, sizes_px, opener)

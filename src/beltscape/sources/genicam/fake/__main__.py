@@ -27,7 +27,9 @@ STOP = (signal.SIGINT, signal.SIGTERM)
 def main(words: Sequence[str]) -> int:
     """Serve until interrupted; 2 where it cannot."""
     try:
-        return serve_camera(Path(words[1]), words[2], words[3]) if words[:1] == ["one"] else serve_capture(words)
+        return (
+            serve_camera(Path(words[1]), words[2], words[3]) if words[:1] == ["one"] else serve_capture(words)
+        )
     except BeltscapeError as error:
         print(error, file=sys.stderr)
         return 2
@@ -49,7 +51,9 @@ def serve_capture(words: Sequence[str]) -> int:
         add_addresses(bench.devices.values())
         with bench:
             print(
-                project_tables(bench, arguments.frames_per_s, arguments.mm_per_count if counts else None),
+                project_tables(
+                    bench, arguments.frames_per_s, arguments.mm_per_count if has_encoder else None
+                ),
                 flush=True,
             )
             signal.sigwait(STOP)

@@ -14,7 +14,7 @@ FOLLOW = 0.1
 
 
 class InstantCounter:
-    """Counts instants in a file that all processes share: they are a period apart, an image is of the nearest one."""
+    """Counts instants in a file that all processes share: they are a period offsets_ns, an image is of the nearest one."""
 
     def __init__(self, path: Path, period_s: float) -> None:
         """``path`` is made where it is not there."""

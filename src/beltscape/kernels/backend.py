@@ -1,0 +1,40 @@
+"""Back ends: what carries out the kernels behind their checked signatures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+
+class Backend(Protocol):
+    """One implementation of all kernels; a kernel is called by its name with a record of checked inputs."""
+
+    name: str
+
+    def run(
+        self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
+    ) -> Sequence[NDArray[Any]]:
+        """Return the kernel's results.
+
+        Parameters
+        ----------
+        kernel
+            The name of the method of a family of kernels.
+        given
+            The family's input record: contiguous arrays and numbers in the order of the native function's arguments.
+        out
+            Arrays of the results' shapes and types, which a native back end fills and returns.
+        threads
+            0 takes all cores; the result does not depend on it.
+        """
+        ...
+
+
+class KernelFamily:
+    """Kernels of one subject: methods that check their arguments once and call the back end."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.name = backend.name
+        self._run = backend.run

@@ -1,0 +1,97 @@
+"""Height rasterisation: a depth map's surface as an orthographic height map."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import float32
+from beltscape.kernels.backend import KernelFamily
+
+EDGE = 1e-9
+"""Barycentric weight by which a node may lie outside a triangle: a node on a shared side belongs to both."""
+
+
+class RasterisedHeights(NamedTuple):
+    """The uppermost surface over each node of a grid; NaN where there is none."""
+
+    height: NDArray[np.float64]
+    """(Ny, Nx) in the units of the given transform's third row."""
+    variance: NDArray[np.float64]
+    """(Ny, Nx) of the depths there."""
+
+
+class RasterisationInput(NamedTuple):
+    """Checked input of `rasterise_heights`; the grid's shape is that of its results."""
+
+    depth: NDArray[np.float32]
+    """(H, W)"""
+    sigma: NDArray[np.float32]
+    """(H, W)"""
+    use: NDArray[np.bool_]
+    """(H, W)"""
+    grid_from_pixel: NDArray[np.float64]
+    """(3, 4)"""
+    step: float
+
+
+class HeightRasterisationKernels(KernelFamily):
+    """Heights of a depth map's surface, seen from straight above."""
+
+    def rasterise_heights(
+        self,
+        depth: NDArray[np.floating],
+        sigma: NDArray[np.floating],
+        use: NDArray[np.bool_],
+        grid_from_pixel: NDArray[np.floating],
+        step: float,
+        shape: tuple[int, int],
+        *,
+        threads: int = 0,
+    ) -> RasterisedHeights:
+        """Return the top surface of a depth map at the nodes of a grid; it runs on one thread.
+
+        Neighbouring pixels of one surface are joined to triangles. A side joins two pixels whose depths differ by no
+        more than ``step``, as float32; of a square's two diagonals the one from top right to bottom left is drawn
+        where it joins, else the other, and a triangle is there where its three sides join. Over a node that lies
+        within a triangle, to `EDGE`, both values are interpolated, the variance as the height. Of several triangles
+        the highest counts, of equally high ones that with the largest variance: so what is vertical has no area, and
+        what hangs over is solid.
+
+        Parameters
+        ----------
+        depth, sigma
+            (H, W) and its standard deviation.
+        use
+            (H, W) bool: which pixels take part, as far as their places, heights and variances are finite.
+        grid_from_pixel
+            (3, 4) a matrix A and a column b: pixel (u, v) of depth d lies at
+            (column, row, height) = d A (u, v, 1) + b.
+        step
+            At least 0, in the units of the depth.
+        shape
+            (Ny, Nx) of the grid; nodes lie at whole columns and rows.
+
+        Returns
+        -------
+        RasterisedHeights of (Ny, Nx).
+        """
+        del threads  # one is fast enough
+        depth = float32("depth", depth, ("H", "W"))
+        use = np.ascontiguousarray(use, dtype=bool)
+        if use.shape != depth.shape:
+            raise KernelError(f"use must have the shape {depth.shape}, not {use.shape}")
+        grid_from_pixel = np.ascontiguousarray(grid_from_pixel, dtype=np.float64)
+        if grid_from_pixel.shape != (3, 4):
+            raise KernelError(f"grid_from_pixel must have the shape (3, 4), not {grid_from_pixel.shape}")
+        if not step >= 0:
+            raise KernelError(f"step must be at least 0, not {step}")
+        if min(shape) < 1:
+            raise KernelError(f"the grid's shape must be positive, not {shape}")
+        sigma = float32("sigma", sigma, depth.shape)
+        given = RasterisationInput(depth, sigma, use, grid_from_pixel, step)
+        out = np.empty(shape), np.empty(shape)
+        return RasterisedHeights(*self._run("rasterise_heights", given, out, 1))

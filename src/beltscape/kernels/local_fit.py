@@ -1,0 +1,159 @@
+"""Local fit: a plane around every pixel, over a window as large as the data allow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import WINDOW_LIMIT, demand_within, float32
+from beltscape.kernels.backend import KernelFamily
+
+RADII = ((3, 1.5), (5, 2.5), (8, 4.0))
+"""Windows of a local fit: (radius px, Gaussian sigma px)."""
+MOST_DISAGREEMENT = 25.0
+"""Of two windows: beyond that, one of them does not describe the surface."""
+FIT_WINDOWS = 4
+"""How many windows a fit may choose from."""
+TOLERANCES = (1e-3, 1e3)
+"""Of s, px: its eighth power must fit single precision."""
+LEAST_TAP = 0.01
+"""Of the central one."""
+
+
+class LocalFit(NamedTuple):
+    """The planes; NaN (`scale`: 0) where s was not finite."""
+
+    s: NDArray[np.floating]
+    """(H, W) float32, at most 1 from what it was."""
+    slope_u: NDArray[np.floating]
+    """(H, W) float32, of s per px to the right."""
+    slope_v: NDArray[np.floating]
+    """(H, W) float32, of s per px downwards."""
+    variance: NDArray[np.floating]
+    """(H, W) float32, px², of s; infinite where the windows weigh nothing: nothing changes there."""
+    disagreement: NDArray[np.floating]
+    """(H, W) float32: how far the largest window's value lies off that of the next smaller one, squared, over that
+    one's variance, at most `MOST_DISAGREEMENT`: about half of one where the surface is plane; 0 with one window."""
+    scale: NDArray[np.uint8]
+    """(H, W), which of the radii was taken."""
+
+
+class FitWindow(NamedTuple):
+    """A window of the local fit as the product of two Gaussians, with the taps below the least one left out."""
+
+    radius: int
+    taps: list[float]
+    """radius + 1 by distance along an axis, px; 1 at the centre."""
+    reach: list[int]
+    """By a row's distance from the centre: how many taps it has to each side; -1 where not even a centre."""
+
+
+class LocalFitInput(NamedTuple):
+    """Checked input of `local_fit`; the first five are (H, W)."""
+
+    information: NDArray[np.float32]
+    pull: NDArray[np.float32]
+    s: NDArray[np.float32]
+    slope_u: NDArray[np.float32]
+    slope_v: NDArray[np.float32]
+    windows: list[FitWindow]
+    tolerance: float
+    confidence_width: float
+    prior_information: float
+    flatten: float
+
+
+class LocalFitKernels(KernelFamily):
+    """Planes by weighted least squares."""
+
+    def local_fit(
+        self,
+        information: NDArray[np.floating],
+        pull: NDArray[np.floating],
+        s: NDArray[np.floating],
+        slope_u: NDArray[np.floating],
+        slope_v: NDArray[np.floating],
+        *,
+        radii: Sequence[tuple[int, float]] = RADII,
+        tolerance: float,
+        confidence_width: float = 2.0,
+        prior_information: float = 1.0,
+        flatten: float = 1.0,
+        threads: int = 0,
+    ) -> LocalFit:
+        """Fit a plane around each pixel p to s + pull / information of its neighbours q.
+
+        q weighs exp(-|q - p|² / 2σ²) (1 - (e / tolerance)²)₊² (information + prior_information), with
+        e = s_q - s_p - slope · (q - p) how far it lies off the plane so far: across a step nothing is smoothed.
+        The prior does not add to the pull, so that a pixel without information is drawn only to its neighbours'
+        s. Taps of the Gaussian below 0.01 are left out. The slopes are held to the earlier
+        ones by a ridge of 0.1 px² times the window's weight, which matters only where the window is narrow.
+
+        The variance is that of the weighted mean, each q having 1 / (information + prior_information), and that of
+        the plane's tilt from the weights' centre to p.
+
+        Of the windows, the first is taken, and each larger one as long as the confidence intervals
+        (value ± confidence_width √variance) of all so far have a value in common.
+
+        With information 1, pull 0, prior 0 and one radius it finds the slopes of a map.
+
+        Parameters
+        ----------
+        information, pull
+            (H, W) from `normal_equations`, 1/px² and 1/px; where one is not finite,
+            both count as 0.
+        s
+            (H, W) inverse depth; a pixel where it is not finite counts for none.
+        slope_u, slope_v
+            (H, W) of s per px, of the planes so far; NaN counts as 0.
+        radii
+            One to four (radius px, Gaussian sigma px), ascending radii of 1 to 15 px.
+        tolerance
+            Of s in px, 0.001 to 1000.
+        confidence_width
+            Half the interval's width in standard deviations.
+        prior_information
+            1/px², the weight of every pixel's present s.
+        flatten
+            0 to 1, which share of e the plane is fitted to, besides pull / information. With 0 the surface keeps
+            its own shape, and moves only by what its neighbours' pulls have in common.
+
+        References
+        ----------
+        Katkovnik, IEEE Trans. Signal Process. 47(9), 2567–2571, 1999, doi:10.1109/78.782208 (intersection of
+        confidence intervals); Goldenshluger & Nemirovski, Math. Methods Stat. 6(2), 135–170, 1997.
+        """
+        shape = float32("s", s, ("H", "W")).shape
+        fields = {"information": information, "pull": pull, "s": s, "slope_u": slope_u, "slope_v": slope_v}
+        checked = [float32(name, field, shape) for name, field in fields.items()]
+        windows = fit_windows(radii)
+        demand_within("tolerance", tolerance, *TOLERANCES)
+        demand_within("confidence_width", confidence_width, 0, inf)
+        demand_within("prior_information", prior_information, 0, inf)
+        demand_within("flatten", flatten, 0, 1)
+        given = LocalFitInput(*checked, windows, tolerance, confidence_width, prior_information, flatten)
+        out = *(np.empty(shape, np.float32) for _ in range(5)), np.empty(shape, np.uint8)
+        return LocalFit(*self._run("local_fit", given, out, threads))
+
+
+def fit_windows(radii: Sequence[tuple[int, float]]) -> list[FitWindow]:
+    """Return the windows of (radius px, Gaussian sigma px), ascending, or raise KernelError."""
+    if not 1 <= len(radii) <= FIT_WINDOWS:
+        raise KernelError(f"radii must be 1 to {FIT_WINDOWS} windows, not {len(radii)}")
+    sizes = [radius for radius, _ in radii]
+    if sorted(set(sizes)) != sizes or not 1 <= sizes[0] <= sizes[-1] <= WINDOW_LIMIT:
+        raise KernelError(
+            f"radii must ascend within 1 to {WINDOW_LIMIT} px, not {', '.join(map(str, sizes))}"
+        )
+    windows = []
+    for radius, sigma in radii:
+        demand_within("a window's sigma", sigma, 1e-3, inf)
+        taps = np.exp(-0.5 * (np.arange(radius + 1) / sigma) ** 2)
+        reach = [int(np.count_nonzero(tap * taps >= LEAST_TAP)) - 1 for tap in taps]
+        windows.append(FitWindow(radius, taps.tolist(), reach))
+    return windows

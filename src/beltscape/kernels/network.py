@@ -1,0 +1,85 @@
+"""Small networks of rectified layers, evaluated at every pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import float32
+from beltscape.kernels.backend import KernelFamily
+
+_MOST_UNITS = 256
+
+
+class NetworkInput(NamedTuple):
+    """Checked input of `evaluate_network`."""
+
+    planes: list[NDArray[np.float32]]
+    """n of (H, W)"""
+    limits: NDArray[np.float32]
+    """(2, n)"""
+    layers: list[NDArray[np.float32]]
+
+
+class NetworkKernels(KernelFamily):
+    """A multilayer perceptron at every pixel."""
+
+    def evaluate_network(
+        self,
+        planes: Sequence[NDArray[np.floating]],
+        limits: NDArray[np.floating],
+        layers: Sequence[NDArray[np.floating]],
+        *,
+        threads: int = 0,
+    ) -> Sequence[NDArray[np.floating]]:
+        """Return a network's outputs for each pixel's features x.
+
+            x₀ = min(max(x, low), high),  xᵢ₊₁ = max(0, Wᵢ xᵢ + wᵢ),  out = the last layer's W x + w
+
+        Parameters
+        ----------
+        planes
+            n of (H, W), at most 256: the features. NaN counts as ``low``.
+        limits
+            (2, n): low, then high.
+        layers
+            (k, n + 1), each of at most 256 units k: W and in its last column w; n is the k of the layer before.
+
+        Returns
+        -------
+        (H, W) float32, one per unit of the last layer.
+
+        References
+        ----------
+        Rumelhart, Hinton & Williams, Nature 323, 533–536, 1986, doi:10.1038/323533a0.
+        """
+        weights = network_layers(layers, "planes", len(planes))
+        first = float32("planes[0]", planes[0], ("H", "W"))
+        checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
+        given = NetworkInput(checked, float32("limits", limits, (2, len(planes))), weights)
+        out = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+        return self._run("evaluate_network", given, out, threads)
+
+
+def network_layers(
+    layers: Sequence[NDArray[np.floating]], what: str, inputs: int
+) -> list[NDArray[np.float32]]:
+    """Return layers that fit each other and the inputs (``what`` in errors), or raise KernelError."""
+    _check_number(what, inputs)
+    if not layers:
+        raise KernelError("layers must be at least one")
+    weights = []
+    for i, layer in enumerate(layers):
+        weights.append(float32(f"layers[{i}]", layer, ("k", inputs + 1)))
+        inputs = len(weights[-1])
+        _check_number(f"units of layers[{i}]", inputs)
+    return weights
+
+
+def _check_number(what: str, number: int) -> None:
+    if not 1 <= number <= _MOST_UNITS:
+        raise KernelError(f"{what} must be 1 to {_MOST_UNITS}, not {number}")

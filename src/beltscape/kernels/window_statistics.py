@@ -1,0 +1,129 @@
+"""Statistics of square windows about given cells of a field: quadratics, means, minima, slopes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import CellIndices, cell_indices
+from beltscape.kernels.backend import KernelFamily
+
+BAND_ROWS = 128
+"""Rows whose cells share a table of running sums: it stays small, and so does what rounding adds up to."""
+TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+"""Powers of x and y in a quadratic."""
+FEWEST = 12
+"""Cells that its six coefficients need."""
+MOST_LEVERAGE = 30.0
+"""Variance of the value, times the number of cells, of one cell's; from here on it is extrapolated too far."""
+RIDGE = 1e-6
+"""Share of the cells that keeps cells all on a line from carrying one, above what is lost by rounding."""
+LEAST_SHARE = 1e-3
+"""A window of which less is measured has no mean."""
+SLOPE_SIDE = 7
+"""Cells across the window in which a plane is fitted."""
+LEAST_SPREAD = 1e-3
+"""Cells closer to a line than this (1 - correlation² of their positions) carry no plane."""
+
+
+class Quadratics(NamedTuple):
+    """Least-squares quadratics in windows of K sizes about H cells, NaN where they are not determined."""
+
+    value: NDArray[np.float64]
+    """(K, H) at the cell itself."""
+    miss: NDArray[np.float64]
+    """(K, H) root mean square by which the measured cells of the window miss it: 0 on a smooth surface."""
+    leverage: NDArray[np.float64]
+    """(K, H) variance of the value in units of one cell's over their number: 1 for a mean, much if extrapolated."""
+
+
+class WindowMeans(NamedTuple):
+    """Means in windows of K sizes about H cells."""
+
+    share: NDArray[np.float64]
+    """(K, H) of measured cells."""
+    mean: NDArray[np.float64]
+    """(K, H) of these; NaN where fewer than `LEAST_SHARE` are measured."""
+
+
+class WindowsInput(NamedTuple):
+    """Checked input of the windows about cells."""
+
+    field: NDArray[np.float64]
+    """(Ny, Nx)"""
+    rows: NDArray[np.int64]
+    """(H,)"""
+    columns: NDArray[np.int64]
+    """(H,)"""
+    sides: NDArray[np.int64]
+    """(K,)"""
+
+
+class FieldInput(NamedTuple):
+    """Checked input of `plane_slopes`."""
+
+    field: NDArray[np.float64]
+    """(Ny, Nx)"""
+
+
+class WindowStatisticsKernels(KernelFamily):
+    """Sums, fits and minima in windows of odd ``sides`` about ``cells`` of a ``field`` (Ny, Nx), NaN: not measured.
+
+    Running sums: F. C. Crow, Summed-area tables for texture mapping, SIGGRAPH 1984, doi:10.1145/800031.808600.
+    """
+
+    def quadratics(
+        self, field: NDArray[np.float64], cells: CellIndices, sides: tuple[int, ...], *, threads: int = 0
+    ) -> Quadratics:
+        """Fit quadratics to the measured cells of each window by normal equations; there are none outside the field.
+
+        Fields should lie about 0: their squares are summed.
+        """
+        given = _checked_windows(field, cells, sides)
+        out = np.empty((3, len(sides), len(given.rows)))
+        return Quadratics(*self._run("quadratics", given, out, threads))
+
+    def window_means(
+        self, field: NDArray[np.float64], cells: CellIndices, sides: tuple[int, ...], *, threads: int = 0
+    ) -> WindowMeans:
+        """Return the means of the measured cells; the field's border is repeated outside."""
+        given = _checked_windows(field, cells, sides)
+        out = np.empty((2, len(sides), len(given.rows)))
+        return WindowMeans(*self._run("window_means", given, out, threads))
+
+    def window_minima(
+        self, field: NDArray[np.float64], cells: CellIndices, sides: tuple[int, ...], *, threads: int = 0
+    ) -> NDArray[np.float64]:
+        """Return the (K, H) least measured values; NaN where there is none."""
+        del threads  # one is fast enough
+        given = _checked_windows(field, cells, sides)
+        (least,) = self._run("window_minima", given, (np.empty((len(sides), len(given.rows))),), 1)
+        return least
+
+    def plane_slopes(self, field: NDArray[np.float64], *, threads: int = 0) -> NDArray[np.float64]:
+        """Return (2, Ny, Nx) slopes in x and y, per cell, of the plane through the measured cells about each.
+
+        The window is of `SLOPE_SIDE`; 0 where fewer than its side were measured, or all on a line.
+        """
+        given = FieldInput(_checked_field(field))
+        (slopes,) = self._run("plane_slopes", given, (np.empty((2, *given.field.shape)),), threads)
+        return slopes
+
+
+def _checked_windows(field: NDArray[np.floating], cells: CellIndices, sides: tuple[int, ...]) -> WindowsInput:
+    """Return the checked input of windows about cells, or raise KernelError."""
+    checked = _checked_field(field)
+    if not sides or any(side < 1 or side % 2 == 0 for side in sides):
+        raise KernelError(f"sides must be odd and positive, not {sides}")
+    return WindowsInput(checked, *cell_indices(cells, checked.shape), np.array(sides, np.int64))
+
+
+def _checked_field(field: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the field (Ny, Nx) as contiguous float64, or raise KernelError."""
+    field = np.ascontiguousarray(field, dtype=np.float64)
+    if field.ndim != 2 or not field.size:
+        raise KernelError(f"field must have the shape (Ny, Nx), not {field.shape}")
+    return field

@@ -6,13 +6,13 @@ import json
 import time
 from pathlib import Path
 
-from beltscape.calibrate.adjust import adjust_bundle
-from beltscape.calibrate.chain import solve_hierarchy
-from beltscape.calibrate.heldout import cross_validate
-from beltscape.calibrate.sightings import detect_board
+from beltscape.calibrate.assessment.cross_validation import cross_validate
+from beltscape.calibrate.bundle_adjustment import adjust_bundle
+from beltscape.calibrate.detection.detect_capture import detect_board
+from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.evaluate.rig import score_rig_against_truth
+from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.files.capture import read_capture
 from beltscape.kernels import load
 from beltscape.target.board import Board, CharucoBoard, Chessboard, read_board

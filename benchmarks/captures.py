@@ -18,11 +18,11 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
-from beltscape.evaluate.other_grid import depth_on_grid_of, mask_on_grid_of
-from beltscape.evaluate.unseen import never_seen
-from beltscape.files.depth_tiff import read_float_tiff
-from beltscape.files.images import read_image
-from beltscape.files.json_text import read_json
+from beltscape.evaluate.truth.occluded_pixels import never_seen
+from beltscape.evaluate.truth.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.rasters.depth_tiff import read_float_tiff
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
 

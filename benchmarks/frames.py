@@ -10,10 +10,10 @@ import numpy as np
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.measure.belt import find_belt
-from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.volume import measure_volume
-from beltscape.stereo.search import find_depth_range
+from beltscape.measure.belt.empty_belt import find_belt
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import measure_volume
+from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from captures import FULL, LABELS, Scene, rendered
 from methods import HH, METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
 from timing import Cost, in_fresh_process

@@ -12,12 +12,12 @@ from scipy import ndimage
 
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
-from beltscape.stereo.belief import fitted
-from beltscape.stereo.brightness import difference_variance
-from beltscape.stereo.messages import addresses, near, rounds
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.prepared import PreparedFrame, grid_unit, prepare
-from beltscape.stereo.propagate import OCCLUDER_PX, offsets
+from beltscape.stereo.multiview.confidence.message_passing import addresses, near, rounds
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare
+from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.optimisation.propagation import OCCLUDER_PX, offsets
+from beltscape.stereo.multiview.selection.gain import difference_variance
+from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from timing import seconds
 

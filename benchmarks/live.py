@@ -18,7 +18,7 @@ import cv2
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.files.capture import read_capture
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import write_rig
 from timing import memory_mb
 

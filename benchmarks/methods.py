@@ -11,13 +11,13 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
-from beltscape.evaluate.depth import GROSS_MM, DepthScore, interior_pixels, score_depth
-from beltscape.evaluate.honesty import false_fill, pixel_locking, sigma_ratios
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.pairs.pairwise import PairwiseReconstructor, horizontal_auxiliary
-from beltscape.stereo.pairs.rectify import rectify_pair
-from beltscape.stereo.pairs.settings import PairwiseSettings
+from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_pixels, score_depth
+from beltscape.evaluate.scores.reliability import false_fill, pixel_locking, sigma_ratios
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairwise.rectification import rectify_pair
+from beltscape.stereo.pairwise.settings import PairwiseSettings
 from captures import Scene
 from timing import Cost, cost
 

@@ -2,7 +2,7 @@
 
     python benchmarks/real.py [REAL]
 
-REAL is a folder with the pairs of `beltscape.evaluate.real_pairs` (default: ../shared/data/real beside the
+REAL is a folder with the pairs of `beltscape.evaluate.real_pairs.read_pairs` (default: ../shared/data/real beside the
 repository); a pair that is not there is named and left out.
 """
 
@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.evaluate.depth import robust_sigma
-from beltscape.evaluate.disparity_pair import DisparityPair
-from beltscape.evaluate.real_pairs import METHODS, dice_auto, dice_gt4, motorcycle
-from beltscape.evaluate.speckle_pair import SpecklePair
+from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
+from beltscape.evaluate.real_pairs.read_pairs import METHODS, dice_auto, dice_gt4, motorcycle
+from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
+from beltscape.evaluate.scores.depth import robust_sigma
 
 PAIRS = {"dice_gt4_speckle": dice_gt4, "dice_stereo_auto": dice_auto, "middlebury_motorcycle": motorcycle}
 SUBSETS_PX = (1, 9, 25)

@@ -30,7 +30,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from beltscape.files.json_text import write_json
+from beltscape.files.documents.json_text import write_json
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from beltscape.sources.genicam.fake.bench import SimulatedCameras

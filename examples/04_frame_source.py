@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from itertools import islice
 
-from beltscape.simulate.heap import HeapSettings
-from beltscape.simulate.render import RenderSettings
+from beltscape.simulate.rendering.render import RenderSettings
 from beltscape.simulate.scenario import MotionSpec, RigSpec, Scenario
+from beltscape.simulate.solids.heap import HeapSettings
 from beltscape.simulate.source import SimulatedSource
 
 # Small and rough, so that it takes seconds; left out, each is as the paper has it.

@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.pose import Pose
-from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
-from beltscape.simulate.heap import HeapSettings, make_heap
+from beltscape.simulate.geometry.world import World
 from beltscape.simulate.laboratory import DOWN
-from beltscape.simulate.tof import simulate_tof_frame
-from beltscape.simulate.tof_settings import TofSettings
-from beltscape.simulate.tof_view import trace_tof_truth
-from beltscape.simulate.world import World
+from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
+from beltscape.simulate.solids.heap import HeapSettings, make_heap
+from beltscape.simulate.time_of_flight.camera import simulate_tof_frame
+from beltscape.simulate.time_of_flight.settings import TofSettings
+from beltscape.simulate.time_of_flight.view import trace_tof_truth
 
 SAMPLES = 3  # rays per pixel in each direction: pixels on a step mix what they see
 IDEAL = {"harmonics": (0.0, 0.0), "intensity_error_mm": 0.0, "scatter": 0.0, "multipath": False}

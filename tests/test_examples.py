@@ -15,12 +15,12 @@ import pytest
 from pydantic import BaseModel
 
 from beltscape.cli.main import COMMANDS, OneLineParser
+from beltscape.files.documents.toml_text import read_toml
 from beltscape.files.rig_json import read_rig
-from beltscape.files.toml_text import read_toml
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.simulate.scenario import Faults, Scenario
-from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.scene_assembly import SimulatedScene
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"

@@ -28,11 +28,11 @@ from beltscape.files import (
 from beltscape.files.capture import read_capture
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.measure.belt import find_belt, learn_belt
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import PRESETS, MultiviewSettings
-from beltscape.stereo.pairs.pairwise import PairwiseReconstructor
-from beltscape.stereo.pairs.settings import PairwiseSettings
+from beltscape.measure.belt.empty_belt import find_belt, learn_belt
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
+from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
+from beltscape.stereo.pairwise.settings import PairwiseSettings
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
 from synthetic.boards import row_of_cameras

@@ -17,12 +17,12 @@ import numpy as np
 
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.stereo.belief import fitted
-from beltscape.stereo.judge import closer_look
-from beltscape.stereo.messages import ASKED, addresses, near
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.scrutiny import Scrutiny, doubtful, sure
-from beltscape.stereo.windows import windows
+from beltscape.stereo.multiview.confidence.estimate import closer_look
+from beltscape.stereo.multiview.confidence.message_passing import ASKED, addresses, near
+from beltscape.stereo.multiview.confidence.refiner import Scrutiny, doubtful, sure
+from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.settings import MultiviewSettings
 from lessons import Lesson, lessons
 from samples import Truth, matcher_of, true, unit_of
 

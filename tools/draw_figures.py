@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.simulate.scenario import RigSpec
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.propagate import offsets
+from beltscape.stereo.multiview.optimisation.propagation import offsets
+from beltscape.stereo.multiview.settings import MultiviewSettings
 from drawing import AXIS, BELT, BOX, CAMERA, LIGHT, Point, Sheet, document
 
 OUT = Path(__file__).parents[1] / "docs/images"

@@ -10,8 +10,8 @@ from __future__ import annotations
 from math import cos, hypot, radians, sin
 from pathlib import Path
 
-from beltscape.simulate.belt_solid import BeltSettings
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
+from beltscape.simulate.solids.belt import BeltSettings
 from drawing import AXIS, BELT, BOX, CAMERA, LIGHT, Sheet, document
 
 OUT = Path(__file__).parents[1] / "docs/images/rig.svg"

@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 import beltscape
 from adam import Schedule, Slopes, fitted
-from beltscape.stereo.belief import fitted as shipped
+from beltscape.stereo.multiview.networks import fitted as shipped
 from samples import Sample, contests, pixels
 
 GROSS_MM = 4.0

@@ -21,17 +21,17 @@ from scipy import ndimage
 from scipy.linalg import block_diag
 
 from adam import Layers, Schedule, fitted
-from beltscape.core.belt_model import Belt
+from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.pose import Pose
 from beltscape.files.reconstruction import read_frame
-from beltscape.measure.belt import learn_belt
-from beltscape.measure.box import Box
-from beltscape.measure.holes.brinks import brinks
+from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.measure.holes.edge_fattening import brinks
 from beltscape.measure.holes.fill import fill_holes, hole_view
-from beltscape.measure.load import Load, compute_load
 from beltscape.measure.network import LOG_VARIANCE, Network
 from beltscape.measure.surface import Grid
-from beltscape.measure.uncertainty import compute_volume_sigma
+from beltscape.measure.volume.box import Box
+from beltscape.measure.volume.load import Load, compute_load
+from beltscape.measure.volume.uncertainty import compute_volume_sigma
 
 INSIDE = Schedule((16, 8), epochs=6, batch=1024, decay=1e-5, first=0.1)
 BESIDE = Schedule((12,), epochs=8, batch=512, decay=1e-4, first=0.1)
@@ -226,7 +226,9 @@ def report(one: Sample, by: tuple[Network, Network]) -> tuple[float, float]:
     volume = float(np.nansum(one.truth_mm)) * cell**2
     off = np.where(known, filled.value_mm - one.truth_mm, 0.0)
     x = load.grid.x_mm
-    weights = Box((float(x[0]) - cell / 2, float(x[-1]) + cell / 2), one.along_mm).integration_weights(load.grid)
+    weights = Box((float(x[0]) - cell / 2, float(x[-1]) + cell / 2), one.along_mm).integration_weights(
+        load.grid
+    )
     causes = compute_volume_sigma(load, filled, weights, one.belt)
     error, sigma = 100 * off.sum() * cell**2 / volume, 100 * causes.total_mm3 / volume
     holes = 100 * off[filled.hole].sum() * cell**2 / volume

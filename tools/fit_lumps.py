@@ -4,7 +4,7 @@
 
 Each CAPTURE is what ``beltscape simulate`` wrote of a loaded or an empty belt; it is learnt from as the truth has it,
 and, where a FRAME of ``beltscape reconstruct`` is named, as it was matched. Each is shown at three widths of
-cell, so that lumps of all sizes are met. Judge with beltscape.evaluate.lumps on captures that are
+cell, so that lumps of all sizes are met. Judge with beltscape.evaluate.scores.lumps on captures that are
 not among them.
 """
 
@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from adam import Layers, Schedule, fitted
-from beltscape.evaluate.lumps import true_depth, true_rocks
-from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.evaluate.scores.lumps import true_depth, true_rocks
+from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.lumps.features import features
 from beltscape.measure.lumps.raster import make_raster

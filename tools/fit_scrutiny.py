@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from beltscape.stereo.messages import OFFSETS
+from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
 from doubts import Tile, joined, read_tiles
 from fit_belief import BELIEVED, GROSS_MM, MAD, MOST_MM, ROUND, limits_of, numbers, write, write_text
 
@@ -39,7 +39,7 @@ NEAREST_PX, FARTHEST_PX = 0.05, 1.0
 
 
 class Conferring(nn.Module):
-    """All networks of `beltscape.stereo.messages` and the one before."""
+    """All networks of `beltscape.stereo.multiview.confidence.message_passing` and the one before."""
 
     def __init__(self, evidence: Tensor) -> None:
         super().__init__()

@@ -14,9 +14,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
-from beltscape.stereo.search import find_depth_range
+from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 
 Images = dict[str, np.ndarray]
 Spoil = Callable[[Images], Images]

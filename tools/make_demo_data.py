@@ -20,9 +20,9 @@ from beltscape.core.camera import Camera
 from beltscape.core.frames import to_grey
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.depth_tiff import write_float_tiff
-from beltscape.files.images import read_image
-from beltscape.files.json_text import write_json
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.rasters.depth_tiff import write_float_tiff
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import write_rig
 
 OUT = Path(__file__).parents[1] / "src" / "beltscape" / "data" / "demo"

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.progress import Silent
-from beltscape.evaluate.depth import interior_pixels
+from beltscape.evaluate.scores.depth import interior_pixels
 from beltscape.kernels import load
 from beltscape.kernels.candidates import Candidates
-from beltscape.stereo.contest import DOUBTFUL, Arena
-from beltscape.stereo.judge import closer_look, first_look, impressed
-from beltscape.stereo.matched import Match
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.places import Place
-from beltscape.stereo.prepared import grid_unit
-from beltscape.stereo.windows import windows
+from beltscape.stereo.multiview.confidence.estimate import closer_look, first_look, impressed
+from beltscape.stereo.multiview.frame.frame import grid_unit
+from beltscape.stereo.multiview.frame.pixels import Place
+from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.selection.candidates import DOUBTFUL, Arena
+from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.state import Match
 from lessons import Lesson, lessons
 
 ALONG_MM = 240.0

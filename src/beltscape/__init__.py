@@ -11,12 +11,12 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "BeltProfile": "beltscape.core.belt",
+    "BeltProfile": "beltscape.core.belt.height_map",
     "BeltscapeError": "beltscape.core.errors",
     "Camera": "beltscape.core.camera",
     "DepthMap": "beltscape.core.depth",
     "FrameSet": "beltscape.core.frames",
-    "HeightMap": "beltscape.core.belt",
+    "HeightMap": "beltscape.core.belt.height_map",
     "PointCloud": "beltscape.core.cloud",
     "Pose": "beltscape.core.pose",
     "Rig": "beltscape.core.rig",

@@ -15,7 +15,7 @@ from beltscape.alarms.rules import RULES
 from beltscape.alarms.settings import AlarmSettings, OversizeLump
 from beltscape.alarms.texts import TEXTS
 from beltscape.core.live import CameraHealth
-from beltscape.files.toml_text import validated
+from beltscape.files.documents.toml_text import validated
 from strategies import floats
 
 NAN = float("nan")

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.bundle import Bundle
-from beltscape.calibrate.jacobian import differentiate_by_pose, project_with_jacobians
-from beltscape.calibrate.levenberg import minimise
-from beltscape.calibrate.steady import single_thread
+from beltscape.calibrate.solver.bundle import Bundle
+from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.calibrate.solver.levenberg_marquardt import minimise
+from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
 from beltscape.core.pose import rotation_from_vector
 from synthetic.bundles import problem
 

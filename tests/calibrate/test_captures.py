@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detect import PrintVariant
+from beltscape.calibrate.detection.detector import PrintVariant
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.files.images import read_image, write_image
-from beltscape.files.json_text import to_json
+from beltscape.files.documents.json_text import to_json
+from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import rig_document
-from beltscape.pipeline.calibration import calibrate
-from beltscape.pipeline.calibration_files import calibration_document
-from beltscape.pipeline.check import check
+from beltscape.pipeline.calibrating.calibration import calibrate
+from beltscape.pipeline.calibrating.calibration_files import calibration_document
+from beltscape.pipeline.calibrating.check import check
 from beltscape.target.board import CharucoBoard, Chessboard
 from synthetic.boards import Print, board_poses, capture, row_of_cameras
 

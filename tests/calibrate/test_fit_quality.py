@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibrate.adjust import adjust_bundle
-from beltscape.calibrate.chain import solve_hierarchy
-from beltscape.calibrate.corner_noise import estimate_corner_noise_px
-from beltscape.calibrate.corners import BoardDetections
-from beltscape.calibrate.fit_doubts import list_calibration_findings
-from beltscape.calibrate.fit_quality import FitQuality, assess_fit, compute_camera_fits
-from beltscape.calibrate.heldout import cross_validate
-from beltscape.calibrate.score import ViewResiduals, compute_rig_errors, summarise_errors
+from beltscape.calibrate.assessment.corner_noise import estimate_corner_noise_px
+from beltscape.calibrate.assessment.cross_validation import cross_validate
+from beltscape.calibrate.assessment.fit_findings import list_calibration_findings
+from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit, compute_camera_fits
+from beltscape.calibrate.assessment.score import ViewResiduals, compute_rig_errors, summarise_errors
+from beltscape.calibrate.bundle_adjustment import adjust_bundle
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import CharucoBoard

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.adjust import adjust_bundle
-from beltscape.calibrate.chain import solve_hierarchy
-from beltscape.calibrate.corners import Corners
-from beltscape.calibrate.uncertainty import compute_depth_sigma, compute_rig_covariance
+from beltscape.calibrate.assessment.covariance import compute_depth_sigma, compute_rig_covariance
+from beltscape.calibrate.bundle_adjustment import adjust_bundle
+from beltscape.calibrate.detection.corners import Corners
+from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.adjust import adjust_bundle
-from beltscape.calibrate.chain import solve_hierarchy
+from beltscape.calibrate.bundle_adjustment import adjust_bundle
+from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
-from beltscape.evaluate.rig import score_rig_against_truth
+from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.kernels import load
 from synthetic.sightings import make_detections
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.intrinsics import PARAMETERS, MonocularCalibration, calibrate_camera
-from beltscape.calibrate.pairs import calibrate_pair, calibrate_pairs
-from beltscape.calibrate.se3 import log
+from beltscape.calibrate.intrinsics.zhang import PARAMETERS, MonocularCalibration, calibrate_camera
+from beltscape.calibrate.network.pairs import calibrate_pair, calibrate_pairs
+from beltscape.calibrate.solver.se3 import log
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.corners import Corners
-from beltscape.calibrate.resection import fit_board_pose
+from beltscape.calibrate.detection.corners import Corners
+from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.target.board import corner_points_mm
 from synthetic.sightings import make_detections
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.saddle import Saddles, Windows, fit_saddles
+from beltscape.calibrate.detection.saddle import Saddles, Windows, fit_saddles
 
 TRUE = np.array([[0.31, -0.22, 1.9, 0.25, np.log(0.8), 120.0, 0.4, -0.3, 70.0]])
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.heldout import cross_validate
-from beltscape.calibrate.score import compute_rig_errors, summarise_errors
+from beltscape.calibrate.assessment.cross_validation import cross_validate
+from beltscape.calibrate.assessment.score import compute_rig_errors, summarise_errors
 from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from beltscape.calibrate.se3 import (
+from beltscape.calibrate.solver.se3 import (
     adjoint,
     exp,
     left_jacobian,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibrate.corners import BoardDetections
-from beltscape.calibrate.intrinsics import calibrate_camera
-from beltscape.calibrate.sync import find_frame_misfits
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.intrinsics.zhang import calibrate_camera
+from beltscape.calibrate.network.synchronisation import find_frame_misfits
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses
 from synthetic.sightings import make_detections

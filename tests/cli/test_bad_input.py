@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.files.images import write_image
+from beltscape.files.rasters.images import write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.target.board import Chessboard
 from synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras

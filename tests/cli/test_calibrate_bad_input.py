@@ -11,8 +11,8 @@ from beltscape.cli.main import main
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Silent
 from beltscape.files.rig_json import write_rig
-from beltscape.pipeline.calibration import calibrate
-from beltscape.pipeline.check import check
+from beltscape.pipeline.calibrating.calibration import calibrate
+from beltscape.pipeline.calibrating.check import check
 from beltscape.target.board import read_board
 
 BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'

@@ -11,8 +11,8 @@ from beltscape.cli.main import main
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.depth_tiff import write_float_tiff
-from beltscape.files.json_text import write_json
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.rig_json import write_rig
 
 SIZE = (40, 30)

@@ -15,7 +15,9 @@ def test_grey_images_keep_their_counts(dtype):
 
 def test_luminance_is_rec_601_in_the_order_rgb():
     red, green, blue = np.eye(3, dtype=np.uint8)[:, None, None, :] * np.uint8(100)
-    assert [float(to_grey(c)[0, 0]) for c in (red, green, blue)] == pytest.approx([29.9, 58.7, 11.4], abs=1e-4)
+    assert [float(to_grey(c)[0, 0]) for c in (red, green, blue)] == pytest.approx(
+        [29.9, 58.7, 11.4], abs=1e-4
+    )
 
 
 def test_saturation_counts_a_pixel_once_whatever_its_channels():

@@ -16,7 +16,7 @@ from unittest.mock import patch
 import yaml
 
 from beltscape.cli.main import COMMANDS
-from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.tables.encoder_csv import read_encoder
 from docs.blocks import Block, read_blocks, read_spans, split_commands
 from docs.program import call, narrowed, parser_of, unknown_options
 from docs.system import ROOT, RULES, Wrong, demand, run_system

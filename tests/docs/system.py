@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from beltscape.files.toml_text import read_toml
+from beltscape.files.documents.toml_text import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 UNITS = {path.name for path in (ROOT / "deploy").iterdir()}

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.files.toml_text import validated
-from beltscape.pipeline.density import density_of_product
+from beltscape.files.documents.toml_text import validated
+from beltscape.pipeline.measuring.density import density_of_product
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.service.project import ProjectSettings

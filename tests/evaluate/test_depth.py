@@ -5,7 +5,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.evaluate.depth import interior_pixels, robust_sigma, score_depth
+from beltscape.evaluate.scores.depth import interior_pixels, robust_sigma, score_depth
 
 
 def depth_map(z: np.ndarray, sigma_mm: float = 0.1) -> DepthMap:

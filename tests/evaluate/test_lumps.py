@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.evaluate.lumps import overlap, score_lumps
+from beltscape.evaluate.scores.lumps import overlap, score_lumps
 from beltscape.measure.lumps.distribution import distribution
 from beltscape.measure.lumps.lumps import Lumps
 from beltscape.measure.lumps.shape import Lump

@@ -11,7 +11,7 @@ from beltscape.cli.main import main
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.depth_tiff import write_float_tiff
+from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.rig_json import write_rig
 
 SIZE = (300, 240)

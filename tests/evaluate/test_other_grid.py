@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.evaluate.truth.other_grid import depth_on_grid_of, mask_on_grid_of
 
 
 def rig(focal: float = 300.0, center: tuple[float, float] = (79.5, 59.5)) -> Rig:

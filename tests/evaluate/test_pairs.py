@@ -15,9 +15,9 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.disparity_pair import DisparityPair
-from beltscape.evaluate.speckle_pair import SpecklePair, nearest_depth_mm
-from beltscape.evaluate.subsets import find_subsets, turned_to_meet
+from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
+from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair, nearest_depth_mm
+from beltscape.evaluate.real_pairs.subsets import find_subsets, turned_to_meet
 
 LENS = np.array([-0.1, 0.05, 1e-3, -5e-4, 0.02])
 POSE = Pose.of([0.02, -0.15, 0.01], [-100.0, 3.0, 8.0])

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import OutputError
-from beltscape.files.atomic import output_folder, replacing, write_bytes, write_text
+from beltscape.files.folders.atomic import output_folder, replacing, write_bytes, write_text
 
 
 def test_text_is_utf_8_with_plain_line_ends(tmp_path):

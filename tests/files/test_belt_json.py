@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from beltscape.core.belt_model import Belt, BeltDeviation, BeltEdges
+from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose

@@ -6,7 +6,7 @@ import pytest
 import tifffile
 
 from beltscape.core.errors import InputError
-from beltscape.files.depth_tiff import read_float_tiff, write_float_tiff
+from beltscape.files.rasters.depth_tiff import read_float_tiff, write_float_tiff
 
 
 def depth() -> np.ndarray:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.errors import InputError
-from beltscape.core.flow import FlowRecord
-from beltscape.files.density import product_named, read_density_table
-from beltscape.files.encoder_csv import read_encoder
-from beltscape.files.flow_csv import HEADER, flow_line, write_flow
+from beltscape.files.tables.density import product_named, read_density_table
+from beltscape.files.tables.encoder_csv import read_encoder
+from beltscape.files.tables.flow_csv import HEADER, flow_line, write_flow
 
 GOOD = "frame,timestamp_s,belt_position_mm\n"
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from beltscape.core.belt import HeightMap
+from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.errors import InputError
-from beltscape.files.depth_tiff import write_float_tiff
-from beltscape.files.height_tiff import read_height_tiff, write_height_tiff
+from beltscape.files.rasters.depth_tiff import write_float_tiff
+from beltscape.files.rasters.height_tiff import read_height_tiff, write_height_tiff
 
 HEIGHT = np.arange(12.0).reshape(3, 4)
 HEIGHT[1, 2] = np.nan

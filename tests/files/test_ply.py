@@ -5,7 +5,7 @@ import pytest
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.files.ply import read_cloud, write_cloud
+from beltscape.files.meshes.ply import read_cloud, write_cloud
 
 TYPES = {"float": "<f4", "uchar": "u1"}
 PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma"]

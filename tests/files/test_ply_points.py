@@ -5,8 +5,8 @@ import pytest
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.files.ply import write_cloud
-from beltscape.files.ply_points import image_of_cloud, read_cloud
+from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.meshes.ply_points import image_of_cloud, read_cloud
 
 
 def cloud(count: int) -> PointCloud:

@@ -11,7 +11,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.depth_tiff import write_float_tiff
+from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.reconstruction import read_frame, write_frame
 from beltscape.files.rig_json import write_rig
 

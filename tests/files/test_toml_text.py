@@ -6,7 +6,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
-from beltscape.files.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validated
 
 
 class Ring(BaseModel):

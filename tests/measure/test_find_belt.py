@@ -8,7 +8,7 @@ from belt_scenes import Ball, Scene, depth_map, round_trough, trough
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
-from beltscape.measure.belt import Belt, find_belt
+from beltscape.measure.belt.empty_belt import Belt, find_belt
 
 BELTS = {
     "three rolls": trough(300, (250, 25)),

@@ -22,7 +22,9 @@ def test_it_does_its_sums() -> None:
     mean, sigma = found.predict_mean_and_sigma(values)
     np.testing.assert_allclose(mean, [6, 0])
     np.testing.assert_allclose(sigma, np.exp([1.0, 0.0]))
-    np.testing.assert_allclose(found.predict_probabilities(values), 1 / (1 + np.exp([[-6, -2], [0, 0]])), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.predict_probabilities(values), 1 / (1 + np.exp([[-6, -2], [0, 0]])), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", ["holes", "brinks", "lumps"])

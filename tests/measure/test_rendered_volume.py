@@ -10,9 +10,9 @@ import pytest
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.belt import find_belt, learn_belt
-from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.volume import measure_volume
+from beltscape.measure.belt.empty_belt import find_belt, learn_belt
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import measure_volume
 
 TRUTH = Path(__file__).parents[3] / "shared/data/rendered/truth"
 pytestmark = pytest.mark.skipif(

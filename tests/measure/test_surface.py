@@ -4,7 +4,7 @@ import numpy as np
 from belt_scenes import Ball, Scene, depth_map, trough
 
 from beltscape.core.depth import DepthMap
-from beltscape.measure.belt import find_belt
+from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.surface import Grid, compute_height_map, compute_sampling
 from beltscape.measure.trust import trusted
 

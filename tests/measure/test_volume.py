@@ -9,9 +9,9 @@ from pydantic import ValidationError
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
-from beltscape.measure.belt import learn_belt
-from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.volume import Volume, measure_volume
+from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import Volume, measure_volume
 
 TROUGH = trough(300, (250, 25))
 MIDDLE = {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 150.0)}

@@ -42,7 +42,7 @@ def small_frames(tmp_path_factory):
     """Frame folders of the empty and the loaded belt: one pair of cameras, the true rig."""
     from beltscape.core.progress import Silent
     from beltscape.files.rig_json import read_rig
-    from beltscape.pipeline.reconstruction import reconstruct_capture
+    from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
     out = tmp_path_factory.mktemp("frames")
     for scene in ("belt_empty", "belt_loaded"):

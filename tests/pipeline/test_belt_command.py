@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.files.belt_json import read_belt
-from beltscape.files.stl import read_stl
+from beltscape.files.meshes.stl import read_stl
 from synthetic.demo import only_json
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 

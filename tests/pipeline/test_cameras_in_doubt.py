@@ -11,11 +11,11 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.progress import Silent
-from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.pipeline.checked_matcher import CheckedMatcher
-from beltscape.pipeline.reconstruction import open_capture
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
+from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.motion import moved_rig
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 
@@ -142,7 +142,7 @@ def test_a_narrow_box_says_so_and_its_sigma_holds_the_rest(run, tmp_path):
     frame = read_frame(tmp_path / "r" / "000")
     depth = frame.depth.depth_mm.copy()
     depth[:, :250], depth[:, 360:] = np.nan, np.nan
-    from beltscape.files.depth_tiff import write_float_tiff
+    from beltscape.files.rasters.depth_tiff import write_float_tiff
 
     for name, values in (
         ("depth", depth),

@@ -15,8 +15,8 @@ from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.files.belt_json import write_belt
-from beltscape.measure.belt import learn_belt
-from beltscape.pipeline.flow_chain import ground_under
+from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.pipeline.measuring.flow_chain import ground_under
 
 LENS = replace(CAMERA, distortion=np.array([-0.12, 0.08, 5e-4, -3e-4, 0.0]))
 

@@ -9,11 +9,11 @@ from flow.moving_belt import ground
 
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Silent
-from beltscape.measure.flow.evidence import MotionEvidence
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.register import Shift
+from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.flow_checks import demand_consistent, motion_statement, warn_of_conflicts
+from beltscape.pipeline.measuring.flow_checks import demand_consistent, motion_statement, warn_of_conflicts
 
 ENCODER = Path("encoder.csv")
 STEP_MM = 200.0

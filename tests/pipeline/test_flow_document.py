@@ -10,12 +10,12 @@ import pytest
 from flow.moving_belt import Heap, depth_map, ground
 
 from beltscape.cli.measure_flow import summary
-from beltscape.core.flow import FlowRecord
-from beltscape.measure.flow.density import Density, unknown_density
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, Step
-from beltscape.measure.flow.picture import BeltPicture
-from beltscape.pipeline.flow import Flow
-from beltscape.pipeline.flow_files import write_flow_result
+from beltscape.measure.flow.records.density import Density, unknown_density
+from beltscape.pipeline.measuring.flow import Flow
+from beltscape.pipeline.measuring.flow_files import write_flow_result
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.calibrate.chain import solve_hierarchy
+from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.capture import Capture
 from beltscape.files.exchange import FORMATS, export_rig, read_intrinsics
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.pipeline.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import CharucoBoard
 from synthetic.boards import board_poses, row_of_cameras
 from synthetic.demo import DEMO, TRUE_RIG, only_json

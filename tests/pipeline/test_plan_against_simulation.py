@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.files.depth_tiff import read_float_tiff
+from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.pipeline.reconstruction import reconstruct_capture
+from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.plan.plan import make_plan
 from beltscape.plan.precision import predict_sigma_map

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltscape.core.pose import Pose
-from beltscape.files.images import read_image, write_image
+from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 

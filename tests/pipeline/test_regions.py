@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.files.images import read_image, write_image
+from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.regions import write_regions
+from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.stereo.markers.grid import find_marker_grid
 from synthetic.demo import DEMO, TRUE_RIG, only_json
 

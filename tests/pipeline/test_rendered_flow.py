@@ -11,13 +11,13 @@ from rendered import RENDERED, halved_frames, halved_rig, needs_rendered
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.files.images import read_image
-from beltscape.measure.belt import find_belt
-from beltscape.measure.flow.ground import ground_of
+from beltscape.files.rasters.images import read_image
+from beltscape.measure.belt.empty_belt import find_belt
+from beltscape.measure.flow.fusion.empty_belt_reference import ground_of
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
 
 FRAMES = ("008", "009", "010")
 

@@ -7,8 +7,8 @@ import pytest
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Silent
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.reconstruction import open_capture
-from beltscape.pipeline.search_range import check_depth_range, require_depth_range
+from beltscape.pipeline.reconstructing.reconstruction import open_capture
+from beltscape.pipeline.reconstructing.search_range import check_depth_range, require_depth_range
 from synthetic.demo import DEMO, TRUE_RIG
 
 

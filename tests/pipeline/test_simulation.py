@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detect import DEFAULT_VARIANT, make_detector
+from beltscape.calibrate.detection.detector import DEFAULT_VARIANT, make_detector
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.depth_tiff import read_float_tiff
-from beltscape.files.images import read_image
-from beltscape.files.json_text import read_json
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.rasters.depth_tiff import read_float_tiff
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.target.board import CharucoBoard, corner_points_mm, read_board
 from beltscape.target.module import read_module
 from simulate.tiny import tiny

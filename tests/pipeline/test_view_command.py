@@ -13,7 +13,7 @@ import pytest
 from beltscape.core.cloud import PointCloud
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.json_text import write_json
+from beltscape.files.documents.json_text import write_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from synthetic.packings import camera, ellipsoids, seen

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from beltscape.core.errors import InputError
-from beltscape.plan.baseline import list_alternatives, choose_baseline
+from beltscape.plan.baseline import choose_baseline, list_alternatives
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
 
@@ -111,7 +111,7 @@ def test_any_number_of_auxiliaries_finds_a_baseline_without_a_price(auxiliaries)
     ],
 )
 def test_odd_plants_are_planned_and_reported(settings):
-    from beltscape.report.plan import render_plan_page
+    from beltscape.report.planning.plan import render_plan_page
 
     plan = make_plan(settings)
     assert "Rig plan" in render_plan_page(plan)

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.plan.light import (
+    compute_light_budget,
     defocus_px,
     electrons_per_lux_s,
-    compute_light_budget,
     matching_sigma_px,
     needed_contrast_e,
 )
-from beltscape.plan.motion import blur_mm, frames_per_second, max_exposure_us, compute_motion
+from beltscape.plan.motion import blur_mm, compute_motion, frames_per_second, max_exposure_us
 from beltscape.plan.occlusion import visible_shares
 from beltscape.plan.settings import (
     BeltSettings,

@@ -5,23 +5,23 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from evaluate.paper.test_page import paper
 
-from beltscape.core.belt import HeightMap
-from beltscape.core.belt_model import Belt, BeltDeviation, BeltEdges
-from beltscape.core.flow import QUALITIES, FlowRecord
+from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
+from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
+from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.pose import Pose
 from beltscape.measure.flow.meter import Step
-from beltscape.measure.flow.motion import Place
-from beltscape.measure.flow.totals import FlowTotals
+from beltscape.measure.flow.motion.belt_motion import Place
+from beltscape.measure.flow.records.totals import FlowTotals
 from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.plan.plan import Plan, make_plan
 from beltscape.plan.settings import PlanSettings
-from beltscape.report.belt import belt_page
-from beltscape.report.flow import FlowReport, flow_page
-from beltscape.report.lumps import lumps_page
-from beltscape.report.plan import render_plan_page
-from evaluate.paper.test_page import paper
+from beltscape.report.measuring.belt import belt_page
+from beltscape.report.measuring.flow import FlowReport, flow_page
+from beltscape.report.measuring.lumps import lumps_page
+from beltscape.report.planning.plan import render_plan_page
 from synthetic.packings import camera, ellipsoids, seen
 
 LIMIT_MM = 62.0
@@ -90,7 +90,7 @@ def flow(count: int = 24) -> FlowReport:
 
 def pages() -> dict[str, str]:
     """Name → the report as text."""
-    from beltscape.evaluate.paper.page import paper_page
+    from beltscape.evaluate.paper.pages.page import paper_page
 
     return {
         "plan": render_plan_page(plan()),

@@ -5,7 +5,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.report.depth_picture import (
+from beltscape.report.drawing.depth_picture import (
     NO_TRUTH,
     confidence_panel,
     depth_panel,
@@ -15,8 +15,8 @@ from beltscape.report.depth_picture import (
     sigma_panel,
     views_panel,
 )
-from beltscape.report.legend import DIFFERENCE, DOUBT, QUIET, TRUST
-from beltscape.report.pictures import Panel
+from beltscape.report.drawing.legend import DIFFERENCE, DOUBT, QUIET, TRUST
+from beltscape.report.drawing.pictures import Panel
 
 SIZE = (776, 200)
 """A map as wide as a panel's picture is drawn pixel by pixel."""

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.report.legend import (
+from beltscape.report.drawing.legend import (
     DIFFERENCE,
     DOUBT,
     LEGEND_PX,

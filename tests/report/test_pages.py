@@ -8,17 +8,24 @@ from functools import partial
 import numpy as np
 import pytest
 
-from beltscape.core.flow import QUALITIES
+from beltscape.core.belt.flow_record import QUALITIES
 from beltscape.measure.lumps.lumps import FINES
-from beltscape.report import legend, palette
-from beltscape.report.charts import Chart, Entry, Key
-from beltscape.report.flow import flow_page
-from beltscape.report.flow_charts import flow_chart
-from beltscape.report.legend import DOUBT, HEIGHT, TRUST, Scale, Swatches
-from beltscape.report.lumps_pictures import BELT, OVERSIZE, largest, lumps_panels, shown_area, sized_picture
+from beltscape.report.drawing import legend, palette
+from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.legend import DOUBT, HEIGHT, TRUST, Scale, Swatches
+from beltscape.report.drawing.plots import NARROW, WIDE, Form, panels, to_svg
+from beltscape.report.measuring.flow import flow_page
+from beltscape.report.measuring.flow_charts import flow_chart
+from beltscape.report.measuring.lumps_pictures import (
+    BELT,
+    OVERSIZE,
+    largest,
+    lumps_panels,
+    shown_area,
+    sized_picture,
+)
 from beltscape.report.page import Section, Table, Tile, Tiles, render
-from beltscape.report.plan_drawing import make_side_charts, draw_side_view, make_top_chart
-from beltscape.report.plots import NARROW, WIDE, Form, panels, to_svg
+from beltscape.report.planning.plan_drawing import draw_side_view, make_side_charts, make_top_chart
 from report.layout import browser, layout_faults, needs_browser, text_faults
 from report.material import belt, flow, lumps, pages, plan
 
@@ -101,7 +108,7 @@ def test_what_is_drawn_is_seen_on_its_ground(dark):
 
 def test_a_chart_has_in_both_forms_the_colours_of_its_key():
     (two_side, along), top = make_side_charts(plan()), make_top_chart(plan())
-    from beltscape.report.belt import section_chart
+    from beltscape.report.measuring.belt import section_chart
 
     for chart in (two_side, along, top, section_chart(belt()), flow_chart(flow().records)):
         entries = [entry for key in chart.legends if isinstance(key, Key) for entry in key.entries]

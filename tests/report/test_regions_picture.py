@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.report.pictures import PANEL_PX
+from beltscape.report.drawing.pictures import PANEL_PX
 from beltscape.report.regions import regions_drawn, regions_picture
 from beltscape.stereo.markers.grid import find_marker_grid
 from stereo.projected import picture, view

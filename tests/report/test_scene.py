@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.report.scene import Scene, rig_scene
+from beltscape.report.drawing.scene import Scene, rig_scene
 from synthetic.boards import row_of_cameras
 
 

@@ -10,8 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from beltscape.core.belt_record import BeltRecord, CrossSection, Standing, Totals
-from beltscape.core.flow import FlowRecord
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Standing, Totals
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Observer
 

@@ -53,7 +53,7 @@ def test_cells_are_means_and_half_measured_is_measured():
     measured[0], measured[2], measured[3, : X.size // 2] = True, True, True
     window = BeltWindow(20, 10)
     window.add(BeltStretch(0, 5, X, height.astype(np.float32), measured))
-    rows = window.after()
+    rows = window.get_rows_after()
     assert rows is not None
     back, seen = decode_heights(rows.counts)
     np.testing.assert_allclose(back, [[5] * rows.x_mm.size, [25] * rows.x_mm.size], atol=0.04)
@@ -65,13 +65,13 @@ def test_only_the_new_rows_are_told_and_the_ring_stays_small():
     window = BeltWindow(1, 10)
     window.add(stretch(0, 101))
     mark = window.mark
-    assert window.after(mark) is None
+    assert window.get_rows_after(mark) is None
     window.add(stretch(505, 21))
-    rows = window.after(mark)
+    rows = window.get_rows_after(mark)
     assert rows is not None and rows.first == mark[1] and rows.first + len(rows.counts) == window.mark[1]
     for k in range(50):
         window.add(stretch(610 + k * 105, 21))
-    rows = window.after((mark[0], 0))
+    rows = window.get_rows_after((mark[0], 0))
     assert rows is not None and len(rows.counts) == 100
 
 
@@ -79,13 +79,13 @@ def test_a_gap_is_unknown_and_a_step_back_is_another_belt():
     window = BeltWindow(20, 10)
     window.add(stretch(0, 21))
     window.add(stretch(400, 21))
-    rows = window.after()
+    rows = window.get_rows_after()
     assert rows is not None
     known = (rows.counts != UNKNOWN).any(axis=1)
     assert known[:10].all() and not known[11:40].any() and known[40:].all()
     epoch = window.mark[0]
     window.add(stretch(100, 21))
-    fresh = window.after((epoch, 40))
+    fresh = window.get_rows_after((epoch, 40))
     assert fresh is not None and fresh.epoch == epoch + 1 and fresh.first == 10
 
 
@@ -100,4 +100,4 @@ def test_another_grid_is_another_belt():
 def test_too_little_says_nothing(rows):
     window = BeltWindow(20, 10)
     window.add(stretch(0, rows))
-    assert window.after() is None
+    assert window.get_rows_after() is None

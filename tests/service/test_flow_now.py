@@ -4,8 +4,8 @@ from math import isnan, nan
 
 import pytest
 
-from beltscape.core.belt_record import BeltRecord, Standing
-from beltscape.core.flow import FlowRecord
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 from beltscape.service.shown.flow import FlowAverage
 
 

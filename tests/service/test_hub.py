@@ -6,7 +6,7 @@ from math import inf
 import cv2
 import numpy as np
 
-from beltscape.core.belt_record import Totals
+from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import CameraHealth, FrameEvent
 from beltscape.service.hub import LiveState
@@ -75,7 +75,9 @@ def test_memory_is_bounded():
     live_state, _, _ = fed(3)
     for k in range(700):
         live_state.on_message(f"{k} " + "x" * 2000)
-    assert len(live_state.take_snapshot().notes) == 50 and all(len(text) <= 500 for _, text in live_state.take_snapshot().notes)
+    assert len(live_state.take_snapshot().notes) == 50 and all(
+        len(text) <= 500 for _, text in live_state.take_snapshot().notes
+    )
     live_state.on_health({f"c{k}": CameraHealth(f"c{k}", "ok", 0, 0, 0, 0) for k in range(1000)})
     assert len(live_state.take_snapshot().cameras) == 64
     live_state.on_records(live_state.list_records() * 300, Totals())
@@ -85,7 +87,9 @@ def test_memory_is_bounded():
 def test_a_picture_is_made_once_and_small(monkeypatch):
     live_state, _, _ = fed(2, picture_px=100)
     made = []
-    monkeypatch.setattr("beltscape.service.hub.encode_thumbnail", lambda *a: made.append(1) or encode_thumbnail(*a))
+    monkeypatch.setattr(
+        "beltscape.service.hub.encode_thumbnail", lambda *a: made.append(1) or encode_thumbnail(*a)
+    )
     first = live_state.get_picture("cam2")
     assert first is live_state.get_picture("cam2") and made == [1]
     assert first is not None

@@ -7,7 +7,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from beltscape.service.access.roles import User
+from beltscape.service.access.identity.roles import User
 from beltscape.service.hub import LiveState
 from beltscape.service.live import SentState, collect_messages
 from beltscape.service.server import serve

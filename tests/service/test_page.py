@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.live import Alarm
-from beltscape.service.access.roles import User
+from beltscape.service.access.identity.roles import User
 from beltscape.service.app import create_app
 from beltscape.service.server import serve
 from service.feeder import RunningServer

@@ -11,9 +11,9 @@ from typing import get_args
 import pytest
 
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.belt_record import STANDINGS
+from beltscape.core.belt.ledger_entries import STANDINGS
 from beltscape.core.live import AlarmState, CameraState, Severity
-from beltscape.service.access.roles import ROLES
+from beltscape.service.access.identity.roles import ROLES
 from beltscape.service.settings import Language
 from beltscape.service.shown.flow import Trend
 from beltscape.service.static import FOLDER

@@ -7,9 +7,9 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
-from beltscape.simulate.shapes import Mesh
-from beltscape.simulate.world import Label, Projector, Solid, Station, World
+from beltscape.simulate.geometry.shapes import Mesh
+from beltscape.simulate.geometry.world import Label, Projector, Solid, Station, World
+from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
 
 SIZE_PX = (160, 130)
 BELT = BeltSettings(length_mm=1200)

@@ -6,15 +6,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import SettingsError
-from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
-from beltscape.simulate.dropping import rasterise_rocks
-from beltscape.simulate.fines import FinesSettings, HeightField, make_fines_mesh, make_fines, limit_slope
-from beltscape.simulate.heap import HeapSettings, shift_solids, make_heap
-from beltscape.simulate.rock_sizes import SizeSettings
-from beltscape.simulate.rocks import Rock
-from beltscape.simulate.shapes import Mesh, triangulate_height_field, make_sphere
-from beltscape.simulate.trace import RayScene
-from beltscape.simulate.world import Label
+from beltscape.simulate.geometry.ray_casting import RayScene
+from beltscape.simulate.geometry.shapes import Mesh, make_sphere, triangulate_height_field
+from beltscape.simulate.geometry.world import Label
+from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
+from beltscape.simulate.solids.deposition import rasterise_rocks
+from beltscape.simulate.solids.fines import (
+    FinesSettings,
+    HeightField,
+    limit_slope,
+    make_fines,
+    make_fines_mesh,
+)
+from beltscape.simulate.solids.heap import HeapSettings, make_heap, shift_solids
+from beltscape.simulate.solids.rock_sizes import SizeSettings
+from beltscape.simulate.solids.rocks import Rock
 from strategies import seeds
 
 BELT = BeltSettings(length_mm=600)

@@ -12,8 +12,8 @@ from beltscape.core.scaling import scale_camera
 from beltscape.files.rig_json import write_rig
 from beltscape.simulate.laboratory import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
-from beltscape.target.pattern import PatternSettings, make_pattern
-from beltscape.target.pattern_json import write_pattern
+from beltscape.target.speckle.pattern import PatternSettings, make_pattern
+from beltscape.target.speckle.pattern_json import write_pattern
 from strategies import cameras
 
 DRAWN = RigSpec(scatter=0.0, scale=1.0)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.simulate.optics import Lens, Optics
-from beltscape.simulate.pinhole import make_pinholes
+from beltscape.simulate.rendering.optics import Lens, Optics
+from beltscape.simulate.rendering.pinhole import make_pinholes
 from synthetic.light import camera
 
 

@@ -11,11 +11,11 @@ import pytest
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.belt_solid import BeltSettings, make_belt_solids
-from beltscape.simulate.load_truth import compute_true_load
-from beltscape.simulate.module_solid import make_module_solids
-from beltscape.simulate.truth import trace_core_view
-from beltscape.simulate.world import Station, World
+from beltscape.simulate.geometry.world import Station, World
+from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
+from beltscape.simulate.solids.module import make_module_solids
+from beltscape.simulate.truth.core_truth import trace_core_view
+from beltscape.simulate.truth.load_truth import compute_true_load
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[3] / "shared/data/rendered"

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from beltscape.simulate.rock_sizes import SizeSettings, draw_sizes
-from beltscape.simulate.rocks import ShapeSettings, compute_centroid, make_rock
-from beltscape.simulate.shapes import make_box, make_cylinder
+from beltscape.simulate.geometry.shapes import make_box, make_cylinder
+from beltscape.simulate.solids.rock_sizes import SizeSettings, draw_sizes
+from beltscape.simulate.solids.rocks import ShapeSettings, compute_centroid, make_rock
 from strategies import seeds
 
 LAWS = [

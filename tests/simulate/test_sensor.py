@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.simulate.sensor import Sensor, expose, make_noise_seed
+from beltscape.simulate.rendering.sensor import Sensor, expose, make_noise_seed
 
 QUIET = {"shot_noise": False, "read_noise_e": 0.0, "electrons_at_1": 10_000.0, "full_well_e": 10_000.0}
 

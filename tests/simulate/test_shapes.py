@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.simulate.shapes import (
+from beltscape.simulate.geometry.shapes import (
     Mesh,
+    extrude,
+    join_meshes,
     make_box,
     make_cylinder,
-    subdivide,
-    extrude,
-    triangulate_height_field,
     make_icosahedron,
-    join_meshes,
     make_sphere,
+    subdivide,
+    triangulate_height_field,
 )
 from strategies import poses
 

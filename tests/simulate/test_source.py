@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.source import SimulatedSource
 from simulate.tiny import tiny

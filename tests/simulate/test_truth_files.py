@@ -7,9 +7,9 @@ import pytest
 
 from beltscape.core.pose import Pose
 from beltscape.files.rig_json import read_rig
-from beltscape.simulate.heap import HeapSettings, make_heap
-from beltscape.simulate.module_solid import place_module, make_module_solids
-from beltscape.simulate.truth_files import SceneDetails, write_boards, write_truth
+from beltscape.simulate.solids.heap import HeapSettings, make_heap
+from beltscape.simulate.solids.module import make_module_solids, place_module
+from beltscape.simulate.truth.truth_files import SceneDetails, write_boards, write_truth
 from beltscape.target.board import Chessboard, corner_points_mm
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 from simulate.scenes import BELT, station, world

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.files.flow_csv import HEADER as FLOW_HEADER
-from beltscape.files.flow_csv import flow_line
+from beltscape.files.tables.flow_csv import HEADER as FLOW_HEADER
+from beltscape.files.tables.flow_csv import flow_line
 from beltscape.sinks.csv_sink import HEADER, CsvSink
 from beltscape.sinks.settings import CsvSettings
 from sinks.ledgers import START_NS, ledger

@@ -5,7 +5,7 @@ import pytest
 
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.images import write_image
+from beltscape.files.rasters.images import write_image
 from beltscape.sources.folder import FolderSource
 
 SIZE = {"cam0": (30, 20), "cam1": (30, 20)}

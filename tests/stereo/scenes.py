@@ -17,8 +17,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from beltscape.stereo.nearness import nearness_unit
-from beltscape.stereo.prepared import PreparedFrame, prepare
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare
+from beltscape.stereo.multiview.frame.inverse_depth import nearness_unit
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Origin (3,) and rays (H, W, 3) → (H, W) how many rays' lengths away it is hit; inf where it is not."""

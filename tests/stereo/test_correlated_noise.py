@@ -10,10 +10,10 @@ from scenes import depth_mm, in_bits, pictures, plane, ring
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.evaluate.depth import robust_sigma
-from beltscape.stereo import judge
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.evaluate.scores.depth import robust_sigma
+from beltscape.stereo.multiview.confidence import estimate as judge
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
 
 SOLID = plane(700, 0.2, 0.1)
 RANGE = (620.0, 800.0)

@@ -9,9 +9,9 @@ from scenes import in_bits, pictures, plane, ring, scene
 
 from beltscape.core.frames import FrameSet
 from beltscape.kernels import load
-from beltscape.stereo.demosaicing import are_demosaiced, phase_ratio
-from beltscape.stereo.levels import grey_levels
-from beltscape.stereo.prepared import prepare
+from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, phase_ratio
+from beltscape.stereo.multiview.frame.frame import prepare
+from beltscape.stereo.multiview.frame.photometry import grey_levels
 
 METHODS = {
     "bilinear": cv2.COLOR_BayerRGGB2RGB,

@@ -9,9 +9,9 @@ import pytest
 from scenes import DEPTH_MM, plane, ring, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.noise import measured_noise
-from beltscape.stereo.prepared import Noise
-from beltscape.stereo.surface import Surface, with_slopes
+from beltscape.stereo.multiview.frame.frame import Noise
+from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
+from beltscape.stereo.multiview.optimisation.noise import measured_noise
 
 SLANTED = plane(DEPTH_MM, 0.2, 0.1)
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.kernels import load
-from beltscape.stereo.surface import Surface, finer, with_slopes
+from beltscape.stereo.multiview.frame.surface import Surface, finer, with_slopes
 from strategies import seeds
 
 slopes = st.floats(-0.25, 0.25)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from beltscape.kernels.arrays import WINDOW_LIMIT
 from beltscape.kernels.local_fit import fit_windows
-from beltscape.stereo.windows import windows
+from beltscape.stereo.multiview.frame.windows import windows
 
 widths = st.integers(1, 20_000)
 

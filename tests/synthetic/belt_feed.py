@@ -12,12 +12,12 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.rig import Rig
-from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.ground import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import Books
 from beltscape.pipeline.live.measuring import Bench, Measuring
-from beltscape.stereo.prior import Prior
+from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)
 CAMERAS = ("cam0", "cam1")

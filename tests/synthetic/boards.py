@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.images import write_image
+from beltscape.files.rasters.images import write_image
 from beltscape.target.board import Board, CharucoBoard
 
 SIZE_PX = (480, 400)

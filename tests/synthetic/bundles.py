@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibrate.lens import pack_intrinsics
+from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.target.board import corner_points_mm
 from synthetic.sightings import make_detections
 

@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.world import Label, Projector, Solid, Station
+from beltscape.simulate.geometry.world import Label, Projector, Solid, Station
 
 DOWN = Pose.of([np.pi, 0, 0], [0, 0, 700])
 """A camera or projector 700 mm above the belt that looks straight down."""

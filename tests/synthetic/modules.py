@@ -9,10 +9,10 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.module_solid import make_module_solids
-from beltscape.simulate.shapes import make_box
-from beltscape.simulate.trace import RayScene
-from beltscape.simulate.world import Label, Solid
+from beltscape.simulate.geometry.ray_casting import RayScene
+from beltscape.simulate.geometry.shapes import make_box
+from beltscape.simulate.geometry.world import Label, Solid
+from beltscape.simulate.solids.module import make_module_solids
 from beltscape.target.module import Module
 
 CENTER_MM = 730.0

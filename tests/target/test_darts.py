@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 from scipy.stats import chi2
 
-from beltscape.target.darts import GRAINS, _resolve_conflicts, throw_darts
-from beltscape.target.packing import MAX_SHARE, saturated_count, find_largest_d_min
+from beltscape.target.speckle.darts import GRAINS, _resolve_conflicts, throw_darts
+from beltscape.target.speckle.packing import MAX_SHARE, find_largest_d_min, saturated_count
 
 NO_DISCS = np.empty((0, 3))
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import SettingsError
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm, read_board
-from beltscape.target.paper import PAPERS_MM, choose_page
-from beltscape.target.print_board import RULER_MM, lay_out, make_ruler, write_board_files
-from beltscape.target.sheet import Sheet
-from beltscape.target.sheet_pdf import sheet_to_pdf
-from beltscape.target.sheet_png import draw_sheet
-from beltscape.target.sheet_svg import sheet_to_svg
+from beltscape.target.printing.paper import PAPERS_MM, choose_page
+from beltscape.target.printing.print_board import RULER_MM, lay_out, make_ruler, write_board_files
+from beltscape.target.printing.sheet import Sheet
+from beltscape.target.printing.sheet_pdf import sheet_to_pdf
+from beltscape.target.printing.sheet_png import draw_sheet
+from beltscape.target.printing.sheet_svg import sheet_to_svg
 
 CHARUCO = CharucoBoard(squares=(12, 9), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
 SMALL = CharucoBoard(squares=(5, 4), square_mm=25.4, marker_mm=18.1, dictionary="DICT_4X4_50")

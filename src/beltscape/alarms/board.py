@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
-from beltscape.alarms.finding import AlarmCondition
-from beltscape.alarms.latch import AlarmStateMachine, Delay, Elapsed
+from beltscape.alarms.condition import AlarmCondition
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, LoadSettings, NoMeasurement
+from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import format_detail
 from beltscape.core.live import Alarm
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from beltscape.alarms.finding import (
+from beltscape.alarms.condition import (
     AlarmCondition,
     ConditionState,
     compare_lower,

@@ -26,11 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Calibrate and write rig.json, calibration.json, report.html."""
-    from beltscape.files.atomic import output_folder
     from beltscape.files.exchange import read_intrinsics
-    from beltscape.pipeline.calibration import calibrate
-    from beltscape.pipeline.calibration_files import calibration_document, write_calibration
-    from beltscape.pipeline.known_intrinsics import KnownIntrinsics
+    from beltscape.files.folders.atomic import output_folder
+    from beltscape.pipeline.calibrating.calibration import calibrate
+    from beltscape.pipeline.calibrating.calibration_files import calibration_document, write_calibration
+    from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
     from beltscape.target.board import read_board
 
     board = read_board(arguments.board)

@@ -35,13 +35,17 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     for one in found:
         if one["trouble"]:
             reporter.warn(f"{one['device']} ({one['address']}): {one['trouble']}")
-    check = {} if settings is None else {name: inspection.check_settings(name, settings) for name in settings.devices}
+    check = (
+        {}
+        if settings is None
+        else {name: inspection.check_settings(name, settings) for name in settings.devices}
+    )
     return {"cameras": found, "check": check}
 
 
 def _settings(project: Path) -> CamerasSettings:
     from beltscape.core.errors import InputError
-    from beltscape.files.toml_text import read_toml, validated
+    from beltscape.files.documents.toml_text import read_toml, validated
     from beltscape.sources.genicam.settings import CamerasSettings
 
     values = read_toml(project)

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Score the rig."""
     from beltscape.files.rig_json import read_rig
-    from beltscape.pipeline.check import check
+    from beltscape.pipeline.calibrating.check import check
     from beltscape.target.board import read_board
 
     board, rig = read_board(arguments.board), read_rig(arguments.rig)

@@ -27,8 +27,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare every frame."""
     from beltscape.cli.arguments import positive
-    from beltscape.evaluate.reconstruction import score_reconstruction
-    from beltscape.evaluate.truth import WITHIN_MM, read_truth
+    from beltscape.evaluate.scores.reconstruction import score_reconstruction
+    from beltscape.evaluate.truth.simulated import WITHIN_MM, read_truth
 
     within = positive("--within", arguments.within) or WITHIN_MM
     truth = read_truth(arguments.truth, arguments.scene)

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare one frame's lumps with the rocks in view."""
     from beltscape.cli.arguments import positive
-    from beltscape.evaluate.lumps_of_frame import read_heap, score_frame
+    from beltscape.evaluate.scores.lumps_of_frame import read_heap, score_frame
     from beltscape.measure.lumps.settings import LumpSettings
 
     over = positive("--over", arguments.over) or OVER_MM

@@ -30,9 +30,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Render, measure, compare, and write report.html and paper.json."""
     from beltscape.evaluate.paper.experiments import evaluate_paper, paper_document
     from beltscape.evaluate.paper.laboratory import given_laboratory, rendered_laboratory
-    from beltscape.evaluate.paper.page import paper_page
-    from beltscape.files.atomic import output_folder, write_text
-    from beltscape.files.json_text import write_json
+    from beltscape.evaluate.paper.pages.page import paper_page
+    from beltscape.files.documents.json_text import write_json
+    from beltscape.files.folders.atomic import output_folder, write_text
 
     given = arguments.captures and given_laboratory(arguments.captures)
     out = output_folder(arguments.out)

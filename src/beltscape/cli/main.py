@@ -84,7 +84,7 @@ def _command(words: Sequence[str]) -> int:
 def _run(command: Command, arguments: argparse.Namespace) -> int:
     from beltscape.cli.output import output_of
     from beltscape.cli.terminal import Terminal
-    from beltscape.files.json_text import to_json
+    from beltscape.files.documents.json_text import to_json
 
     with Terminal() as terminal, output_of(arguments) as output:
         result = {**output.moved(command.run(arguments, terminal)), "warnings": terminal.warnings}

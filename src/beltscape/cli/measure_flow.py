@@ -12,7 +12,7 @@ from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
 if TYPE_CHECKING:
-    from beltscape.measure.flow.density import Density
+    from beltscape.measure.flow.records.density import Density
 
 _ASK_DIRECTION = "?"
 
@@ -56,11 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the flow and write it."""
-    from beltscape.files.atomic import output_folder
+    from beltscape.files.folders.atomic import output_folder
     from beltscape.files.rig_json import read_rig
     from beltscape.measure.flow.settings import FlowSettings
-    from beltscape.pipeline.flow import flow_of_capture
-    from beltscape.pipeline.flow_files import write_flow_result
+    from beltscape.pipeline.measuring.flow import flow_of_capture
+    from beltscape.pipeline.measuring.flow_files import write_flow_result
 
     if arguments.direction == _ASK_DIRECTION:
         raise SettingsError("--direction: say +y or -y, along or against the belt frame's y axis")
@@ -88,9 +88,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def _density(arguments: argparse.Namespace) -> Density:
     """What was told of it, in one of three ways."""
-    from beltscape.files.density import DENSITY_LIMITS
-    from beltscape.measure.flow.density import Density, unknown_density
-    from beltscape.pipeline.density import density_of_product, density_of_table
+    from beltscape.files.tables.density import DENSITY_LIMITS
+    from beltscape.measure.flow.records.density import Density, unknown_density
+    from beltscape.pipeline.measuring.density import density_of_product, density_of_table
 
     told = [
         name

@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
-    from beltscape.pipeline.doubts import warn_of_doubts
-    from beltscape.pipeline.lumps import lumps_document, lumps_of_frame, write_lumps
+    from beltscape.pipeline.measuring.lumps import lumps_document, lumps_of_frame, write_lumps
+    from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
 
     told = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:

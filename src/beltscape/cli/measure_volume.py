@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the volume."""
-    from beltscape.measure.settings import VolumeSettings
-    from beltscape.pipeline.volume import volume_document, volume_of_frames, write_volume
+    from beltscape.measure.volume.settings import VolumeSettings
+    from beltscape.pipeline.measuring.volume import volume_document, volume_of_frames, write_volume
 
     volume = volume_of_frames(
         arguments.loaded,

@@ -96,7 +96,7 @@ def _refuse_other_json(out: Path, example: str) -> None:
 
 
 def _folder(kind: str, out: Path, command: str) -> Any:
-    from beltscape.files.owned_folder import continued_folder, owned_folder
+    from beltscape.files.folders.owned_folder import continued_folder, owned_folder
 
     return (continued_folder if kind == "history" else owned_folder)(out, command)
 

@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Reconstruct every frame and write its folder."""
     from beltscape.files.rig_json import read_rig
-    from beltscape.pipeline.reconstruction import reconstruct_capture
+    from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
     result = reconstruct_capture(
         arguments.capture,

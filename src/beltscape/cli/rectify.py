@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Rectify every frame; write images, geometry and the check picture."""
     from beltscape.files.rig_json import read_rig
-    from beltscape.pipeline.rectification import rectify_capture
+    from beltscape.pipeline.reconstructing.rectification import rectify_capture
 
     rig = read_rig(arguments.rig)
     given = positive_range("--depth-range", arguments.depth_range)

@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Replay it, and write what was format_summary."""
     from beltscape.pipeline.live.assembly import Ways
+    from beltscape.service.lifecycle import log_to_stderr, make_stop_event
     from beltscape.service.plant import run_plant
     from beltscape.service.project import open_project, substitute_capture
-    from beltscape.service.until import log_to_stderr, make_stop_event
 
     project = substitute_capture(open_project(arguments.project), arguments.capture)
     log_to_stderr()
@@ -45,6 +45,6 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def summary(result: Mapping[str, Any]) -> str:
     """The result in a few lines."""
-    from beltscape.service.until import format_summary
+    from beltscape.service.lifecycle import format_summary
 
     return format_summary(result)

@@ -25,9 +25,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM, or the end of a capture."""
     from beltscape.pipeline.live.assembly import Ways
     from beltscape.service.check import check_plant
+    from beltscape.service.lifecycle import log_to_stderr, make_stop_event, make_watchdog
     from beltscape.service.plant import make_expiry_counter, run_plant
     from beltscape.service.project import open_project
-    from beltscape.service.until import log_to_stderr, make_stop_event, make_watchdog
 
     project = open_project(arguments.project)
     if arguments.check:
@@ -49,6 +49,6 @@ def summary(result: Mapping[str, Any]) -> str:
     if result.get("checked"):
         parts = (f"{name:<8} {line}" for name, line in result["parts"].items())
         return "\n".join([f"{result['project']}: the settings fit", *parts])
-    from beltscape.service.until import format_summary
+    from beltscape.service.lifecycle import format_summary
 
     return format_summary(result)

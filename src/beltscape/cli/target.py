@@ -78,16 +78,16 @@ def _add_board(board: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Make the target."""
-    from beltscape.files.atomic import output_folder
+    from beltscape.files.folders.atomic import output_folder
 
     make = _board if arguments.target == "board" else _pattern
     return make(arguments, output_folder(arguments.out), reporter)
 
 
 def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    from beltscape.files.toml_text import validated
+    from beltscape.files.documents.toml_text import validated
     from beltscape.pipeline.pattern_files import write_pattern_files
-    from beltscape.target.pattern import PRESETS, PatternSettings, make_pattern
+    from beltscape.target.speckle.pattern import PRESETS, PatternSettings, make_pattern
 
     overrides = {
         "size_px": arguments.size,
@@ -117,9 +117,9 @@ def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Ma
 
 
 def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    from beltscape.files.toml_text import validated
+    from beltscape.files.documents.toml_text import validated
     from beltscape.target.board import CharucoBoard, Chessboard
-    from beltscape.target.print_board import lay_out, write_board_files
+    from beltscape.target.printing.print_board import lay_out, write_board_files
 
     marks = {"marker": arguments.marker, "dictionary": arguments.dictionary}
     if arguments.corners is not None:

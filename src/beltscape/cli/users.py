@@ -74,7 +74,7 @@ def _data_folder(place: Path) -> Path:
     """The data folder itself, or what a project.toml says: nothing else of it needs to be in order."""
     if place.is_dir():
         return place
-    from beltscape.files.toml_text import read_toml
+    from beltscape.files.documents.toml_text import read_toml
 
     data = read_toml(place).get("data", "data")
     if not isinstance(data, str):

@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt_record import BeltRecord, Totals
+from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.frames import FrameSet
 
 CameraState = Literal["ok", "waiting", "lost", "unusable"]

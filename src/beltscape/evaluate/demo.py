@@ -16,24 +16,24 @@ from beltscape.core.frames import Image
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.rig import Rig
-from beltscape.evaluate.depth import DepthScore, score_depth
-from beltscape.evaluate.rig import RigScore, score_rig_against_truth
-from beltscape.files.depth_tiff import read_float_tiff
-from beltscape.files.images import read_image
-from beltscape.files.json_text import read_json
+from beltscape.evaluate.scores.depth import DepthScore, score_depth
+from beltscape.evaluate.scores.rig import RigScore, score_rig_against_truth
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.rasters.depth_tiff import read_float_tiff
+from beltscape.files.rasters.images import read_image
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
-from beltscape.measure.settings import VolumeSettings
-from beltscape.measure.volume import Volume
-from beltscape.pipeline.calibration import Calibration, calibrate
-from beltscape.pipeline.calibration_files import write_calibration
-from beltscape.pipeline.reconstruction import open_capture, reconstruct_capture
-from beltscape.pipeline.rectification import rectify, rectify_capture
-from beltscape.pipeline.volume import volume_of_frames, write_volume
-from beltscape.report.pictures import Panel
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import Volume
+from beltscape.pipeline.calibrating.calibration import Calibration, calibrate
+from beltscape.pipeline.calibrating.calibration_files import write_calibration
+from beltscape.pipeline.measuring.volume import volume_of_frames, write_volume
+from beltscape.pipeline.reconstructing.reconstruction import open_capture, reconstruct_capture
+from beltscape.pipeline.reconstructing.rectification import rectify, rectify_capture
+from beltscape.report.drawing.pictures import Panel
 from beltscape.report.rectification import check_panels
-from beltscape.stereo.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.board import read_board
 
 SCENES = ("belt_empty", "belt_loaded", "module")

@@ -6,14 +6,14 @@ import numpy as np
 
 from beltscape.core.rig import Rig
 from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, MAIN, METHODS, Demo
-from beltscape.evaluate.depth import DepthScore
-from beltscape.files.ply import read_cloud
-from beltscape.report.depth_picture import depth_panel, error_panel, sigma_panel
-from beltscape.report.legend import NEAR_TO_FAR, Scale
+from beltscape.evaluate.scores.depth import DepthScore
+from beltscape.files.meshes.ply import read_cloud
+from beltscape.report.drawing.depth_picture import depth_panel, error_panel, sigma_panel
+from beltscape.report.drawing.legend import NEAR_TO_FAR, Scale
+from beltscape.report.drawing.pictures import Panel, to_rgb
+from beltscape.report.drawing.scene import Scene, rig_scene
+from beltscape.report.measuring.volume import height_chart, litres, profiles_chart
 from beltscape.report.page import Pictures, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import Panel, to_rgb
-from beltscape.report.scene import Scene, rig_scene
-from beltscape.report.volume import height_chart, litres, profiles_chart
 
 TITLES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
 CLOUD_POINTS = 30_000

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt_model import Belt, BeltDeviation, BeltEdges
+from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
-from beltscape.files.json_text import read_json, write_json
-from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.folders.paths import AnyPath, as_path
 
 FORMAT = "beltscape-belt/1"
 _MEND = "give a belt.json of beltscape measure belt"

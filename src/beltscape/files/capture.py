@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.files.images import EXTENSIONS
-from beltscape.files.manifest import require_finished
-from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.folders.manifest import require_finished
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.rasters.images import EXTENSIONS
 
 
 @dataclass(frozen=True, slots=True)

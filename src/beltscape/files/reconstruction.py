@@ -15,13 +15,13 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.rig import Rig
-from beltscape.files.atomic import output_folder
-from beltscape.files.depth_tiff import read_float_tiff, write_float_tiff
-from beltscape.files.images import EXTENSIONS, read_image, write_image
-from beltscape.files.json_text import read_json, write_json
-from beltscape.files.manifest import require_finished
-from beltscape.files.paths import AnyPath, as_path
-from beltscape.files.ply import write_cloud
+from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.manifest import require_finished
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.rasters.depth_tiff import read_float_tiff, write_float_tiff
+from beltscape.files.rasters.images import EXTENSIONS, read_image, write_image
 from beltscape.files.rig_json import read_rig
 
 FORMAT, DOCUMENT = "beltscape-reconstruction/1", "reconstruction.json"

@@ -12,9 +12,9 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.json_text import read_json, write_json
-from beltscape.files.manifest import require_finished
-from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.folders.manifest import require_finished
+from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rig_limits import refusal_of
 
 FORMAT = "beltscape-rig/1"

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt import HeightMap
+from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose

@@ -13,24 +13,25 @@ from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.files.atomic import output_folder, write_text
-from beltscape.files.depth_tiff import write_float_tiff
-from beltscape.files.images import EXTENSIONS, write_image
-from beltscape.files.json_text import write_json
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.documents.plain_text import read_text
+from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.rasters.depth_tiff import write_float_tiff
+from beltscape.files.rasters.images import EXTENSIONS, write_image
 from beltscape.files.rig_json import write_rig
-from beltscape.files.text import read_text
-from beltscape.files.toml_text import read_toml, validated
 from beltscape.report.simulation import draw_simulated_frame
+from beltscape.simulate.geometry.world import World
 from beltscape.simulate.laboratory import DOWN
-from beltscape.simulate.load_truth import compute_true_load
-from beltscape.simulate.optics import Lens
-from beltscape.simulate.renderer import resolve_engine
+from beltscape.simulate.rendering.engine import resolve_engine
+from beltscape.simulate.rendering.optics import Lens
 from beltscape.simulate.scenario import KINDS, Scenario
-from beltscape.simulate.stage import SimulatedScene
-from beltscape.simulate.tof import make_tof_camera
-from beltscape.simulate.tof_view import render_tof
-from beltscape.simulate.truth import trace_core_view
-from beltscape.simulate.truth_files import (
+from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.simulate.time_of_flight.camera import make_tof_camera
+from beltscape.simulate.time_of_flight.view import render_tof
+from beltscape.simulate.truth.core_truth import trace_core_view
+from beltscape.simulate.truth.load_truth import compute_true_load
+from beltscape.simulate.truth.truth_files import (
     SceneDetails,
     write_arrays,
     write_belt,
@@ -38,9 +39,8 @@ from beltscape.simulate.truth_files import (
     write_station,
     write_truth,
 )
-from beltscape.simulate.world import World
-from beltscape.target.pattern import PRESETS
-from beltscape.target.print_board import board_to_toml
+from beltscape.target.printing.print_board import board_to_toml
+from beltscape.target.speckle.pattern import PRESETS
 
 
 def read_scenario(scene: str, overrides: Mapping[str, Any]) -> Scenario:

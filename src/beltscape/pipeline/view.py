@@ -13,14 +13,14 @@ from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.atomic import write_text
-from beltscape.files.json_text import read_json
-from beltscape.files.ply_points import read_cloud
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.folders.atomic import write_text
+from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.files.reconstruction import frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.solids import read_outlines
-from beltscape.report.scene import rig_scene
-from beltscape.report.scene_solids import belt_triangles
+from beltscape.pipeline.measuring.solids import read_outlines
+from beltscape.report.drawing.scene import rig_scene
+from beltscape.report.drawing.scene_solids import belt_triangles
 from beltscape.report.viewer import Viewed, ViewedCloud, viewer_page
 
 _POINTS = 300_000

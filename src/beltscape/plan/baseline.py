@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltscape.core.errors import InputError
-from beltscape.plan.footprint import area_mm2, project_footprint, overlap_shares, clip_to_strip
+from beltscape.plan.footprint import area_mm2, clip_to_strip, overlap_shares, project_footprint
 from beltscape.plan.occlusion import visible_shares
 from beltscape.plan.precision import predict_sigma_mm
 from beltscape.plan.settings import PlanSettings

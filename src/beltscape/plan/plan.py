@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltscape.core.errors import InputError
-from beltscape.plan.baseline import Alternative, list_alternatives, choose_baseline
+from beltscape.plan.baseline import Alternative, choose_baseline, list_alternatives
 from beltscape.plan.coverage import PlaneCoverage, compute_coverage, usable_length_mm
-from beltscape.plan.light import LightBudget, defocus_px, compute_light_budget
+from beltscape.plan.light import LightBudget, compute_light_budget, defocus_px
 from beltscape.plan.motion import Motion, compute_motion
 from beltscape.plan.mounting import Mounting, compute_mounting
 from beltscape.plan.precision import SigmaMap, predict_sigma_map

@@ -8,9 +8,9 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.report.palette import light
-from beltscape.report.plots import STYLE, Form, panels, to_png
-from beltscape.target.blue_noise import LOW_FREQUENCY, BlueNoise
+from beltscape.report.drawing.palette import light
+from beltscape.report.drawing.plots import STYLE, Form, panels, to_png
+from beltscape.target.speckle.blue_noise import LOW_FREQUENCY, BlueNoise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

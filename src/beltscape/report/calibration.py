@@ -7,18 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.adjust import BundleAdjustmentResult
-from beltscape.calibrate.chain import HierarchyResult
-from beltscape.calibrate.fit_quality import FitQuality
-from beltscape.calibrate.guidance import NextBestView
-from beltscape.calibrate.network import Misclosure
-from beltscape.calibrate.score import RigErrors, Score
-from beltscape.calibrate.uncertainty import DepthSigma, RigCovariance
+from beltscape.calibrate.assessment.covariance import DepthSigma, RigCovariance
+from beltscape.calibrate.assessment.fit_quality import FitQuality
+from beltscape.calibrate.assessment.next_best_view import NextBestView
+from beltscape.calibrate.assessment.score import RigErrors, Score
+from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibrate.hierarchy import HierarchyResult
+from beltscape.calibrate.network.association import Misclosure
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
+from beltscape.report.drawing.pictures import Panel, to_rgb
+from beltscape.report.drawing.scene import Scene, rig_scene
 from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, Turnable, render
-from beltscape.report.pictures import Panel, to_rgb
-from beltscape.report.scene import Scene, rig_scene
 from beltscape.target.board import Board
 
 CLOSURE = ("error °", "error mm", "χ² / dof")

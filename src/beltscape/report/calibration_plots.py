@@ -10,14 +10,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltscape.calibrate.score import RigErrors
-from beltscape.calibrate.uncertainty import DepthSigma
+from beltscape.calibrate.assessment.covariance import DepthSigma
+from beltscape.calibrate.assessment.score import RigErrors
 from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
-from beltscape.report.charts import Chart
-from beltscape.report.legend import DARK_IS_SURE, DOUBT, Scale
-from beltscape.report.palette import light
-from beltscape.report.plots import Form, faded, map_height, panels, show_map
+from beltscape.report.drawing.charts import Chart
+from beltscape.report.drawing.legend import DARK_IS_SURE, DOUBT, Scale
+from beltscape.report.drawing.palette import light
+from beltscape.report.drawing.plots import Form, faded, map_height, panels, show_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-from beltscape.report import markup, palette
-from beltscape.report.charts import Chart, Entry, Key
-from beltscape.report.pictures import Panel
-from beltscape.report.scene import Scene
+from beltscape.report.drawing import markup, palette
+from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.pictures import Panel
+from beltscape.report.drawing.scene import Scene
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
-from beltscape.report.legend import PAPER, Rgb, text_width, write
-from beltscape.report.pictures import Panel, sheet, to_rgb
-from beltscape.stereo.pairs.rectified import RectifiedImages
-from beltscape.stereo.pairs.rectify import upright_turns
+from beltscape.report.drawing.legend import PAPER, Rgb, text_width, write
+from beltscape.report.drawing.pictures import Panel, sheet, to_rgb
+from beltscape.stereo.pairwise.rectification import upright_turns
+from beltscape.stereo.pairwise.rectified_images import RectifiedImages
 
 LINES = 9
 _TEXT_PX = 32

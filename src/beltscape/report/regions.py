@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.report.legend import Rgb
-from beltscape.report.pictures import Panel, sheet, to_rgb
+from beltscape.report.drawing.legend import Rgb
+from beltscape.report.drawing.pictures import Panel, sheet, to_rgb
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.markers.regions import region_outline
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
-from beltscape.report.legend import NEAR_TO_FAR, Rgb, Scale
-from beltscape.report.pictures import Panel, sheet, span, to_rgb
+from beltscape.report.drawing.legend import NEAR_TO_FAR, Rgb, Scale
+from beltscape.report.drawing.pictures import Panel, sheet, span, to_rgb
 
 
 def draw_simulated_frame(frame_set: FrameSet, depth_mm: NDArray[np.float64], columns: int = 3) -> Rgb:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from beltscape.report.legend import DOUBT, HEIGHT, Rgb
-from beltscape.report.pictures import span
+from beltscape.report.drawing.legend import DOUBT, HEIGHT, Rgb
+from beltscape.report.drawing.pictures import span
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -1,4 +1,4 @@
-"""The operator's page and the programming interface behind it, as one application."""
+"""The web application: the operator's page and its HTTP interface."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from beltscape.sinks.historian import Historian
 def create_app(
     live_state: LiveState, history: Historian, access: Access, controls: Controls, settings: WebSettings
 ) -> FastAPI:
-    """All of it: page, API with its OpenAPI description at /api/openapi.json, WebSocket, metrics, access."""
+    """Return the application: page, API (described at /api/openapi.json), WebSocket, metrics and access."""
     app = FastAPI(
         title="Beltscape",
         version=__version__,
         summary="Bulk material on a conveyor belt: flow, totals, surface, alarms, history.",
         openapi_url="/api/openapi.json",
-        docs_url=None,  # its page would load scripts from elsewhere
+        docs_url=None,  # its page would load scripts from other servers
         redoc_url=None,
     )
     live_state.restore_totals(history.totals)
-    behind = AppContext(live_state, history, controls, settings)
-    for room in (state, pictures, controls_api, history_api, export, metrics):
+    context = AppContext(live_state, history, controls, settings)
+    for module in (state, pictures, controls_api, history_api, export, metrics):
         app.include_router(module.make_router(context))
     live.add_live_route(app, context)
     app.mount("/page", make_static_files(), name="page")

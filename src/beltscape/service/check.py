@@ -1,4 +1,4 @@
-"""A project checked as a whole, its page included, before it runs."""
+"""The check of a whole project before it runs: `beltscape run --check`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from beltscape.service.server import check_listening
 
 
 def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: bool) -> dict[str, str]:
-    """Return a line for each part that a run would open.
+    """Return one line for each part that a run would open.
 
     Raises
     ------
     BeltscapeError
-        The first thing that does not fit, with the names of the other parts that do not.
+        The first fault, with the names of the other parts that have one.
     """
     lines: dict[str, str] = {}
     faults: dict[str, BeltscapeError] = {}
@@ -27,7 +27,7 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
         try:
             lines[name] = check()
         except BeltscapeError as error:
-            if all(str(error) != str(other) for other in faults.values()):  # one rig, three readers
+            if all(str(error) != str(other) for other in faults.values()):  # three parts read the same rig
                 faults[name] = error
         reporter.step("checking", len(lines) + len(faults), len(checks))
     if faults:

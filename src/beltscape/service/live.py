@@ -1,4 +1,4 @@
-"""What open pages are sent, as it happens, over a WebSocket.
+"""The live stream: what open pages receive over the WebSocket /api/live.
 
 Text messages are JSON objects with a ``kind``:
 
@@ -7,14 +7,14 @@ flow     points for the chart: {"kind", "first", "wall_ms": [...], "m3_h": [...]
 records  the newest entries of the ledger: {"kind", "records": [{number, from_m, to_m, standing, reason}, ...]}
 
 Binary messages begin with the length of a JSON header (uint32, little endian), the header, blanks up to a multiple
-of 4 bytes, then uint16 heights, little endian, as ``shown.belt.encode`` gives them:
+of 4 bytes, then uint16 heights, little endian, as ``encode_heights`` returns them:
 
 belt     rows of the belt's surface: {"kind", "epoch", "first", "rows", "columns", "cell_mm", "x_mm": [first, last],
          "step_mm", "offset_mm"}
 section  the newest cross-section: {"kind", "number", "belt_m": [from, to], "x_mm": [...], "step_mm", "offset_mm"}
 
-Nothing is queued: a page that reads slowly gets what is newest when it can take more. At least once a second
-there is a state, so a page that hears nothing for some seconds knows that the connection is lost.
+Nothing is queued: a page that reads slowly receives the newest data when it can take more. A state is sent at least
+once a second, so a page that receives nothing for some seconds can conclude that the connection is lost.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import numpy as np
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from numpy.typing import NDArray
 
-from beltscape.core.belt_record import BeltRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.service.access import get_socket_user
 from beltscape.service.api.common import AppContext
 from beltscape.service.api.state import StateOut
@@ -42,50 +42,50 @@ _ROWS_A_MESSAGE = 512
 
 @dataclass(slots=True)
 class SentState:
-    """What one page knows already."""
+    """What has been sent to one page."""
 
     points: int = 0
     record: int = -1
     belt: tuple[int, int] | None = None
     state: str = ""
-    quiet: int = 0
+    silent_calls: int = 0
 
 
-def collect_messages(live_state: LiveState, told: SentState, quiet_at_most: int) -> list[str | bytes]:
-    """Messages that bring a page up to date; ``told`` then knows them.
+def collect_messages(live_state: LiveState, sent: SentState, max_silent_calls: int) -> list[str | bytes]:
+    """Return the messages that bring a page up to date, and record them in ``sent``.
 
-    The same state is not told twice, unless nothing was told for ``quiet_at_most`` calls.
+    An unchanged state is sent again only after ``max_silent_calls`` calls without one.
     """
     messages: list[str | bytes] = []
-    state = StateOut.of(live_state.take_snapshot()).model_dump_json()
-    told.quiet += 1
-    if _without_clock(state) != told.state or told.quiet >= quiet_at_most:
-        told.state, told.quiet = _without_clock(state), 0
+    state = StateOut.from_snapshot(live_state.take_snapshot()).model_dump_json()
+    sent.silent_calls += 1
+    if _without_clock(state) != sent.state or sent.silent_calls >= max_silent_calls:
+        sent.state, sent.silent_calls = _without_clock(state), 0
         messages.append(f'{{"kind":"state",{state[1:]}')
-    count, points = live_state.list_points(told.points)
+    count, points = live_state.list_points(sent.points)
     if points:
         messages.append(_flow_message(count - len(points), points))
-        told.points = count
-    records = live_state.list_records(told.record)
+        sent.points = count
+    records = live_state.list_records(sent.record)
     if records:
         messages.append(_records_message(records))
-        told.record = records[-1].number
+        sent.record = records[-1].number
         messages.extend(_section_message(records))
-    mark, rows = live_state.get_belt(told.belt)
+    mark, rows = live_state.get_belt(sent.belt)
     if rows is not None:
         messages.extend(_belt_messages(rows))
-    told.belt = mark
+    sent.belt = mark
     return messages
 
 
 def _without_clock(state: str) -> str:
-    """The state without what grows by itself."""
+    """Return the state without the values that change with time alone."""
     parts = json.loads(state)
     parts["wall_ms"] = parts["health_age_s"] = parts["frames"]["age_s"] = 0
     return json.dumps(parts)
 
 
-def _rounded(value: float, digits: int) -> float | None:
+def _round_or_none(value: float, digits: int) -> float | None:
     return round(value, digits) if isfinite(value) else None
 
 
@@ -94,9 +94,9 @@ def _flow_message(first: int, points: list[FlowPoint]) -> str:
         "kind": "flow",
         "first": first,
         "wall_ms": [point.wall_ms for point in points],
-        "m3_h": [_rounded(point.flow.volume_m3_h, 3) for point in points],
-        "sigma": [_rounded(point.flow.sigma_m3_h, 3) for point in points],
-        "t_h": [_rounded(point.flow.mass_t_h, 3) for point in points],
+        "m3_h": [_round_or_none(point.flow.volume_m3_h, 3) for point in points],
+        "sigma": [_round_or_none(point.flow.sigma_m3_h, 3) for point in points],
+        "t_h": [_round_or_none(point.flow.mass_t_h, 3) for point in points],
     }
     return json.dumps(message, separators=(",", ":"))
 
@@ -116,7 +116,7 @@ def _records_message(records: list[BeltRecord]) -> str:
 
 
 def _section_message(records: list[BeltRecord]) -> list[bytes]:
-    """The newest section that there is, if any."""
+    """Return the message of the newest cross-section, if any."""
     newest = next((record for record in reversed(records) if record.section is not None), None)
     if newest is None or newest.section is None:
         return []
@@ -133,7 +133,7 @@ def _section_message(records: list[BeltRecord]) -> list[bytes]:
 
 
 def _belt_messages(rows: BeltRows) -> list[bytes]:
-    """Rows in pieces that are no burden to a slow line."""
+    """Return the rows in messages that are small enough for a slow connection."""
     messages: list[bytes] = []
     for start in range(0, rows.counts.shape[0], _ROWS_A_MESSAGE):
         counts = rows.counts[start : start + _ROWS_A_MESSAGE]
@@ -153,14 +153,14 @@ def _belt_messages(rows: BeltRows) -> list[bytes]:
 
 
 def pack_binary(header: dict[str, object], counts: NDArray[np.uint16]) -> bytes:
-    """One binary message."""
+    """Return one binary message."""
     head = json.dumps(header, separators=(",", ":")).encode()
     head += b" " * (-len(head) % 4)
     return len(head).to_bytes(4, "little") + head + counts.astype("<u2").tobytes()
 
 
 def add_live_route(app: FastAPI, context: AppContext) -> None:
-    """Add the WebSocket to the app."""
+    """Add the WebSocket route to ``app``."""
 
     @app.websocket(PATH)
     async def live(socket: WebSocket) -> None:
@@ -169,33 +169,38 @@ def add_live_route(app: FastAPI, context: AppContext) -> None:
             await socket.close(1008)
             return
         await socket.accept()
-        tasks = {asyncio.create_task(_send_updates(socket, context)), asyncio.create_task(_wait_for_disconnect(socket))}
+        tasks = {
+            asyncio.create_task(_send_updates(socket, context)),
+            asyncio.create_task(_wait_for_disconnect(socket)),
+        }
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             for task in tasks:
                 task.cancel()
-            for ended in await asyncio.gather(*tasks, return_exceptions=True):
-                if isinstance(ended, Exception) and not isinstance(ended, _DISCONNECT_ERRORS):
-                    raise ended
+            for result in await asyncio.gather(*tasks, return_exceptions=True):
+                if isinstance(result, Exception) and not isinstance(result, _DISCONNECT_ERRORS):
+                    raise result
 
 
 _DISCONNECT_ERRORS = (WebSocketDisconnect, TimeoutError, RuntimeError)
-"""What sending to a page that has left, or takes nothing, may raise."""
+"""Errors of sending to a page that has closed or reads nothing."""
 
 
 async def _send_updates(socket: WebSocket, context: AppContext) -> None:
-    """Tell one page what is new, for ever."""
+    """Send one page its updates until the task is cancelled."""
     rate_hz = context.settings.page_rate_hz
-    told = SentState()
+    sent = SentState()
     while True:
-        for message in await asyncio.to_thread(collect_messages, context.live_state, told, max(round(rate_hz), 1)):
+        for message in await asyncio.to_thread(
+            collect_messages, context.live_state, sent, max(round(rate_hz), 1)
+        ):
             sending = socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message)
             await asyncio.wait_for(sending, _SEND_S)
         await asyncio.sleep(1 / rate_hz)
 
 
 async def _wait_for_disconnect(socket: WebSocket) -> None:
-    """Return when the page has left; what it says before is not listened to."""
+    """Return when the page has disconnected; its messages are ignored."""
     while (await socket.receive())["type"] != "websocket.disconnect":
         pass

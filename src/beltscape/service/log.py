@@ -1,4 +1,4 @@
-"""What happens, as lines of a log: for a terminal or systemd's journal."""
+"""An observer that writes the events of a run to the log, for a terminal or systemd's journal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from time import monotonic
 
-from beltscape.core.belt_record import BeltRecord, Totals
+from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 
 _LOG = logging.getLogger("beltscape")
@@ -15,7 +15,7 @@ _LEVEL = {"info": logging.INFO, "warning": logging.WARNING, "critical": logging.
 
 
 class LogObserver:
-    """An ``Observer``: notes, changes of cameras and alarms at once, the totals once a minute."""
+    """Logs messages and changes of cameras and alarms at once, the totals once a minute."""
 
     def __init__(self) -> None:
         self._states: dict[str, str] = {}
@@ -23,10 +23,10 @@ class LogObserver:
         self._logged_s = monotonic()
 
     def on_frame(self, event: FrameEvent) -> None:
-        """Too often for a log."""
+        """Ignore single frame sets."""
 
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:  # noqa: ARG002
-        """The totals, once a minute."""
+        """Log the totals, once a minute."""
         if monotonic() - self._logged_s < _EVERY_S:
             return
         self._logged_s = monotonic()
@@ -41,10 +41,10 @@ class LogObserver:
         )
 
     def on_surface(self, stretch: BeltStretch) -> None:
-        """Nothing to read."""
+        """Ignore the belt's surface."""
 
     def on_health(self, cameras: Mapping[str, CameraHealth]) -> None:
-        """A camera whose state has changed."""
+        """Log the cameras whose state has changed."""
         for name, camera in cameras.items():
             if self._states.get(name) != camera.state:
                 level = logging.INFO if camera.state in ("ok", "waiting") else logging.WARNING
@@ -54,7 +54,7 @@ class LogObserver:
             self._states[name] = camera.state
 
     def on_alarms(self, alarms: Sequence[Alarm]) -> None:
-        """An alarm whose state has changed."""
+        """Log the alarms whose state has changed."""
         for alarm in alarms:
             if self._alarms.get(alarm.name, "clear") != alarm.state:
                 level = _LEVEL[alarm.severity] if alarm.state == "raised" else logging.INFO
@@ -68,5 +68,5 @@ class LogObserver:
             self._alarms[alarm.name] = alarm.state
 
     def on_message(self, message: str) -> None:
-        """As it is."""
+        """Log the message as a warning."""
         _LOG.warning("%s", message)

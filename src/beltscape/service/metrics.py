@@ -1,4 +1,4 @@
-"""What Prometheus scrapes: the same figures as on the page, in its text format 0.0.4."""
+"""The metrics endpoint: the figures of the page in Prometheus's text format 0.0.4."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Family:
     help: str
     samples: tuple[Sample, ...]
 
-    def text(self) -> str:
-        """As the format wants it; samples that are not known (NaN) are left out."""
+    def format(self) -> str:
+        """Return the metric in the text format; unknown samples (NaN) are left out."""
         lines = [f"# HELP {self.name} {_escape(self.help)}", f"# TYPE {self.name} {self.kind}"]
         for suffix, labels, value in self.samples:
             if isnan(value):
@@ -45,7 +45,7 @@ class Family:
         return "\n".join(lines) + "\n"
 
 
-def _plain(name: str, suffix: str, value: float) -> str:
+def _format_sample(name: str, suffix: str, value: float) -> str:
     return f"{name}{suffix} {_format_number(value)}"
 
 
@@ -63,31 +63,31 @@ def _format_number(value: float) -> str:
     return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
 
 
-def _make_gauge(name: str, said: str, *values: float) -> Family:
-    return Family(f"beltscape_{name}", "gauge", said, tuple(("", {}, value) for value in values))
+def _make_gauge(name: str, help_text: str, *values: float) -> Family:
+    return Family(f"beltscape_{name}", "gauge", help_text, tuple(("", {}, value) for value in values))
 
 
-def _make_counter(name: str, said: str, value: float) -> Family:
-    return Family(f"beltscape_{name}", "counter", said, (("", {}, value),))
+def _make_counter(name: str, help_text: str, value: float) -> Family:
+    return Family(f"beltscape_{name}", "counter", help_text, (("", {}, value),))
 
 
 def _make_labelled(
     name: str,
     kind: Literal["gauge", "counter"],
-    said: str,
+    help_text: str,
     samples: Iterable[tuple[Mapping[str, str], float]],
 ) -> Family:
-    return Family(f"beltscape_{name}", kind, said, tuple(("", labels, value) for labels, value in samples))
+    return Family(f"beltscape_{name}", kind, help_text, tuple(("", labels, value) for labels, value in samples))
 
 
-def format_metrics(live_state: LiveState, now: Snapshot) -> str:
-    """The whole text."""
-    families = [*_flow(now), *_totals(now), *_frames(live_state, now), *_cameras(now), *_alarms(now)]
-    return "".join(family.text() for family in families)
+def format_metrics(live_state: LiveState, snapshot: Snapshot) -> str:
+    """Return all metrics as text."""
+    families = [*_list_flow(snapshot), *_list_totals(snapshot), *_list_frames(live_state, snapshot), *_list_cameras(snapshot), *_list_alarms(snapshot)]
+    return "".join(family.format() for family in families)
 
 
-def _flow(now: Snapshot) -> list[Family]:
-    flow = now.flow
+def _list_flow(snapshot: Snapshot) -> list[Family]:
+    flow = snapshot.flow
     return [
         _make_labelled("info", "gauge", "Version of the running program.", [({"version": __version__}, 1)]),
         _make_gauge(
@@ -98,15 +98,17 @@ def _flow(now: Snapshot) -> list[Family]:
         _make_gauge(
             "flow_sigma_cubic_metres_per_hour", "One standard deviation of the volume flow.", flow.sigma_m3_h
         ),
-        _make_gauge("flow_tonnes_per_hour", "Mass flow; absent where no bulk density is known.", flow.mass_t_h),
+        _make_gauge(
+            "flow_tonnes_per_hour", "Mass flow; absent where no bulk density is known.", flow.mass_t_h
+        ),
         _make_gauge("load_area_square_metres", "Mean cross-section of the load.", flow.area_mm2 * 1e-6),
-        _make_gauge("belt_speed_metres_per_second", "Speed of the belt.", now.frames.speed_mm_s * 1e-3),
+        _make_gauge("belt_speed_metres_per_second", "Speed of the belt.", snapshot.frames.speed_mm_s * 1e-3),
         _make_gauge("strip_coverage_ratio", "Share of the belt that was measured, 0..1.", flow.coverage),
     ]
 
 
-def _totals(now: Snapshot) -> list[Family]:
-    totals = now.totals
+def _list_totals(snapshot: Snapshot) -> list[Family]:
+    totals = snapshot.totals
     standings = (("valid", totals.valid_mm), ("degraded", totals.degraded_mm), ("missing", totals.missing_mm))
     belt = [({"standing": name}, length_mm * 1e-3) for name, length_mm in standings]
     return [
@@ -126,15 +128,15 @@ def _totals(now: Snapshot) -> list[Family]:
     ]
 
 
-def _frames(live_state: LiveState, now: Snapshot) -> list[Family]:
-    frames = now.frames
-    counts, seconds = live_state.durations.cumulative()
+def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Family]:
+    frames = snapshot.frames
+    counts, seconds = live_state.durations.compute_cumulative()
     buckets = [
         ("_bucket", {"le": _format_number(bound)}, float(n))
         for bound, n in zip((*BOUNDS_S, inf), counts, strict=True)
     ]
-    took = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
-    help_took = "From the last image's arrival to its measurement."
+    samples = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
+    help_text = "From the last image's arrival to its measurement."
     return [
         _make_counter("frame_sets_total", "Frame sets measured since the start.", frames.done),
         _make_counter(
@@ -143,14 +145,16 @@ def _frames(live_state: LiveState, now: Snapshot) -> list[Family]:
             frames.dropped,
         ),
         _make_gauge("frame_sets_waiting", "Frame sets in the queue.", frames.waiting),
-        _make_gauge("frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage),
-        _make_gauge("frame_age_seconds", "Since the last frame set; +Inf before the first.", now.frame_age_s),
-        Family("beltscape_processing_seconds", "histogram", help_took, took),
+        _make_gauge(
+            "frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage
+        ),
+        _make_gauge("frame_age_seconds", "Since the last frame set; +Inf before the first.", snapshot.frame_age_s),
+        Family("beltscape_processing_seconds", "histogram", help_text, samples),
     ]
 
 
-def _cameras(now: Snapshot) -> list[Family]:
-    cameras = now.cameras
+def _list_cameras(snapshot: Snapshot) -> list[Family]:
+    cameras = snapshot.cameras
     states = [
         ({"camera": one.name, "state": state}, float(one.state == state))
         for one in cameras
@@ -171,7 +175,9 @@ def _cameras(now: Snapshot) -> list[Family]:
             "Trigger instants without an image.",
             [(at, one.missed) for at, one in each],
         ),
-        _make_labelled("camera_rate_hertz", "gauge", "Images per second.", [(at, one.rate_hz) for at, one in each]),
+        _make_labelled(
+            "camera_rate_hertz", "gauge", "Images per second.", [(at, one.rate_hz) for at, one in each]
+        ),
         _make_labelled(
             "camera_skew_seconds",
             "gauge",
@@ -181,16 +187,16 @@ def _cameras(now: Snapshot) -> list[Family]:
     ]
 
 
-def _alarms(now: Snapshot) -> list[Family]:
+def _list_alarms(snapshot: Snapshot) -> list[Family]:
     on = [
         ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "acknowledged")))
-        for one in now.alarms
+        for one in snapshot.alarms
     ]
     new = [
         ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "gone")))
-        for one in now.alarms
+        for one in snapshot.alarms
     ]
-    disk = any(one.name == "disk_full" and one.state in ("raised", "acknowledged") for one in now.alarms)
+    disk = any(one.name == "disk_full" and one.state in ("raised", "acknowledged") for one in snapshot.alarms)
     return [
         _make_labelled("alarm_active", "gauge", "1 while the alarm's condition holds.", on),
         _make_labelled("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),
@@ -203,20 +209,23 @@ def make_router(context: AppContext) -> APIRouter:
     router = APIRouter(tags=["metrics"])
     viewer = require_role("viewer")
 
-    def reader(request: Request) -> User | None:
-        """Whoever may look; with ``metrics_open`` also programs on this machine."""
-        here = request.client is not None and request.client.host in ("127.0.0.1", "::1")
-        return None if context.settings.metrics_open and here else viewer(request)
+    def get_reader(request: Request) -> User | None:
+        """Return the viewer; with ``metrics_open`` also accept programs on this machine."""
+        is_local = request.client is not None and request.client.host in ("127.0.0.1", "::1")
+        return None if context.settings.metrics_open and is_local else viewer(request)
 
-    allowed = Depends(reader)
+    allowed = Depends(get_reader)
 
     @router.get(
         "/metrics",
         response_class=Response,
-        responses=describe_refusals() | {200: {"content": {MEDIA_TYPE: {}}, "description": "Prometheus text format"}},
+        responses=describe_refusals()
+        | {200: {"content": {MEDIA_TYPE: {}}, "description": "Prometheus text format"}},
     )
     def metrics(_: User | None = allowed) -> Response:
         """Figures for Prometheus."""
-        return Response(format_metrics(context.live_state, context.live_state.take_snapshot()), media_type=MEDIA_TYPE)
+        return Response(
+            format_metrics(context.live_state, context.live_state.take_snapshot()), media_type=MEDIA_TYPE
+        )
 
     return router

@@ -1,4 +1,4 @@
-"""A running plant: engine, history, page and access of one project.toml."""
+"""Runs a project: engine, history, operator's page and access of one project.toml."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from threading import Event
 from time import time
 from typing import Any
 
-from beltscape.core.belt_record import Totals
+from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.live import Observers
 from beltscape.files.systemd import notify
 from beltscape.pipeline.live.assembly import Assembled, Ways, assemble
@@ -19,14 +19,14 @@ from beltscape.service.access import Access
 from beltscape.service.access.tls import read_expiry
 from beltscape.service.app import create_app
 from beltscape.service.hub import LiveState
+from beltscape.service.lifecycle import log_address
 from beltscape.service.log import LogObserver
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import RunningServer, check_listening, serve
-from beltscape.service.until import log_address
 
 _DAY_S = 86_400.0
 _POLL_S = 0.1
-"""How often it is looked whether to stop."""
+"""Interval at which the stop event is checked."""
 
 
 def run_plant(
@@ -36,20 +36,20 @@ def run_plant(
     *,
     page: bool,
 ) -> dict[str, Any]:
-    """Measure until ``stop`` is set or a recording ends, then stop in good order; what was counted.
+    """Measure until ``stop`` is set or a recording ends, then shut down and return the summary of the run.
 
-    ``page``: serve the operator's page meanwhile.
+    ``page``: serve the operator's page while it runs.
 
     Raises
     ------
     InputError, SettingsError, MeasureError, OutputError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     if page:
         check_listening(project.settings.web)  # before the history is opened
     live_state = LiveState(project.settings.web)
     assembled = assemble(project, ways, Observers([live_state, LogObserver()]))
-    before = assembled.historian.totals
+    totals_before = assembled.historian.totals
     with _serve_page(project, ways.data, live_state, assembled) if page else nullcontext() as running:
         assembled.engine.start()
         notify("READY=1")
@@ -59,14 +59,16 @@ def run_plant(
                 pass
         finally:
             notify("STOPPING=1")
-            left = assembled.engine.stop()
-    answer = _make_summary(project, ways.data, before, assembled.historian.totals, left)
+            unwritten = assembled.engine.stop()
+    summary = _make_summary(project, ways.data, totals_before, assembled.historian.totals, unwritten)
     assembled.close()
-    return answer
+    return summary
 
 
 @contextmanager
-def _serve_page(project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: Assembled) -> Iterator[RunningServer]:
+def _serve_page(
+    project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: Assembled
+) -> Iterator[RunningServer]:
     web = project.settings.web
     with closing(Access(data, web.access)) as access:
         running = serve(create_app(live_state, assembled.historian, access, assembled.engine, web), web)
@@ -77,17 +79,17 @@ def _serve_page(project: Project[ProjectSettings], data: Path, live_state: LiveS
 
 
 def make_expiry_counter(certificate: Path | None, key: Path | None) -> Callable[[], float]:
-    """How many days the certificate is still good for; NaN without one."""
+    """Return a function that gives the days until the certificate expires; NaN without a certificate."""
     if certificate is None or key is None:
         return lambda: float("nan")
-    ends = read_expiry(certificate, key)
-    return lambda: (ends - time()) / _DAY_S
+    expiry_s = read_expiry(certificate, key)
+    return lambda: (expiry_s - time()) / _DAY_S
 
 
 def _make_summary(
-    project: Project[ProjectSettings], data: Path, before: Totals, after: Totals, left: int
+    project: Project[ProjectSettings], data: Path, before: Totals, after: Totals, unwritten: int
 ) -> dict[str, Any]:
-    """What was counted in this run, and in all."""
+    """Return what this run counted, and the totals of all runs."""
     return {
         "project": project.path,
         "data": data,
@@ -97,6 +99,6 @@ def _make_summary(
         "valid_mm": after.valid_mm - before.valid_mm,
         "degraded_mm": after.degraded_mm - before.degraded_mm,
         "missing_mm": after.missing_mm - before.missing_mm,
-        "unwritten_records": left,
+        "unwritten_records": unwritten,
         "totals": asdict(after),
     }

@@ -1,4 +1,4 @@
-"""All of project.toml, the page included."""
+"""project.toml with the operator's page: reading, and replay of a capture in place of the cameras."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from beltscape.sources.encoder.settings import EncoderSettings
 
 
 class ProjectSettings(RunSettings):
-    """The whole tree."""
+    """All settings of project.toml."""
 
     web: WebSettings = WebSettings()
     """The operator's page: the table [web]."""
 
 
 def open_project(path: Path) -> Project[ProjectSettings]:
-    """Read and check project.toml; InputError with one line that names the key, its value and the mend."""
+    """Read and validate project.toml; InputError with one line that names the key, its value and the fix."""
     project = read_project(path, ProjectSettings)
     web = project.settings.web
     files = {key: getattr(web, key) for key in ("tls_certificate", "tls_key")}
-    places = {key: file and project.place(file) for key, file in files.items()}
-    settings = project.settings.model_copy(update={"web": web.model_copy(update=places)})
+    paths = {key: file and project.place(file) for key, file in files.items()}
+    settings = project.settings.model_copy(update={"web": web.model_copy(update=paths)})
     return Project(project.path, settings)
 
 
 def substitute_capture(project: Project[ProjectSettings], capture: Path | None) -> Project[ProjectSettings]:
-    """The project with a recorded capture in place of its cameras, its own or the one given, once through.
+    """Return the project with a recorded capture in place of its cameras, played once.
 
-    Positions come from the capture's encoder.csv, where the project has an encoder and the capture the table.
+    ``capture`` defaults to the project's own. Positions come from the capture's encoder.csv if the project has an
+    encoder and the capture has that table.
 
     Raises
     ------
     InputError
-        When neither names a capture.
+        If neither names a capture.
     """
     settings = project.settings
     own = settings.capture
@@ -43,8 +44,8 @@ def substitute_capture(project: Project[ProjectSettings], capture: Path | None) 
         raise InputError(f"{project.path}: has no [capture]; name one with --capture")
     folder = project.place(own.folder) if capture is None and own is not None else capture
     rate = None if own is None else own.frames_per_s
-    chosen = CaptureSettings(folder=(folder or Path()).resolve(), frames_per_s=rate, loop=False)
-    update: dict[str, object] = {"cameras": None, "capture": chosen}
-    if settings.encoder.kind in ("file", "udp", "camera") and (chosen.folder / "encoder.csv").is_file():
+    replayed = CaptureSettings(folder=(folder or Path()).resolve(), frames_per_s=rate, loop=False)
+    update: dict[str, object] = {"cameras": None, "capture": replayed}
+    if settings.encoder.kind in ("file", "udp", "camera") and (replayed.folder / "encoder.csv").is_file():
         update["encoder"] = EncoderSettings(kind="capture")
     return Project(project.path, settings.model_copy(update=update))

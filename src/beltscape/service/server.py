@@ -15,19 +15,18 @@ from starlette.types import ASGIApp
 from uvicorn import Config, Server
 
 from beltscape.core.errors import OutputError, SettingsError
-from beltscape.service.access.connections import make_protocols
+from beltscape.service.access.limits.connections import make_protocols
 from beltscape.service.access.settings import LimitSettings
 from beltscape.service.access.tls import create_tls_context, describe_expiry
 
 STOP_S = 2.0
-"""How long stopping may take."""
-_BACKLOG = (
-    128  # so many connections are accepted before the first is judged: few enough for a process's files
-)
+"""Time limit for stopping."""
+_BACKLOG = 128
+"""Connections that may wait to be accepted: few enough for a process's limit of open files."""
 
 
 class ListenSettings(Protocol):
-    """Where to listen; WebSettings has it."""
+    """Settings of a listening server; ``WebSettings`` has them."""
 
     @property
     def host(self) -> str:
@@ -51,28 +50,28 @@ class ListenSettings(Protocol):
 
     @property
     def limits(self) -> LimitSettings:
-        """What is put up with."""
+        """Limits on connections."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class RunningServer:
-    """A server that runs until it is closed."""
+    """A web server that runs until it is closed."""
 
     address: str
-    """Where it is reached, such as "https://127.0.0.1:8460"."""
+    """Its address, such as "https://127.0.0.1:8460"."""
     warnings: tuple[str, ...]
-    """What somebody should know, a line each."""
+    """Warnings about its settings, one line each."""
     _server: Server
     _thread: threading.Thread
 
     @property
-    def alive(self) -> bool:
-        """Whether it still answers."""
+    def is_alive(self) -> bool:
+        """Whether it still answers requests."""
         return self._thread.is_alive()
 
     def close(self) -> None:
-        """Stop within two seconds: pages are told, what is being answered is finished."""
+        """Stop within two seconds: WebSockets are closed, running requests are finished."""
         self._server.should_exit = True
         self._thread.join(STOP_S * 0.75)
         if self._thread.is_alive():
@@ -81,7 +80,7 @@ class RunningServer:
 
 
 def check_listening(settings: ListenSettings) -> None:
-    """Raise what `serve` would where the page cannot be served as ``settings`` say; nothing is left open."""
+    """Raise the error that `serve` would raise with these settings, without leaving anything open."""
     _check_encryption(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         create_tls_context(settings.tls_certificate, settings.tls_key)
@@ -89,13 +88,13 @@ def check_listening(settings: ListenSettings) -> None:
 
 
 def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
-    """Serve ``app`` from now on. InputError, SettingsError or OutputError in one line where that cannot be."""
+    """Start to serve ``app``. InputError, SettingsError or OutputError with one line if that fails."""
     limits, tls = settings.limits, None
     warnings = _check_encryption(settings.host, limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         tls = create_tls_context(settings.tls_certificate, settings.tls_key)
-        ending = describe_expiry(settings.tls_certificate, settings.tls_key)
-        warnings += (ending,) if ending else ()
+        expiry = describe_expiry(settings.tls_certificate, settings.tls_key)
+        warnings += (expiry,) if expiry else ()
     listener = _bind_socket(settings.host, settings.port)
     http, websocket = make_protocols(limits, tls)
     config = Config(
@@ -117,26 +116,26 @@ def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
     host, port = listener.getsockname()[:2]
     if ip_address(host).is_unspecified:
         host = socket.gethostname()
-    named = f"[{host}]" if ":" in host else host
-    return RunningServer(f"{'https' if tls else 'http'}://{named}:{port}", warnings, server, thread)
+    host_part = f"[{host}]" if ":" in host else host
+    return RunningServer(f"{'https' if tls else 'http'}://{host_part}:{port}", warnings, server, thread)
 
 
 def _run(server: Server, listener: socket.socket) -> None:
-    # uvicorn leaves the program where the application does not start; here that ends the thread, and is seen
+    # uvicorn exits if the application does not start; here that only ends the thread, which `serve` notices
     with suppress(SystemExit):
         server.run([listener])
 
 
 def _bind_socket(host: str, port: int) -> socket.socket:
-    """A bound socket."""
-    place = f"host = {host!r}, port = {port}"
+    """Return a socket that listens on host and port."""
+    address_text = f"host = {host!r}, port = {port}"
     try:
         family, _, _, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
     except (OSError, UnicodeError) as error:
         raise SettingsError(
-            f"{place}: no such address ({error}); give one of this machine's, or 127.0.0.1"
+            f"{address_text}: no such address ({error}); give one of this machine's, or 127.0.0.1"
         ) from error
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -145,10 +144,10 @@ def _bind_socket(host: str, port: int) -> socket.socket:
         listener.listen(_BACKLOG)
     except OSError as error:
         listener.close()
-        mend = "another program listens there; stop it, or choose another port (0: any free one)"
+        fix = "another program listens there; stop it, or choose another port (0: any free one)"
         if not _is_address_in_use(error):
-            mend = "choose an address of this machine, and a port from 1024 on"
-        raise SettingsError(f"{place}: cannot listen ({error.strerror}): {mend}") from error
+            fix = "choose an address of this machine, and a port from 1024 on"
+        raise SettingsError(f"{address_text}: cannot listen ({error.strerror}): {fix}") from error
     return listener
 
 
@@ -159,12 +158,12 @@ def _is_address_in_use(error: OSError) -> bool:
 
 
 def _check_encryption(host: str, limits: LimitSettings, *, encrypted: bool) -> tuple[str, ...]:
-    """Refuse to send passwords over a network as they are, unless told to; then warn."""
+    """Refuse to serve passwords over a network without TLS, or warn if the settings allow it."""
     try:
-        local = ip_address(host).is_loopback
+        is_local = ip_address(host).is_loopback
     except ValueError:
-        local = host == "localhost"
-    if local or encrypted:
+        is_local = host == "localhost"
+    if is_local or encrypted:
         return ()
     if not limits.allow_plain_http:
         raise SettingsError(

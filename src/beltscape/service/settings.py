@@ -1,4 +1,4 @@
-"""Settings of the operator's page and of the programming interface behind it: [web] in project.toml."""
+"""Settings of the operator's page and its HTTP interface: [web] in project.toml."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ Language = Literal["en", "de", "zh"]
 
 
 class WebSettings(BaseModel):
-    """Where the page is served, in which language it opens, and how much it keeps in memory."""
+    """Address, language, limits and memory of the operator's page."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
-    """Address to listen on: the default is reached from this machine only, "0.0.0.0" or "::" from everywhere."""
+    """Address to listen on. The default is reached from this machine only; "0.0.0.0" or "::" from everywhere."""
     port: Annotated[int, Field(ge=0, le=65_535)] = 8460
     """TCP port; 0: any free one."""
     tls_certificate: Path | None = None
-    """PEM file with the certificate and those that lead to the root; with tls_key the page is served by HTTPS."""
+    """PEM file with the certificate chain; together with tls_key the page is served by HTTPS."""
     tls_key: Path | None = None
     """PEM file with its private key, without a passphrase."""
     limits: LimitSettings = LimitSettings()
-    """What the listening socket puts up with: the table [web.limits]."""
+    """Limits of the listening socket: the table [web.limits]."""
     access: AccessSettings = AccessSettings()
-    """Who may come in: the table [web.access]."""
+    """Users and sessions: the table [web.access]."""
     language: Language = "en"
-    """Of the page until somebody chooses another: en, de or zh."""
+    """Language of the page until the user chooses another: en, de or zh."""
     plant: Annotated[str, Field(max_length=60)] = ""
     """Name of the belt or plant, at the top of the page."""
     metrics_open: bool = False
-    """Whether /metrics answers programs on this machine without signing in."""
+    """Whether /metrics answers programs on this machine without login."""
     full_m3_h: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] | None = None
-    """Flow that the belt is rated for; the page then shows how much of it is used."""
+    """Rated flow of the belt; if given, the page shows the share that is used."""
     flow_window_s: Annotated[float, Field(ge=0.2, le=60)] = 3.0
-    """Seconds of belt travel that the flow shown as current is a mean of."""
+    """Seconds of belt travel over which the current flow is averaged."""
     stale_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
     """Seconds without a frame after which numbers are no longer shown as current."""
     page_rate_hz: Annotated[float, Field(ge=0.2, le=25)] = 5.0
-    """How often an open page is told what is new, at most."""
+    """Most updates per second to an open page."""
     picture_px: Annotated[int, Field(ge=64, le=1280)] = 480
     """Longer side of the cameras' small pictures."""
     belt_m: Annotated[float, Field(ge=1, le=100)] = 20.0
-    """Length of belt surface that is kept for the picture of it."""
+    """Length of belt surface that is kept for its picture."""
     belt_cell_mm: Annotated[float, Field(ge=2, le=100)] = 10.0
     """Cell of that picture."""
 

@@ -1,4 +1,4 @@
-"""The operator's page: static files, served as they lie here."""
+"""The static files of the operator's page."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from starlette.types import Scope
 
 FOLDER = Path(__file__).parent / "page"
 
-# the system's own table may lack these, or say otherwise
+# the system's own table may lack these types or differ
 for _ending, _kind in ((".js", "text/javascript"), (".woff2", "font/woff2"), (".json", "application/json")):
     mimetypes.add_type(_kind, _ending)
 
 
 class _RevalidatedFiles(StaticFiles):
-    """Files that a browser asks about again each time, so that a new version is seen at once."""
+    """Static files that a browser revalidates each time, so that a new version is used at once."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         response = await super().get_response(path, scope)
@@ -26,5 +26,5 @@ class _RevalidatedFiles(StaticFiles):
 
 
 def make_static_files() -> StaticFiles:
-    """Serves the folder."""
+    """Return the application that serves the folder."""
     return _RevalidatedFiles(directory=FOLDER)

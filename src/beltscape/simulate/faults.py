@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.simulate.sensor import Sensor
-from beltscape.simulate.world import Station, World
+from beltscape.simulate.geometry.world import Station, World
+from beltscape.simulate.rendering.sensor import Sensor
 
 Degrees = Annotated[float, Field(ge=-180, le=180)]
 Millimetres = Annotated[float, Field(ge=-1e4, le=1e4)]

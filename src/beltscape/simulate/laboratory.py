@@ -14,11 +14,11 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_camera
 from beltscape.files.rig_json import read_rig
+from beltscape.simulate.geometry.world import Projector, Station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
-from beltscape.simulate.world import Projector, Station
-from beltscape.target.pattern import PRESETS, Pattern, PatternSettings, make_pattern
-from beltscape.target.pattern_image import draw_pattern
-from beltscape.target.pattern_json import read_pattern
+from beltscape.target.speckle.pattern import PRESETS, Pattern, PatternSettings, make_pattern
+from beltscape.target.speckle.pattern_image import draw_pattern
+from beltscape.target.speckle.pattern_json import read_pattern
 
 Array = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.simulate.belt_solid import BeltSettings
 from beltscape.simulate.faults import Dirt, MissingFrames, MovedCamera, OverExposure
-from beltscape.simulate.heap import HeapSettings
-from beltscape.simulate.optics import Optics
-from beltscape.simulate.render import RenderSettings
-from beltscape.simulate.sensor import Sensor
-from beltscape.simulate.tof_settings import TofSettings
+from beltscape.simulate.rendering.optics import Optics
+from beltscape.simulate.rendering.render import RenderSettings
+from beltscape.simulate.rendering.sensor import Sensor
+from beltscape.simulate.solids.belt import BeltSettings
+from beltscape.simulate.solids.heap import HeapSettings
+from beltscape.simulate.time_of_flight.settings import TofSettings
 
 Length = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
 Place = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]

@@ -8,7 +8,7 @@ from itertools import count
 
 from beltscape.core.frames import FrameSet
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.scene_assembly import SimulatedScene
 
 
 class SimulatedSource:

@@ -10,9 +10,9 @@ from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 
-from beltscape.core.belt_record import BeltRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
-from beltscape.files import flow_csv
+from beltscape.files.tables import flow_csv
 from beltscape.sinks.days import day_name, day_of, shift_ns_of
 from beltscape.sinks.settings import CsvSettings
 

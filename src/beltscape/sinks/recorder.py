@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.frames import FrameSet
+from beltscape.sinks.recording.capture_store import Shelf
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.recording.ring import PARTS, Ring
-from beltscape.sinks.recording.shelf import Shelf
 from beltscape.sinks.settings import RecordingSettings
 
 _GIB = 1 << 30

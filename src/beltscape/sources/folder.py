@@ -9,7 +9,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image, saturated_fraction
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 
 OVEREXPOSED = 0.2
 """Share of saturated pixels from which a view is called overexposed."""

@@ -32,7 +32,12 @@ class ReplaySource:
     """
 
     def __init__(
-        self, folder: FolderSource, frame_times: Sequence[FrameTime], *, paced: bool = True, loop: bool = False
+        self,
+        folder: FolderSource,
+        frame_times: Sequence[FrameTime],
+        *,
+        paced: bool = True,
+        loop: bool = False,
     ) -> None:
         """``frame_times`` in the order of time; one without images gives a frame set without images."""
         self._folder, self._cues, self._paced, self._loop = folder, tuple(frame_times), paced, loop

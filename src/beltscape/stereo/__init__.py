@@ -1,1 +1,5 @@
-"""Frame sets → depth: rectify, match pair by pair, fuse (the paper's Section 2.3)."""
+"""Dense stereo: frame sets to depth maps with their standard deviation, and point clouds.
+
+`multiview` matches all auxiliary cameras at once; `pairwise` is the paper's method (Section 2.3); `pointcloud` turns
+depth into points; `markers` finds the projected markers of the paper's Section 2.1.
+"""

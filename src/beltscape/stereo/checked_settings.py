@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 
 from beltscape.core.errors import SettingsError
-from beltscape.files.toml_text import first_problem
+from beltscape.files.documents.toml_text import first_problem
 
 
 class CheckedSettings(BaseModel):

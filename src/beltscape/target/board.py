@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.errors import InputError
-from beltscape.files.paths import AnyPath, as_path
-from beltscape.files.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.folders.paths import AnyPath, as_path
 
 MIN_CORNERS = 8
 """A view with fewer corners says more about noise than about the camera."""

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.files.paths import AnyPath, as_path
-from beltscape.files.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.folders.paths import AnyPath, as_path
 
 Millimetres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Place = tuple[

@@ -9,9 +9,9 @@ from beltscape.core.pose import Pose
 from beltscape.evaluate.paper.dimensions import largest_error_mm, rows_of
 from beltscape.evaluate.paper.features import paper_names
 from beltscape.evaluate.paper.numbers import Dimension, paper_numbers
-from beltscape.simulate.module_truth import describe_module
 from beltscape.simulate.scenario import Scenario
-from beltscape.simulate.stage import SimulatedScene
+from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.simulate.truth.module_truth import describe_module
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 
 CUBES = ("step:a-b height_difference", "step:b-c height_difference")

@@ -10,10 +10,15 @@ from scipy.special import ndtr
 
 from beltscape.evaluate.peers.line_laser import line_middles, profiles_of
 from beltscape.evaluate.peers.profiles import depth_of_profiles
-from beltscape.simulate.line_laser import LaserSettings, make_laser, render_line_images, speckle_sigma_px
-from beltscape.simulate.sensor import Sensor
-from beltscape.simulate.shapes import make_box
-from beltscape.simulate.truth import trace_core_view
+from beltscape.simulate.geometry.shapes import make_box
+from beltscape.simulate.rendering.sensor import Sensor
+from beltscape.simulate.sensors.line_laser import (
+    LaserSettings,
+    make_laser,
+    render_line_images,
+    speckle_sigma_px,
+)
+from beltscape.simulate.truth.core_truth import trace_core_view
 from simulate import scenes
 
 
@@ -52,7 +57,9 @@ def test_profiles_lie_on_the_surface_and_leave_its_shadow_out():
     world = scenes.world(scenes.load(make_box((120.0, 100.0, 60.0))), lit=False)
     settings = LaserSettings(step_mm=4.0, speckle_contrast=0.0, rays_per_px=4)
     laser = make_laser(settings, 740.0)
-    images = list(render_line_images(world, station, laser, settings, Sensor(), along_mm=(-160, 160), blur_px=0.6))
+    images = list(
+        render_line_images(world, station, laser, settings, Sensor(), along_mm=(-160, 160), blur_px=0.6)
+    )
     scan = profiles_of(images, station, laser, settings.step_mm)
     depth = depth_of_profiles(scan, station)
     view = trace_core_view(world, station)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.evaluate.peers.phase import Phase, phase_of, unwrapped
-from beltscape.simulate.fringes import FringeSettings, make_fringe_patterns
+from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
 
 
 def images_of(phase: np.ndarray, steps: int, mean: float = 100.0, modulation: float = 60.0) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.evaluate.peers.profiles import depth_of_profiles
-from beltscape.simulate.profile_scan import ProfileScan
+from beltscape.simulate.sensors.profile_scan import ProfileScan
 from simulate import scenes
 
 

@@ -11,11 +11,11 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.evaluate.peers.structured_light import DecodeSettings, decode
-from beltscape.simulate.fringes import FringeSettings, make_fringe_patterns
 from beltscape.simulate.laboratory import make_projector
-from beltscape.simulate.sequence import render_sequence
-from beltscape.simulate.stage import SimulatedScene
-from beltscape.simulate.truth import trace_core_truth
+from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
+from beltscape.simulate.sensors.sequence import render_sequence
+from beltscape.simulate.truth.core_truth import trace_core_truth
 from simulate.tiny import tiny
 
 CORE = Camera("cam0", (160, 120), np.array([150.0, 151.0]), np.array([79.0, 60.5]), np.zeros(5))
@@ -73,13 +73,17 @@ ONE = FringeSettings(fringes=(1.0,), steps=3)
 
 @pytest.fixture(scope="module")
 def stage() -> SimulatedScene:
-    return SimulatedScene(tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)}))
+    return SimulatedScene(
+        tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)})
+    )
 
 
 def measured(stage: SimulatedScene, travel_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) errors by a single broad fringe, and where the module is lit."""
     light = make_projector(stage.scenario.projector)
-    images = render_sequence(stage, light, make_fringe_patterns(ONE, light.camera.size_px), travel_mm=travel_mm)
+    images = render_sequence(
+        stage, light, make_fringe_patterns(ONE, light.camera.size_px), travel_mm=travel_mm
+    )
     pose = light.projector_from_world @ stage.station.core_from_world.inverse()
     settings = DecodeSettings(most_sigma_mm=100)
     found = decode(images, stage.station.rig.core_camera, light.camera, pose, ONE, settings)

@@ -10,13 +10,13 @@ from scipy import ndimage
 
 from beltscape.core.frames import FrameSet, to_grey
 from beltscape.core.progress import Silent
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.features.measure import measure_module
-from beltscape.measure.features.nominal import nominal_view
-from beltscape.stereo.cloud import undistorted
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.measure.features.pose.nominal import nominal_view
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import read_module
 from synthetic.demo import DEMO, TRUE_RIG
 from synthetic.modules import Seen, lying, module, rig

@@ -15,7 +15,7 @@ from beltscape.core.errors import MeasureError
 from beltscape.measure.features.face import fit_face
 from beltscape.measure.features.grain import grain_px
 from beltscape.measure.features.measure import measure_module
-from beltscape.measure.features.nominal import nominal_view
+from beltscape.measure.features.pose.nominal import nominal_view
 from beltscape.measure.features.result import MeasuredModule
 from synthetic.modules import Seen, lying, module, rig
 

@@ -13,9 +13,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import to_grey
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.measure.features.measure import measure_module
-from beltscape.stereo.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[4] / "shared/data/rendered"

@@ -12,8 +12,8 @@ from beltscape.core.rig import Rig
 from beltscape.measure.features.face import rays_at
 from beltscape.measure.features.smoothing import Smoothing, grid_step, smoothing_of
 from beltscape.measure.features.sphere import fit_sphere
-from beltscape.stereo.multiview_settings import MultiviewSettings
-from beltscape.stereo.windows import windows
+from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.settings import MultiviewSettings
 
 WIDTH, HEIGHT = 612, 512
 

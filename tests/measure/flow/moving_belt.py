@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.belt import find_belt
-from beltscape.measure.flow.ground import Ground, ground_of
+from beltscape.measure.belt.empty_belt import find_belt
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground, ground_of
 
 HEIGHT_MM = 700.0
 SIZE_PX = (180, 150)

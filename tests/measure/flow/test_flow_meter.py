@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from flow.moving_belt import Heap, depth_map, ground
 
+from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.flow import FlowRecord
-from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.ground import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground
 from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 
 HEAP = Heap(start_mm=-1150, end_mm=-450)

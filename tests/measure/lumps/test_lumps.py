@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.measure.belt import find_belt
+from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.lumps.lumps import FINES, measure_lumps, oversize
 from beltscape.measure.lumps.settings import LumpSettings
 from synthetic.packings import FLOOR_MM, Solid, camera, depth_map, ellipsoids, seen

@@ -13,7 +13,7 @@ import pytest
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.belt_record import BeltRecord, Totals
+from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.errors import OutputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
@@ -21,8 +21,8 @@ from beltscape.core.progress import Silent
 from beltscape.pipeline.live.engine import Engine, Parts, told
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.inspector import Looker
 from beltscape.pipeline.live.ledger import Books
-from beltscape.pipeline.live.look import Looker
 from beltscape.pipeline.live.measuring import Measuring
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian

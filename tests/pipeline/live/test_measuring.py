@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.core.belt_record import BeltRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.pipeline.flow_chain import FlowChain
 from beltscape.pipeline.live.ledger import Books
+from beltscape.pipeline.measuring.flow_chain import FlowChain
 from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, bench, frames, run
 
 STEP_MM = 60.0

@@ -16,8 +16,8 @@ from hypothesis.errors import Unsatisfiable
 
 from beltscape.core.live import CameraHealth
 from beltscape.service.access import Access, AccessSettings
-from beltscape.service.access.roles import ROLES, User
-from beltscape.service.access.sessions import derive_page_token
+from beltscape.service.access.identity.roles import ROLES, User
+from beltscape.service.access.identity.sessions import derive_page_token
 from beltscape.service.app import create_app
 from beltscape.service.hub import LiveState
 from beltscape.service.settings import WebSettings

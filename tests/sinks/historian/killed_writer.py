@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.day_files import read_day
+from beltscape.sinks.historian.storage.day_files import read_day
 from beltscape.sinks.settings import HistorySettings
 from sinks.ledgers import START_NS, record, same
 

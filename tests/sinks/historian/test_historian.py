@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.sinks.historian import Historian, Resume, schema
+from beltscape.sinks.historian import Historian, Resume
+from beltscape.sinks.historian.storage import schema
 from beltscape.sinks.settings import HistorySettings
 from sinks.ledgers import START_NS, ledger, same, same_section
 

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from beltscape.core.frames import FrameSet
 from beltscape.files.capture import read_capture
-from beltscape.files.encoder_csv import read_encoder
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
+from beltscape.files.tables.encoder_csv import read_encoder
 from beltscape.sinks.recording.capture_writer import CaptureWriter, seconds_text
 
 sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))

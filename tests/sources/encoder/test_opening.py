@@ -7,7 +7,7 @@ from time import monotonic, monotonic_ns, sleep
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.toml_text import validated
+from beltscape.files.documents.toml_text import validated
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.settings import EncoderSettings
 

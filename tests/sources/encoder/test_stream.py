@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.origin import EncoderOffset
+from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.stream import ReadingStream
 from beltscape.sources.encoder.text import parse_reading

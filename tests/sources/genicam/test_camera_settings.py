@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.files.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validated
 from beltscape.sources.genicam.pixels import FORMATS
 from beltscape.sources.genicam.position import BeltCounter
 from beltscape.sources.genicam.settings import CamerasSettings, EncoderSettings, PixelFormat

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from beltscape.alarms.settings import CameraSkew
 from beltscape.core.errors import InputError
-from beltscape.files.images import write_image
+from beltscape.files.rasters.images import write_image
 from beltscape.sources.genicam.fake.__main__ import project_tables
 from beltscape.sources.genicam.fake.album import pixel_format, read_album, write_album
 from beltscape.sources.genicam.fake.bench import SimulatedCameras

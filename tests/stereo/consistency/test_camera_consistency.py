@@ -10,15 +10,15 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.reconstruction import open_capture
+from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.allowance import FLOOR_PX, allowance_of
 from beltscape.stereo.consistency.check import camera_consistency
 from beltscape.stereo.consistency.exchange import exchange_of_frame
 from beltscape.stereo.consistency.motion import moved_rig
 from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.consistency.trend import trend_of
-from beltscape.stereo.multiview import MultiviewReconstructor
-from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
 from synthetic.demo import DEMO, TRUE_RIG
 
 RANGE_MM = 570.0, 750.0

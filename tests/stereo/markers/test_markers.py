@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.stereo.markers.grid import find_marker_grid
 from beltscape.stereo.markers.markers import find_markers
 from stereo.projected import MARKERS, luminance, picture, seen, view

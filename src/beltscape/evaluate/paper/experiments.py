@@ -18,13 +18,13 @@ from beltscape.evaluate.paper.dimensions import Measured, Row, rows_of
 from beltscape.evaluate.paper.features import PLAIN, core_image, features_of
 from beltscape.evaluate.paper.laboratory import Laboratory
 from beltscape.evaluate.paper.numbers import PaperNumbers, paper_numbers
-from beltscape.evaluate.paper.peers import PEERS, SPEED_MM_S, measure_peers, moving_belt
+from beltscape.evaluate.paper.other_sensors import PEERS, SPEED_MM_S, measure_peers, moving_belt
 from beltscape.evaluate.paper.surfaces import METHODS, Found, Surfaces, reconstruct_all
 from beltscape.evaluate.paper.tof import smoothed, time_of_flight
-from beltscape.evaluate.rig import RigScore, score_rig_against_truth
+from beltscape.evaluate.scores.rig import RigScore, score_rig_against_truth
 from beltscape.kernels import load
-from beltscape.pipeline.calibration import calibrate
-from beltscape.pipeline.calibration_files import write_calibration
+from beltscape.pipeline.calibrating.calibration import calibrate
+from beltscape.pipeline.calibrating.calibration_files import write_calibration
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
 

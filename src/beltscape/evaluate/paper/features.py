@@ -17,9 +17,9 @@ from beltscape.evaluate.paper.dimensions import Measured
 from beltscape.evaluate.paper.laboratory import Laboratory
 from beltscape.evaluate.paper.surfaces import FRAME, Found
 from beltscape.files.capture import read_capture
-from beltscape.files.images import read_image
+from beltscape.files.rasters.images import read_image
 from beltscape.measure.features.measure import measure_module
-from beltscape.stereo.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import Module
 
 PLAIN = "multiview, plain image"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from beltscape.files.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validated
 
 
 class _Part(BaseModel):

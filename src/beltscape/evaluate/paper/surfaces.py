@@ -12,11 +12,11 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.rig import Rig
-from beltscape.evaluate.frame_score import RegionScore, score_frame
 from beltscape.evaluate.paper.laboratory import Laboratory, Scene
-from beltscape.evaluate.truth import Truth
+from beltscape.evaluate.scores.frame_score import RegionScore, score_frame
+from beltscape.evaluate.truth.simulated import Truth
 from beltscape.files.reconstruction import read_frame
-from beltscape.pipeline.reconstruction import reconstruct_capture
+from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
 METHODS = ("binocular", "pairwise", "multiview")
 """Of which pairwise is the paper's, multiview ours, and binocular what the paper compares with."""

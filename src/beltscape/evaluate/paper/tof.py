@@ -9,14 +9,14 @@ from scipy.ndimage import median_filter
 
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.frame_score import score_frame
 from beltscape.evaluate.paper.laboratory import Scene
 from beltscape.evaluate.paper.surfaces import FRAME, Found
-from beltscape.evaluate.truth import Truth
+from beltscape.evaluate.scores.frame_score import score_frame
+from beltscape.evaluate.truth.simulated import Truth
 from beltscape.files.reconstruction import read_frame
+from beltscape.simulate.geometry.world import Station
 from beltscape.simulate.laboratory import DOWN
-from beltscape.simulate.truth import trace_core_view
-from beltscape.simulate.world import Station
+from beltscape.simulate.truth.core_truth import trace_core_view
 
 TOF = "time of flight"
 SMOOTHED_PX = 9

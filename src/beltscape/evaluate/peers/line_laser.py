@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.simulate.line_laser import Laser, LineImage
-from beltscape.simulate.profile_scan import ProfileScan
-from beltscape.simulate.world import Station
+from beltscape.simulate.geometry.world import Station
+from beltscape.simulate.sensors.line_laser import Laser, LineImage
+from beltscape.simulate.sensors.profile_scan import ProfileScan
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.simulate.profile_scan import ProfileScan
-from beltscape.simulate.sight import compute_pixel_rays
-from beltscape.simulate.trace import RayScene
-from beltscape.simulate.world import Label, Solid, Station
+from beltscape.simulate.geometry.ray_casting import RayScene
+from beltscape.simulate.geometry.world import Label, Solid, Station
+from beltscape.simulate.sensors.profile_scan import ProfileScan
+from beltscape.simulate.truth.visibility import compute_pixel_rays
 
 REACH = 3.0
 """Neighbours farther apart than so many usual distances are not joined: there is a step, or nothing."""

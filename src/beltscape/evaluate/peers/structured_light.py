@@ -20,7 +20,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.evaluate.peers.phase import phase_of, unwrapped
-from beltscape.simulate.fringes import FringeSettings
+from beltscape.simulate.sensors.fringes import FringeSettings
 
 Array = NDArray[np.float64]
 

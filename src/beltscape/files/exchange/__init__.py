@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
-from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.folders.paths import AnyPath, as_path
 
 if TYPE_CHECKING:
     from beltscape.core.camera import Camera

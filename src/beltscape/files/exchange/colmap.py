@@ -25,10 +25,10 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.exchange import values
 from beltscape.files.exchange.described import Described, core_first
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
-from beltscape.files.json_text import read_json, write_json
 
 MM_PER_M = 1000.0
 CORNER_TO_CENTRE_PX = 0.5

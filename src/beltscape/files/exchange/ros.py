@@ -26,11 +26,11 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.files.atomic import output_folder
 from beltscape.files.exchange import values
 from beltscape.files.exchange.described import Described
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
 from beltscape.files.exchange.text import floats, read_document, write_yaml, yaml_files
+from beltscape.files.folders.atomic import output_folder
 
 MM_PER_M = 1000.0
 EXTRINSICS = "extrinsics.yaml"

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import yaml
 
 from beltscape.core.errors import InputError
-from beltscape.files.atomic import write_text
-from beltscape.files.json_text import plain, read_json
+from beltscape.files.documents.json_text import plain, read_json
+from beltscape.files.folders.atomic import write_text
 
 OPENCV_MATRIX = "tag:yaml.org,2002:opencv-matrix"
 

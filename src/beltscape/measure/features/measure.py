@@ -14,13 +14,13 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.measure.features.edges.outline import Extent, Scene, circle, rectangle
 from beltscape.measure.features.face import Face, fit_face
-from beltscape.measure.features.find import find_module
 from beltscape.measure.features.grain import grain_px
-from beltscape.measure.features.nominal import NominalView, nominal_view
-from beltscape.measure.features.outline import Extent, Scene, circle, rectangle
+from beltscape.measure.features.pose.find import find_module
+from beltscape.measure.features.pose.nominal import NominalView, nominal_view
+from beltscape.measure.features.pose.refine_pose import settle
 from beltscape.measure.features.result import EdgeLine, MeasuredModule, Quantity
-from beltscape.measure.features.settle import settle
 from beltscape.measure.features.smoothing import smoothing_of
 from beltscape.measure.features.sphere import Ball, fit_sphere
 from beltscape.measure.features.view import scale_of

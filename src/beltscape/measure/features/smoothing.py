@@ -29,7 +29,7 @@ light, 1/2 of that for the rim of a disc. Fitted to simulated spheres at 1224 an
 
 @dataclass(frozen=True, slots=True)
 class Passes:
-    """The matcher's last passes; `beltscape.stereo.multiview_settings` and `beltscape.stereo.windows` define them."""
+    """The matcher's last passes; `beltscape.stereo.multiview.settings` and `beltscape.stereo.multiview.frame.windows` define them."""
 
     fits: tuple[tuple[float, tuple[float, ...]], ...]
     """(tolerance px, Gaussian sigmas px of the windows) of each fit, in order."""

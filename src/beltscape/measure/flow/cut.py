@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.measure.flow.motion import Place
+from beltscape.measure.flow.motion.belt_motion import Place
+from beltscape.measure.flow.records.strips import Strip
 from beltscape.measure.flow.seen import Seen
-from beltscape.measure.flow.strips import Strip
 
 
 class Cutter:

@@ -8,25 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltscape.core.arguments import require_depth_of
+from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.flow import FlowRecord
-from beltscape.measure.flow.buffer import Buffer
 from beltscape.measure.flow.cut import Cutter
-from beltscape.measure.flow.density import Density, unknown_density
-from beltscape.measure.flow.evidence import MotionEvidence
-from beltscape.measure.flow.foresight import Foresight
-from beltscape.measure.flow.fusion import Scatter
-from beltscape.measure.flow.ground import Ground
-from beltscape.measure.flow.motion import AGREE, Motion, Place, Sighting
-from beltscape.measure.flow.profile import Profile
-from beltscape.measure.flow.register import Shift, register
-from beltscape.measure.flow.relief import Relief, relief
-from beltscape.measure.flow.rows import Filler, Watcher
-from beltscape.measure.flow.scale import EncoderScale
+from beltscape.measure.flow.fusion.buffer import Buffer
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.fuse import Scatter
+from beltscape.measure.flow.fusion.rows import Filler, Watcher
+from beltscape.measure.flow.motion.belt_motion import AGREE, Motion, Place, Sighting
+from beltscape.measure.flow.motion.encoder_scale import EncoderScale
+from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.motion.high_pass import Relief, relief
+from beltscape.measure.flow.motion.prediction import Foresight
+from beltscape.measure.flow.motion.registration import Shift, register
+from beltscape.measure.flow.records.density import Density, unknown_density
+from beltscape.measure.flow.records.profile import Profile
+from beltscape.measure.flow.records.strips import Strips
+from beltscape.measure.flow.records.totals import FlowTotals, Sums
 from beltscape.measure.flow.seen import Seen
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.flow.strips import Strips
-from beltscape.measure.flow.totals import FlowTotals, Sums
 
 _COARSE_CELLS = 2
 """The motion is looked for on cells so many times as large."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.relief import Relief
+from beltscape.measure.flow.motion.high_pass import Relief
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import load
 from beltscape.kernels.arrays import CellIndices
-from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook
 from beltscape.measure.holes.quadrics import Quadrics
+from beltscape.measure.holes.rim_profiles import WINDOWS, Expected, Outlook
 from beltscape.measure.holes.rims import Lowest
 
 _OPEN_CELLS = (5, 11, 25, 51)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.kernels.arrays import CellIndices
-from beltscape.measure.holes.brinks import brinks
+from beltscape.measure.holes.edge_fattening import brinks
 from beltscape.measure.holes.features import around, features
-from beltscape.measure.holes.outlook import WINDOWS, Expected, Outlook, expected, outlook
 from beltscape.measure.holes.quadrics import quadrics
+from beltscape.measure.holes.rim_profiles import WINDOWS, Expected, Outlook, expected, outlook
 from beltscape.measure.holes.rims import gradients, hollows, lines_through, lowest_through
 from beltscape.measure.network import Network, load_network
 

@@ -93,7 +93,9 @@ def gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float
     return load().plane_slopes(value_mm) / cell_mm
 
 
-def lowest_through(lines: list[Line], rim_mm: NDArray[np.float64], place: CellIndices, cell_mm: float) -> Lowest:
+def lowest_through(
+    lines: list[Line], rim_mm: NDArray[np.float64], place: CellIndices, cell_mm: float
+) -> Lowest:
     """Of twelve lines through hole cells, all around, the one whose higher rim is lowest.
 
     Along a slot between walls it runs from its one end to its other, where the floor may be seen; ``lines`` are those

@@ -13,7 +13,7 @@ from beltscape.core.arguments import require_depth_of
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
-from beltscape.measure.belt import Belt
+from beltscape.measure.belt.empty_belt import Belt
 from beltscape.measure.lumps.distribution import SizeDistribution, distribution
 from beltscape.measure.lumps.raster import Raster, make_raster
 from beltscape.measure.lumps.segment import Segmentation, segment

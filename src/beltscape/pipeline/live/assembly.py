@@ -15,22 +15,22 @@ from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
-from beltscape.files.atomic import output_folder
+from beltscape.files.folders.atomic import output_folder
 from beltscape.files.rig_json import read_rig
-from beltscape.measure.capacity import compute_capacity_mm2
-from beltscape.pipeline.checked_matcher import sequence_matcher
-from beltscape.pipeline.flow import Instant, fitted, instants_of
-from beltscape.pipeline.flow_chain import depths_over, ground_under
+from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.pipeline.live.deduplicating_reporter import Noting
 from beltscape.pipeline.live.engine import Engine, Parts, told
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.inspector import Looker
 from beltscape.pipeline.live.ledger import Books
-from beltscape.pipeline.live.look import Looker
 from beltscape.pipeline.live.measuring import Bench, Measuring
-from beltscape.pipeline.live.noting import Noting
 from beltscape.pipeline.live.project import Project, RunSettings, density_of
 from beltscape.pipeline.live.writer import Writer
-from beltscape.pipeline.reconstruction import open_capture
+from beltscape.pipeline.measuring.flow import Instant, fitted, instants_of
+from beltscape.pipeline.measuring.flow_chain import depths_over, ground_under
+from beltscape.pipeline.reconstructing.checked_matcher import sequence_matcher
+from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.csv_sink import CsvSink
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder

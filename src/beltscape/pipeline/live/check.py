@@ -12,11 +12,11 @@ from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.flow import fitted
 from beltscape.pipeline.live.assembly import bench_of, check_encoder, open_source
 from beltscape.pipeline.live.project import Project, RunSettings, density_of
-from beltscape.sinks.historian.recovery import DATABASE
-from beltscape.sinks.historian.schema import open_reader, require_known
+from beltscape.pipeline.measuring.flow import fitted
+from beltscape.sinks.historian.storage.schema import open_reader, require_known
+from beltscape.sinks.historian.writing.recovery import DATABASE
 from beltscape.sinks.settings import RecordingSettings
 
 Check = tuple[str, Callable[[], str]]

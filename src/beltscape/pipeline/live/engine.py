@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from time import monotonic, monotonic_ns, time_ns
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.core.belt_record import BeltRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, LiveSource, Observer
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.look import Looker
+from beltscape.pipeline.live.inspector import Looker
 from beltscape.pipeline.live.measuring import Measuring, Outcome
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian

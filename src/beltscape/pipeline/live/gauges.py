@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from time import monotonic
 
 from beltscape.alarms.readings import Readings
-from beltscape.core.belt_record import BeltRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.live import CameraHealth
 

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from beltscape.core.belt_record import BeltRecord, CrossSection, standing_from_quality
-from beltscape.core.flow import FlowRecord
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, standing_from_quality
 
 ROLL_BACK_MM = 3000.0
 """A belt that stops may roll back by so much; an encoder that is back further has begun to count anew."""

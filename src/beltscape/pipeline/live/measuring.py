@@ -7,21 +7,21 @@ from dataclasses import dataclass, replace
 
 import cv2
 
-from beltscape.core.belt_record import BeltRecord, CrossSection
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
 from beltscape.core.depth import DepthMap
-from beltscape.core.flow import FlowRecord
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.live import BeltStretch
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.ground import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, Step
-from beltscape.measure.flow.rows import BeltPiece
+from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.flow_chain import FlowChain, SequenceMatcher
 from beltscape.pipeline.live.ledger import Books, Ledger
 from beltscape.pipeline.live.sections import Sections
+from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
 
 _FASTEST_MM_S = 20_000.0
 """No belt is faster: a reading that says so is from an encoder that began anew."""

@@ -13,16 +13,16 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
-from beltscape.files.density import DENSITY_LIMITS
-from beltscape.files.toml_text import read_toml, validated
-from beltscape.measure.flow.density import Density, unknown_density
+from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.tables.density import DENSITY_LIMITS
+from beltscape.measure.flow.records.density import Density, unknown_density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.settings import SURCHARGE_DEG, Surcharge
-from beltscape.pipeline.density import density_of_product, density_of_table
+from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
+from beltscape.pipeline.measuring.density import density_of_product, density_of_table
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.stereo.multiview_settings import MultiviewSettings
+from beltscape.stereo.multiview.settings import MultiviewSettings
 
 Preset = Literal["fast", "standard", "fine"]
 

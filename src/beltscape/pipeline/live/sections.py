@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt_record import CrossSection
-from beltscape.measure.flow.ground import Ground
-from beltscape.measure.flow.rows import BeltPiece
+from beltscape.core.belt.ledger_entries import CrossSection
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.rows import BeltPiece
 
 _CELL_MM = 5.0
 """Columns of a cross-section that is kept are about so wide."""

@@ -7,16 +7,16 @@ import secrets
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.service.access.accounts import Accounts, normalise_name
 from beltscape.service.access.audit import Audit
-from beltscape.service.access.database import Database
-from beltscape.service.access.keys import Keys
-from beltscape.service.access.passwords import ScryptCost
-from beltscape.service.access.queue import PasswordQueue
-from beltscape.service.access.roles import ANONYMOUS, User
-from beltscape.service.access.sessions import Sessions
+from beltscape.service.access.identity.accounts import Accounts, normalise_name
+from beltscape.service.access.identity.database import Database
+from beltscape.service.access.identity.keys import Keys
+from beltscape.service.access.identity.passwords import ScryptCost
+from beltscape.service.access.identity.roles import ANONYMOUS, User
+from beltscape.service.access.identity.sessions import Sessions
+from beltscape.service.access.limits.queue import PasswordQueue
+from beltscape.service.access.limits.throttle import Throttle, TokenBuckets
 from beltscape.service.access.settings import AccessSettings
-from beltscape.service.access.throttle import Throttle, TokenBuckets
 
 
 class Access:

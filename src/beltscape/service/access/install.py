@@ -12,11 +12,11 @@ from fastapi.responses import Response
 
 from beltscape.core.errors import OutputError
 from beltscape.service.access.access import Access
-from beltscape.service.access.guard import Guard
-from beltscape.service.access.headers import build_policy
-from beltscape.service.access.pages import add_pages
-from beltscape.service.access.session_routes import SessionRoutes
-from beltscape.service.access.user_routes import UserRoutes
+from beltscape.service.access.requests.guard import Guard
+from beltscape.service.access.requests.headers import build_policy
+from beltscape.service.access.routes.pages import add_pages
+from beltscape.service.access.routes.session_routes import SessionRoutes
+from beltscape.service.access.routes.user_routes import UserRoutes
 
 PUBLIC_PATHS = (
     "/login", "/setup", "/page/", "/access/", "/favicon.ico",

@@ -24,7 +24,7 @@ AlarmName = Annotated[str, Path(min_length=1, max_length=160, description="Name 
 
 @dataclass(frozen=True, slots=True)
 class AppContext:
-    """What the endpoints work with."""
+    """What all endpoints use: live state, history, controls and settings."""
 
     live_state: LiveState
     history: Historian
@@ -33,7 +33,7 @@ class AppContext:
 
 
 class ResponseModel(BaseModel):
-    """What is answered; nothing is in it that its description does not name."""
+    """Base of all response models; undeclared fields are an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -55,7 +55,7 @@ _REFUSAL_REASONS = {
     401: "Not signed in",
     403: "Signed in, but the role does not allow it",
     404: "There is no such thing",
-    409: "It changed nothing: it was so already, or cannot be now",
+    409: "Nothing was changed: it was so already, or is not possible now",
     429: "Too many requests",
     503: "The history cannot be read at the moment",
 }
@@ -63,11 +63,13 @@ _REFUSAL_REASONS = {
 
 def describe_refusals(*codes: int) -> dict[int | str, dict[str, Any]]:
     """Descriptions of the describe_refusals an endpoint gives, beside those that all of them give."""
-    return {code: {"model": Problem, "description": _REFUSAL_REASONS[code]} for code in (401, 403, 429, *codes)}
+    return {
+        code: {"model": Problem, "description": _REFUSAL_REASONS[code]} for code in (401, 403, 429, *codes)
+    }
 
 
 def check_period(since_ms: int, until_ms: int) -> None:
-    """422 where a period ends before it begins."""
+    """Raise HTTPException 422 if a period ends before it begins."""
     if until_ms < since_ms:
         detail = [{"loc": ["query", "until_ms"], "msg": "lies before since_ms", "type": "value_error"}]
         raise HTTPException(422, detail)

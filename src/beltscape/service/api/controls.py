@@ -1,4 +1,4 @@
-"""What operators may ask of the running system: acknowledge an alarm, keep the recording."""
+"""Endpoints for operators: acknowledge an alarm, keep the recording."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def make_router(context: AppContext) -> APIRouter:
 
     @router.post("/alarms/{name}/acknowledge", responses=describe_refusals(404, 409))
     def acknowledge(name: AlarmName, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
-        """Say that somebody has seen the alarm of that name."""
+        """Acknowledge the alarm of that name."""
         if all(alarm.name != name for alarm in context.live_state.take_snapshot().alarms):
             raise HTTPException(404, "there is no alarm of that name")
         if not context.controls.acknowledge(name, user.name):
@@ -38,9 +38,9 @@ def make_router(context: AppContext) -> APIRouter:
         return Done(by=user.name)
 
     @router.post("/recording/keep", responses=describe_refusals(409))
-    def keep(wish: KeepRecording, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
+    def keep(body: KeepRecording, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
         """Keep the raw frames that the ring of the last minutes holds now."""
-        if not context.controls.keep_recording(wish.reason, user.name):
+        if not context.controls.keep_recording(body.reason, user.name):
             raise HTTPException(409, "nothing is being recorded, or what there is was kept already")
         return Done(by=user.name)
 

@@ -1,4 +1,4 @@
-"""Records of a period as a table, streamed: CSV or Parquet, a few thousand rows in memory at a time."""
+"""The export endpoint: records of a period as CSV or Parquet, streamed in batches of some thousand rows."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
-from beltscape.core.belt_record import BeltRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, WallMs, check_period, describe_refusals
 from beltscape.service.api.history import MS_NS, map_history_errors
 from beltscape.sinks.csv_sink import HEADER, csv_line
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.day_table import schema, to_table
-from beltscape.sinks.historian.rows import to_row
+from beltscape.sinks.historian.storage.day_table import schema, to_table
+from beltscape.sinks.historian.storage.rows import to_row
 
 _ROWS, _SECTIONS = 2000, 500
 _LONGEST_MS = 366 * 86_400_000
@@ -55,15 +55,17 @@ def make_router(context: AppContext) -> APIRouter:
                 }
             ]
             raise HTTPException(422, detail)
-        with map_history_errors():  # what is wrong from the start is said by the answer's code
+        with map_history_errors():  # errors at the start give status 503 instead of a broken table
             context.history.records(since_ms * MS_NS, until_ms * MS_NS, 1)
-        batches = _read_batches(context.history, since_ms * MS_NS, until_ms * MS_NS, sections=kind == "parquet")
-        made = format_csv(batches) if kind == "csv" else encode_parquet(batches)
+        batches = _read_batches(
+            context.history, since_ms * MS_NS, until_ms * MS_NS, sections=kind == "parquet"
+        )
+        content = format_csv(batches) if kind == "csv" else encode_parquet(batches)
         days = "_".join(
             datetime.fromtimestamp(ms / 1000, UTC).strftime("%Y%m%dT%H%M") for ms in (since_ms, until_ms)
         )
         headers = {"Content-Disposition": f'attachment; filename="beltscape_{days}.{kind}"'}
-        return StreamingResponse(made, media_type=MEDIA_TYPES[kind], headers=headers)
+        return StreamingResponse(content, media_type=MEDIA_TYPES[kind], headers=headers)
 
     return router
 
@@ -71,21 +73,21 @@ def make_router(context: AppContext) -> APIRouter:
 def _read_batches(
     history: Historian, since_ns: int, until_ns: int, *, sections: bool
 ) -> Iterator[Sequence[BeltRecord]]:
-    after, most = 0, _SECTIONS if sections else _ROWS
-    while records := history.records(since_ns, until_ns, most, after, sections=sections):
+    after, limit = 0, _SECTIONS if sections else _ROWS
+    while records := history.records(since_ns, until_ns, limit, after, sections=sections):
         yield records
         after = records[-1].number
 
 
 def format_csv(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[str]:
-    """Rows with a heading, as the CSV files of the running system have them."""
+    """Yield header and rows as in the CSV files of the running system."""
     yield f"{HEADER}\n"
     for records in batches:
         yield "".join(f"{csv_line(record)}\n" for record in records)
 
 
 class _ByteBuffer(io.RawIOBase):
-    """Takes what a writer writes until it is fetched."""
+    """A write-only file that keeps its bytes until they are fetched."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -110,13 +112,13 @@ class _ByteBuffer(io.RawIOBase):
 
 
 def encode_parquet(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[bytes]:
-    """Columns as in the day files, with the cross-sections; one row group a batch."""
+    """Yield a Parquet file with the columns of the day files and cross-sections, one row group per batch."""
     import pyarrow.parquet as pq
 
-    pipe = _ByteBuffer()
-    with pq.ParquetWriter(pipe, schema(), compression="zstd") as writer:
+    buffer = _ByteBuffer()
+    with pq.ParquetWriter(buffer, schema(), compression="zstd") as writer:
         for records in batches:
             rows, sections = [to_row(record) for record in records], [record.section for record in records]
             writer.write_table(to_table(rows, sections))
-            yield pipe.fetch()
-    yield pipe.fetch()
+            yield buffer.fetch()
+    yield buffer.fetch()

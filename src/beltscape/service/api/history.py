@@ -1,4 +1,4 @@
-"""What was: curves, records, events, cross-sections of any stretch of time."""
+"""Endpoints of the history: series, records, events, days and cross-sections of any period."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, HTTPException, Query
 from numpy.typing import NDArray
 from pydantic import Field
 
-from beltscape.core.belt_record import BeltRecord, Standing
+from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 from beltscape.core.errors import BeltscapeError
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import (
@@ -65,8 +65,8 @@ class RecordOut(ResponseModel):
     cameras: int
 
     @classmethod
-    def of(cls, record: BeltRecord) -> RecordOut:
-        """In the units people use."""
+    def from_record(cls, record: BeltRecord) -> RecordOut:
+        """Return the record in m³, t and m."""
         strip = record.strip
         return cls(
             number=record.number,
@@ -86,7 +86,7 @@ class RecordOut(ResponseModel):
 
 
 class DayOut(ResponseModel):
-    """What passed on one day."""
+    """Sums of one day."""
 
     day: Annotated[str, Field(description="Such as 2026-11-21")]
     records: int
@@ -98,7 +98,7 @@ class DayOut(ResponseModel):
 
 
 class EventOut(ResponseModel):
-    """Something that happened."""
+    """One event of the history."""
 
     number: int
     wall_ms: int
@@ -118,7 +118,7 @@ class SectionOut(ResponseModel):
 
 @contextmanager
 def map_history_errors() -> Iterator[None]:
-    """503 where the history cannot be read."""
+    """Turn errors of reading the history into HTTPException 503."""
     try:
         yield
     except (sqlite3.Error, OSError, BeltscapeError) as error:
@@ -141,17 +141,17 @@ def make_router(context: AppContext) -> APIRouter:
         return SeriesOut(
             start_ms=tuple(int(ns) // MS_NS for ns in found.start_ns),
             width_ms=found.width_ns / MS_NS,
-            flow_m3_h=_listed(found.flow_m3_h),
-            low_m3_h=_listed(found.flow_low_m3_h),
-            high_m3_h=_listed(found.flow_high_m3_h),
-            mass_flow_t_h=_listed(found.mass_flow_t_h),
-            speed_m_s=_listed(found.speed_mm_s * 1e-3),
-            coverage=_listed(found.coverage),
-            volume_m3=_listed(found.volume_mm3 * 1e-9),
-            mass_t=_listed(found.mass_kg * 1e-3),
-            valid_m=_listed(found.valid_mm * 1e-3),
-            degraded_m=_listed(found.degraded_mm * 1e-3),
-            missing_m=_listed(found.missing_mm * 1e-3),
+            flow_m3_h=_to_json_numbers(found.flow_m3_h),
+            low_m3_h=_to_json_numbers(found.flow_low_m3_h),
+            high_m3_h=_to_json_numbers(found.flow_high_m3_h),
+            mass_flow_t_h=_to_json_numbers(found.mass_flow_t_h),
+            speed_m_s=_to_json_numbers(found.speed_mm_s * 1e-3),
+            coverage=_to_json_numbers(found.coverage),
+            volume_m3=_to_json_numbers(found.volume_mm3 * 1e-9),
+            mass_t=_to_json_numbers(found.mass_kg * 1e-3),
+            valid_m=_to_json_numbers(found.valid_mm * 1e-3),
+            degraded_m=_to_json_numbers(found.degraded_mm * 1e-3),
+            missing_m=_to_json_numbers(found.missing_mm * 1e-3),
         )
 
     @router.get("/records", responses=describe_refusals(503))
@@ -166,13 +166,13 @@ def make_router(context: AppContext) -> APIRouter:
         check_period(since_ms, until_ms)
         with map_history_errors():
             found = history.records(since_ms * MS_NS, until_ms * MS_NS, limit, after)
-        return [RecordOut.of(record) for record in found]
+        return [RecordOut.from_record(record) for record in found]
 
     @router.get("/events", responses=describe_refusals(503))
     def events(
         _: Viewer, since_ms: WallMs, until_ms: WallMs, limit: Annotated[int, Query(ge=1, le=1000)] = 200
     ) -> list[EventOut]:
-        """Alarms, notes and what people did, newest first."""
+        """Alarms, messages and operators' actions, newest first."""
         check_period(since_ms, until_ms)
         with map_history_errors():
             found = history.events(since_ms * MS_NS, until_ms * MS_NS, limit)
@@ -190,7 +190,7 @@ def make_router(context: AppContext) -> APIRouter:
 
     @router.get("/days", responses=describe_refusals(503))
     def days(_: Viewer, since_ms: WallMs, until_ms: WallMs) -> list[DayOut]:
-        """What passed on each of at most the last 1000 days that begin in that time, oldest first."""
+        """Sums of at most the last 1000 days that begin in that period, oldest first."""
         check_period(since_ms, until_ms)
         with map_history_errors():
             found = history.day_totals(since_ms * MS_NS, until_ms * MS_NS)[-1000:]
@@ -214,15 +214,15 @@ def make_router(context: AppContext) -> APIRouter:
             found = history.section(number)
         if found is None:
             raise HTTPException(404, "no cross-section is kept behind that record")
-        return SectionOut(number=number, x_mm=_plain(found.x_mm), height_mm=_listed(found.height_mm))
+        return SectionOut(number=number, x_mm=_round(found.x_mm), height_mm=_to_json_numbers(found.height_mm))
 
     return router
 
 
-def _plain(values: NDArray[np.floating]) -> tuple[float, ...]:
+def _round(values: NDArray[np.floating]) -> tuple[float, ...]:
     return tuple(round(float(value), 3) for value in values)
 
 
-def _listed(values: NDArray[np.floating]) -> tuple[float | None, ...]:
-    """With None where not finite, and no more digits than mean something."""
+def _to_json_numbers(values: NDArray[np.floating]) -> tuple[float | None, ...]:
+    """Return the values with six significant digits, None where not finite."""
     return tuple(float(f"{value:.6g}") if np.isfinite(value) else None for value in values)

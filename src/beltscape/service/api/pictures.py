@@ -1,4 +1,4 @@
-"""The cameras' last images, small."""
+"""The endpoint of the cameras' last images."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def make_router(context: AppContext) -> APIRouter:
         responses=describe_refusals(404) | {200: {"content": {MEDIA_TYPE: {}}, "description": "WebP"}},
     )
     def picture(name: CameraName, _: Annotated[User, Depends(require_role("viewer"))]) -> Response:
-        """The camera's last image; ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` say which and of when."""
-        made = context.live_state.get_picture(name)
-        if made is None:
+        """The camera's last image; the headers ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` give its name and time."""
+        image = context.live_state.get_picture(name)
+        if image is None:
             raise HTTPException(404, "no image came from a camera of that name yet")
         headers = {
             "Cache-Control": "no-store",
-            "Beltscape-Frame": made.frame.encode("ascii", "replace").decode(),
-            "Beltscape-Wall-Ms": str(made.wall_ns // 1_000_000),
+            "Beltscape-Frame": image.frame.encode("ascii", "replace").decode(),
+            "Beltscape-Wall-Ms": str(image.wall_ns // 1_000_000),
         }
-        return Response(made.data, media_type=MEDIA_TYPE, headers=headers)
+        return Response(image.data, media_type=MEDIA_TYPE, headers=headers)
 
     return router

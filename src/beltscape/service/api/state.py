@@ -1,4 +1,4 @@
-"""How things stand now: flow, totals, cameras, alarms."""
+"""Endpoints of the current state: flow, totals, cameras, alarms, page settings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from pydantic import Field
 
-from beltscape.core.belt_record import Standing, Totals
+from beltscape.core.belt.ledger_entries import Standing, Totals
 from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
@@ -31,19 +31,19 @@ class FlowOut(ResponseModel):
 
 
 class FramesOut(ResponseModel):
-    """How frame sets go through."""
+    """Counts and timing of frame sets."""
 
     done: int
     dropped: int
     waiting: int
-    seconds: Annotated[Number, Field(description="How long the last one took")]
+    seconds: Annotated[Number, Field(description="Time that the last one took")]
     coverage: Annotated[Number, Field(description="Share of the last one that was measured, 0..1")]
     speed_m_s: Annotated[Number, Field(description="Of the belt")]
     age_s: Annotated[Number, Field(description="Since the last one; null: there was none yet")]
 
 
 class TotalsOut(ResponseModel):
-    """What the ledger adds up to."""
+    """Totals of the ledger."""
 
     records: int
     volume_m3: float
@@ -55,8 +55,8 @@ class TotalsOut(ResponseModel):
     since_ms: Annotated[int | None, Field(description="System clock at the first record")]
 
     @classmethod
-    def of(cls, totals: Totals) -> TotalsOut:
-        """In the units people use."""
+    def from_totals(cls, totals: Totals) -> TotalsOut:
+        """Return the totals in m³, t and m."""
         return cls(
             records=totals.records,
             volume_m3=totals.volume_mm3 * 1e-9,
@@ -70,7 +70,7 @@ class TotalsOut(ResponseModel):
 
 
 class CameraOut(ResponseModel):
-    """How one camera does."""
+    """Health of one camera."""
 
     name: str
     state: CameraState
@@ -82,8 +82,8 @@ class CameraOut(ResponseModel):
     picture: Annotated[str | None, Field(description="Frame of its newest picture; null: there is none")]
 
     @classmethod
-    def of(cls, camera: CameraHealth, picture: str | None) -> CameraOut:
-        """As the source tells it."""
+    def from_health(cls, camera: CameraHealth, picture: str | None) -> CameraOut:
+        """Return a camera's health and its newest picture's frame."""
         return cls(
             name=camera.name,
             state=camera.state,
@@ -97,7 +97,7 @@ class CameraOut(ResponseModel):
 
 
 class AlarmOut(ResponseModel):
-    """One alarm as it stands."""
+    """The current state of one alarm."""
 
     name: str
     severity: Severity
@@ -110,8 +110,8 @@ class AlarmOut(ResponseModel):
     by: Annotated[str, Field(description="Who acknowledged it")]
 
     @classmethod
-    def of(cls, alarm: Alarm) -> AlarmOut:
-        """As the board tells it."""
+    def from_alarm(cls, alarm: Alarm) -> AlarmOut:
+        """Return the alarm with its time in ms."""
         return cls(
             name=alarm.name,
             severity=alarm.severity,
@@ -126,14 +126,14 @@ class AlarmOut(ResponseModel):
 
 
 class NoteOut(ResponseModel):
-    """A remark of the running system."""
+    """A message of the running system."""
 
     wall_ms: int
     text: str
 
 
 class StateOut(ResponseModel):
-    """Everything but pictures."""
+    """The current state without pictures."""
 
     wall_ms: Annotated[int, Field(description="System clock of the machine that measures")]
     frames: FramesOut
@@ -143,14 +143,14 @@ class StateOut(ResponseModel):
     alarms: Annotated[tuple[AlarmOut, ...], Field(description="All that are not clear")]
     notes: tuple[NoteOut, ...]
     record: Annotated[int | None, Field(description="Number of the newest record")]
-    health_age_s: Annotated[Number, Field(description="Since the cameras' health was told")]
+    health_age_s: Annotated[Number, Field(description="Since the cameras' health was reported")]
 
     @classmethod
-    def of(cls, now: Snapshot) -> StateOut:
-        """In the units people use."""
-        frames, flow = now.frames, now.flow
+    def from_snapshot(cls, snapshot: Snapshot) -> StateOut:
+        """Return the snapshot in m³, t and m."""
+        frames, flow = snapshot.frames, snapshot.flow
         return cls(
-            wall_ms=now.wall_ns // 1_000_000,
+            wall_ms=snapshot.wall_ns // 1_000_000,
             frames=FramesOut(
                 done=frames.done,
                 dropped=frames.dropped,
@@ -158,7 +158,7 @@ class StateOut(ResponseModel):
                 seconds=frames.seconds,
                 coverage=frames.coverage,
                 speed_m_s=frames.speed_mm_s * 1e-3,
-                age_s=now.frame_age_s,
+                age_s=snapshot.frame_age_s,
             ),
             flow=FlowOut(
                 volume_m3_h=flow.volume_m3_h,
@@ -171,17 +171,17 @@ class StateOut(ResponseModel):
                 change=flow.change,
                 standing=flow.standing,
             ),
-            totals=TotalsOut.of(now.totals),
-            cameras=tuple(CameraOut.of(one, now.picture_frames.get(one.name)) for one in now.cameras),
-            alarms=tuple(AlarmOut.of(alarm) for alarm in now.alarms if alarm.state != "clear"),
-            notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in now.notes),
-            record=now.record,
-            health_age_s=now.health_age_s,
+            totals=TotalsOut.from_totals(snapshot.totals),
+            cameras=tuple(CameraOut.from_health(camera, snapshot.picture_frames.get(camera.name)) for camera in snapshot.cameras),
+            alarms=tuple(AlarmOut.from_alarm(alarm) for alarm in snapshot.alarms if alarm.state != "clear"),
+            notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in snapshot.notes),
+            record=snapshot.record,
+            health_age_s=snapshot.health_age_s,
         )
 
 
 class PageOut(ResponseModel):
-    """What the page needs to know before it shows anything."""
+    """Settings of the page and the signed-in user."""
 
     plant: str
     language: Language
@@ -198,12 +198,12 @@ def make_router(context: AppContext) -> APIRouter:
 
     @router.get("/state", responses=describe_refusals())
     def state(_: Annotated[User, Depends(require_role("viewer"))]) -> StateOut:
-        """Flow, totals, cameras and alarms as they are now."""
-        return StateOut.of(context.live_state.take_snapshot())
+        """Flow, totals, cameras and alarms as they are snapshot."""
+        return StateOut.from_snapshot(context.live_state.take_snapshot())
 
     @router.get("/page", responses=describe_refusals())
     def page(user: Annotated[User, Depends(require_role("viewer"))]) -> PageOut:
-        """Who is signed in, and how the page is set."""
+        """The signed-in user and the settings of the page."""
         from beltscape import __version__
 
         settings = context.settings

@@ -1,1 +1,1 @@
-"""What the page shows now, kept small: belt surface, flow, pictures, how long frames took."""
+"""View models of the page, in bounded memory: belt surface, flow, pictures, processing times."""

@@ -1,4 +1,4 @@
-"""How long frame sets took, counted in classes."""
+"""A histogram of the processing times of frame sets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import accumulate
 from math import isfinite
 
 BOUNDS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
-"""Upper bounds of the classes; one more is without a bound."""
+"""Upper bounds of the bins; a last bin has no bound."""
 
 
 class DurationHistogram:
@@ -18,11 +18,11 @@ class DurationHistogram:
         self._sum_s = 0.0
 
     def add(self, seconds: float) -> None:
-        """Count one; what is no number is left out."""
+        """Count one time; NaN, infinite and negative times are ignored."""
         if isfinite(seconds) and seconds >= 0:
             self._counts[bisect_left(BOUNDS_S, seconds)] += 1
             self._sum_s += seconds
 
-    def cumulative(self) -> tuple[tuple[int, ...], float]:
-        """How many took no longer than each bound and how many there were in all; their sum in seconds."""
+    def compute_cumulative(self) -> tuple[tuple[int, ...], float]:
+        """Return the counts up to each bound and in total, and the sum in seconds."""
         return tuple(accumulate(self._counts)), self._sum_s

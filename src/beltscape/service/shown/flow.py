@@ -1,4 +1,4 @@
-"""The flow as it is now: a mean over the last seconds of belt travel, and where it is going."""
+"""The current flow: an average over the last seconds of belt travel, and its trend."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import isfinite, isnan, nan
 from typing import Literal
 
-from beltscape.core.belt_record import BeltRecord, Standing
+from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 
 Trend = Literal["rising", "falling", "steady", "unknown"]
 _TREND_S = 60.0
@@ -23,21 +23,21 @@ class CurrentFlow:
     volume_m3_h: float = nan
     """Volume flow."""
     sigma_m3_h: float = nan
-    """One standard deviation; strips' errors are taken to go fully together, so it is not too small."""
+    """One standard deviation; the strips' errors are taken as fully correlated, so it is not too small."""
     mass_t_h: float = nan
     """Mass flow; NaN without a density."""
     mass_sigma_t_h: float = nan
-    """One standard deviation of it, of the volume alone."""
+    """One standard deviation of the mass flow, from the volume alone."""
     area_mm2: float = nan
     """Mean cross-section of the load."""
     coverage: float = nan
     """Share of the strips that was measured, 0..1."""
     trend: Trend = "unknown"
-    """Against the minute before; a change smaller than 2 σ or 4 % is steady."""
+    """Trend against the minute before; a change smaller than 2 σ or 4 % is steady."""
     change: float = nan
     """Relative change against the minute before."""
     standing: Standing = "missing"
-    """The worst of the strips in it."""
+    """The worst standing of the strips in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class _Strip:
 
 
 class FlowAverage:
-    """Keeps the strips of the last minute of belt travel. Not thread-safe."""
+    """Averages the strips of the last minute of belt travel. Not thread-safe."""
 
     def __init__(self, window_s: float) -> None:
         self._window_s = window_s
@@ -60,7 +60,7 @@ class FlowAverage:
         self._speed_mm_s = nan
 
     def add(self, records: Sequence[BeltRecord]) -> None:
-        """Take finished records, in order."""
+        """Add finished records, in order."""
         for record in records:
             strip = record.strip
             if strip is not None and isfinite(strip.speed_mm_s):
@@ -83,11 +83,11 @@ class FlowAverage:
         while self._strips and kept - self._strips[0].seconds > _TREND_S + self._window_s:
             kept -= self._strips.popleft().seconds
 
-    def now(self, speed_mm_s: float) -> CurrentFlow:
-        """The flow, given how fast the belt runs at this moment (NaN: not known)."""
+    def compute(self, speed_mm_s: float) -> CurrentFlow:
+        """Return the flow, given the current speed of the belt (NaN: not known)."""
         if speed_mm_s <= _STOPPED_MM_S:
             return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, "valid")
-        last, before = self._parted()
+        last, before = self._split_strips()
         if not last:
             return CurrentFlow()
         standings = {strip.standing for strip in last}
@@ -102,7 +102,7 @@ class FlowAverage:
         volume = sum(strip.volume_mm3 for strip in counted) / seconds * 3600e-9
         sigma = sum(strip.sigma_mm3 for strip in counted) / seconds * 3600e-9
         mass = sum(strip.mass_kg for strip in counted) / seconds * 3.6
-        trend, change = _trend(volume, sigma, before)
+        trend, change = _compute_trend(volume, sigma, before)
         return CurrentFlow(
             volume,
             sigma,
@@ -115,8 +115,8 @@ class FlowAverage:
             worst,
         )
 
-    def _parted(self) -> tuple[list[_Strip], list[_Strip]]:
-        """Strips of the window, and those of the minute before it."""
+    def _split_strips(self) -> tuple[list[_Strip], list[_Strip]]:
+        """Return the strips of the window, and those of the minute before it."""
         last: list[_Strip] = []
         seconds = 0.0
         strips = list(self._strips)
@@ -126,7 +126,7 @@ class FlowAverage:
         return last, [strip for strip in strips if strip.standing != "missing"]
 
 
-def _trend(volume: float, sigma: float, before: list[_Strip]) -> tuple[Trend, float]:
+def _compute_trend(volume: float, sigma: float, before: list[_Strip]) -> tuple[Trend, float]:
     seconds = sum(strip.seconds for strip in before)
     if seconds < 5:
         return "unknown", nan

@@ -1,4 +1,4 @@
-"""A camera's last image as a small picture, made when somebody asks for it."""
+"""A camera's last image as a small WebP picture."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class Picture:
     """An encoded picture."""
 
     frame: str
-    """Name of its trigger instant."""
+    """Name of its frame."""
     wall_ns: int
-    """System clock when it came."""
+    """System clock at its arrival."""
     data: bytes
-    """WebP."""
+    """WebP file."""
 
 
 def convert_to_8_bit(image: Image) -> NDArray[np.uint8]:
-    """The image in 8 bits; of a deeper one those bits that are in use."""
+    """Return the image in 8 bits; deeper images are shifted by the bits in use."""
     if image.dtype == np.uint8:
         return image.astype(np.uint8, copy=False)
     bits = max(int(image.max(initial=1)).bit_length(), 8)
@@ -36,7 +36,7 @@ def convert_to_8_bit(image: Image) -> NDArray[np.uint8]:
 
 
 def encode_thumbnail(image: Image, longest_px: int) -> bytes:
-    """WebP of a grey or RGB image, its longer side at most that long."""
+    """Return a grey or RGB image as WebP, its longer side at most ``longest_px``."""
     height, width = image.shape[:2]
     scale = min(longest_px / max(height, width), 1.0)
     size = (max(round(width * scale), 1), max(round(height * scale), 1))

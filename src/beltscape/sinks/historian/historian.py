@@ -8,13 +8,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.core.belt_record import BeltRecord, CrossSection, Totals
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Totals
 from beltscape.core.errors import OutputError
-from beltscape.sinks.historian.events import Event, add_event, read_events
-from beltscape.sinks.historian.past import DaySum, past_days, past_records, past_section
-from beltscape.sinks.historian.retention import Retention
-from beltscape.sinks.historian.series import Series, read_series
-from beltscape.sinks.historian.store import Store
+from beltscape.sinks.historian.archive.retention import Retention
+from beltscape.sinks.historian.reading.events import Event, add_event, read_events
+from beltscape.sinks.historian.reading.periods import DaySum, past_days, past_records, past_section
+from beltscape.sinks.historian.reading.series import Series, read_series
+from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings
 
 

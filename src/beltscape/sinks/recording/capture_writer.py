@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.files.encoder_csv import HEADER
+from beltscape.files.tables.encoder_csv import HEADER
 
 ENCODER = "encoder.csv"
 _HOW = {

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.sinks.recording.shelf import Shelf
+from beltscape.sinks.recording.capture_store import Shelf
 
 PARTS = 12
 """Pieces of the ring; one goes at a time."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.sources.encoder.origin import EncoderOffset
+from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.simple import ConstantEncoder, TableEncoder

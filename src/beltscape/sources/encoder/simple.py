@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.tables.encoder_csv import read_encoder
 
 
 class TableEncoder:

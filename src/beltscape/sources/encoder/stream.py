@@ -8,7 +8,7 @@ from time import monotonic_ns
 
 from beltscape.sources.encoder.count import CountUnwrapper
 from beltscape.sources.encoder.device_clock import DeviceClock
-from beltscape.sources.encoder.origin import EncoderOffset
+from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.text import Reading, parse_reading
 from beltscape.sources.encoder.track import PositionTrack

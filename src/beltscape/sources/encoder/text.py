@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.files.encoder_csv import HEADER
-from beltscape.files.images import EXTENSIONS
+from beltscape.files.rasters.images import EXTENSIONS
+from beltscape.files.tables.encoder_csv import HEADER
 
 LONGEST = 256
 """Characters; a longer line is no reading."""

@@ -7,7 +7,7 @@ from threading import Event, Thread
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
-from beltscape.sources.encoder.origin import EncoderOffset
+from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.stream import ReadingStream
 

@@ -18,7 +18,7 @@ from beltscape.stereo.consistency.motion import Motion, fit_motion
 from beltscape.stereo.consistency.residuals import pair_residuals
 from beltscape.stereo.consistency.tie_points import TiePoints, textured_points
 from beltscape.stereo.consistency.unguided import unguided_points
-from beltscape.stereo.search import search_range
+from beltscape.stereo.multiview.initialisation.depth_range import search_range
 
 State = Literal["sound", "contradicting", "unmatched", "not measured"]
 

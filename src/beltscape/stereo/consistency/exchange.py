@@ -13,7 +13,7 @@ from beltscape.stereo.consistency.check import RigConsistency
 from beltscape.stereo.consistency.isolation import residuals_of
 from beltscape.stereo.consistency.tie_points import Array, textured_points
 from beltscape.stereo.consistency.unguided import unguided_points
-from beltscape.stereo.search import search_range
+from beltscape.stereo.multiview.initialisation.depth_range import search_range
 
 _FITS_PX = 1.0
 """Systematic residual of a camera that fits, px of the small images."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.rig import Rig
-from beltscape.stereo.consistency.peak import refined_peak
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.correlation_peak import refined_peak
 
 HALF_PX = 7
 """Half the side of a patch."""

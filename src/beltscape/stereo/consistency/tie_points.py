@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.frames import Image, to_grey
-from beltscape.stereo.levels import noise_variance, texture_over_noise
+from beltscape.stereo.multiview.frame.photometry import noise_variance, texture_over_noise
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
-from beltscape.stereo.pairs.contrast import eight_bit_root
-from beltscape.stereo.pairs.rectify import RectifiedPair, rectify_pair
-from beltscape.stereo.pairs.rows import row_matches
+from beltscape.stereo.pairwise.contrast import eight_bit_root
+from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
+from beltscape.stereo.pairwise.row_error import row_matches
 
 _WIDTH_PX = 420
 """Width of the images searched: at a third of the size a wide search costs a thirtieth."""

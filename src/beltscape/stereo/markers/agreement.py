@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
-from beltscape.stereo.search import search_range
+from beltscape.stereo.multiview.initialisation.depth_range import search_range
 
 _OFF_RADII = 0.3
 """How far from where the others put it a camera may see a marker, in its radii. Half a disc hidden shifts the

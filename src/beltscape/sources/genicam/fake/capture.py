@@ -7,8 +7,8 @@ from pathlib import Path
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.files.capture import read_capture
-from beltscape.files.encoder_csv import read_encoder
-from beltscape.files.images import is_grey_throughout, read_image
+from beltscape.files.rasters.images import is_grey_throughout, read_image
+from beltscape.files.tables.encoder_csv import read_encoder
 
 
 def read_pictures(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image]], list[int], int]:

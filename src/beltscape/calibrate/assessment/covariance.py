@@ -1,0 +1,137 @@
+"""What the calibration's covariance does to a measured depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.assessment.jackknife import estimate_inflation
+from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibrate.solver.bundle import INTRINSICS
+from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
+from beltscape.core.rig import Rig
+
+Array = NDArray[np.float64]
+
+INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+POSE_NAMES = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_mm", "shift_z_mm")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigCovariance:
+    """Covariance of a rig's parameters; a held parameter has variance 0."""
+
+    parameters: tuple[str, ...]
+    """``camera.parameter``: intrinsics of every camera, then the pose of every camera but the core.
+
+    A pose's turn is about the axes of the camera's own frame: ``exp(turn) @ rotation``, ``translation + shift``.
+    """
+    matrix: Array
+    """(G, G)."""
+    inflation: float
+    """Factor that the standard deviations include because the views disagree by more than their noise; 1: none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthSigma:
+    """One standard deviation of a triangulated depth from calibration alone, over the core camera's view."""
+
+    depth_mm: float
+    x_mm: Array
+    """(Nx,) in the core frame."""
+    y_mm: Array
+    """(Ny,)."""
+    sigma_mm: Array
+    """(Ny, Nx); NaN where fewer than two cameras see the point."""
+
+
+def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
+    """Covariance of the cameras' parameters, everything else marginalised; raised where the views disagree."""
+    cameras = list(adjustment.rig.cameras)
+    names = [f"{name}.{what}" for name in cameras for what in INTRINSIC_NAMES]
+    names += [f"{name}.{what}" for name in cameras if name != adjustment.rig.core for what in POSE_NAMES]
+    free = adjustment.bundle.free
+    of_cameras = free[free < adjustment.bundle.point_start]
+    full = np.zeros((len(names), len(names)))
+    own = adjustment.linearise().covariance()[: len(of_cameras), : len(of_cameras)]
+    distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
+    jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[
+        :, of_cameras
+    ]
+    inflation = estimate_inflation(adjustment, own, jacobian[np.isfinite(jacobian).all(axis=1)])
+    full[np.ix_(of_cameras, of_cameras)] = inflation**2 * (own + own.T) / 2
+    return RigCovariance(tuple(names), full, inflation)
+
+
+def compute_depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:
+    """σ of depths triangulated at ``depth_mm`` in front of the core, propagated from (G, G) to first order."""
+    x, y = make_view_grid(rig, depth_mm, columns)
+    jacobian = compute_depth_jacobian(rig, make_view_points(rig, depth_mm, columns))
+    sigma = np.sqrt(np.einsum("ni,ij,nj->n", jacobian, covariance, jacobian))
+    return DepthSigma(depth_mm, x, y, sigma.reshape(len(y), len(x)))
+
+
+def make_view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Array]:
+    """X (Nx,) and y (Ny,) of a grid over the core camera's view at a depth, mm."""
+    camera = rig.core_camera
+    width, height = camera.size_px
+    rows = max(3, round(columns * height / width))
+    first = -camera.center_px / camera.focal_px * depth_mm
+    last = (np.array([width, height]) - 1 - camera.center_px) / camera.focal_px * depth_mm
+    return np.linspace(first[0], last[0], columns), np.linspace(first[1], last[1], rows)
+
+
+def make_view_points(rig: Rig, depth_mm: float, columns: int) -> Array:
+    """(Ny·Nx, 3) the points of `make_view_grid`, row by row, in the core frame, mm."""
+    x, y = make_view_grid(rig, depth_mm, columns)
+    return np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), depth_mm)], axis=-1).reshape(-1, 3)
+
+
+def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
+    """(N, G) how a point's triangulated depth moves with each parameter of the rig; NaN where two do not see it.
+
+    All cameras that see the point enter: it moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ when the parameters move by δθ.
+    """
+    cameras = len(rig.cameras)
+    count = INTRINSICS * cameras + 6 * (cameras - 1)
+    normal, mixed = np.zeros((len(points_mm), 3, 3)), np.zeros((len(points_mm), 3, count))
+    visible_views = np.zeros(len(points_mm))
+    for i, name in enumerate(rig.cameras):
+        jacobian, by_rig, seen = differentiate_camera(rig, name, points_mm)
+        jacobian = jacobian * seen[:, None, None]
+        normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
+        columns = list_parameter_columns(i, cameras)
+        mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_rig[:, :, : len(columns)])
+        visible_views += seen
+    usable = visible_views >= 2
+    jacobian = np.full((len(points_mm), count), np.nan)
+    jacobian[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
+    return jacobian
+
+
+def list_parameter_columns(index: int, cameras: int) -> NDArray[np.int64]:
+    """Columns of the camera of that index: 9 of its lens, then 6 of its pose (none for the core, index 0)."""
+    lens = np.arange(INTRINSICS * index, INTRINSICS * (index + 1))
+    pose = INTRINSICS * cameras + 6 * (index - 1) + np.arange(6 if index else 0)
+    return np.concatenate([lens, pose])
+
+
+def differentiate_camera(rig: Rig, name: str, points_mm: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Of a camera's pixels of points (N, 3) in the core frame: by the point (N, 2, 3), by lens and pose (N, 2, 15).
+
+    And whether the camera sees them.
+    """
+    camera, pose = rig.cameras[name], rig.cam_from_core[name]
+    turned = points_mm @ pose.rotation.T
+    inside = turned + pose.translation_mm
+    ahead = inside[:, 2] > 0
+    inside[~ahead] = (0, 0, 1)
+    pixels, by_point, by_lens = project_with_jacobians(
+        inside, np.tile(pack_intrinsics(camera), (len(points_mm), 1))
+    )
+    seen = ahead & ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
+    by_rig = np.concatenate([by_lens, differentiate_by_pose(by_point, turned)], axis=-1)
+    return np.einsum("nij,jk->nik", by_point, pose.rotation), by_rig, seen

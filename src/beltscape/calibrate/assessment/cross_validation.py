@@ -1,0 +1,93 @@
+"""The score that counts: a rig found from half of the frames, held against the other half."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.calibrate.assessment.covariance import (
+    compute_depth_jacobian,
+    compute_rig_covariance,
+    make_view_points,
+)
+from beltscape.calibrate.assessment.score import Score, compute_rig_errors, summarise_errors
+from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.core.camera import Camera
+from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import Silent
+from beltscape.kernels import Kernels
+from beltscape.target.board import Board
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrossValidation:
+    """What two halves of the views say of each other."""
+
+    score: Score
+    """Each half judged by the rig of the other."""
+    split_ratio: float
+    """RMS difference of depths under the two rigs over what the covariances promise; 1 where they are right."""
+
+
+def cross_validate(
+    detections: BoardDetections,
+    board: Board,
+    core: str,
+    kernels: Kernels,
+    *,
+    known: Mapping[str, Camera] | None = None,
+) -> CrossValidation | None:
+    """Even frames judge the rig of the odd ones and the other way round; None where half is too little."""
+    frames = [frame for frame in detections.frames if _count_cameras(detections, frame) > 1]
+    halves = frames[::2], frames[1::2]
+    try:
+        rigs = [
+            _calibrate_rig(detections.restrict(detections.cameras, train), board, core, known)
+            for train in halves
+        ]
+        rig_errors = [
+            compute_rig_errors(
+                found.rig,
+                detections.restrict(detections.cameras, test),
+                board,
+                kernels,
+                corners_mm=found.geometry.points_mm,
+            )
+            for found, test in zip(rigs, halves[::-1], strict=True)
+        ]
+    except CalibrationError:
+        return None
+    return CrossValidation(summarise_errors(*rig_errors), _compute_split_ratio(*rigs, kernels))
+
+
+def _calibrate_rig(
+    detections: BoardDetections, board: Board, core: str, known: Mapping[str, Camera] | None
+) -> BundleAdjustmentResult:
+    return adjust_bundle(solve_hierarchy(detections, board, core, Silent(), known=known), board)
+
+
+def _compute_split_ratio(
+    first: BundleAdjustmentResult, second: BundleAdjustmentResult, kernels: Kernels
+) -> float:
+    """See `CrossValidation.split_ratio`; NaN where the two rigs have no common view."""
+    names = list(first.rig.cameras)
+    if names != list(second.rig.cameras):
+        return float("nan")
+    distance = float(np.median(first.geometry.board_translation_mm[:, 2]))
+    points = make_view_points(first.rig, distance, 13)
+    pixels = np.stack([first.rig.project_into(second.rig, name, points) for name in names])
+    measured = kernels.triangulate(np.stack([second.rig.projection(name) for name in names]), pixels)
+    expected = sum(
+        np.einsum("ni,ij,nj->n", jacobian, compute_rig_covariance(each).matrix, jacobian)
+        for each, jacobian in ((each, compute_depth_jacobian(each.rig, points)) for each in (first, second))
+    )
+    ratios = (measured[:, 2] - distance) ** 2 / expected
+    return float(np.sqrt(np.nanmean(ratios))) if np.isfinite(ratios).any() else float("nan")
+
+
+def _count_cameras(detections: BoardDetections, frame: str) -> int:
+    return sum(frame in views for views in detections.views.values())

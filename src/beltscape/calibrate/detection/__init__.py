@@ -1,0 +1,1 @@
+"""The board's corners: found in images, refined to a hundredth of a pixel, checked against the described board."""

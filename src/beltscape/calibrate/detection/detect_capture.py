@@ -1,0 +1,182 @@
+"""A whole capture → the board's corners in every image, found in parallel."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.detection.board_mismatch import describe_shown_board
+from beltscape.calibrate.detection.corners import BoardDetections, Corners
+from beltscape.calibrate.detection.detector import PrintVariant, convert_to_8_bit, make_detector
+from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Reporter
+from beltscape.files.capture import Capture
+from beltscape.files.rasters.images import read_image
+from beltscape.target.board import Board, CharucoBoard
+
+NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def detect_board(
+    capture: Capture, board: Board, reporter: Reporter, *, variant: PrintVariant | None = None
+) -> tuple[BoardDetections, PrintVariant]:
+    """The board's corners in every image of a capture, and how the board turned out to be printed.
+
+    Images that cannot be read or have another size than the rest of their camera are named and left out.
+
+    Raises
+    ------
+    InputError
+        When no image shows the board; the message says what the images show instead.
+    """
+    for line in capture.gaps():
+        reporter.warn(line)
+    if variant is None:
+        variant = _find_variant(capture, board)
+    detect = make_detector(board, variant)
+    jobs = [(camera, frame, path) for camera, files in capture.files.items() for frame, path in files.items()]
+
+    def detect_in_file(job: tuple[str, str, Path]) -> tuple[tuple[int, int], Corners | None] | str:
+        try:
+            image = read_image(job[2])
+        except InputError as error:
+            return f"{error}; going on without this image"
+        return (image.shape[1], image.shape[0]), detect(image)
+
+    with single_thread():
+        results = list(
+            zip(jobs, _map_parallel(detect_in_file, jobs, reporter, "finding the board"), strict=True)
+        )
+    detections = _collect_detections(capture, results, reporter)
+    if not detections.cameras:
+        raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
+    if not any(detections.views.values()):
+        raise InputError(_describe_failure(capture, board, variant))
+    for camera, views in detections.views.items():
+        if not views and _is_mirrored(capture.only((camera,)), board, variant):
+            reporter.warn(
+                f"{capture.folder / camera}: the images are mirrored; switch mirroring off in the camera"
+            )
+    return detections, variant
+
+
+def _is_mirrored(capture: Capture, board: Board, variant: PrintVariant) -> bool:
+    """Whether the board shows once the images are flipped left to right."""
+    detect = make_detector(board, variant)
+    flipped = (np.ascontiguousarray(image[:, ::-1]) for image in _sample_images(capture, 6))
+    return any(detect(image) is not None for image in flipped)
+
+
+def _map_parallel(
+    work: Callable[[Item], Result], items: list[Item], reporter: Reporter, stage: str
+) -> Iterator[Result]:
+    """Results in the order of the items, whatever the number of threads."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            for done, result in enumerate(pool.map(work, items), start=1):
+                reporter.step(stage, done, len(items))
+                yield result
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _collect_detections(
+    capture: Capture,
+    results: list[tuple[tuple[str, str, Path], tuple[tuple[int, int], Corners | None] | str]],
+    reporter: Reporter,
+) -> BoardDetections:
+    sizes: dict[str, tuple[int, int]] = {}
+    views: dict[str, dict[str, Corners]] = {}
+    for camera in capture.cameras:
+        own = [(frame, path, result) for (name, frame, path), result in results if name == camera]
+        for _, _, result in own:
+            if isinstance(result, str):
+                reporter.warn(result)
+        read = [(frame, path, result) for frame, path, result in own if not isinstance(result, str)]
+        if not read:
+            reporter.warn(
+                f"{capture.folder / camera}: none of its images can be read; going on without {camera}"
+            )
+            continue
+        size = Counter(result[0] for _, _, result in read).most_common(1)[0][0]
+        sizes[camera], views[camera] = size, {}
+        for frame, path, (own_size, corners) in read:
+            if own_size != size:
+                reporter.warn(
+                    f"{path}: {own_size[0]}×{own_size[1]} px, but {camera}'s other images have "
+                    f"{size[0]}×{size[1]}; going on without this image"
+                )
+            elif corners is not None:
+                views[camera][frame] = corners
+    return BoardDetections(sizes, views, {name: len(capture.files[name]) for name in sizes})
+
+
+def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
+    """Up to ``count`` readable images, spread over cameras and frames."""
+    frames = capture.frames
+    order = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
+    read_count = 0
+    for frame in order:
+        for files in capture.files.values():
+            if frame in files and read_count < count:
+                try:
+                    image = convert_to_8_bit(read_image(files[frame]))
+                except InputError:
+                    continue
+                read_count += 1
+                yield image
+
+
+def _find_variant(capture: Capture, board: Board) -> PrintVariant:
+    """Legacy or not, inverted or not: what board.toml leaves open is tried and told."""
+    if not isinstance(board, CharucoBoard):
+        return PrintVariant()
+    options = [
+        PrintVariant(legacy, inverted)
+        for inverted in _list_options(board.inverted)
+        for legacy in _list_options(board.legacy)
+    ]
+    return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
+
+
+def _list_options(flag: bool | None) -> tuple[bool, ...]:
+    return (False, True) if flag is None else (flag,)
+
+
+def _select_variant(
+    options: list[PrintVariant], board: Board, images: Iterable[NDArray[np.uint8]]
+) -> PrintVariant:
+    """The variant with the most corners; the first of equals. Stops as soon as one is clearly ahead."""
+    counts = [0] * len(options)
+    for image in images:
+        for i, option in enumerate(options):
+            corners = make_detector(board, option)(image)
+            counts[i] += len(corners) if corners else 0
+        best, second = sorted(counts, reverse=True)[:2]
+        if best >= 60 and best > 3 * second:
+            break
+    return options[int(np.argmax(counts))]
+
+
+def _describe_failure(capture: Capture, board: Board, variant: PrintVariant) -> str:
+    message = f"{capture.folder}: no image shows the board ({board.describe()})"
+    if isinstance(board, CharucoBoard):
+        others = [PrintVariant(legacy, inverted) for inverted in (False, True) for legacy in (False, True)]
+        best = _select_variant(others, board, _sample_images(capture, 12))
+        if best != variant and any(
+            make_detector(board, best)(image) for image in _sample_images(capture, 12)
+        ):
+            return f"{message}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
+    shown = describe_shown_board(_sample_images(capture, 12), board)
+    return f"{message}; " + (f"they show {shown}: correct board.toml" if shown else NO_BOARD)

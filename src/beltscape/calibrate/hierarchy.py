@@ -1,0 +1,149 @@
+"""The paper's hierarchy as one function: monocular → binocular → association → global optimisation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.intrinsics.zhang import MIN_VIEWS, MonocularCalibration, calibrate_camera
+from beltscape.calibrate.network.association import CameraNetwork, associate_cameras, find_groups, select_core
+from beltscape.calibrate.network.board_symmetry import unify_numbering
+from beltscape.calibrate.network.global_optimisation import optimise_network
+from beltscape.calibrate.network.pairs import Pair, calibrate_pairs
+from beltscape.calibrate.network.synchronisation import find_frame_misfits
+from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.core.camera import Camera
+from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.capture import natural
+from beltscape.target.board import Board, corner_points_mm
+
+EXCESS_FACTOR, EXCESS_PX = 2.0, 0.25
+"""A pair whose RMS exceeds its cameras' own by this factor, and this many px, is not synchronous."""
+MAX_UNCERTAINTY = 0.05
+"""A camera whose focal length or principal point has a larger standard deviation, over the focal length, is named."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HierarchyResult:
+    """What each level of the hierarchy found, and the rig that follows."""
+
+    rig: Rig
+    detections: BoardDetections
+    """Of the rig's cameras, numbered from the same end of the board."""
+    monocular: Mapping[str, MonocularCalibration]
+    network: CameraNetwork
+
+
+def solve_hierarchy(
+    detections: BoardDetections,
+    board: Board,
+    core: str | None,
+    reporter: Reporter,
+    *,
+    known: Mapping[str, Camera] | None = None,
+) -> HierarchyResult:
+    """Calibrate a rig from the board's corners.
+
+    The intrinsics of ``known`` cameras (by name) are held as they are. A camera with too few views, without views
+    shared with the rest, or with frames of other instants, is named and left out.
+
+    Raises
+    ------
+    CalibrationError
+        When the core camera, or all but one camera, cannot be calibrated.
+    """
+    board_mm = corner_points_mm(board)
+    with single_thread():
+        monocular: dict[str, MonocularCalibration] = {}
+        for done, name in enumerate(detections.cameras, start=1):
+            try:
+                monocular[name] = calibrate_camera(name, detections, board_mm, known=(known or {}).get(name))
+                _warn_if_uncertain(monocular[name], reporter)
+            except CalibrationError as error:
+                _warn_or_raise(error, name, core, reporter)
+            reporter.step("calibrating cameras", done, len(detections.cameras))
+        numbering = unify_numbering(detections, monocular, board)
+        detections, monocular = numbering.detections, dict(numbering.monocular)
+        for line in numbering.ambiguous:
+            reporter.warn(line)
+        for misfit in find_frame_misfits(monocular, sorted(detections.frames, key=natural)):
+            if len(monocular) == 2:
+                raise CalibrationError(misfit.describe())
+            _warn_or_raise(CalibrationError(misfit.describe()), misfit.camera, core, reporter)
+            del monocular[misfit.camera]
+        pairs = calibrate_pairs(detections, monocular, board_mm, reporter)
+    connected = _select_connected(monocular, pairs, core, reporter)
+    kept = {name: monocular[name] for name in connected}
+    pairs = tuple(pair for pair in pairs if pair.first in kept)
+    core = core or select_core(detections.restrict(kept, detections.frames), pairs)
+    with single_thread():
+        network = optimise_network(associate_cameras(core, pairs))
+    order = [core, *(name for name in kept if name != core)]
+    rig = Rig(
+        core=core,
+        cameras={name: kept[name].camera for name in order},
+        cam_from_core={name: network.cam_from_core[name] for name in order},
+    )
+    return HierarchyResult(rig, detections.restrict(order, detections.frames), kept, network)
+
+
+def _warn_if_uncertain(found: MonocularCalibration, reporter: Reporter) -> None:
+    worst = max(found.sigma[name] for name in ("fx", "fy", "cx", "cy"))
+    if worst > MAX_UNCERTAINTY * found.camera.focal_px.mean():
+        reporter.warn(
+            f"camera {found.camera.name}: its {len(found.cam_from_board)} views leave the focal length or the "
+            f"principal point uncertain by {worst:.0f} px; add views with the board tilted about 30° to every side"
+        )
+
+
+def _warn_or_raise(error: CalibrationError, name: str, core: str | None, reporter: Reporter) -> None:
+    if name == core:
+        raise CalibrationError(f"{error}; it is the core camera: choose another with --core") from error
+    reporter.warn(f"{error}; going on without {name}")
+
+
+def _select_connected(
+    monocular: Mapping[str, MonocularCalibration],
+    pairs: tuple[Pair, ...],
+    core: str | None,
+    reporter: Reporter,
+) -> tuple[str, ...]:
+    """The cameras that hang together with the core, or the largest group; the others are named."""
+    if core is not None and core not in monocular:
+        raise CalibrationError(f"core camera {core} has no usable image: choose another with --core")
+    if len(monocular) < 2:
+        raise CalibrationError(
+            f"{'only camera ' + next(iter(monocular)) if monocular else 'no camera'} can be calibrated, "
+            f"a rig needs two; take at least {MIN_VIEWS} tilted views with each camera"
+        )
+    components = find_groups(monocular, pairs)
+    best = next(
+        (component for component in components if core in component), components[0] if components else ()
+    )
+    if len(best) < 2:
+        lone = core or ", ".join(monocular)
+        raise CalibrationError(
+            f"{lone}: no view of the board is shared with another camera; "
+            "show the board to two cameras in the same frame"
+        )
+    for component in components:
+        for name in component:
+            if name not in best:
+                reporter.warn(
+                    f"camera {name} shares no view of the board with {', '.join(best)}; going on without it"
+                )
+    return best
+
+
+def find_unsynchronised_pairs(hierarchy: HierarchyResult) -> list[Pair]:
+    """Pairs that fit far worse than their cameras do alone: unsynchronised, or one of them moved."""
+    return [
+        pair
+        for pair in hierarchy.network.pairs
+        if pair.rms_px > EXCESS_PX
+        and pair.rms_px
+        > EXCESS_FACTOR * max(hierarchy.monocular[pair.first].rms_px, hierarchy.monocular[pair.second].rms_px)
+    ]

@@ -1,0 +1,1 @@
+"""Intrinsics of one camera by Zhang's method, and their sensitivity to the corners."""

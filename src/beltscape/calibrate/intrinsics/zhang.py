@@ -1,0 +1,211 @@
+"""Monocular calibration: Zhang's method, one camera at a time (the paper's Section 2.2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.detection.corners import BoardDetections, Corners
+from beltscape.calibrate.solver.bundle import Bundle
+from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.solver.levenberg_marquardt import minimise
+from beltscape.core.camera import Camera
+from beltscape.core.errors import CalibrationError
+from beltscape.core.pose import Pose
+
+MIN_VIEWS = 3
+"""Zhang's equations need three views in general position."""
+OUTLIER_FACTOR = 3.5
+"""A view whose RMS exceeds the median view's by this factor is left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonocularCalibration:
+    """One camera, calibrated by itself."""
+
+    camera: Camera
+    sigma: Mapping[str, float]
+    """One standard deviation of fx, fy, cx, cy (px) and k1, k2, p1, p2, k3; 0 for one that was held."""
+    rms_px: float
+    """Reprojection RMS over the views used (they are the ones it was found from)."""
+    cam_from_board: Mapping[str, Pose]
+    """By frame, for the views used."""
+    view_rms_px: Mapping[str, float]
+    """By frame, for the views used."""
+    rejected: Mapping[str, str] = field(default_factory=dict)
+    """Frame → why it was left out."""
+    held: tuple[str, ...] = ()
+    """Parameters that the images do not determine, held at their default."""
+
+
+def calibrate_camera(
+    name: str,
+    detections: BoardDetections,
+    board_mm: NDArray[np.float64],
+    *,
+    known: Camera | None = None,
+    min_views: int = MIN_VIEWS,
+) -> MonocularCalibration:
+    """Intrinsics and distortion of one camera from board points (n, 3) in mm.
+
+    A ``known`` camera is held as it is; only the board's poses are found.
+
+    Views that fit far worse than the others are left out and named; k3 is held at 0 unless the images say
+    more than three standard deviations about it.
+
+    Raises
+    ------
+    CalibrationError
+        When too few views show the board.
+
+    References
+    ----------
+    Zhang, IEEE TPAMI 22(11), 2000, doi:10.1109/34.888718.
+    """
+    views, size = dict(detections.views[name]), detections.sizes_px[name]
+    rejected: dict[str, str] = {}
+    if len(views) < min_views:
+        raise CalibrationError(
+            f"camera {name} sees the board in {len(views)} of {detections.images[name]} images; "
+            f"at least {min_views} tilted views are needed"
+        )
+
+    def calibrate() -> MonocularCalibration:
+        return (
+            _calibrate_views(name, views, size, board_mm)
+            if known is None
+            else _fit_poses(name, views, known, board_mm)
+        )
+
+    solution = calibrate()
+    for _ in range(3):
+        median = float(np.median(list(solution.view_rms_px.values())))
+        limit = max(OUTLIER_FACTOR * median, 0.3)
+        bad = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
+        if not bad or len(views) - len(bad) < max(min_views, len(views) // 2):
+            break
+        for frame, rms in bad.items():
+            rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
+            del views[frame]
+        solution = calibrate()
+    return MonocularCalibration(
+        solution.camera, solution.sigma, solution.rms_px, solution.cam_from_board, solution.view_rms_px, rejected,
+        solution.held,
+    )  # fmt: skip
+
+
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+
+def _calibrate_views(
+    name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
+) -> MonocularCalibration:
+    free = _run_opencv(name, views, size, board_mm, flags=0)
+    k3 = float(free.camera.distortion[4])
+    if abs(k3) > 3 * free.sigma["k3"]:
+        return free
+    held = _fit_without_k3(free, views, board_mm)
+    return held or _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+
+
+def _fit_without_k3(
+    free: MonocularCalibration, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
+) -> MonocularCalibration | None:
+    """The minimum with k3 held at 0, from the one where it is free; None where it is not found from there."""
+    lens, poses = pack_intrinsics(free.camera), list(free.cam_from_board.values())
+    lens[-1] = 0.0
+    free_mask = np.arange(len(lens)) < len(lens) - 1
+    bundle = Bundle(
+        Observations.of((0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())),
+        BundlePrior(lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
+    )
+    start = Geometry(
+        lens[None], np.eye(3)[None], np.zeros((1, 3)),
+        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
+    )  # fmt: skip
+    try:
+        found = minimise(bundle, start)
+        variance = np.diag(bundle.linearise(found.state).covariance())
+    except np.linalg.LinAlgError:
+        return None
+    if not found.converged:
+        return None
+    squares = (bundle.compute_errors_px(found.state) ** 2).sum(axis=1)
+    frame, state = bundle.observations.frame, found.state
+    freedom = max(2 * len(frame) - len(variance) - 6 * len(poses), 1)
+    sigma = np.sqrt(variance * squares.sum() / freedom)
+    lens, per_view = state.intrinsics[0], np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
+    return MonocularCalibration(
+        camera=Camera(
+            free.camera.name, free.camera.size_px, lens[:2].copy(), lens[2:4].copy(), lens[4:].copy()
+        ),
+        sigma=dict(zip(PARAMETERS, (*sigma.tolist(), 0.0), strict=True)),
+        rms_px=float(np.sqrt(squares.mean())),
+        cam_from_board={frame: Pose(rotation, translation) for frame, rotation, translation in boards},
+        view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
+        held=("k3",),
+    )
+
+
+def _fit_poses(
+    name: str, views: Mapping[str, Corners], known: Camera, board_mm: NDArray[np.float64]
+) -> MonocularCalibration:
+    """The board's poses under intrinsics that are known."""
+    poses, rms = {}, {}
+    for frame, corners in views.items():
+        points, ideal = board_mm[corners.ids], known.undistort(corners.pixels)
+        _, rotation, shift = cv2.solvePnP(points, ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+        rotation, shift = cv2.solvePnPRefineLM(points, ideal, np.eye(3), None, rotation, shift)
+        poses[frame] = Pose.of(rotation, shift)
+        errors = known.project(poses[frame].apply(points)) - corners.pixels
+        rms[frame] = float(np.sqrt((errors**2).sum(axis=1).mean()))
+    counts = np.array([len(corners) for corners in views.values()])
+    total = float(np.sqrt((counts * np.square(list(rms.values()))).sum() / counts.sum()))
+    camera = Camera(name, known.size_px, known.focal_px, known.center_px, known.distortion)
+    return MonocularCalibration(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, held=PARAMETERS)
+
+
+def _run_opencv(
+    name: str,
+    views: Mapping[str, Corners],
+    size: tuple[int, int],
+    board_mm: NDArray[np.float64],
+    *,
+    flags: int,
+) -> MonocularCalibration:
+    objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
+    pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
+    try:
+        rms, matrix, distortion, rotations, translations, sigmas, _, per_view = cv2.calibrateCameraExtended(
+            objects, pixels, size, None, None, flags=flags, criteria=criteria
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            f"camera {name}: its {len(views)} views do not determine the intrinsics; add views at other tilts"
+        ) from error
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f"camera {name}: its views do not determine the intrinsics; add tilted views")
+    camera = Camera(
+        name,
+        size,
+        np.array([matrix[0, 0], matrix[1, 1]]),
+        matrix[:2, 2].copy(),
+        distortion.ravel()[:5].copy(),
+    )
+    return MonocularCalibration(
+        camera=camera,
+        sigma=dict(zip(PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
+        rms_px=float(rms),
+        cam_from_board={
+            frame: Pose.of(r, t) for frame, r, t in zip(views, rotations, translations, strict=True)
+        },
+        view_rms_px={frame: float(e) for frame, e in zip(views, per_view.ravel(), strict=True)},
+        held=("k3",) if flags else (),
+    )

@@ -1,0 +1,211 @@
+"""Multi-camera association: from pairs to one rig about the core camera (the paper's Section 2.2.3)."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincc
+
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.network.pairs import Pair
+from beltscape.calibrate.network.pose_chains import compute_joint_covariance, find_pair_chain, list_triangles
+from beltscape.calibrate.solver.se3 import adjoint, log
+from beltscape.core.pose import Pose
+
+Array = NDArray[np.float64]
+
+NEGLIGIBLE_VARIANCE = 1e-7
+"""Share of the pairs' own variance below which propagation to first order cannot tell an error from 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misclosure:
+    """A rigid motion that ought to be the identity, and how large noise alone would make it."""
+
+    cameras: tuple[str, ...]
+    """The pair of a path error, the triangle of a loop error."""
+    rotation_deg: float
+    translation_mm: float
+    """How far a camera centre is displaced."""
+    twist: Array
+    """(6,) its logarithm, rad and mm, in the frame of the first camera."""
+    covariance: Array
+    """(6, 6) of the twist, from the corners' noise as each camera by itself shows it."""
+    chi2: float
+    """Squared twist over its covariance; NaN with 0 degrees of freedom."""
+    dof: int
+    """6; fewer where directions are free of error by construction."""
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """About 1 where noise explains the misfit."""
+        return self.chi2 / self.dof if self.dof else float("nan")
+
+    @property
+    def p_value(self) -> float:
+        """Probability that noise alone makes a misfit as large; NaN where nothing can be said."""
+        return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2)) if self.dof else float("nan")
+
+
+class PathError(Misclosure):
+    """ε_path: how far a measured pair and the way through the core disagree (Eq. 16)."""
+
+    __slots__ = ()
+
+    @property
+    def pair(self) -> tuple[str, ...]:
+        """The two cameras."""
+        return self.cameras
+
+
+class LoopError(Misclosure):
+    """ε_loop: how far the three measured pairs of a triangle are from closing (Eq. 16)."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraNetwork:
+    """Every camera's pose about the core, and the way it was found on."""
+
+    core: str
+    cam_from_core: Mapping[str, Pose]
+    paths: Mapping[str, tuple[str, ...]]
+    """camera → the cameras from the core to it, both ends included."""
+    pairs: tuple[Pair, ...]
+    path_errors: tuple[PathError, ...]
+    """For every pair but those that agree by construction, as the steps of a path do."""
+    loop_errors: tuple[LoopError, ...]
+    """For every three cameras of which all three pairs were measured: no choice of poses changes them."""
+    initial: CameraNetwork | None = None
+    """The network as it was before global optimisation; None where there was none."""
+
+
+def find_groups(cameras: Iterable[str], pairs: Sequence[Pair]) -> list[tuple[str, ...]]:
+    """Cameras that hang together through shared views, largest group first."""
+    remaining = list(cameras)
+    found: list[tuple[str, ...]] = []
+    while remaining:
+        reached = set(_find_paths(remaining[0], pairs)[0])
+        found.append(tuple(name for name in remaining if name in reached))
+        remaining = [name for name in remaining if name not in reached]
+    return sorted(found, key=len, reverse=True)
+
+
+def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
+    """Bring every camera that hangs together with the core into its frame, by the best path.
+
+    The best path has the least summed variance of its pairs; where the core sees what a camera sees that is
+    the direct one, otherwise one through other cameras (Eqs. 9-13).
+    """
+    kept = tuple(pairs)
+    _, previous = _find_paths(core, kept)
+    poses, paths = {core: Pose.identity()}, {core: (core,)}
+    jacobians = {core: np.zeros((6, 6 * len(kept)))}
+    for name, before in previous.items():  # in the order they were reached: `before` is known
+        chain = find_pair_chain(kept, before, name)
+        poses[name] = chain.pose @ poses[before]
+        jacobians[name] = adjoint(chain.pose) @ (jacobians[before] + chain.jacobian)
+        paths[name] = (*paths[before], name)
+    joint = compute_joint_covariance(kept)
+    return CameraNetwork(
+        core,
+        poses,
+        paths,
+        kept,
+        compute_path_errors(kept, poses, jacobians, joint),
+        compute_loop_errors(kept, poses, joint),
+    )
+
+
+def select_core(detections: BoardDetections, pairs: Sequence[Pair]) -> str:
+    """The most central camera among those that share the most views: the paper's best field of view.
+
+    A camera counts when it shares at least 80 % of the corners that the best one shares with the others.
+    """
+    group = find_groups(detections.cameras, pairs)[0]
+    shared = {name: sum(p.corners for p in pairs if name in (p.first, p.second)) for name in group}
+    eligible = [name for name in group if shared[name] >= 0.8 * max(shared.values())]
+    centers = {
+        name: pose.center_mm for name, pose in associate_cameras(group[0], pairs).cam_from_core.items()
+    }
+    spread = {
+        name: round(sum(float(np.linalg.norm(centers[name] - other)) for other in centers.values()), 3)
+        for name in eligible
+    }
+    return min(eligible, key=lambda name: spread[name])
+
+
+def _find_paths(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str, str]]:
+    """Dijkstra from the core: cost to each camera, and the camera before it, in the order reached."""
+    costs: dict[str, float] = {}
+    previous: dict[str, str] = {}
+    queue = [(0.0, core, core)]
+    while queue:
+        cost, name, before = heapq.heappop(queue)
+        if name in costs:
+            continue
+        costs[name] = cost
+        if name != core:
+            previous[name] = before
+        for pair in pairs:
+            if name in (pair.first, pair.second):
+                other = pair.second if name == pair.first else pair.first
+                heapq.heappush(queue, (cost + pair.variance, other, name))
+    return costs, previous
+
+
+def compute_path_errors(
+    pairs: Sequence[Pair], cam_from_core: Mapping[str, Pose], jacobians: Mapping[str, Array], joint: Array
+) -> tuple[PathError, ...]:
+    """ε_path of every pair whose two cameras have a pose, but for those that agree by construction.
+
+    ``jacobians`` tell how the errors of all pairs moved each pose: ``cam_from_core = exp(jacobian ξ) @ true``.
+    """
+    found = []
+    for pair in pairs:
+        if not {pair.first, pair.second} <= cam_from_core.keys():
+            continue
+        transmitted = cam_from_core[pair.second] @ cam_from_core[pair.first].inverse()  # T*_ij, Eqs. 11-13
+        jacobian = find_pair_chain(pairs, pair.first, pair.second).jacobian + jacobians[pair.first]
+        jacobian = jacobian - adjoint(transmitted.inverse()) @ jacobians[pair.second]
+        error = transmitted.inverse() @ pair.second_from_first
+        shift = float(np.linalg.norm(transmitted.center_mm - pair.second_from_first.center_mm))
+        chi2, dof = _compute_chi2(log(error), jacobian, joint, pair.covariance)
+        if dof:
+            covariance = jacobian @ joint @ jacobian.T
+            cameras = (pair.first, pair.second)
+            found.append(PathError(cameras, error.angle_deg, shift, log(error), covariance, chi2, dof))
+    return tuple(found)
+
+
+def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
+    """ε_loop of every triangle: once around by its three measured pairs."""
+    alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # as if pairs shared nothing
+    found = []
+    for triangle in list_triangles(pairs, cameras):
+        a, b, c = triangle
+        loop = (
+            find_pair_chain(pairs, a, b)
+            .extend(find_pair_chain(pairs, b, c))
+            .extend(find_pair_chain(pairs, c, a))
+        )
+        twist, covariance = log(loop.pose), loop.jacobian @ joint @ loop.jacobian.T
+        chi2, dof = _compute_chi2(twist, loop.jacobian, joint, loop.jacobian @ alone @ loop.jacobian.T)
+        shift = float(np.linalg.norm(loop.pose.center_mm))
+        found.append(LoopError(triangle, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
+    return tuple(found)
+
+
+def _compute_chi2(twist: Array, jacobian: Array, joint: Array, unit: Array) -> tuple[float, int]:
+    """χ² of a twist ``jacobian ξ`` and its degrees of freedom, with ``unit`` (6, 6) the scale that tells 0 from small."""
+    root = np.linalg.cholesky(unit)
+    whitened = np.linalg.solve(root, jacobian)
+    variances, axes = np.linalg.eigh(whitened @ joint @ whitened.T)
+    significant = variances > NEGLIGIBLE_VARIANCE
+    components = axes.T @ np.linalg.solve(root, twist)
+    return float((components[significant] ** 2 / variances[significant]).sum()), int(significant.sum())

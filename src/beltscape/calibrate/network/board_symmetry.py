@@ -1,0 +1,258 @@
+"""Chessboards that look the same upside down: the corners numbered from one end in all cameras.
+
+A chessboard whose sides are both even or both odd looks the same after a half turn; a square one may be numbered from
+any of its four corners. A camera alone cannot tell, nor need it: its lens does not depend on it, the board's pose is
+turned about the board's centre. But cameras that stand still about each other can: the pose between two of them
+repeats from frame to frame only if both number the board from the same end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.detection.corners import BoardDetections, Corners
+from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
+from beltscape.calibrate.network.pose_consensus import PoseConsensus, find_pose_consensus
+from beltscape.calibrate.network.quarter_turns import list_quarter_turns, make_board_turn, turn_corners
+from beltscape.calibrate.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
+from beltscape.core.pose import Pose
+from beltscape.files.capture import natural
+from beltscape.target.board import Board, corner_points_mm
+
+Array = NDArray[np.float64]
+
+LOOSE_FIT = 0.02
+"""Boards that lie on each other only to this share of their diagonal may lie better in other frames."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbering:
+    """Sightings in which all cameras number the board from the same end, frame by frame."""
+
+    detections: BoardDetections
+    monocular: Mapping[str, MonocularCalibration]
+    """By camera, with the board's poses turned as the sightings are."""
+    renumbered: tuple[tuple[str, str], ...] = ()
+    """(camera, frame) of the views that were renumbered."""
+    ambiguous: tuple[str, ...] = ()
+    """Where another numbering fits about as well: a line that names the cameras and the mend."""
+
+
+def unify_numbering(
+    detections: BoardDetections, monocular: Mapping[str, MonocularCalibration], board: Board
+) -> Numbering:
+    """Renumber views so that the poses between the cameras agree over all frames; as few views as possible.
+
+    Groups of cameras grow together, first those that agree in the most frames. A camera whose frames are shifted
+    against the others' is renumbered as it fits after the shift; one that fits nobody stays as it was found. Both
+    are left for `sync.find_frame_misfits` to name. What needs no renumbering is given back as it is.
+    """
+    turns = list_quarter_turns(board)
+    if len(turns) == 1:
+        return Numbering(detections, monocular)
+    frames = sorted(detections.frames, key=natural)
+    corners_mm = corner_points_mm(board)
+    groups = [
+        _make_single_group(name, detections, monocular[name], frames, corners_mm, board)
+        for name in detections.cameras
+        if name in monocular
+    ]
+    ambiguities: list[str] = []
+    links: _Links = {}
+    while (link := _find_strongest_link(groups, turns, links)) is not None:
+        if not link.agreement.unambiguous:
+            ambiguities.append(_describe_ambiguity(link, board))
+        joined = _join_groups(link)
+        groups = [joined if g is link.first else g for g in groups if g is not link.second]
+    turned = {view: turn for group in groups for view, turn in _minimise_turns(group, turns).items()}
+    return _renumber_views(detections, monocular, board, frames, turned, tuple(ambiguities))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    camera: str
+    frame: int
+    """Its number among the camera's frames."""
+    turn: int
+    """Quarter turns by which its numbering is moved on."""
+    outer_mm: Array
+    """(4, 3) the board's outer corners in the group's axes, going round, numbered after the turn."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Cameras whose poses about each other are known; the first camera's axes are the group's."""
+
+    cameras: tuple[str, ...]
+    instants: Mapping[int, tuple[_View, ...]]
+    """By instant, which is the first camera's frame number."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Link:
+    """Two groups that see the same board."""
+
+    first: _Group
+    second: _Group
+    shift: int
+    """The first group's instant k is the second's k + shift."""
+    shared: tuple[int, ...]
+    """Instants of the first group."""
+    agreement: PoseConsensus
+
+    @property
+    def strength(self) -> tuple[bool, bool, int, float]:
+        """Greater for what is to be trusted first."""
+        found = self.agreement
+        return found.unambiguous, self.shift == 0, found.instants, -found.rms_mm
+
+
+_Links = dict[tuple[tuple[str, ...], tuple[str, ...]], _Link | None]
+"""By the cameras of both groups; None where they do not agree."""
+
+
+def _make_single_group(
+    name: str,
+    detections: BoardDetections,
+    own: MonocularCalibration,
+    frames: Sequence[str],
+    corners_mm: Array,
+    board: Board,
+) -> _Group:
+    """One camera with all its views, those that its calibration left out too: they are scored later."""
+    columns, rows = board.grid
+    outer = corners_mm[[0, columns - 1, rows * columns - 1, (rows - 1) * columns]]
+    number = {frame: k for k, frame in enumerate(frames)}
+    instants: dict[int, tuple[_View, ...]] = {}
+    for frame, corners in detections.views[name].items():
+        pose = own.cam_from_board.get(frame) or _fit_board_pose(own, corners, corners_mm)
+        instants[number[frame]] = (_View(name, number[frame], 0, pose.apply(outer)),)
+    return _Group((name,), instants)
+
+
+def _fit_board_pose(own: MonocularCalibration, corners: Corners, corners_mm: Array) -> Pose:
+    ideal = own.camera.undistort(corners.pixels)
+    _, rotation, shift = cv2.solvePnP(
+        corners_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
+    )
+    return Pose.of(rotation, shift)
+
+
+def _find_strongest_link(groups: Sequence[_Group], turns: tuple[int, ...], links: _Links) -> _Link | None:
+    """The two groups that agree best, if any do; ``links`` remembers those that were looked at."""
+    found: list[_Link] = []
+    for first, second in combinations(groups, 2):
+        key = first.cameras, second.cameras
+        if key not in links:
+            links[key] = _link_groups(first, second, turns)
+        link = links[key]
+        if link is not None:
+            found.append(link)
+    return max(found, key=lambda link: link.strength, default=None)
+
+
+def _link_groups(first: _Group, second: _Group, turns: tuple[int, ...]) -> _Link | None:
+    """How two groups agree in the same frames or, where they hardly do and it is far better, in shifted ones."""
+    plain = _link_shifted(first, second, 0, turns)
+    if plain is not None and plain.agreement.rms_mm < LOOSE_FIT * _diagonal_mm(first):
+        return plain
+    others = [
+        link for shift in SHIFTS if shift and (link := _link_shifted(first, second, shift, turns)) is not None
+    ]
+    clear = [link for link in others if len(link.shared) >= MIN_FRAMES and link.agreement.unambiguous]
+    best = min(clear, key=lambda link: link.agreement.rms_mm, default=plain)
+    if plain is None or best is None:
+        return best
+    return best if best.agreement.rms_mm < CLEAR_IMPROVEMENT * plain.agreement.rms_mm else plain
+
+
+def _link_shifted(first: _Group, second: _Group, shift: int, turns: tuple[int, ...]) -> _Link | None:
+    shared = tuple(sorted(k for k in first.instants if k + shift in second.instants))
+    if not shared:
+        return None
+    seen = [
+        (k, one.outer_mm, other.outer_mm)
+        for k in shared
+        for one, other in product(first.instants[k], second.instants[k + shift])
+    ]
+    instants, ones, others = (np.array(column) for column in zip(*seen, strict=True))
+    agreement = find_pose_consensus(ones, others, instants, turns)
+    return None if agreement is None else _Link(first, second, shift, shared, agreement)
+
+
+def _diagonal_mm(group: _Group) -> float:
+    outer = group.instants[min(group.instants)][0].outer_mm
+    return float(np.linalg.norm(outer[2] - outer[0]))
+
+
+def _join_groups(link: _Link) -> _Group:
+    """Both groups in the first's axes, the second's numbering turned as the first's in the frames they share."""
+    first_from_second = link.agreement.second_from_first.inverse()
+    instants = dict(link.first.instants)
+    for k, views in link.second.instants.items():
+        turn = link.agreement.turns.get(k - link.shift, 0)
+        moved = tuple(
+            replace(
+                view,
+                turn=(view.turn + turn) % 4,
+                outer_mm=first_from_second.apply(np.roll(view.outer_mm, -turn, axis=0)),
+            )
+            for view in views
+        )
+        instants[k - link.shift] = instants.get(k - link.shift, ()) + moved
+    return _Group(link.first.cameras + link.second.cameras, instants)
+
+
+def _describe_ambiguity(link: _Link, board: Board) -> str:
+    """Two numberings fit two groups: which, and the mend."""
+    names = " and ".join(", ".join(group.cameras) for group in (link.first, link.second))
+    count = len(link.shared)
+    return (
+        f"cameras {names}: the {board.describe()}, may be numbered from more than one end, and their {count} common "
+        f"view{'s' * (count != 1)} do not tell which; move and tilt the board between views, or use a board with one "
+        "even and one odd side"
+    )
+
+
+def _minimise_turns(group: _Group, turns: tuple[int, ...]) -> dict[tuple[str, int], int]:
+    """(camera, frame number) → quarter turns; in each instant as few as possible, the first camera's rather not."""
+    turned: dict[tuple[str, int], int] = {}
+    for views in group.instants.values():
+        options = [[(view.turn + more) % 4 for view in views] for more in turns]
+        best = min(options, key=lambda option: (sum(turn != 0 for turn in option), option))
+        turned |= {(view.camera, view.frame): turn for view, turn in zip(views, best, strict=True) if turn}
+    return turned
+
+
+def _renumber_views(
+    detections: BoardDetections,
+    monocular: Mapping[str, MonocularCalibration],
+    board: Board,
+    frames: Sequence[str],
+    turned: Mapping[tuple[str, int], int],
+    ambiguities: tuple[str, ...],
+) -> Numbering:
+    """The views, and the board's poses in them, after quarter turns."""
+    if not turned:
+        return Numbering(detections, monocular, ambiguous=ambiguities)
+    views = {name: dict(own) for name, own in detections.views.items()}
+    poses = {name: dict(own.cam_from_board) for name, own in monocular.items()}
+    renumbered = sorted((detections.cameras.index(name), k) for name, k in turned)
+    named = tuple((detections.cameras[index], frames[k]) for index, k in renumbered)
+    for (name, frame), (_, k) in zip(named, renumbered, strict=True):
+        turn = turned[name, k]
+        views[name][frame] = turn_corners(views[name][frame], board, turn)
+        if frame in poses[name]:
+            poses[name][frame] = poses[name][frame] @ make_board_turn(board, turn)
+    return Numbering(
+        replace(detections, views=views),
+        {name: replace(own, cam_from_board=poses[name]) for name, own in monocular.items()},
+        named,
+        ambiguities,
+    )

@@ -1,0 +1,168 @@
+"""Global optimisation of the camera network: the paper's Section 2.2.4."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from beltscape.calibrate.network.association import CameraNetwork, compute_path_errors
+from beltscape.calibrate.network.pose_chains import (
+    PoseChain,
+    compute_joint_covariance,
+    find_pair_chain,
+    list_triangles,
+)
+from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibrate.solver.se3 import adjoint, exp, left_jacobian_inverse, log
+from beltscape.core.pose import Pose
+
+Array = NDArray[np.float64]
+Poses = Mapping[str, Pose]
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkWeights:
+    """λ1 and λ2 of Eq. 18; loops repeat what paths say, and cost accuracy where they weigh as much."""
+
+    path: float = 1.0
+    loop: float = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Constraint:
+    """A measured way between two cameras that the transmitted one, T*_ij = T_kj T_ki⁻¹, is held against."""
+
+    first: str
+    second: str
+    chain: PoseChain
+    root: Array
+    """(6, 6) √λ Σ^-½: makes the residual's components independent, of unit variance over λ."""
+
+    def compute_residual(self, cam_from_core: Poses) -> Array:
+        """(6,) √λ Σ^-½ log(T*⁻¹ T), unitless."""
+        transmitted = cam_from_core[self.second] @ cam_from_core[self.first].inverse()
+        return self.root @ log(transmitted.inverse() @ self.chain.pose)
+
+    def compute_jacobians(self, cam_from_core: Poses) -> tuple[Array, Array]:
+        """(6, 6) each, by δ of the first and of the second camera in ``exp(δ) @ cam_from_core``.
+
+        T* becomes exp(δ_j) T* exp(−δ_i), hence T*⁻¹ T becomes exp(δ_i) exp(−Ad(T*⁻¹) δ_j) T*⁻¹ T.
+        """
+        transmitted = cam_from_core[self.second] @ cam_from_core[self.first].inverse()
+        inverse = transmitted.inverse()
+        by_first = self.root @ left_jacobian_inverse(log(inverse @ self.chain.pose))
+        return by_first, -by_first @ adjoint(inverse)
+
+
+class NetworkProblem:
+    """Eq. 18 for `levenberg.minimise`; the state is ``cam_from_core``, the inverses of the paper's T_ki."""
+
+    def __init__(self, core: str, cameras: Sequence[str], constraints: Sequence[Constraint]) -> None:
+        auxiliaries = [name for name in cameras if name != core]
+        self.columns = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(auxiliaries)}
+        self.constraints = constraints
+
+    def cost(self, state: Poses) -> float:
+        """F: half of λ1 Σ ε_path² + λ2 Σ ε_loop²."""
+        return 0.5 * float(
+            sum((constraint.compute_residual(state) ** 2).sum() for constraint in self.constraints)
+        )
+
+    def linearise(self, state: Poses) -> LinearisedNetwork:
+        """Residuals and their analytic derivatives at a state."""
+        residual = np.concatenate([constraint.compute_residual(state) for constraint in self.constraints])
+        jacobian = np.zeros((len(residual), 6 * len(self.columns)))
+        for i, constraint in enumerate(self.constraints):
+            ends = (constraint.first, constraint.second)
+            for name, differentiate_by_pose in zip(ends, constraint.compute_jacobians(state), strict=True):
+                if name in self.columns:  # the core stays where it is
+                    jacobian[6 * i : 6 * i + 6, self.columns[name]] = differentiate_by_pose
+        return LinearisedNetwork(residual, jacobian)
+
+    def apply_step(self, state: Poses, step: Array) -> Poses:
+        """Every auxiliary's pose disturbed on its left."""
+        moved = {name: exp(step[columns]) @ state[name] for name, columns in self.columns.items()}
+        return {name: moved.get(name, pose) for name, pose in state.items()}
+
+    def compute_pose_jacobians(self, state: Poses) -> dict[str, Array]:
+        """(6, 6P) by camera, the core's 0: how the errors of all pairs move the minimum, to first order."""
+        linear = self.linearise(state)
+        by_pairs = np.concatenate([c.root @ c.chain.jacobian for c in self.constraints])
+        orthonormal, triangle = np.linalg.qr(linear.jacobian)
+        moves = -solve_triangular(triangle, orthonormal.T @ by_pairs)
+        still = np.zeros((6, by_pairs.shape[1]))
+        return {name: moves[self.columns[name]] if name in self.columns else still for name in state}
+
+
+class LinearisedNetwork:
+    """The network's least squares, linearised."""
+
+    def __init__(self, residual: Array, jacobian: Array) -> None:
+        self.cost = 0.5 * float(residual @ residual)
+        self.jacobian = jacobian
+        self._hessian = jacobian.T @ jacobian
+        self._gradient = jacobian.T @ residual
+
+    def solve_step(self, damping: float) -> Array:
+        """Eq. 19 with Marquardt's scaling."""
+        damped = self._hessian + damping * np.diag(np.diag(self._hessian))
+        return cho_solve(cho_factor(damped), -self._gradient)
+
+    def predict_decrease(self, step: Array) -> float:
+        """F(X) − L(X + δ)."""
+        return -float(self._gradient @ step + 0.5 * step @ self._hessian @ step)
+
+
+def optimise_network(
+    network: CameraNetwork, weights: NetworkWeights | None = None, damping: Damping | None = None
+) -> CameraNetwork:
+    """The poses that all measured pairs agree on best, instead of a path for each (Eqs. 17-20).
+
+    Unknown are the poses of all cameras but the core (Eq. 17). ε_path of a pair, core pairs included, is the
+    logarithm of what the measured pair leaves after the transmitted one; ε_loop the same for two measured pairs of
+    a triangle in turn, which the transmitted third side closes. Each is weighted by its own covariance. The network
+    that was given is kept as ``initial``. Without redundancy, as with two cameras, the poses stay as they are.
+    """
+    constraints = _make_constraints(network, weights or NetworkWeights())
+    if len(network.pairs) < len(network.cam_from_core):  # a tree: nothing to optimise
+        return replace(network, initial=network)
+    problem = NetworkProblem(network.core, tuple(network.cam_from_core), constraints)
+    found = minimise(problem, network.cam_from_core, damping).state
+    pairs, joint = network.pairs, compute_joint_covariance(network.pairs)
+    return replace(
+        network,
+        cam_from_core=found,
+        path_errors=compute_path_errors(pairs, found, problem.compute_pose_jacobians(found), joint),
+        initial=network,
+    )
+
+
+def _make_constraints(network: CameraNetwork, weights: NetworkWeights) -> list[Constraint]:
+    """Paths first, then loops; only those that count."""
+    pairs, known = network.pairs, network.cam_from_core
+    # weights take the pairs for independent: what they share says how far they err together, not which one errs
+    alone = np.zeros((6 * len(pairs), 6 * len(pairs)))
+    for i, pair in enumerate(pairs):
+        alone[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
+
+    def constraint(first: str, second: str, chain: PoseChain, weight: float) -> Constraint:
+        root = np.linalg.cholesky(chain.jacobian @ alone @ chain.jacobian.T / weight)
+        return Constraint(first, second, chain, np.linalg.inv(root))
+
+    found = []
+    if weights.path > 0:
+        found += [
+            constraint(p.first, p.second, find_pair_chain(pairs, p.first, p.second), weights.path)
+            for p in pairs
+            if {p.first, p.second} <= known.keys()
+        ]
+    if weights.loop > 0:
+        for three in list_triangles(pairs, known):
+            for a, b, c in (three, three[1:] + three[:1], three[2:] + three[:2]):
+                way = find_pair_chain(pairs, a, b).extend(find_pair_chain(pairs, b, c))
+                found.append(constraint(a, c, way, weights.loop))
+    return found

@@ -1,0 +1,78 @@
+"""Measured ways between cameras, pair after pair, and how the errors of all pairs move them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.network.pairs import Pair
+from beltscape.calibrate.solver.se3 import adjoint
+from beltscape.core.pose import Pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseChain:
+    """A measured way between two cameras, ``pose = true @ exp(jacobian ξ)``, ξ (6P,) the errors of all pairs in turn."""
+
+    pose: Pose
+    jacobian: Array
+    """(6, 6P)."""
+
+    def extend(self, other: PoseChain) -> PoseChain:
+        """Go on by ``other`` from where one ends."""
+        return PoseChain(
+            other.pose @ self.pose, adjoint(self.pose.inverse()) @ other.jacobian + self.jacobian
+        )
+
+
+def find_pair_chain(pairs: Sequence[Pair], origin: str, to: str) -> PoseChain:
+    """The pair between two cameras as ``to_from_origin``.
+
+    Raises
+    ------
+    KeyError
+        When the two were not measured together.
+    """
+    for i, pair in enumerate(pairs):
+        jacobian = np.zeros((6, 6 * len(pairs)))
+        if (pair.first, pair.second) == (origin, to):
+            jacobian[:, 6 * i : 6 * i + 6] = np.eye(6)
+            return PoseChain(pair.second_from_first, jacobian)
+        if (pair.first, pair.second) == (to, origin):
+            jacobian[:, 6 * i : 6 * i + 6] = -adjoint(pair.second_from_first)
+            return PoseChain(pair.second_from_first.inverse(), jacobian)
+    raise KeyError((origin, to))
+
+
+def list_triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Every three of some cameras of which all three pairs were measured, in the pairs' order."""
+    known = {frozenset((pair.first, pair.second)) for pair in pairs}
+    wanted = set(cameras)
+    names = dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second) if name in wanted)
+    return [
+        three
+        for three in combinations(names, 3)
+        if all(frozenset(two) in known for two in combinations(three, 2))
+    ]
+
+
+def compute_joint_covariance(pairs: Sequence[Pair]) -> Array:
+    """(6P, 6P) of the errors of all pairs, with what pairs have in common because they share corners."""
+    joint = np.zeros((6 * len(pairs), 6 * len(pairs)))
+    by_camera: dict[str, list[int]] = {}
+    for i, pair in enumerate(pairs):
+        if not pair.sensitivity:
+            joint[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
+        for name in pair.sensitivity:
+            by_camera.setdefault(name, []).append(i)
+    for name, own in by_camera.items():
+        columns = np.concatenate([np.arange(6 * i, 6 * i + 6) for i in own])
+        shared = np.concatenate([pairs[i].sensitivity[name] for i in own], axis=1)
+        joint[np.ix_(columns, columns)] += shared.T @ shared
+    return joint

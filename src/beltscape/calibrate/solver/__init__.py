@@ -1,0 +1,1 @@
+"""Numerical parts of the calibration: normal equations, Levenberg–Marquardt, SE(3), projection."""

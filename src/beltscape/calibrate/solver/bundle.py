@@ -1,0 +1,232 @@
+"""Bundle adjustment: intrinsics, camera poses, board poses and the board's own shape, from all corners together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibrate.solver.projection import (
+    differentiate_by_pose,
+    project_points,
+    project_with_jacobians,
+    rotate_vectors,
+)
+from beltscape.calibrate.solver.schur import LinearisedBundle
+from beltscape.core.pose import rotation_from_vector
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+INTRINSICS = 9
+LENS, CAMERA, BOARD = slice(0, 9), slice(9, 15), slice(15, 21)
+"""Where a corner's derivatives by its camera's lens and pose and by its board's pose are."""
+GAUGE = 1e8
+"""Information with which the board's seven free modes (pose and scale) are held at their nominal place."""
+
+
+class Bundle:
+    """The adjustment as a problem for `levenberg.minimise`."""
+
+    def __init__(self, observations: Observations, prior: BundlePrior, weights: Array | None = None) -> None:
+        """``weights`` (N,) in 0..1 take the trust from single corners."""
+        self.observations = observations
+        self.prior = prior
+        self.weights = np.ones(len(observations.pixels)) if weights is None else weights
+        self.cameras, self.points = len(prior.intrinsics), len(prior.points_mm)
+        # columns: intrinsics of all cameras, poses of all but the core, points; board poses are eliminated
+        self.pose_start = INTRINSICS * self.cameras
+        self.point_start = self.pose_start + 6 * (self.cameras - 1)
+        self.adjusts_shape = bool((prior.points_sigma_mm > 0).any())
+        self.columns = self.point_start + 3 * self.points * self.adjusts_shape
+        free = np.concatenate(
+            [prior.intrinsics_free.ravel(), np.ones(6 * (self.cameras - 1), bool),
+             np.tile(prior.points_sigma_mm > 0, self.points)]
+        )[: self.columns]  # fmt: skip
+        self.free = np.flatnonzero(free)
+        self.information = self._build_prior_information()
+        view = observations.frame * self.cameras + observations.camera
+        starts = np.flatnonzero(np.diff(view, prepend=-1))
+        self.views = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(view)], strict=True)]
+        self.view_camera, self.view_frame = observations.camera[starts], observations.frame[starts]
+
+    def compute_errors_px(self, state: Geometry) -> Array:
+        """(N, 2) projected minus found."""
+        _, in_camera = self._transform_points(state)
+        return (
+            project_points(in_camera, _gather(state.intrinsics, self.observations.camera))
+            - self.observations.pixels
+        )
+
+    def cost(self, state: Geometry) -> float:
+        """Half the weighted sum of squares of corners and priors."""
+        standardised = self.compute_errors_px(state) / self.observations.sigma_px[:, None]
+        return 0.5 * float((self.weights[:, None] * standardised**2).sum()) + self._compute_prior_cost(state)
+
+    def linearise(self, state: Geometry) -> LinearisedBundle:
+        """Normal equations with the board poses eliminated (Schur complement)."""
+        rows, by_corner = self._differentiate(state)
+        grams = self._form_gram_matrices(rows)
+        hessian = self.information.copy()
+        gradient = self.information @ self._compute_prior_residual(state)
+        count = len(state.board_rotation)
+        own, own_gradient = np.zeros((count, 6, 6)), np.zeros((count, 6))
+        coupling = np.zeros((count, self.columns, 6))
+        np.add.at(own, self.view_frame, grams[:, BOARD, BOARD])
+        np.add.at(own_gradient, self.view_frame, grams[:, BOARD, -1])
+        for camera in range(self.cameras):
+            views = self.view_camera == camera
+            own_columns, used = self._camera_columns(camera)
+            total = grams[views].sum(axis=0)
+            hessian[np.ix_(own_columns, own_columns)] += total[used, used]
+            gradient[own_columns] += total[used, -1]
+            where = self.view_frame[views][:, None], own_columns[None]
+            np.add.at(coupling, where, grams[views][:, used, BOARD])
+        if self.adjusts_shape:
+            self._add_point_blocks(rows, by_corner, hessian, gradient, coupling)
+        free = self.free
+        cost = 0.5 * float(grams[:, -1, -1].sum()) + self._compute_prior_cost(state)
+        coupling = coupling[:, free].swapaxes(0, 1).reshape(len(free), 6 * count)
+        return LinearisedBundle(
+            cost, hessian[np.ix_(free, free)], gradient[free], own, coupling, own_gradient.ravel()
+        )
+
+    def _differentiate(self, state: Geometry) -> tuple[Array, Array]:
+        """(22, 2, N) by lens (9), camera (6) and board pose (6), then the residual; (3, 2, N) by the board's corner.
+
+        All over the corner's standard deviation.
+        """
+        o = self.observations
+        on_board, in_camera = self._transform_points(state)
+        pixels, by_point, by_lens = project_with_jacobians(in_camera, _gather(state.intrinsics, o.camera))
+        scale = np.sqrt(self.weights) / o.sigma_px
+        by_point = by_point * scale[:, None, None]
+        to_core = _rotate_derivatives(by_point, _gather(state.cam_rotation, o.camera))
+        rows = np.empty((22, 2, len(o.camera)))
+        rows[LENS] = by_lens.T * scale
+        rows[CAMERA] = differentiate_by_pose(
+            by_point, in_camera - _gather(state.cam_translation_mm, o.camera)
+        ).T
+        rows[BOARD] = differentiate_by_pose(to_core, on_board).T
+        rows[-1] = (pixels - o.pixels).T * scale
+        if not self.adjusts_shape:
+            return rows, np.empty((3, 2, 0))
+        return rows, _rotate_derivatives(to_core, _gather(state.board_rotation, o.frame)).T
+
+    def _form_gram_matrices(self, rows: Array) -> Array:
+        """(V, 22, 22) products of all rows, summed over each view."""
+        found = np.empty((len(self.views), len(rows), len(rows)))
+        for view, corners in enumerate(self.views):
+            block = rows[:, :, corners].reshape(len(rows), -1)
+            np.matmul(block, block.T, out=found[view])
+        return found
+
+    def _add_point_blocks(
+        self, rows: Array, by_corner: Array, hessian: Array, gradient: Array, coupling: Array
+    ) -> None:
+        """What the board's corners have to do with themselves, with the cameras and with the board poses."""
+        products = np.einsum("krn,jrn->nkj", np.concatenate([rows, by_corner]), by_corner)
+        points = slice(self.point_start, None)
+        by_camera = self._sum_by_point(products[:, :15], self.observations.camera, self.cameras)
+        for camera in range(self.cameras):
+            own_columns, used = self._camera_columns(camera)
+            block = by_camera[camera, :, used].transpose(1, 0, 2).reshape(len(own_columns), -1)
+            hessian[own_columns, points] += block
+            hessian[points, own_columns] += block.T
+        by_frame = self._sum_by_point(products[:, BOARD], self.observations.frame, len(coupling))
+        coupling[:, points] += by_frame.transpose(0, 1, 3, 2).reshape(len(coupling), -1, 6)
+        alone = self._sum_by_point(products[:, 21:], np.zeros_like(self.observations.frame), 1)[0]
+        gradient[points] += alone[:, 0].ravel()
+        columns = self.point_start + np.arange(3 * self.points).reshape(-1, 3)
+        hessian[columns[:, :, None], columns[:, None]] += alone[:, 1:]
+
+    def _sum_by_point(self, products: Array, group: Indices, count: int) -> Array:
+        """(count, P, k, 3) sums of (N, k, 3) over the sightings of each corner in each group."""
+        cells = group * self.points + self.observations.point
+        shape = (count * self.points, len(cells))
+        rows = csc_array((np.ones(len(cells)), cells, np.arange(len(cells) + 1)), shape=shape)
+        return (rows @ products.reshape(len(cells), -1)).reshape(count, self.points, -1, 3)
+
+    def _camera_columns(self, camera: int) -> tuple[Indices, slice]:
+        """Columns of a camera's lens and pose (the core has none), and their rows among the `_differentiate`."""
+        lens = np.arange(INTRINSICS * camera, INTRINSICS * (camera + 1))
+        if camera == 0:
+            return lens, LENS
+        pose = self.pose_start + 6 * (camera - 1) + np.arange(6)
+        return np.concatenate([lens, pose]), slice(0, 15)
+
+    def apply_step(self, state: Geometry, step: Array) -> Geometry:
+        """The geometry after a step: free shared parameters first, then six per frame."""
+        shared = np.zeros(self.columns)
+        shared[self.free] = step[: len(self.free)]
+        boards = step[len(self.free) :].reshape(-1, 6)
+        cams = shared[self.pose_start : self.point_start].reshape(-1, 6)
+        cams = np.concatenate([np.zeros((1, 6)), cams])
+        return Geometry(
+            state.intrinsics + shared[: self.pose_start].reshape(-1, INTRINSICS),
+            _apply_rotations(state.cam_rotation, cams[:, :3]),
+            state.cam_translation_mm + cams[:, 3:],
+            _apply_rotations(state.board_rotation, boards[:, :3]),
+            state.board_translation_mm + boards[:, 3:],
+            state.points_mm + shared[self.point_start :].reshape(-1, 3)
+            if self.adjusts_shape
+            else state.points_mm,
+        )
+
+    def _transform_points(self, state: Geometry) -> tuple[Array, Array]:
+        """(N, 3) corners turned as the board is, and (N, 3) in the camera's frame."""
+        o = self.observations
+        on_board = rotate_vectors(_gather(state.board_rotation, o.frame), _gather(state.points_mm, o.point))
+        in_core = on_board + _gather(state.board_translation_mm, o.frame)
+        in_camera = rotate_vectors(_gather(state.cam_rotation, o.camera), in_core)
+        return on_board, in_camera + _gather(state.cam_translation_mm, o.camera)
+
+    def _compute_prior_cost(self, state: Geometry) -> float:
+        residual = self._compute_prior_residual(state)
+        return 0.5 * float(residual @ self.information @ residual)
+
+    def _compute_prior_residual(self, state: Geometry) -> Array:
+        """(columns,) distance of the shared parameters from what is known beforehand."""
+        intrinsics = (state.intrinsics - self.prior.intrinsics).ravel()
+        points = (state.points_mm - self.prior.points_mm).ravel()
+        return np.concatenate([intrinsics, np.zeros(self.point_start - self.pose_start), points])[
+            : self.columns
+        ]
+
+    def _build_prior_information(self) -> Array:
+        """(columns, columns) of the lens, of the board's corners, and of the gauge."""
+        information = np.zeros((self.columns, self.columns))
+        for camera, own in enumerate(self.prior.intrinsics_information):
+            columns = slice(INTRINSICS * camera, INTRINSICS * (camera + 1))
+            information[columns, columns] = own
+        if self.adjusts_shape:
+            points, gauge = slice(self.point_start, None), _build_gauge_modes(self.prior.points_mm)
+            with np.errstate(divide="ignore"):
+                each = np.where(self.prior.points_sigma_mm > 0, self.prior.points_sigma_mm**-2.0, 0.0)
+            information[points, points] = np.diag(np.tile(each, self.points)) + GAUGE * gauge.T @ gauge
+        return information
+
+
+def _apply_rotations(rotations: Array, vectors: Array) -> Array:
+    return np.stack([rotation_from_vector(v) @ r for v, r in zip(vectors, rotations, strict=True)])
+
+
+def _gather(values: Array, index: Indices) -> Array:
+    """``values[index]`` with the observations last in memory."""
+    return np.take(values.T, index, axis=-1).T
+
+
+def _rotate_derivatives(derivatives: Array, rotations: Array) -> Array:
+    """(N, 2, 3) derivatives by a point, by what each rotation (N, 3, 3) turns into it."""
+    (a, b, c), r = derivatives.T, rotations.T  # r[j, i]: row i, column j
+    return (r[:, 0, None] * a + r[:, 1, None] * b + r[:, 2, None] * c).T
+
+
+def _build_gauge_modes(points_mm: Array) -> Array:
+    """(7, 3P) orthonormal motions of the whole board that no image can tell: shift, turn, scale."""
+    centered = points_mm - points_mm.mean(axis=0)
+    shifts = [np.tile(axis, (len(points_mm), 1)) for axis in np.eye(3)]
+    turns = [np.cross(axis, centered) for axis in np.eye(3)]
+    modes = np.stack([mode.ravel() for mode in (*shifts, *turns, centered)])
+    return np.linalg.qr(modes.T)[0].T

@@ -1,0 +1,78 @@
+"""Other sensors beside Beltscape, and what a moving belt does to structured light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper
+from beltscape.evaluate.paper.other_sensors import PEERS, SPEED_MM_S
+from beltscape.evaluate.paper.pages.dimensions import peer_dimensions
+from beltscape.evaluate.paper.pages.formatting import ERROR_MM, METRICS, SCENES, UNITS, metrics
+from beltscape.evaluate.paper.pages.pictures import error_panels, motion_chart
+from beltscape.report.page import Item, Lines, Pictures, Section, Table
+
+
+def peers_section(paper: Paper) -> list[Section]:
+    """The peers on every scene that they saw; none where none could be simulated."""
+    if not paper.peers:
+        return []
+    names = {peer.name: peer.name for peer in PEERS}
+    rows, figures = [], []
+    for scene in paper.scenes:
+        found = [paper.peers[scene, name] for name in names if (scene, name) in paper.peers]
+        if not found:
+            continue
+        found = [paper.surfaces[scene, "multiview"], *found]
+        titles = {**names, "multiview": "Beltscape"}
+        rows += [[f"{SCENES[scene]}, {titles[one.by]}", *metrics(one)] for one in found]
+        figures.append(
+            Pictures(
+                error_panels(found, titles, limit_mm=ERROR_MM),
+                f"{SCENES[scene].capitalize()}: errors, full colour at {ERROR_MM:g} mm.",
+                columns=3,
+            )
+        )
+    items: list[Item] = [
+        Lines(
+            [
+                "Beltscape: 5 images at one instant, belt at any speed; speckle, rig calibrated from its own images."
+            ]
+            + [f"{peer.name}: {peer.images}; {peer.what}." for peer in PEERS]
+        ),
+        Table(["scene, sensor", *METRICS], rows, UNITS),
+    ]
+    if paper.dimensions and any(
+        np.isfinite(row.measured_mm.get(n, np.nan)) for row in paper.dimensions for n in names
+    ):
+        items.append(peer_dimensions(paper, list(names)))
+    intro = (
+        "The comparison that the paper names as future work. All look at the same surfaces through the same "
+        "lens and sensor and are held against the same truth on the core's grid; unlike Beltscape's rig, which "
+        "is calibrated from images, these are calibrated exactly."
+    )
+    return [Section("Structured light, line laser, LiDAR", intro, [*items, *figures])]
+
+
+def moving_section(paper: Paper) -> list[Section]:
+    """Structured light against the belt's speed; none where it could not be simulated."""
+    if not paper.moving:
+        return []
+    ours = paper.surfaces["belt_loaded", "multiview"]
+    rows = [
+        [
+            "at rest" if travel == 0 else f"{travel:g} mm", "" if travel == 0 else f"{SPEED_MM_S / travel:,.0f}",
+            *metrics(one),
+        ]
+        for travel, one in zip(TRAVELS_MM, paper.moving, strict=True)
+    ]  # fmt: skip
+    intro = (
+        "Twelve pictures take time. While the belt carries the rocks on, each picture meets them at another "
+        "place, and the phases contradict each other. The truth is where the rocks are in the middle of the "
+        "sequence. The paper's cameras take 79 pictures a second: 12.7 mm of belt at 1 m/s. Speckle needs one "
+        "instant, so that the belt's speed does not matter (but for blur within the exposure)."
+    )
+    items: list[Item] = [
+        motion_chart(TRAVELS_MM, paper.moving, ours),
+        Table(["belt between pictures", "pictures / s at 1 m/s", *METRICS], rows),
+    ]
+    return [Section("Structured light on a moving belt", intro, items)]

@@ -1,0 +1,138 @@
+"""Pictures of the paper's comparisons: the same colours for the same millimetres, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from beltscape.evaluate.paper.dimensions import Row
+from beltscape.evaluate.paper.surfaces import Found
+from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.depth_picture import GAPS, NO_ERROR, error_colors, relief
+from beltscape.report.drawing.legend import DIFFERENCE, NEAR_TO_FAR, Scale
+from beltscape.report.drawing.palette import light
+from beltscape.report.drawing.pictures import Panel, span
+from beltscape.report.drawing.plots import Form, panels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ROLES = {"paper": "fourth", "pairwise": "second", "multiview": "first", "time of flight": "third"}
+"""Whose bars → their role in the palette."""
+
+
+def depth_panels(found: Sequence[Found], titles: Mapping[str, str]) -> list[Panel]:
+    """Return the depths of the same scene by several, and the truth, all in the same colours.
+
+    ``titles`` tells by whom it was measured → what stands over its picture; all are on grids of one size.
+    """
+    truth = found[0].truth.depth_mm
+    near, far = span(truth, 0.002)
+    scale = Scale(near, far, NEAR_TO_FAR, label="depth, mm")
+    panels = [
+        Panel(
+            relief(one.depth.depth_mm, scale),
+            titles[one.by],
+            scale,
+            GAPS,
+            f"{one.depth.coverage:.0%} measured",
+        )
+        for one in found
+    ]
+    return [*panels, Panel(relief(truth.astype(np.float32), scale), "truth", scale)]
+
+
+def error_panels(found: Sequence[Found], titles: Mapping[str, str], *, limit_mm: float) -> list[Panel]:
+    """Return the errors of several; ``limit_mm`` is that of the fullest colours."""
+    scale = Scale(-limit_mm, limit_mm, DIFFERENCE, label="measured minus true depth, mm")
+    return [
+        Panel(
+            error_colors(one.depth.depth_mm - one.truth.depth_mm, one.truth.depth_mm, scale),
+            f"{titles[one.by]}: error", scale, NO_ERROR, f"{one.score.depth.within_1mm:.1%} < 1 mm",
+        )
+        for one in found
+    ]  # fmt: skip
+
+
+def dimension_chart(rows: Sequence[Row], by: Mapping[str, str]) -> Chart:
+    """Absolute errors of the dimensions on a logarithmic scale: the paper's and those of ``by`` (who → name)."""
+    who = {"paper": "the paper, as published", **by}
+    key = Key([Entry(name, ROLES[one], "area") for one, name in who.items()])
+    caption = "Absolute errors; bars to the left are better, each line is a factor of ten."
+    return Chart.draw(partial(_dimension_plot, rows, list(who)), caption, key)
+
+
+def _dimension_plot(rows: Sequence[Row], who: Sequence[str], form: Form) -> Figure:
+    figure, (axis,) = panels(1, form, height=60 + 30 * len(rows), narrow_height=60 + 40 * len(rows))
+    place = np.arange(len(rows), dtype=np.float64)
+    high = (0.54 if form.narrow else 0.8) / len(who)
+    for k, key in enumerate(who):
+        errors = np.abs([_paper_error(row) if key == "paper" else row.error_mm(key) for row in rows])
+        axis.barh(
+            place + (k - (len(who) - 1) / 2) * high,
+            np.maximum(errors, _LEAST_MM) - _LEAST_MM,
+            high,
+            left=_LEAST_MM,
+            color=light(ROLES[key]),
+        )
+    _logarithmic(axis, "x")
+    axis.set(xlim=(_LEAST_MM, 12), xlabel="absolute error, mm", yticks=place)
+    axis.set_yticklabels(["" if form.narrow else row.dimension.name for row in rows])
+    for row, top in zip(
+        rows if form.narrow else (), place, strict=False
+    ):  # a phone has no room beside the bars
+        axis.text(_LEAST_MM * 1.1, top - 0.29, row.dimension.name, va="bottom")
+    axis.set_ylim(len(rows) - 0.5, -0.7)
+    axis.grid(axis="x")
+    return figure
+
+
+def motion_chart(travels_mm: Sequence[float], found: Sequence[Found], ours: Found) -> Chart:
+    """Share within 1 mm and median error of structured light against the belt's travel between two pictures."""
+    key = Key(
+        [Entry("structured light, 12 pictures", "second"), Entry("Beltscape, one instant", "first", "dashed")]
+    )
+    caption = "Structured light on a moving belt, and Beltscape on the same rocks."
+    return Chart.draw(partial(_motion_plot, travels_mm, found, ours), caption, key)
+
+
+def _motion_plot(travels_mm: Sequence[float], found: Sequence[Found], ours: Found, form: Form) -> Figure:
+    figure, axes = panels(2, form, columns=2, height=270, narrow_height=220)
+    x = np.array([travel if travel > 0 else _AT_REST_MM for travel in travels_mm])
+    values = (
+        [100 * one.score.depth.within_1mm for one in found],
+        [one.score.depth.interior_median_mm for one in found],
+    )
+    lines = (100 * ours.score.depth.within_1mm, ours.score.depth.interior_median_mm)
+    titles = ("within 1 mm of the truth, %", "median error away from edges, mm")
+    for axis, y, own, title in zip(axes, values, lines, titles, strict=True):
+        axis.plot(x, y, "o-", color=light("second"))
+        axis.axhline(own, color=light("first"), linestyle="--")
+        axis.set_xscale("log")
+        axis.set(xlabel="belt between two pictures, mm", title=title)
+        axis.set_xticks(x, ["at rest" if t == 0 else f"{t:g}" for t in travels_mm], minor=False)
+        axis.minorticks_off()
+        axis.grid()
+    axes[0].set_ylim(0, 100)
+    _logarithmic(axes[1], "y")
+    return figure
+
+
+def _logarithmic(axis: Axes, which: Literal["x", "y"]) -> None:
+    """Make an axis logarithmic, its ticks plain numbers."""
+    (axis.set_xscale if which == "x" else axis.set_yscale)("log")
+    chosen = axis.xaxis if which == "x" else axis.yaxis
+    chosen.set_major_formatter(lambda value, _place: f"{value:g}")
+    chosen.set_minor_formatter(lambda _value, _place: "")
+
+
+_LEAST_MM = 0.001
+_AT_REST_MM = 0.01
+
+
+def _paper_error(row: Row) -> float:
+    return row.dimension.table2_mm - row.dimension.actual_mm

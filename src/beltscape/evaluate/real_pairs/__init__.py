@@ -1,0 +1,1 @@
+"""Real stereo pairs with references."""

@@ -1,0 +1,150 @@
+"""A real stereo pair with point correspondences, and where a depth map puts those points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.rig import Rig
+from beltscape.evaluate.scores.depth import robust_sigma
+
+GROSS_PX = 1.0
+"""From here on a difference is a false match, not noise."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """How a depth map agrees with the correspondences, in px of the auxiliary image."""
+
+    along_px: NDArray[np.float64]
+    """(N,) depth map minus reference along the epipolar line, positive = nearer; NaN where there is no depth."""
+
+    @property
+    def points(self) -> int:
+        """How many correspondences there are."""
+        return len(self.along_px)
+
+    @property
+    def measured(self) -> float:
+        """Share of them with a depth."""
+        return float(np.isfinite(self.along_px).mean())
+
+    @property
+    def median_px(self) -> float:
+        """Median of the differences: what both do not share."""
+        return float(np.median(self._found))
+
+    @property
+    def robust_sigma_px(self) -> float:
+        """1.4826·MAD of the differences."""
+        return robust_sigma(self._found)
+
+    @property
+    def p95_px(self) -> float:
+        """95th percentile of their size."""
+        return float(np.percentile(np.abs(self._found), 95))
+
+    @property
+    def gross(self) -> float:
+        """Share of the measured with more than 1 px."""
+        return float((np.abs(self._found) > GROSS_PX).mean())
+
+    @property
+    def _found(self) -> NDArray[np.float64]:
+        return self.along_px[np.isfinite(self.along_px)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpecklePair:
+    """A rig of two cameras, what they saw, and where subsets of the core's image lie in the auxiliary's."""
+
+    name: str
+    rig: Rig
+    frame_set: FrameSet
+    depth_range_mm: tuple[float, float]
+    """(near, far) along the core's optical axis that holds all that is to be matched."""
+    core_px: NDArray[np.float64]
+    """(N, 2) px in the distorted core image."""
+    aux_px: NDArray[np.float64]
+    """(N, 2) px in the distorted auxiliary image."""
+
+    def agreement_px(self, depth: DepthMap, *, subset_px: int = 1) -> Agreement:
+        """Where the depth map puts the points, along the epipolar line, against where the reference found them.
+
+        Parameters
+        ----------
+        depth
+            On the core's undistorted grid.
+        subset_px
+            Edge of the square whose median depth is taken, odd: 1 tests the noise, the reference's own subset the
+            bias.
+        """
+        rays = self.rig.core_camera.undistort(self.core_px)
+        depth_mm = _depth_at(self.rig, depth, rays, subset_px)
+        direction = _epipolar_direction(self.rig, rays, self.reference_depth_mm())
+        return Agreement(((_seen(self.rig, rays, depth_mm) - self.aux_px) * direction).sum(axis=1))
+
+    def reference_depth_mm(self) -> NDArray[np.float64]:
+        """(N,) depth at which the core's ray passes nearest to the reference's place in the auxiliary image."""
+        return nearest_depth_mm(self.rig, self.core_px, self.aux_px, float(np.mean(self.depth_range_mm)))
+
+    def epipolar_px(self) -> NDArray[np.float64]:
+        """(N,) signed distance of the reference from its epipolar line: the calibration's error, not a matcher's."""
+        rays = self.rig.core_camera.undistort(self.core_px)
+        depth_mm = self.reference_depth_mm()
+        direction = _epipolar_direction(self.rig, rays, depth_mm)
+        off = self.aux_px - _seen(self.rig, rays, depth_mm)
+        return direction[:, 0] * off[:, 1] - direction[:, 1] * off[:, 0]
+
+
+def nearest_depth_mm(
+    rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[np.float64], start_mm: float
+) -> NDArray[np.float64]:
+    """(N,) depth along the core's axis of core pixels (N, 2) seen nearest to auxiliary pixels (N, 2), both distorted.
+
+    Gauss-Newton in inverse depth, along which the auxiliary's pixel moves almost evenly.
+    """
+    rays = rig.core_camera.undistort(core_px)
+    inverse = np.full(len(rays), 1 / start_mm)
+    step = 1e-4 / start_mm
+    for _ in range(8):
+        at = _seen(rig, rays, 1 / inverse)
+        slope = (_seen(rig, rays, 1 / (inverse + step)) - at) / step
+        inverse = inverse + ((aux_px - at) * slope).sum(axis=1) / (slope * slope).sum(axis=1)
+    return 1 / inverse
+
+
+def _seen(rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 2) distorted auxiliary pixels of core rays (N, 2) x/z, y/z at depths (N,)."""
+    name = rig.auxiliaries[0]
+    points = np.column_stack([rays, np.ones(len(rays))]) * depth_mm[:, None]
+    return rig.cameras[name].project(rig.cam_from_core[name].apply(points))
+
+
+def _epipolar_direction(
+    rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 2) unit vectors along the epipolar lines in the distorted auxiliary image, towards nearer points."""
+    moved = _seen(rig, rays, depth_mm * (1 - 1e-4)) - _seen(rig, rays, depth_mm)
+    return moved / np.linalg.norm(moved, axis=1, keepdims=True)
+
+
+def _depth_at(rig: Rig, depth: DepthMap, rays: NDArray[np.float64], subset_px: int) -> NDArray[np.float64]:
+    """(N,) bilinear depth at core rays (N, 2); of a subset the median of what is measured, NaN below half of it."""
+    camera = rig.core_camera
+    center = rays * camera.focal_px + camera.center_px
+    offsets = np.arange(subset_px) - subset_px // 2
+    rows, cols = center[:, 1, None, None] + offsets[:, None], center[:, 0, None, None] + offsets
+    places = np.stack(np.broadcast_arrays(rows, cols))
+    # one map for all: a neighbour that is not measured makes the sample NaN
+    found = ndimage.map_coordinates(depth.depth_mm.astype(np.float64), places, order=1, cval=np.nan)
+    found = np.asarray(found).reshape(len(rays), -1)
+    enough = np.isfinite(found).mean(axis=1) >= 0.5
+    result = np.full(len(rays), np.nan)
+    result[enough] = np.nanmedian(found[enough], axis=1)
+    return result

@@ -1,0 +1,1 @@
+"""Scores of depth maps, rigs and lumps against the truth."""

@@ -1,0 +1,1 @@
+"""The truth of simulated scenes, read from files and brought onto a grid."""

@@ -1,0 +1,201 @@
+"""The truth of a simulated scene, read from its files: depth, what each pixel shows, what no auxiliary sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
+from beltscape.core.rig import Rig
+from beltscape.evaluate.truth.occluded_pixels import never_seen
+from beltscape.evaluate.truth.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.rig_json import read_rig
+from beltscape.kernels import load
+
+WITHIN_MM = 240.0
+"""Along the belt from below the rig: the projector lights little more."""
+REGIONS: Mapping[str, tuple[int, ...]] = {
+    "belt": (1,),
+    "material": (2,),
+    "module": tuple(range(10, 256)),
+}
+"""Region → labels of the truth's files."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """A frame's truth on the grid of a core camera, H × W pixels."""
+
+    rig: Rig
+    """The core camera is the grid's."""
+    core_from_world: Pose
+    depth_mm: NDArray[np.float64]
+    """(H, W) along the optical axis; NaN: nothing."""
+    label: NDArray[np.uint8]
+    """(H, W) what the pixel shows, as the truth's files number it."""
+    unseen: NDArray[np.bool_]
+    """(H, W) whether no auxiliary sees what the pixel shows."""
+
+    def on_grid_of(self, rig: Rig) -> Truth:
+        """The same for a rig that was calibrated, or has other pixels: its core looks from the same place."""
+        labels = np.zeros(rig.core_camera.size_px[::-1], np.uint8)
+        for value in np.unique(self.label):
+            labels[mask_on_grid_of(rig, self.rig, self.label == value)] = value
+        return replace(
+            self,
+            rig=rig,
+            depth_mm=depth_on_grid_of(rig, self.rig, self.depth_mm),
+            label=labels,
+            unseen=mask_on_grid_of(rig, self.rig, self.unseen),
+        )
+
+    def within(self, reach_mm: float = WITHIN_MM) -> NDArray[np.bool_]:
+        """(H, W) whether a pixel lies so near to the rig along the belt."""
+        depth = self.depth_mm[..., None]
+        points = np.concatenate([self.rig.core_camera.rays() * depth, depth], axis=-1)
+        with np.errstate(invalid="ignore"):
+            return np.abs(self.core_from_world.inverse().apply(points)[..., 1]) <= reach_mm
+
+    def regions(self, reach_mm: float = WITHIN_MM) -> Mapping[str, NDArray[np.bool_]]:
+        """(H, W) by region that the scene has, and all of them together."""
+        near = self.within(reach_mm)
+        found = {name: np.isin(self.label, labels) & near for name, labels in REGIONS.items()}
+        found = {name: region for name, region in found.items() if region.any()}
+        return {**found, "all": np.any([*found.values()], axis=0) if found else np.zeros_like(near)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthFile:
+    """Truth of a capture's frames: a single one that holds for all, or one for each."""
+
+    path: Path
+    truths: tuple[Truth, ...]
+
+    def of(self, frame: str) -> Truth:
+        """Of a frame by its name, which numbers it from 0 where there are several.
+
+        Raises
+        ------
+        InputError
+            When there is no truth of such a frame.
+        """
+        if len(self.truths) == 1:
+            return self.truths[0]
+        if not frame.isdecimal() or int(frame) >= len(self.truths):
+            raise InputError(
+                f"{self.path}: no truth of frame {frame}; it has 000 to {len(self.truths) - 1:03d}"
+            )
+        return self.truths[int(frame)]
+
+
+def read_truth(path: Path, scene: str | None = None) -> TruthFile:
+    """Read the truth that ``beltscape simulate`` wrote, or of the same layout by camera (``*_depth_cam0.npz``).
+
+    Parameters
+    ----------
+    path
+        The truth's folder, or the npz file of depths in it; rig.json lies beside it.
+    scene
+        Which of several scenes of a folder.
+
+    Raises
+    ------
+    InputError
+        When a file is missing or has not what is needed.
+    """
+    file = _depth_file(path, scene)
+    try:
+        with np.load(file) as arrays:
+            own = {name: arrays[name] for name in _WANTED if name in arrays.files}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: not a truth's npz file; give truth/<scene>_depth.npz") from error
+    depth = own.get("depth_mm", own.get("z_pinhole"))
+    label = own.get("label", own.get("label_pinhole"))
+    if depth is None or label is None:
+        raise InputError(f"{file}: no depth_mm and label in it; give truth/<scene>_depth.npz")
+    rig, pose = _rig(file.parent)
+    if depth.shape[-2:] != rig.core_camera.size_px[::-1]:
+        raise InputError(
+            f"{file}: {depth.shape[-1]}×{depth.shape[-2]} px, but rig.json's core has "
+            f"{rig.core_camera.size_px[0]}×{rig.core_camera.size_px[1]}; give the truth of one capture"
+        )
+    depths, labels = (np.atleast_3d(a.T).T if a.ndim == 2 else a for a in (depth, label))
+    views = own.get("views")
+    return TruthFile(
+        file,
+        tuple(
+            _truth(rig, pose, z.astype(np.float64), what.astype(np.uint8), views)
+            for z, what in zip(depths, labels, strict=True)
+        ),
+    )
+
+
+_WANTED = ("depth_mm", "label", "views", "z_pinhole", "label_pinhole")
+
+
+def _truth(
+    rig: Rig,
+    pose: Pose,
+    depth: NDArray[np.float64],
+    label: NDArray[np.uint8],
+    views: NDArray[np.uint8] | None,
+) -> Truth:
+    unseen = never_seen(rig, depth, load()) if views is None else np.isfinite(depth) & (views == 0)
+    return Truth(rig, pose, depth, label, unseen)
+
+
+def _depth_file(path: Path, scene: str | None) -> Path:
+    if path.is_file():
+        return path
+    if not path.is_dir():
+        raise InputError(f"{path}: no such truth; give the folder truth/ of a simulated capture")
+    names = (
+        (f"{scene}_depth.npz", f"{scene}_depth_cam0.npz") if scene else ("*_depth.npz", "*_depth_cam0.npz")
+    )
+    found = sorted(file for name in names for file in path.glob(name))
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise InputError(
+            f"{path}: no {' or '.join(names)} in it; give the folder truth/ of a simulated capture"
+        )
+    raise InputError(f"{path}: {len(found)} scenes in it; give one of {', '.join(f.name for f in found)}")
+
+
+def _rig(folder: Path) -> tuple[Rig, Pose]:
+    document = read_json(folder / "rig.json")
+    if isinstance(document, Mapping) and "image_size" in document:
+        return _rig_by_camera(folder / "rig.json", document)
+    station = read_json(folder / "station.json")
+    try:
+        entry = station["core_from_world"]
+        return read_rig(folder / "rig.json"), Pose.of(entry["rotation"], entry["translation_mm"])
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder / 'station.json'}: no core_from_world; simulate the scene again"
+        ) from error
+
+
+def _rig_by_camera(path: Path, document: Mapping[str, Any]) -> tuple[Rig, Pose]:
+    """rig.json of captures rendered elsewhere: K, dist, R, t (world → camera), R_rel, t_rel (core → camera)."""
+    cameras, poses = {}, {}
+    try:
+        size = (int(document["image_size"][0]), int(document["image_size"][1]))
+        for name, entry in document["cameras"].items():
+            matrix = np.array(entry["K"], np.float64)
+            focal, center = np.diag(matrix)[:2].copy(), matrix[:2, 2].copy()
+            cameras[name] = Camera(name, size, focal, center, np.array(entry["dist"], np.float64))
+            poses[name] = Pose.of(entry["R_rel"], entry["t_rel"])
+        core = next(iter(cameras))
+        world = document["cameras"][core]
+        return Rig(core, cameras, poses), Pose.of(world["R"], world["t"])
+    except (KeyError, TypeError, IndexError, StopIteration) as error:
+        raise InputError(f"{path}: not a truth's rig.json ({error} is missing or wrong)") from error

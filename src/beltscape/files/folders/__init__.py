@@ -1,0 +1,1 @@
+"""Output on disk: atomic files, manifests, and folders that a command owns."""

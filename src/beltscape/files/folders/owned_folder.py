@@ -1,0 +1,177 @@
+"""A command owns its output folder: it replaces what it wrote before, keeps what others put there, refuses the rest.
+
+A command writes into a staging folder inside its output folder. Only when it has succeeded, the files move to their
+places and the files of its earlier run that it did not write again are removed. The manifest is marked incomplete
+meanwhile, so that a reader never takes a mixture of two runs for a result.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from beltscape import __version__
+from beltscape.core.errors import OutputError
+from beltscape.files.folders.atomic import unwritable
+from beltscape.files.folders.manifest import (
+    MANIFEST,
+    STAGING,
+    Manifest,
+    files_below,
+    read_manifest,
+    write_manifest,
+)
+
+_TRACES = ("rig.json", "calibration.json", "plan.json", "volume.json", "lumps.json", "flow.json", "features.json",
+           "pattern.json", "paper.json", "board.toml", "truth/scenario.json", "*/depth.tiff",
+           "*/rectification.json", "calibration/rig.json")  # fmt: skip
+"""Files by which the output of a Beltscape without manifests is known."""
+_SHOWN = 3
+"""Names of foreign files in a message."""
+
+
+@contextmanager
+def owned_folder(out: Path, command: str) -> Iterator[Path]:
+    """Yield an empty staging folder whose files become those of ``out`` on success; on failure nothing is changed.
+
+    Raises
+    ------
+    OutputError
+        When ``out`` holds what ``command`` did not write, cannot be written to, or is being written by another run.
+    """
+    refuse_foreign(out, command)
+    made = _missing_folders(out)
+    staging = out / STAGING
+    lock = None
+    try:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            lock = _lock(out)
+            shutil.rmtree(staging, ignore_errors=True)
+            staging.mkdir()
+        except OSError as error:
+            raise unwritable(out, error) from error
+        yield staging
+        _swap(staging, out, command)
+    finally:
+        if lock is not None:
+            shutil.rmtree(staging, ignore_errors=True)
+            os.close(lock)
+        _remove_empty(made)
+
+
+@contextmanager
+def continued_folder(out: Path, command: str) -> Iterator[Path]:
+    """Yield ``out`` itself, for a command that goes on with its own earlier files; a failure leaves no new folder.
+
+    Raises
+    ------
+    OutputError
+        As :func:`owned_folder`.
+    """
+    refuse_foreign(out, command)
+    made, foreign = _missing_folders(out), set(files_below(out)) - set(_own_files(out))
+    lock = None
+    try:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            lock = _lock(out)
+        except OSError as error:
+            raise unwritable(out, error) from error
+        write_manifest(out, Manifest(command, __version__, complete=True, files=_own_files(out)))
+        yield out
+    finally:
+        if lock is not None:
+            own = tuple(name for name in files_below(out) if name not in foreign)
+            if own:
+                write_manifest(out, Manifest(command, __version__, complete=True, files=own))
+            else:
+                (out / MANIFEST).unlink(missing_ok=True)
+            os.close(lock)
+        _remove_empty(made)
+
+
+def refuse_foreign(out: Path, command: str) -> None:
+    """Raise OutputError where ``out`` holds what ``command`` did not write, with what lies there and the fix."""
+    if not out.is_dir():
+        return
+    manifest = read_manifest(out)
+    if manifest is not None and manifest.command == command:
+        return
+    where = f"{out} (the working folder)" if str(out) == "." else str(out)
+    if manifest is not None:
+        raise OutputError(
+            f"{where}: holds what beltscape {manifest.command} wrote; choose another --out for beltscape "
+            f"{command}, or remove the folder"
+        )
+    names = sorted(path.name for path in out.iterdir() if not path.name.startswith("."))
+    if not names:
+        return
+    held = ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    if any(next(out.glob(trace), None) for trace in _TRACES):
+        raise OutputError(
+            f"{where}: holds {held}, written without a manifest, as by an earlier version of Beltscape, "
+            f"or copied there; choose another --out, or remove the folder"
+        )
+    raise OutputError(
+        f"{where}: holds {held}, which beltscape {command} did not write; choose a new or empty --out"
+    )
+
+
+def _own_files(out: Path) -> tuple[str, ...]:
+    manifest = read_manifest(out)
+    return () if manifest is None else manifest.files
+
+
+def _missing_folders(out: Path) -> list[Path]:
+    """The folders that must be made for ``out``, the innermost first."""
+    return [path for path in (out, *out.parents) if not path.exists()]
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
+
+
+def _lock(out: Path) -> int:
+    """Return the open folder, locked until it is closed or the process ends; OutputError where another has it."""
+    handle = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise OutputError(f"{out}: another beltscape command is writing there; wait for it") from error
+    except OSError:
+        pass  # a file system without locks
+    return handle
+
+
+def _swap(staging: Path, out: Path, command: str) -> None:
+    """Move the staged files to their places and remove those of the earlier run that were not written again."""
+    new, old = files_below(staging), _own_files(out)
+    taken = [name for name in new if name not in set(old) and os.path.lexists(out / name)]
+    if taken:
+        raise OutputError(
+            f"{out / taken[0]}: lies where beltscape {command} writes, and it did not write it; "
+            "move it elsewhere and run again"
+        )
+    write_manifest(out, Manifest(command, __version__, complete=False, files=tuple(sorted({*old, *new}))))
+    try:
+        for name in set(old) - set(new):
+            (out / name).unlink(missing_ok=True)
+        for folder in sorted({parent for name in old for parent in Path(name).parents}, reverse=True):
+            if folder != Path() and (out / folder).is_dir() and not any((out / folder).iterdir()):
+                (out / folder).rmdir()
+        for name in new:
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            (staging / name).replace(out / name)
+    except OSError as error:
+        raise unwritable(Path(error.filename or out), error) from error
+    write_manifest(out, Manifest(command, __version__, complete=True, files=new))

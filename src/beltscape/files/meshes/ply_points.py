@@ -1,0 +1,99 @@
+"""cloud.ply of ``beltscape reconstruct`` read back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.cloud import PointCloud
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.files.folders.paths import AnyPath, as_path
+
+_KINDS = {
+    "float": "<f4",
+    "float32": "<f4",
+    "uchar": "u1",
+    "uint8": "u1",
+    "double": "<f8",
+    "int": "<i4",
+    "ushort": "<u2",
+}
+_LONGEST_HEADER = 8192
+
+
+def read_cloud(path: AnyPath) -> PointCloud:
+    """A binary little-endian PLY of points; normals, colours and sigma where it has them.
+
+    Raises
+    ------
+    InputError
+        With one line that names the file and what is wrong with it.
+    """
+    path = as_path(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(_LONGEST_HEADER)
+            end = head.find(b"end_header\n")
+            names, kinds, count = _header(path, head[:end] if end >= 0 else b"")
+            file.seek(end + len(b"end_header\n"))
+            record = np.dtype(list(zip(names, kinds, strict=True)))
+            data = file.read(count * record.itemsize)
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a cloud.ply of reconstruct"
+        ) from error
+    if len(data) < count * record.itemsize:
+        raise InputError(f"{path}: ends before its {count} points do; reconstruct the frame again")
+    rows = np.frombuffer(data, record, count)
+
+    def columns(wanted: tuple[str, ...], kind: type, missing: float) -> NDArray[np.generic]:
+        if not set(wanted) <= set(names):
+            return np.full((count, len(wanted)), missing, kind)
+        return np.stack([rows[name].astype(kind) for name in wanted], axis=-1)
+
+    return PointCloud(
+        points_mm=columns(("x", "y", "z"), np.float32, np.nan),  # pyright: ignore[reportArgumentType]
+        normals=columns(("nx", "ny", "nz"), np.float32, np.nan),  # pyright: ignore[reportArgumentType]
+        colors=columns(("red", "green", "blue"), np.uint8, 200),  # pyright: ignore[reportArgumentType]
+        sigma_mm=columns(("sigma",), np.float32, 0.0)[:, 0],  # pyright: ignore[reportArgumentType]
+    )
+
+
+def _header(path: Path, head: bytes) -> tuple[list[str], list[str], int]:
+    """Names and types of a vertex's properties, and how many vertices."""
+    lines = head.decode("ascii", "replace").split("\n")
+    if "format binary_little_endian 1.0" not in lines:
+        raise InputError(f"{path}: no binary little-endian PLY; give a cloud.ply of reconstruct")
+    count, names, kinds, vertex = 0, [], [], False
+    for words in (line.split() for line in lines):
+        if words[:1] == ["element"]:
+            vertex = words[1:2] == ["vertex"]
+            count = int(words[2]) if vertex else count
+        elif vertex and words[:1] == ["property"] and len(words) == 3 and words[1] in _KINDS:
+            kinds.append(_KINDS[words[1]])
+            names.append(words[2])
+        elif vertex and words[:1] == ["property"]:
+            raise InputError(
+                f"{path}: a vertex's {words[-1]} is a {words[1]}; only plain numbers can be read"
+            )
+    if not {"x", "y", "z"} <= set(names):
+        raise InputError(f"{path}: its points have no x, y, z; give a cloud.ply of reconstruct")
+    return names, kinds, count
+
+
+def image_of_cloud(path: Path, measured: NDArray[np.bool_]) -> Image | None:
+    """(H, W, 3) uint8 colours of a frame's cloud on the core's grid, 0 where not measured.
+
+    The cloud has a point for each measured pixel, row by row; None where it has not, or is not there.
+    """
+    if not path.is_file():
+        return None
+    colors = read_cloud(path).colors
+    if len(colors) != int(measured.sum()):
+        return None
+    image = np.zeros((*measured.shape, 3), np.uint8)
+    image[measured] = colors
+    return image

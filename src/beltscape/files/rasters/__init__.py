@@ -1,0 +1,1 @@
+"""Rasters: images, depth maps and height maps."""

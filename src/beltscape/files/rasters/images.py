@@ -1,0 +1,87 @@
+"""Reading and writing images: PNG, TIFF, JPEG, BMP; 8 or 16 bit, grey or RGB."""
+
+from __future__ import annotations
+
+from typing import cast
+from zlib import crc32
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.files.folders.atomic import write_bytes
+from beltscape.files.folders.paths import AnyPath, as_path
+
+EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+
+_PNG, _PNG_KIND, _INDEXED = b"\x89PNG\r\n\x1a\n", 25, 3
+"""A PNG's first bytes; where its kind of colour stands; the kind with a palette (PNG specification, 11.2.1)."""
+
+# what OpenCV would print about a damaged image is said by InputError, in one line
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
+def read_image(path: AnyPath) -> Image:
+    """(H, W) or (H, W, 3) RGB, uint8 or uint16, or InputError naming the file."""
+    path = as_path(path)
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    if data.size == 0:
+        raise InputError(f"{path}: the file is empty (0 bytes); copy the image again")
+    if _is_damaged_png(data.tobytes()):
+        raise InputError(f"{path}: the file is damaged or cut short; copy the image again")
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: pixels are {image.dtype}; 8 or 16 bit images are needed")
+    if image.ndim == 3:
+        is_grey = image.shape[2] < 3 or (_has_palette(data) and is_grey_throughout(image))
+        image = image[..., 0] if is_grey else image[..., 2::-1]
+    return cast(Image, np.ascontiguousarray(image))
+
+
+def is_grey_throughout(image: Image) -> bool:
+    """Whether the channels of (H, W, 3 or 4) are alike in every pixel."""
+    return bool((image[..., 0] == image[..., 1]).all() and (image[..., 1] == image[..., 2]).all())
+
+
+def _has_palette(data: NDArray[np.uint8]) -> bool:
+    """Whether the bytes are a PNG whose pixels are indices of a palette, as tools save images of few levels."""
+    return data[:8].tobytes() == _PNG and len(data) > _PNG_KIND and data[_PNG_KIND] == _INDEXED
+
+
+def _is_damaged_png(data: bytes) -> bool:
+    """Whether a PNG lacks its end or a checksum is wrong; libpng would say so itself on standard error."""
+    if not data.startswith(_PNG):
+        return False
+    view, start = memoryview(data), 8
+    while start + 12 <= len(data):
+        end = start + 12 + int.from_bytes(view[start : start + 4], "big")
+        if crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big") or end > len(data):
+            return True
+        if view[start + 4 : start + 8] == b"IEND":
+            return False
+        start = end
+    return True
+
+
+def encode_image(image: Image, extension: str = ".png") -> bytes:
+    """Encoded bytes of a grey or RGB image, or InputError where the format cannot hold it."""
+    known = (
+        EXTENSIONS if image.dtype == np.uint8 else EXTENSIONS[:3]
+    )  # JPEG and BMP would drop the lower bits
+    if extension.lower() not in known:
+        raise InputError(f"{image.dtype} images cannot be stored as {extension!r}; use {', '.join(known)}")
+    bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
+    return cv2.imencode(extension, bgr)[1].tobytes()
+
+
+def write_image(path: AnyPath, image: Image) -> None:
+    """Write a grey or RGB image, atomically; the extension says the format."""
+    path = as_path(path)
+    write_bytes(path, encode_image(image, path.suffix))

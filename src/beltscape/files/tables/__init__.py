@@ -1,0 +1,1 @@
+"""Tables: CSV of encoders, densities and flow."""

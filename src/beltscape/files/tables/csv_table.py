@@ -1,0 +1,65 @@
+"""Reading small CSV files whose header is given."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.files.documents.plain_text import read_text
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One row with where it stands."""
+
+    path: Path
+    number: int
+    """Of the line in the file, from 1."""
+    values: tuple[str, ...]
+
+    def number_in(self, column: int, name: str) -> float:
+        """A finite number, or InputError naming file, line and value."""
+        text = self.values[column]
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not np.isfinite(value):
+            raise InputError(f"{self.path}: line {self.number}: {name} {text!r} is not a number")
+        return value
+
+    def wrong(self, what: str) -> InputError:
+        """An error that names file and line."""
+        return InputError(f"{self.path}: line {self.number}: {what}")
+
+
+def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
+    """The rows of a CSV file with exactly this header (its last columns may be ``optional``).
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, its header is another, a row has another number of values, or none is there.
+    """
+    rows = list(csv.reader(io.StringIO(read_text(path))))
+    wanted = ",".join(header) + "".join(f"[,{name}]" for name in optional)
+    found = tuple(cell.strip() for cell in rows[0]) if rows else ()
+    columns = (*header, *optional)
+    if found not in {columns[:k] for k in range(len(header), len(columns) + 1)}:
+        raise InputError(f"{path}: the header is {','.join(found)!r}; it must be {wanted}")
+    lines: list[Line] = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not any(cell.strip() for cell in row):
+            continue
+        if len(row) != len(found):
+            raise InputError(f"{path}: line {number}: {len(row)} values, but the header has {len(found)}")
+        lines.append(Line(path, number, tuple(cell.strip() for cell in row)))
+    if not lines:
+        raise InputError(f"{path}: no row below the header {wanted}")
+    return lines

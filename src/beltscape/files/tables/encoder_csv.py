@@ -1,0 +1,59 @@
+"""encoder.csv of a moving capture: ``frame,timestamp_s,belt_position_mm``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.rasters.images import EXTENSIONS
+from beltscape.files.tables.csv_table import read_csv
+
+HEADER = ("frame", "timestamp_s", "belt_position_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """When a frame was taken, and where the belt was."""
+
+    frame: str
+    """The image files' stem."""
+    time_ns: int
+    belt_position_mm: float
+    """Grows with the belt's travel."""
+
+
+def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
+    """Read encoder.csv; a frame may be named with or without its image file's ending.
+
+    Raises
+    ------
+    InputError
+        When a value is no number, a frame is there twice, times do not grow, or the belt runs back.
+    """
+    path = as_path(path)
+    readings: list[Reading] = []
+    lines: dict[str, int] = {}
+    for line in read_csv(path, HEADER):
+        name = Path(line.values[0])
+        frame = name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]
+        time_ns = round(line.number_in(1, "timestamp_s") * 1e9)
+        position = line.number_in(2, "belt_position_mm")
+        if not frame:
+            raise line.wrong("no frame is named; name the image file")
+        if frame in lines:
+            raise line.wrong(
+                f"frame {frame} is there twice (also in line {lines[frame]}); remove one of them"
+            )
+        if readings and time_ns <= readings[-1].time_ns:
+            raise line.wrong(
+                f"timestamp_s {line.values[1]} is not after the row before; sort the rows by time"
+            )
+        if readings and position < readings[-1].belt_position_mm:
+            raise line.wrong(
+                f"belt_position_mm {line.values[2]} is before that of the row before; positions must grow with the "
+                "travel (--direction says which way that is)"
+            )
+        lines[frame] = line.number
+        readings.append(Reading(frame, time_ns, position))
+    return tuple(readings)

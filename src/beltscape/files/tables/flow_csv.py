@@ -1,0 +1,35 @@
+"""flow.csv: one row per frame of a moving belt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.files.folders.atomic import write_text
+from beltscape.files.folders.paths import AnyPath, as_path
+
+HEADER = (
+    "frame,timestamp_s,belt_position_mm,area_mm2,volume_mm3,volume_flow_m3_h,mass_flow_t_h,coverage,quality"
+)
+
+
+def flow_line(record: FlowRecord) -> str:
+    """One row; what is not known is left empty."""
+    time = "" if record.time_ns is None else f"{record.time_ns * 1e-9:.6f}"
+    numbers = (
+        (record.belt_position_mm, 4),
+        (record.area_mm2, 3),
+        (record.volume_mm3, 3),
+        (record.volume_flow_m3_h, 6),
+        (record.mass_flow_t_h, 6),
+        (record.coverage, 4),
+    )
+    texts = ("" if math.isnan(value) else f"{value:.{digits}f}" for value, digits in numbers)
+    return ",".join([record.frame, time, *texts, record.quality])
+
+
+def write_flow(path: AnyPath, records: Sequence[FlowRecord]) -> None:
+    """The whole file, atomically."""
+    path = as_path(path)
+    write_text(path, "\n".join([HEADER, *map(flow_line, records)]) + "\n")

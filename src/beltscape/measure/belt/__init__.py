@@ -1,0 +1,1 @@
+"""The empty belt: its frame, cross-section, ends and edges, learned from depth maps."""

@@ -1,0 +1,66 @@
+"""The belt's deviation from one constant cross-section: sag between idlers, waves, and the rig's slow errors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from beltscape.core.belt.empty_belt import BeltDeviation
+
+_NODES_ACROSS = 24
+"""Nodes over the belt's width; the same spacing holds along the belt."""
+_MIN_SIGNIFICANCE = 2.0
+"""A deviation is significant where the nodes' mean square is at least this multiple of their mean σ²."""
+_MIN_RMS_MM = 0.03
+"""Least root mean square of the nodes: smaller ones come from folds that lie between two nodes of the section."""
+
+
+def fit_deviation(
+    points_mm: NDArray[np.float64], residual_mm: NDArray[np.float64], noise_mm: float, patch_px: float
+) -> BeltDeviation | None:
+    """Fit the deviation to points (H, W, 3) in the belt frame with heights over the cross-section (H, W).
+
+    The errors of ``patch_px`` neighbouring pixels are taken as fully correlated. Nodes are robust means over
+    their cells; the result is None where they scatter no more than such means do.
+    """
+    good = np.isfinite(residual_mm) & (np.abs(residual_mm) < 6 * noise_mm + 0.01 * np.nanstd(residual_mm))
+    good |= np.isfinite(residual_mm) & (np.abs(residual_mm) < _inlier_limit_mm(residual_mm))
+    if good.sum() < 1000:
+        return None
+    x, y, off = points_mm[..., 0][good], points_mm[..., 1][good], residual_mm[good]
+    edges = [np.quantile(values, [0.001, 0.999]) for values in (x, y)]
+    step = float(np.ptp(edges[0])) / _NODES_ACROSS
+    nodes = [np.linspace(low, high, max(3, round((high - low) / step) + 1)) for low, high in edges]
+    column, row = (
+        np.rint(np.interp(values, own, np.arange(len(own)))).astype(np.intp)
+        for values, own in zip((x, y), nodes, strict=True)
+    )
+    shape = (len(nodes[1]), len(nodes[0]))
+    cell = row * shape[1] + column
+    count = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
+    weight = np.ones(len(off))
+    mean, scale = np.zeros(shape), noise_mm
+    for _ in range(3):  # Tukey weights about each node's mean
+        total = np.bincount(cell, weight, shape[0] * shape[1]).reshape(shape)
+        mean = np.bincount(cell, weight * off, shape[0] * shape[1]).reshape(shape) / np.maximum(total, 1e-9)
+        left = off - mean.ravel()[cell]
+        scale = 1.4826 * float(np.median(np.abs(left))) + 1e-9
+        weight = np.clip(1 - (left / (4.685 * scale)) ** 2, 0, None) ** 2
+    full = count >= 0.1 * np.median(count[count > 0])
+    sigma = scale * np.sqrt(np.minimum(patch_px / np.maximum(count, 1), 1.0))
+    real = float(np.mean(mean[full] ** 2))
+    if real < _MIN_SIGNIFICANCE * np.mean(sigma[full] ** 2) or real < _MIN_RMS_MM**2:
+        return None
+    nearest = ndimage.distance_transform_edt(~full, return_distances=False, return_indices=True)
+    assert isinstance(nearest, np.ndarray)
+    height = mean[tuple(nearest)]
+    return BeltDeviation(
+        nodes[0], nodes[1], height, np.where(full, sigma, np.hypot(scale, np.std(mean[full])))
+    )
+
+
+def _inlier_limit_mm(residual_mm: NDArray[np.float64]) -> float:
+    """Return the limit of residuals that excludes gross errors and steps, but no sag."""
+    measured = residual_mm[np.isfinite(residual_mm)]
+    return 6 * 1.4826 * float(np.median(np.abs(measured - np.median(measured)))) if len(measured) else 0.0

@@ -1,0 +1,227 @@
+"""The empty belt from its depth maps: belt frame, cross-section, deviation and edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.arguments import require_depth_of
+from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.camera import Camera
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError, MeasureError
+from beltscape.core.pose import Pose
+from beltscape.measure.belt.average import average_depth_maps
+from beltscape.measure.belt.cross_section import CrossSection, fit_cross_section
+from beltscape.measure.belt.deviation import fit_deviation
+from beltscape.measure.belt.edges import find_belt_edges
+from beltscape.measure.belt.error_correlation import estimate_correlation
+from beltscape.measure.belt.initial_frame import InitialFrame, build_frame, find_initial_frame
+from beltscape.measure.belt.middle import Middle, find_continuous_nodes, find_middle
+from beltscape.measure.belt.plane import Plane, fit_plane
+
+_SAMPLE_COUNT = 60_000
+_MIN_COVERAGE = 0.05
+_MAX_ROUGHNESS = 0.004
+"""Largest scatter of a belt about an even surface, as a share of its distance; heaped material has more."""
+
+
+def learn_belt(frames: Sequence[DepthMap], camera: Camera) -> Belt:
+    """Return the empty belt from any number of its depth maps.
+
+    The depth maps are averaged robustly, pixel by pixel. The result holds all that `find_belt` finds, and the
+    belt's edges. Errors that all frames share, such as those of the rig or of a static pattern, do not average
+    out; the scatter about the belt, from which every σ is derived, contains them.
+
+    Raises
+    ------
+    InputError
+        if there is no frame, or one is not the camera's size.
+    MeasureError
+        if there is no belt-like surface under the optical axis.
+    """
+    if not frames:
+        raise InputError("empty belt: no frame given; give at least one frame of the empty belt")
+    for depth in frames:
+        require_depth_of(camera, depth, "empty belt")
+    mean = average_depth_maps(frames)
+    belt = replace(find_belt(mean, camera), frames=len(frames))
+    return replace(belt, edges=find_belt_edges(mean, camera, belt))
+
+
+def find_belt(depth: DepthMap, camera: Camera) -> Belt:
+    """Return the belt found in an empty belt's depth map.
+
+    The belt is modelled as a surface that is constant along its direction of travel. The normals of small blocks
+    give a first direction; direction and cross-section are then fitted together to the points, robustly. The z
+    axis is the normal of the cross-section's flat middle, or the line of symmetry of a trough without one. A flat
+    belt gives no direction: it is taken from the belt's edges where they are visible, else x is the core image's
+    u axis.
+
+    Raises
+    ------
+    InputError
+        if the depth map is not the camera's size.
+    MeasureError
+        if there is no belt-like surface under the optical axis.
+    """
+    require_depth_of(camera, depth, "empty belt")
+    if depth.coverage < _MIN_COVERAGE:
+        raise MeasureError(
+            f"empty belt: only {depth.coverage:.1%} of the pixels are measured; "
+            "project speckle or give a better frame"
+        )
+    points = _sample_points(depth, camera)
+    start = find_initial_frame(depth, camera, points)
+    section = fit_cross_section(points, start.rotation, turn_yaw=start.troughed)
+    middle = _find_checked_middle(section, float(np.median(points[:, 2])), camera)
+    plane = _fit_flat_plane(points @ section.rotation.T, middle)
+    up = (
+        np.array([-np.sin(middle.slope_rad), 0.0, np.cos(middle.slope_rad)])
+        if plane is None
+        else plane.normal
+    )
+    rotation = build_frame(section.rotation[1], up @ section.rotation)
+    upright = fit_cross_section(points, rotation, rounds=0)
+    pose = Pose(rotation, -_intersect_optical_axis(upright))
+    flat = None
+    if middle.flat_mm is not None:
+        ends = np.array([[x, 0.0, section.height_mm(np.array([x]))[0]] for x in middle.flat_mm])
+        flat = pose.apply(ends @ section.rotation)[:, 0]
+    return _assemble_belt(depth, camera, upright, pose, start, plane, flat)
+
+
+def _sample_points(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:
+    """Return points (N, 3) of an even grid of pixels, in the camera's frame."""
+    stride = max(1, round(np.sqrt(depth.measured.sum() / _SAMPLE_COUNT)))
+    z = depth.depth_mm[::stride, ::stride].astype(np.float64)
+    points = np.concatenate([camera.rays()[::stride, ::stride] * z[..., None], z[..., None]], axis=-1)
+    return points[np.isfinite(z)]
+
+
+def _find_checked_middle(section: CrossSection, depth_mm: float, camera: Camera) -> Middle:
+    """Return the section's flat or symmetry; refuse a section that scatters more than a belt's."""
+    if section.noise_mm > _MAX_ROUGHNESS * depth_mm:
+        raise MeasureError(
+            f"empty belt: the surface scatters by {section.noise_mm:.1f} mm about any even belt; "
+            "give the frame of an empty belt"
+        )
+    own = _find_belt_nodes(section)
+    node_mm = section.noise_mm / np.sqrt(len(section.residual_mm) / len(section.x_mm))
+    pixel_mm = depth_mm / float(camera.focal_px[0])
+    return find_middle(section.x_mm[own], section.z_mm[own], 4 * node_mm + 0.1 * pixel_mm)
+
+
+def _find_belt_nodes(section: CrossSection) -> slice:
+    """Return the nodes of the continuous surface that the optical axis meets."""
+    own = find_continuous_nodes(
+        section.x_mm, section.z_mm, section.noise_mm, float(_intersect_optical_axis(section)[0])
+    )
+    if own is None:
+        raise MeasureError(
+            "empty belt: nothing measured where the core camera's optical axis meets the belt; "
+            "aim the core camera at the belt"
+        )
+    return own
+
+
+def _intersect_optical_axis(section: CrossSection) -> NDArray[np.float64]:
+    """Return the point (3,) where the optical axis meets the section, in the section's frame."""
+    axis = section.rotation[:, 2]
+    distance = float(np.nanmedian(section.z_mm)) / axis[2]
+    for _ in range(30):  # the axis is nearly vertical: a few iterations converge
+        distance = float(section.height_mm(np.array([distance * axis[0]]))[0]) / axis[2]
+    return distance * axis
+
+
+def _fit_flat_plane(points: NDArray[np.float64], middle: Middle) -> Plane | None:
+    """Fit a plane to the flat without its ends, from points in the section's frame."""
+    if middle.flat_mm is None:
+        return None
+    left, right = middle.flat_mm
+    inset = 0.04 * (right - left)
+    return fit_plane(points[(points[:, 0] > left + inset) & (points[:, 0] < right - inset)])
+
+
+def _refine_section(
+    x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], points_mm: NDArray[np.float64], pixel_mm: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the cross-section on nodes two pixels apart, from medians of the residuals: folds stay sharp."""
+    x, z = points_mm[..., 0].ravel(), points_mm[..., 2].ravel()
+    inside = (x > x_mm[0]) & (x < x_mm[-1])  # NaN is not
+    x, off = x[inside], z[inside] - np.interp(x[inside], x_mm, z_mm)
+    nodes = np.linspace(x_mm[0], x_mm[-1], max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
+    own = np.rint((x - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
+    order = np.lexsort((off, own))
+    count = np.bincount(own, minlength=len(nodes))
+    first = np.cumsum(count) - count
+    full = np.flatnonzero(count >= 20)
+    if len(full) < 2:
+        return x_mm, z_mm
+    median = off[order[first[full] + count[full] // 2]]
+    return nodes, np.interp(nodes, x_mm, z_mm) + np.interp(nodes, nodes[full], median)
+
+
+def _assemble_belt(
+    depth: DepthMap,
+    camera: Camera,
+    section: CrossSection,
+    pose: Pose,
+    start: InitialFrame,
+    plane: Plane | None,
+    flat: NDArray[np.float64] | None,
+) -> Belt:
+    """Return the belt with the errors of the depth map, estimated from the scatter about it."""
+    own = _find_belt_nodes(section)
+    x, z = section.x_mm[own] + pose.translation_mm[0], section.z_mm[own] + pose.translation_mm[2]
+    measured = np.isfinite(z)
+    x, z = x[measured], z[measured]
+    points = pose.apply(depth.points_mm(camera))
+    x, z = _refine_section(
+        x, z, points, pixel_mm=abs(float(pose.translation_mm[2])) / float(camera.focal_px[0])
+    )
+    # the refined section may meet the optical axis at another height: move the origin to it
+    lift = np.array([0.0, 0.0, float(np.interp(0.0, x, z))])
+    pose, points, z = Pose(pose.rotation, pose.translation_mm - lift), points - lift, z - lift[2]
+    residual = points[..., 2] - np.interp(points[..., 0], x, z, left=np.nan, right=np.nan)
+    noise = section.noise_mm
+    correlation = estimate_correlation(residual, noise)
+    deviation = fit_deviation(points, residual, noise, correlation.area_px)
+    if deviation is not None:
+        residual = residual - deviation.interpolate(points[..., 0], points[..., 1])
+        noise = 1.4826 * float(np.nanmedian(np.abs(residual)))
+        correlation = estimate_correlation(residual, noise)
+    # correlated errors of neighbouring pixels reduce the number of independent samples
+    factor = float(np.sqrt(max(1.0, correlation.area_px * len(section.residual_mm) / depth.measured.sum())))
+    yaw_sigma = section.sigma_rad[1] * factor if start.troughed else None
+    yaw_sigma = start.edges.sigma_rad if start.edges is not None else yaw_sigma
+    inside = np.isfinite(residual)
+    # a node averages the points within half a node spacing on either side
+    count = np.bincount(
+        np.rint(np.interp(points[..., 0][inside], x, np.arange(len(x)))).astype(np.intp), minlength=len(x)
+    )
+    node_sigma = noise * np.sqrt(np.minimum(correlation.area_px / np.maximum(count, 1), 1.0))
+    low, high = np.quantile(points[..., 1][inside], [0.001, 0.999])
+    return Belt(
+        belt_from_core=pose,
+        x_mm=x,
+        z_mm=z,
+        across_mm=(float(x[0]), float(x[-1])),
+        flat_mm=None if flat is None else (float(flat[0]), float(flat[1])),
+        flat_rms_mm=section.noise_mm if plane is None else plane.rms_mm,
+        noise_mm=noise,
+        correlation_px=float(np.sqrt(correlation.area_px)),
+        drift_mm=correlation.drift_mm,
+        tilt_sigma_rad=factor * (section.sigma_rad[0] if plane is None else plane.sigma_rad),
+        yaw_sigma_rad=yaw_sigma,
+        yaw_from="shape" if start.troughed else "camera" if start.edges is None else "edges",
+        z_sigma_mm=node_sigma,
+        along_mm=(float(low), float(high)),
+        deviation=deviation,
+        edges=None,
+        claimed_sigma_mm=float(np.median(depth.sigma_mm[depth.measured])),
+        frames=1,
+    )

@@ -1,0 +1,191 @@
+"""What the image says of an edge: evidence for every offset of it, added up over the pieces along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from beltscape.measure.features.edges.band import Band
+
+BLUR_PX = 0.75
+"""Gaussian blur of an edge: lens, pixel, and the undistortion's interpolation."""
+OFFSETS_PX = np.arange(-2.5, 2.51, 0.1)
+"""(O,) where the edge may be."""
+_MARGIN_PX = 1.0
+_WINDOW_PX = 2.6
+"""Half of the window in which a piece is looked at; it moves with the offset, so that no place is favoured."""
+_STEP_WEIGHT, _QUANTILE_WEIGHT = 0.1, 0.1
+"""Neighbouring pieces see the same dots; both kinds of evidence see the same pixels."""
+_SLOPE = 0.3
+"""Of brightness per px beside the edge, as a share of its spread over its noise: what a piece is expected to show."""
+_LEVELS = (0.1, 0.3, 0.5, 0.7, 0.9)
+_CLEAR_PX = (1.3, 2.8)
+_PIECE_PX = 60.0
+"""Levels are taken anew so often along the edge."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Log-likelihood by block along the edge, nuisance and offset."""
+
+    blocks: NDArray[np.float64]
+    """(K, M, O)."""
+    pieces: int
+    """That could vote."""
+
+
+def evidence(
+    band: Band,
+    grey: NDArray[np.float64],
+    start_px: float,
+    nuisances: NDArray[np.float64],
+    prior: NDArray[np.float64],
+    blocks: int,
+) -> Evidence | None:
+    """Both kinds of evidence for offsets ``start_px + OFFSETS_PX`` under each of the nuisances (M, J).
+
+    `step`: how much better two lines that meet in a blurred step describe the brightness across each short piece
+    than a parabola does. Each piece has its own scale, so that dots and the dark between them both count; a piece
+    may have dots in it that step as well: alone it proves nothing, but only at the edge do all step together.
+    `quantile`: the distribution of brightness changes at the edge (composite quantile regression, Zou & Yuan,
+    Ann. Statist. 36(3), 2008, doi:10.1214/07-AOS507).
+
+    ``grey`` (N,) of the band's pixels; ``prior`` (M, O) is what is known of them before.
+    """
+    near = np.abs(band.across_px - start_px) < _WINDOW_PX - OFFSETS_PX[0] + _MARGIN_PX
+    if not near.any():
+        return None
+    along = band.along_px[near]
+    block = ((along - along.min()) / (np.ptp(along) + 1e-9) * blocks).astype(np.intp)
+    noise = 0.003 * float(np.quantile(grey, 0.99)) + 1e-6
+    pixels = _Pixels(
+        band.across_px[near] - start_px, along, band.shapes[near], band.bins[near], grey[near],
+        np.minimum(block, blocks - 1), blocks, noise,
+    )  # fmt: skip
+    total, pieces = _step(pixels, nuisances)
+    if pieces < 8:
+        return None
+    total *= _STEP_WEIGHT
+    if band.kind == "round":  # too short to tell distributions by
+        return Evidence(total, pieces)
+    both = total
+    for _ in range(3):
+        at = float(OFFSETS_PX[int(np.argmax((both.sum(axis=0) + prior).max(axis=0)))])
+        both = total + _QUANTILE_WEIGHT * _quantile(pixels, nuisances, at)
+    return Evidence(both, pieces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pixels:
+    """A band's pixels about where the edge may be."""
+
+    across: NDArray[np.float64]
+    """(N,) px from the start."""
+    along: NDArray[np.float64]
+    shapes: NDArray[np.float64]
+    """(N, J)."""
+    bins: NDArray[np.intp]
+    value: NDArray[np.float64]
+    """(N,) brightness."""
+    block: NDArray[np.intp]
+    blocks: int
+    noise: float
+    """Of the brightness."""
+
+
+def _step(pixels: _Pixels, nuisances: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    """(K, M, O) gain in log-likelihood by a step, piece by piece; and how many pieces there are."""
+    order = np.argsort(pixels.bins, kind="stable")
+    fine = np.arange(OFFSETS_PX[0] - _MARGIN_PX, OFFSETS_PX[-1] + _MARGIN_PX + 0.05, 0.1)
+    total, pieces = np.zeros((pixels.blocks, len(nuisances), len(OFFSETS_PX))), 0
+    for piece in np.split(order, np.nonzero(np.diff(pixels.bins[order]))[0] + 1):
+        if len(piece) < 3 * _WINDOW_PX:
+            continue
+        gain = _gain(pixels.across[piece], pixels.value[piece], fine, pixels.noise)
+        moved = nuisances @ pixels.shapes[piece].mean(axis=0)
+        place = OFFSETS_PX[None] + np.clip(moved, -_MARGIN_PX, _MARGIN_PX)[:, None]
+        total[pixels.block[piece[0]]] += np.interp(place, fine, gain)
+        pieces += 1
+    return total, pieces
+
+
+def _gain(
+    t: NDArray[np.float64], y: NDArray[np.float64], offsets: NDArray[np.float64], noise: float
+) -> NDArray[np.float64]:
+    """(F,) by how much a step at each offset describes the brightness better than a parabola about it does."""
+    u = t[None] - offsets[:, None]
+    weight = np.clip(1 - (u / _WINDOW_PX) ** 2, 0, None) ** 2
+    count = weight.sum(axis=1)
+    count_or_one = np.maximum(count, 1e-9)
+    centred = y[None] - ((weight * y).sum(axis=1) / count_or_one)[:, None]
+    square = (weight * centred**2).sum(axis=1)
+    spread = np.sqrt(square / count_or_one) + noise
+    z = u / BLUR_PX
+    share, bell = ndtr(z), np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
+    step = np.stack(
+        [1 - share, (z * (1 - share) - bell) * BLUR_PX, share, (z * share + bell) * BLUR_PX], axis=-1
+    )
+    ridge = np.diag([1e-6, 1 / _SLOPE**2, 1e-6, 1 / _SLOPE**2]) * (noise / spread)[:, None, None] ** 2
+    smooth = np.stack([np.ones_like(u), u, u * u], axis=-1)
+    left = [
+        _left_over(design, weight, centred, square, more) / count_or_one + noise**2
+        for design, more in ((smooth, 1e-6 * np.eye(3)), (step, ridge))
+    ]
+    both_sides = (weight * (u < 0)).sum(axis=1).clip(max=(weight * (u > 0)).sum(axis=1)) > 0.2 * count
+    return np.where(both_sides, 0.5 * count * np.log(left[0] / left[1]), 0.0)
+
+
+def _left_over(
+    design: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    value: NDArray[np.float64],
+    square: NDArray[np.float64],
+    ridge: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(F,) weighted residual squares of ridged fits: design (F, n, p), weight and value (F, n)."""
+    normal = np.einsum("gni,gn,gnj->gij", design, weight, design) + ridge + 1e-9 * np.eye(design.shape[-1])
+    right = np.einsum("gni,gn->gi", design, weight * value)
+    answer = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.maximum(square - np.einsum("gi,gi->g", answer, right), 0)
+
+
+def _quantile(pixels: _Pixels, nuisances: NDArray[np.float64], at: float) -> NDArray[np.float64]:
+    """(K, M, O) minus the check loss of brightness quantiles that change at the edge, in units of the least."""
+    inner, outer = _levels(pixels.across - at, pixels.along, pixels.value)
+    mid = (np.abs(pixels.across - at) < _CLEAR_PX[0] + 0.7) & np.isfinite(inner[0])
+    total = np.zeros((pixels.blocks, len(nuisances), len(OFFSETS_PX)))
+    if mid.sum() < 40:
+        return total
+    t, y, edges = pixels.across[mid], pixels.value[mid], np.eye(pixels.blocks)[pixels.block[mid]]
+    for level, a, b in zip(_LEVELS, inner[:, mid], outer[:, mid], strict=True):
+        losses = np.empty_like(total)
+        for m, nuisance in enumerate(nuisances):
+            share = ndtr((t[None] - pixels.shapes[mid] @ nuisance - OFFSETS_PX[:, None]) / BLUR_PX)
+            off = y - (a + (b - a) * share)
+            losses[:, m] = (np.maximum(off, 0) * level + np.maximum(-off, 0) * (1 - level)).dot(edges).T
+        least = losses.sum(axis=0).min() / len(y) + 0.1 * pixels.noise
+        total -= losses / least / len(_LEVELS)
+    return total
+
+
+def _levels(
+    across: NDArray[np.float64], along: NDArray[np.float64], value: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(T, N) quantiles of the brightness inside and outside, by stretch along the edge; NaN where unknown."""
+    stretches = max(1, round(float(np.ptp(along)) / _PIECE_PX))
+    stretch = np.minimum(
+        ((along - along.min()) / (np.ptp(along) + 1e-9) * stretches).astype(int), stretches - 1
+    )
+    levels = np.full((2, len(_LEVELS), len(value)), np.nan)
+    low, high = _CLEAR_PX
+    for s in range(stretches):
+        here = stretch == s
+        sides = (across > -high) & (across < -low), (across > low) & (across < high)
+        if min((here & side).sum() for side in sides) < 10:
+            continue
+        for into, side in zip(levels, sides, strict=True):
+            into[:, here] = np.quantile(value[here & side], _LEVELS)[:, None]
+    return levels[0], levels[1]

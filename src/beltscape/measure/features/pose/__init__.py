@@ -1,0 +1,1 @@
+"""The module's pose in a depth map, and the solids it consists of."""

@@ -1,0 +1,1 @@
+"""Several frames of the same stretch of belt fused into rows of heights."""

@@ -1,0 +1,160 @@
+"""Several frames' views of the same belt → one surface.
+
+The material meets other dots, markers and shadows in every frame, so what one frame lacks another has. Where
+frames disagree, one surface is chosen, never a mean of two: cells that differ from the weighted median are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.measure.flow.fusion.layer import Layer
+from beltscape.measure.surface import close_pinholes
+
+_OUTLIER = 4.0
+_RANK = 0.65
+"""Where frames disagree by a step, this share of their weight must lie at or below what is taken: a bit above the
+half, for of two surfaces over one place the upper is the top, and each frame loses half a pixel of its rim."""
+_PATIENCE_CELLS = 0.35
+"""Heights that differ by what this much of a cell's misplacement makes on a slope of 45° still agree."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fused:
+    """Rows of belt, each cell from all frames that saw it."""
+
+    layer: Layer
+    """The surface; σ and noise as the frames' independent errors leave them."""
+    single_share: NDArray[np.float64]
+    """(n,) share of the cells that one frame measures in a row, on average over those that have it in view."""
+    frames: NDArray[np.int64]
+    """(n,) frames with the row in view."""
+    scatter: Scatter
+    """How the frames differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Sums over cells that several frames measured, to tell how noisy one frame is and what fusion makes of it."""
+
+    cells: int = 0
+    """Values of single frames that were compared."""
+    single_mm2: float = 0.0
+    """Sum of their squared deviations, corrected for the mean they share."""
+    claimed_mm2: float = 0.0
+    """Sum of their claimed variances."""
+    fused_mm2: float = 0.0
+    """Sum of the variances that the fused cells have by the single ones' scatter."""
+    outliers: int = 0
+    """Values left out."""
+
+    def __add__(self, other: Scatter) -> Scatter:
+        return Scatter(
+            self.cells + other.cells,
+            self.single_mm2 + other.single_mm2,
+            self.claimed_mm2 + other.claimed_mm2,
+            self.fused_mm2 + other.fused_mm2,
+            self.outliers + other.outliers,
+        )
+
+    @property
+    def single_noise_mm(self) -> float:
+        """Scatter of one frame's heights about the fused surface."""
+        return float(np.sqrt(self.single_mm2 / self.cells)) if self.cells else float("nan")
+
+    @property
+    def fused_noise_mm(self) -> float:
+        """What of that scatter the fused heights keep."""
+        return float(np.sqrt(self.fused_mm2 / self.cells)) if self.cells else float("nan")
+
+
+def fuse(layers: Sequence[Layer], first: int, end: int) -> Fused:
+    """Rows ``first`` to ``end`` of the belt from all layers that have one of them; at least one layer must."""
+    parts = [layer.rows(first, end) for layer in layers if layer.first < end and layer.end > first]
+    columns = parts[0].height_mm.shape[1]
+    shape = (len(parts), end - first, columns)
+    height, sigma, noise = (np.full(shape, np.nan, np.float32) for _ in range(3))
+    inside, share, slant = np.zeros(shape[:2], bool), np.zeros(shape[:2]), np.zeros(shape[:2])
+    for k, part in enumerate(parts):
+        rows = slice(part.first - first, part.end - first)
+        height[k, rows], sigma[k, rows], noise[k, rows] = part.height_mm, part.sigma_mm, part.noise_mm
+        inside[k, rows], share[k, rows], slant[k, rows] = True, part.share, part.slant
+    number = np.maximum(inside.sum(axis=0), 1)
+    layer, scatter = _fused(height, sigma, noise, first, slant.sum(axis=0) / number)
+    return Fused(layer, share.sum(axis=0) / number, number, scatter)
+
+
+def _fused(
+    height: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    first: int,
+    slant: NDArray[np.float64],
+) -> tuple[Layer, Scatter]:
+    """The same from stacks (k, n, Nx)."""
+    known = np.isfinite(height)
+    weight = np.where(known, 1 / np.maximum(sigma, 1e-4) ** 2, 0.0).astype(np.float32)
+    middle = _weighted_median(height, weight)
+    cell_tolerance = _PATIENCE_CELLS * _slope(middle)
+    with np.errstate(invalid="ignore"):
+        agrees = known & (np.abs(height - middle) <= _OUTLIER * sigma + cell_tolerance)
+    kept = np.where(agrees, weight, 0.0)
+    total = kept.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (np.where(agrees, height, 0.0) * kept).sum(axis=0) / total
+        # weights are 1/σ²: the variance of the weighted mean of independent values is Σ w² v / (Σ w)²
+        own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
+        shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
+    parts = (part.astype(np.float32) for part in (mean, own, shared))
+    layer = Layer(first, *parts, close_pinholes(known.any(axis=0)).mean(axis=1), slant)
+    return layer, _scatter(height, sigma, kept, agrees, known, mean, total)
+
+
+def _weighted_median(height: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n, Nx) the value at which half of the weight is reached: always one of the values, never between two."""
+    order = np.argsort(height, axis=0)  # NaN goes last, with no weight
+    ranked = np.take_along_axis(height, order, axis=0)
+    reached = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
+    pick = np.argmax(reached >= _RANK * reached[-1], axis=0)
+    return np.take_along_axis(ranked, pick[None], axis=0)[0]
+
+
+def _slope(middle: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n, Nx) rise of the surface per cell, mm; 0 where it is not known."""
+    if min(middle.shape) < 2:
+        return np.zeros_like(middle)
+    down, right = np.gradient(middle)
+    return np.nan_to_num(np.hypot(down, right)).astype(np.float32)
+
+
+def _scatter(
+    height: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    kept: NDArray[np.floating],
+    agrees: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    mean: NDArray[np.floating],
+    total: NDArray[np.floating],
+) -> Scatter:
+    several = agrees.sum(axis=0) >= 2
+    chosen = agrees & several
+    if not chosen.any():
+        return Scatter(outliers=int((known & ~agrees).sum()))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.where(chosen, (height - mean) ** 2, 0.0)
+        # a value pulls the mean it is compared with by its share of the weight
+        freedom = np.where(chosen, np.maximum(1 - kept / total, 1e-6), 1.0)
+        single = np.where(chosen, left / freedom, 0.0)
+        keeps = np.where(several, (kept**2).sum(axis=0) / total**2, 0.0)
+    typical = float(single.sum() / chosen.sum())
+    return Scatter(
+        cells=int(chosen.sum()),
+        single_mm2=float(single.sum()),
+        claimed_mm2=float(np.where(chosen, sigma**2, 0.0).sum()),
+        fused_mm2=float((keeps * agrees.sum(axis=0)).sum() * typical),
+        outliers=int((known & ~agrees).sum()),
+    )

@@ -1,0 +1,1 @@
+"""The motion of belt and load: registration of heights, encoder, prediction."""

@@ -1,0 +1,1 @@
+"""Strips of belt as flow records and totals with their standard deviation."""

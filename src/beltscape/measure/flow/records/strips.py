@@ -1,0 +1,99 @@
+"""Strips that wait for their belt to be finished, and the records they become."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.core.belt.flow_record import FlowRecord, Quality
+from beltscape.measure.flow.records.density import Density
+from beltscape.measure.flow.records.profile import Profile, Stretch
+from beltscape.measure.flow.records.totals import Sums
+
+_WELL_SEEN = 0.7
+"""Share of a strip that must be measured in some frame for it to count as well measured."""
+_PART = 0.05
+"""A smaller part of a strip does not decide its quality."""
+
+
+@dataclass(slots=True)
+class Strip:
+    """The belt that became new in one frame."""
+
+    frame: str
+    time_ns: int | None
+    belt_position_mm: float
+    """What the record will say; NaN where nothing tells."""
+    start_mm: float
+    end_mm: float
+    """In belt coordinates."""
+    step_sigma_mm: float
+    """One standard deviation of its length."""
+    speed_mm_s: float
+    """NaN where not known."""
+    placed: bool
+    """Whether anything told where the belt was."""
+    sure: bool
+    """Whether that was the material or the encoder, not the last known speed, and all cameras saw the frame."""
+
+
+class Strips:
+    """In the order of the frames; each becomes a record when the profile below it is complete."""
+
+    def __init__(self, sums: Sums, density: Density) -> None:
+        """Records are also counted in ``sums``."""
+        self._sums, self._density = sums, density
+        self._waiting: deque[Strip] = deque()
+
+    def add(self, strip: Strip) -> None:
+        """The next frame's strip."""
+        self._waiting.append(strip)
+
+    @property
+    def first(self) -> Strip | None:
+        """The strip that waits longest."""
+        return self._waiting[0] if self._waiting else None
+
+    def finished(self, profile: Profile, until_mm: float) -> list[FlowRecord]:
+        """Records of the strips that end at or before ``until_mm``, up to where the profile is complete."""
+        out: list[FlowRecord] = []
+        while self._waiting and self._waiting[0].end_mm <= until_mm:
+            out.append(self._record(self._waiting.popleft(), profile))
+        return out
+
+    def _record(self, strip: Strip, profile: Profile) -> FlowRecord:
+        stretch = profile.stretch(strip.start_mm, strip.end_mm)
+        area = stretch.volume_mm3 / stretch.length_mm if stretch.length_mm > 0 else float("nan")
+        if stretch.length_mm == 0 and strip.placed:
+            area = profile.area_at_mm2(strip.end_mm)
+        moved = strip.step_sigma_mm * float(np.nan_to_num(area))
+        density = self._density.at(strip.time_ns)
+        self._sums.add((strip.start_mm, strip.end_mm), stretch, moved, density)
+        return FlowRecord(
+            frame=strip.frame,
+            time_ns=strip.time_ns,
+            belt_position_mm=strip.belt_position_mm,
+            strip_mm=(strip.start_mm, strip.end_mm),
+            area_mm2=area,
+            volume_mm3=stretch.volume_mm3,
+            sigma_mm3=self._sums.sigma_of(stretch, moved),
+            speed_mm_s=strip.speed_mm_s,
+            density_kg_m3=density[0],
+            coverage=stretch.share,
+            single_coverage=stretch.single_share,
+            quality=_quality(strip, stretch),
+        )
+
+
+def _quality(strip: Strip, stretch: Stretch) -> Quality:
+    length = stretch.length_mm
+    unseen = length - stretch.seen_mm - stretch.bridged_mm
+    if not strip.placed or unseen > 0.5 * length:
+        return "missing"
+    if stretch.bridged_mm > _PART * length:
+        return "bridged"
+    if not strip.sure or unseen > _PART * length or stretch.share < _WELL_SEEN:
+        return "degraded"
+    return "measured"

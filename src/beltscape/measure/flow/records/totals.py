@@ -1,0 +1,107 @@
+"""What has passed in all, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.measure.flow.records.profile import Stretch
+
+Strip = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class FlowTotals:
+    """Sums over all strips."""
+
+    volume_mm3: float = 0.0
+    sigma_mm3: float = 0.0
+    mass_kg: float = 0.0
+    """NaN as soon as one strip's density is not known."""
+    mass_sigma_kg: float = 0.0
+    length_mm: float = 0.0
+    """Of belt that is counted."""
+    seen_mm: float = 0.0
+    """Of it, what was in a frame's view."""
+    bridged_mm: float = 0.0
+    """Of it, what was interpolated between neighbours."""
+    unseen_mm: float = 0.0
+    """Belt that passed and is not counted: nothing tells what lay there."""
+    share: float = 0.0
+    """Share of the counted belt that was measured in any frame."""
+    single_share: float = 0.0
+    """Share that one frame measures, on average."""
+    first_strip_mm: Strip | None = None
+    """The first frame's strip: all that was in view."""
+    last_strip_mm: Strip | None = None
+    """The last strip with a length."""
+
+
+class Sums:
+    """Adds up strips; what errors have in common is added, what they have not in squares."""
+
+    def __init__(self, drift_mm: float, width_mm: float) -> None:
+        """``drift_mm`` are slow errors of depth, common to all the belt of this width."""
+        self._own_mm, self._systematic_mm, self._width_mm = drift_mm, 0.0, width_mm
+        self._volume = self._apart = self._edges = self._holes = 0.0
+        self._mass = self._mass_common = 0.0
+        self._length = self._seen = self._bridged = self._unseen = 0.0
+        self._measured = self._single = 0.0
+        self._first: Strip | None = None
+        self._last: Strip | None = None
+
+    def widen(self, systematic_mm: float) -> None:
+        """Count an error that all of a depth map's pixels share: the greatest so far holds for the whole belt."""
+        self._systematic_mm = max(self._systematic_mm, systematic_mm)
+
+    @property
+    def _drift_mm2(self) -> float:
+        """Slow errors of depth over the belt's width."""
+        return float(np.hypot(self._own_mm, self._systematic_mm)) * self._width_mm
+
+    def sigma_of(self, stretch: Stretch, moved_mm3: float) -> float:
+        """σ of one strip's volume; ``moved_mm3`` is what the position's uncertainty makes of it."""
+        apart = stretch.apart_mm6 + moved_mm3**2
+        drift = self._drift_mm2 * stretch.length_mm
+        return float((apart + stretch.edges_mm3**2 + stretch.holes_mm3**2 + drift**2) ** 0.5)
+
+    def add(self, strip: Strip, stretch: Stretch, moved_mm3: float, density: tuple[float, float]) -> None:
+        """Count a strip; density and its σ in kg/m³ (NaN: not known)."""
+        counted = stretch.seen_mm + stretch.bridged_mm
+        self._volume += stretch.volume_mm3
+        self._apart += stretch.apart_mm6 + moved_mm3**2
+        self._edges += stretch.edges_mm3
+        self._holes += stretch.holes_mm3
+        self._mass += stretch.volume_mm3 * density[0] * 1e-9
+        self._mass_common += stretch.volume_mm3 * density[1] * 1e-9
+        self._length += counted
+        self._seen += stretch.seen_mm
+        self._bridged += stretch.bridged_mm
+        self._unseen += stretch.length_mm - counted
+        self._measured += stretch.share * stretch.length_mm
+        self._single += stretch.single_share * stretch.length_mm
+        if stretch.length_mm > 0:
+            self._first = self._first or strip
+            self._last = strip
+
+    @property
+    def totals(self) -> FlowTotals:
+        """As it stands."""
+        drift = self._drift_mm2 * self._length
+        sigma = float((self._apart + self._edges**2 + self._holes**2 + drift**2) ** 0.5)
+        relative = sigma / self._volume if self._volume else 0.0
+        return FlowTotals(
+            volume_mm3=self._volume,
+            sigma_mm3=sigma,
+            mass_kg=self._mass,
+            mass_sigma_kg=float(((self._mass * relative) ** 2 + self._mass_common**2) ** 0.5),
+            length_mm=self._length,
+            seen_mm=self._seen,
+            bridged_mm=self._bridged,
+            unseen_mm=self._unseen,
+            share=self._measured / self._length if self._length else 0.0,
+            single_share=self._single / self._length if self._length else 0.0,
+            first_strip_mm=self._first,
+            last_strip_mm=self._last,
+        )

@@ -1,0 +1,1 @@
+"""Calibration of captures, and checks of rigs on views they have not seen."""

@@ -1,0 +1,224 @@
+"""Capture and board → rig, scores and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.calibrate.assessment.covariance import (
+    DepthSigma,
+    RigCovariance,
+    compute_depth_sigma,
+    compute_rig_covariance,
+)
+from beltscape.calibrate.assessment.cross_validation import CrossValidation, cross_validate
+from beltscape.calibrate.assessment.fit_findings import list_calibration_findings
+from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit, compute_camera_fits
+from beltscape.calibrate.assessment.next_best_view import NextBestView, find_next_best_view
+from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.detection.detect_capture import detect_board
+from beltscape.calibrate.detection.detector import PrintVariant
+from beltscape.calibrate.hierarchy import HierarchyResult, solve_hierarchy
+from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.progress import RecordingReporter, Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.capture import Capture, read_capture
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.kernels import load
+from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.target.board import Board
+
+MAX_SPLIT_RATIO = 2.0
+"""Halves of the views may differ so much more than their covariances say."""
+MIN_BASELINE = 1e-3
+"""Cameras less than this share of the board's distance apart measure no depth: a planned rig has 0.1 and more."""
+MIN_DISTANCE_MM, MAX_DISTANCE_MM = 90.0, 30_000.0
+"""A board outside these distances was hardly meant."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """Everything that calibrating a capture gave."""
+
+    capture: Capture
+    board: Board
+    variant: PrintVariant
+    detections: BoardDetections
+    hierarchy: HierarchyResult
+    adjustment: BundleAdjustmentResult
+    rig: Rig
+    """The final rig, with its scores and its covariance."""
+    covariance: RigCovariance
+    depth_sigma: tuple[DepthSigma, ...]
+    """What the calibration does to depths at the nearest, middle and farthest boards."""
+    next_best_view: NextBestView | None
+    """The most useful further view."""
+    rig_errors: RigErrors
+    training: Score
+    """On the very views the rig was found from: it flatters."""
+    held_out: Score | None
+    """On views the rig was not found from: the headline. None where half of the views is too little."""
+    fit: FitQuality
+    """The fit, judged by its own figures."""
+    given: tuple[str, ...]
+    """Cameras whose intrinsics were given."""
+    warnings: tuple[str, ...]
+
+
+def calibrate(
+    folder: AnyPath,
+    board: Board,
+    core: str | None,
+    reporter: Reporter,
+    *,
+    known: KnownIntrinsics | None = None,
+) -> Calibration:
+    """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are held as they are.
+
+    What speaks against the fit comes first among the warnings.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        With one line that names what is wrong and the mend.
+    """
+    folder = as_path(folder, "folder")
+    reporter = RecordingReporter(reporter)
+    capture = read_capture(folder)
+    if len(capture.cameras) < 2:
+        raise InputError(
+            f"{folder}: only camera {', '.join(capture.cameras)} has images; a rig needs two: "
+            "give the folder above the camera folders"
+        )
+    if core is not None and core not in capture.cameras:
+        raise InputError(
+            f"{folder}: no camera {core or repr(core)} in it; it has {', '.join(capture.cameras)}"
+        )
+    known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
+    detections, variant = detect_board(capture, board, reporter)
+    known.require_sizes(detections.sizes_px)
+    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras)
+    _require_baselines(hierarchy, folder)
+    kernels = load()
+    own = hierarchy.detections
+    reporter.step("adjusting everything together", 0, 1)
+    adjustment = adjust_bundle(hierarchy, board)
+    covariance = compute_rig_covariance(adjustment)
+    reporter.step("adjusting everything together", 1, 1)
+    rig_errors = compute_rig_errors(
+        adjustment.rig, own, board, kernels, corners_mm=adjustment.geometry.points_mm
+    )
+    reporter.step("scoring on held-out views", 0, 1)
+    halves = cross_validate(own, board, hierarchy.rig.core, kernels, known=known.cameras)
+    held_out = halves.score if halves else None
+    reporter.step("scoring on held-out views", 1, 1)
+    _warn_of_distance(board, adjustment, reporter)
+    _warn_of_split(halves, reporter)
+    training = summarise_errors(rig_errors)
+    fits = compute_camera_fits(rig_errors, board.grid)
+    foreign = known.find_foreign(hierarchy, detections, board)
+    doubts = [
+        *foreign.values(),
+        *list_calibration_findings(hierarchy, fits, halves, training, explained=tuple(foreign)),
+    ]
+    fit = assess_fit(held_out or training, rig_errors, board.grid, doubts)
+    others = [line for line in reporter.warnings if line not in fit.findings]
+    for line in fit.findings:
+        reporter.warn(line)
+    rig = replace(
+        adjustment.rig,
+        quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
+        covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
+    )
+    return Calibration(
+        capture=capture,
+        board=board,
+        variant=variant,
+        detections=detections,
+        hierarchy=hierarchy,
+        adjustment=adjustment,
+        rig=rig,
+        covariance=covariance,
+        depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
+        next_best_view=find_next_best_view(adjustment, covariance),
+        rig_errors=rig_errors,
+        training=training,
+        held_out=held_out,
+        fit=fit,
+        given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
+        warnings=(*fit.findings, *others),
+    )
+
+
+def _require_baselines(hierarchy: HierarchyResult, folder: Path) -> None:
+    """Raise CalibrationError where two cameras stand at the same place: no depth can be measured with them."""
+    centers = {name: pose.center_mm for name, pose in hierarchy.rig.cam_from_core.items()}
+    boards = [
+        pose.translation_mm[2]
+        for camera in hierarchy.monocular.values()
+        for pose in camera.cam_from_board.values()
+    ]
+    for first, second in combinations(centers, 2):
+        baseline = float(np.linalg.norm(centers[first] - centers[second]))
+        if baseline < MIN_BASELINE * float(np.median(boards)):
+            raise CalibrationError(
+                f"{folder}: cameras {first} and {second} stand at the same place ({baseline:.2g} mm apart); are the "
+                f"images of one a copy of the other's? Give each camera its own"
+            )
+
+
+def _warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
+    """State it where the standard deviations are too small."""
+    if halves is not None and halves.split_ratio > MAX_SPLIT_RATIO:
+        reporter.warn(
+            f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
+            "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
+        )
+
+
+def _warn_of_distance(board: Board, adjustment: BundleAdjustmentResult, reporter: Reporter) -> None:
+    """State it where the board's size is not believable."""
+    distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
+    if not MIN_DISTANCE_MM < distance < MAX_DISTANCE_MM:
+        factor, unit = (10, "centimetres") if distance < MIN_DISTANCE_MM else (0.001, "micrometres")
+        reporter.warn(
+            f"with square_mm = {board.square_mm:g} the board was {distance:.3g} mm away; was it given in {unit} "
+            f"({board.square_mm * factor:g} mm)?"
+        )
+
+
+def _make_quality(
+    board: Board,
+    adjustment: BundleAdjustmentResult,
+    covariance: RigCovariance,
+    held_out: Score | None,
+    training: Score,
+    fit: FitQuality,
+) -> Mapping[str, Any]:
+    """What rig.json says of itself, with the board's own shape, which `check` needs."""
+    shaped = bool(np.any(adjustment.shape_mm))
+    return {
+        "held_out": held_out.document() if held_out else None,
+        "training": training.document(),
+        "fit": {"sound": fit.is_sound, "doubts": fit.findings},
+        "sigma_inflation": covariance.inflation,
+        "board": board.model_dump(),
+        "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
+    }
+
+
+def _compute_depth_sigmas(
+    rig: Rig, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> tuple[DepthSigma, ...]:
+    geometry = adjustment.geometry
+    depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
+    return tuple(
+        compute_depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
+    )

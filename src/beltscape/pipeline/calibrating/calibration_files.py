@@ -1,0 +1,175 @@
+"""A calibration on disk: rig.json, calibration.json, report.html."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.calibrate.assessment.next_best_view import NextBestView
+from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibrate.detection.detector import PrintVariant
+from beltscape.calibrate.network.association import Misclosure
+from beltscape.core.frames import Image
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import write_text
+from beltscape.files.rasters.images import read_image
+from beltscape.files.rig_json import write_rig
+from beltscape.pipeline.calibrating.calibration import Calibration
+from beltscape.report.calibration import calibration_page
+
+SHOWN = 12
+"""Rejected views shown in the report."""
+
+
+def write_calibration(out: Path, calibration: Calibration) -> None:
+    """rig.json, calibration.json and report.html."""
+    write_rig(out / "rig.json", calibration.rig)
+    write_json(out / "calibration.json", calibration_document(calibration))
+    page = calibration_page(
+        calibration.hierarchy,
+        calibration.adjustment,
+        calibration.covariance,
+        calibration.rig_errors,
+        calibration.board,
+        calibration.depth_sigma,
+        calibration.next_best_view,
+        _rejected_images(calibration),
+        held_out=calibration.held_out,
+        training=calibration.training,
+        fit=calibration.fit,
+        warnings=calibration.warnings,
+    )
+    write_text(out / "report.html", page)
+
+
+def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
+    """(why, image) of the views that were left out as a whole, for the report."""
+    found: list[tuple[str, Image]] = []
+    for name, camera in calibration.hierarchy.monocular.items():
+        for frame, why in camera.rejected.items():
+            image = read_image(calibration.capture.files[name][frame])
+            found.append((f"{name}, frame {frame}: {why}", image))
+    return found[:SHOWN]
+
+
+def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
+    """calibration.json: what each level of the hierarchy found."""
+    hierarchy, adjustment = calibration.hierarchy, calibration.adjustment
+    return {
+        "format": "beltscape-calibration/1",
+        "core": hierarchy.rig.core,
+        "board": {
+            **calibration.board.model_dump(),
+            **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
+            "off_drawing_rms_mm": np.sqrt((adjustment.shape_mm**2).mean(axis=0)),
+        },
+        "fit": calibration.fit.document(),
+        "held_out": calibration.held_out.document() if calibration.held_out else None,
+        "training": calibration.training.document(),
+        "depth_sigma_mm": [
+            {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
+            for s in calibration.depth_sigma
+        ],
+        "next_pose": _next_document(calibration.next_best_view),
+        "cameras": {name: _camera_document(calibration, name) for name in calibration.rig.cameras},
+        "corners_left_out": _corners_left_out(adjustment),
+        "pairs": [
+            {
+                "cameras": [pair.first, pair.second],
+                "frames": len(pair.frames),
+                "corners": pair.corners,
+                "rms_px": pair.rms_px,
+                "rotation": pair.second_from_first.rotation,
+                "translation_mm": pair.second_from_first.translation_mm,
+                "rejected": pair.rejected,
+            }
+            for pair in hierarchy.network.pairs
+        ],
+        "path_errors": [_closure_document(error) for error in hierarchy.network.path_errors],
+        "loop_errors": [_closure_document(error) for error in hierarchy.network.loop_errors],
+        "warnings": calibration.warnings,
+    }
+
+
+def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
+    camera, adjustment = calibration.hierarchy.monocular[name], calibration.adjustment
+    final, index = calibration.rig.cameras[name], list(calibration.rig.cameras).index(name)
+    covariance = calibration.covariance
+    sigma = np.sqrt(np.diag(covariance.matrix))
+    of_camera = adjustment.bundle.observations.camera == index
+    return {
+        "images": calibration.detections.images[name],
+        "board_seen": len(calibration.detections.views[name]),
+        "views_used": len(camera.cam_from_board),
+        "focal_px": final.focal_px,
+        "center_px": final.center_px,
+        "distortion": final.distortion,
+        "sigma": {
+            parameter.removeprefix(f"{name}."): float(value)
+            for parameter, value in zip(covariance.parameters, sigma, strict=True)
+            if parameter.startswith(f"{name}.")
+        },
+        "held": camera.held,
+        "intrinsics": "given" if name in calibration.given else "estimated",
+        "noise_px": adjustment.sigma_px[index],
+        "corners": int(of_camera.sum()),
+        "corners_left_out": int((of_camera & ~adjustment.kept).sum()),
+        "intrinsics_from_own_views": name in adjustment.own_view_cameras,
+        "monocular": {
+            "rms_px": camera.rms_px,
+            "focal_px": camera.camera.focal_px,
+            "center_px": camera.camera.center_px,
+            "distortion": camera.camera.distortion,
+            "sigma": camera.sigma,
+        },
+        "rejected": camera.rejected,
+        "path_from_core": calibration.hierarchy.network.paths[name],
+    }
+
+
+def _next_document(pose: NextBestView | None) -> Mapping[str, Any] | None:
+    if pose is None:
+        return None
+    return {
+        "enough": pose.is_sufficient,
+        "words": pose.describe(),
+        "seen_by": pose.seen_by,
+        "sigma_now_mm": pose.sigma_now_mm,
+        "sigma_then_mm": pose.sigma_then_mm,
+        "core_from_board": {
+            "rotation": pose.core_from_board.rotation,
+            "translation_mm": pose.core_from_board.translation_mm,
+        },
+    }
+
+
+def _closure_document(error: Misclosure) -> Mapping[str, Any]:
+    return {
+        "cameras": error.cameras,
+        "rotation_deg": error.rotation_deg,
+        "translation_mm": error.translation_mm,
+        "chi2_per_dof": error.chi2_per_dof,
+        "p_value": error.p_value,
+    }
+
+
+def _corners_left_out(adjustment: BundleAdjustmentResult) -> list[Mapping[str, Any]]:
+    """Every corner that the final adjustment did without, and how far off it was."""
+    o, names = adjustment.bundle.observations, list(adjustment.rig.cameras)
+    off = np.linalg.norm(adjustment.bundle.compute_errors_px(adjustment.geometry), axis=1)
+    return [
+        {
+            "camera": names[o.camera[i]],
+            "frame": adjustment.frames[o.frame[i]],
+            "corner": int(o.point[i]),
+            "error_px": float(off[i]),
+        }
+        for i in np.flatnonzero(~adjustment.kept)
+    ]
+
+
+def _variant_document(variant: PrintVariant) -> dict[str, bool]:
+    return {"legacy": variant.legacy, "inverted": variant.inverted}

@@ -1,0 +1,152 @@
+"""A rig on board views it has never seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
+from beltscape.calibrate.assessment.rig_findings import (
+    describe_scale,
+    estimate_scale_factor,
+    list_rig_findings,
+)
+from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.detection.detect_capture import detect_board
+from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.capture import read_capture
+from beltscape.files.documents.json_text import plain
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.kernels import load
+from beltscape.target.board import Board, corner_points_mm
+
+MAX_REMAINING_RMS = 0.5
+"""A wrong scale is the cause where the right one leaves less than this share of the RMS."""
+SQUARE_TOLERANCE = 0.005
+"""Share by which a measured square may differ from the rig's own board and still be of that board."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigCheck:
+    """A rig, held against board views."""
+
+    score: Score
+    rig_errors: RigErrors
+    fit: FitQuality
+    scale: float
+    """Triangulated over stated edge of the board's squares, where they differ for certain; else 1."""
+
+
+def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigCheck:
+    """Score a rig on board views it has never seen; what speaks against the rig is a warning.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        With one line that names what is wrong and the fix.
+    """
+    folder = as_path(folder, "folder")
+    for line in _describe_board_differences(rig, board):
+        reporter.warn(line)
+    detections = _detect_board(folder, rig, board, reporter)
+    board_mm = _read_board_shape(rig, board)
+    board_mm = corner_points_mm(board) if board_mm is None else board_mm
+    kernels = load()
+    try:
+        rig_errors = compute_rig_errors(rig, detections, board, kernels, corners_mm=board_mm)
+    except CalibrationError as error:
+        raise CalibrationError(f"{folder}: {error}") from error
+    found = summarise_errors(rig_errors)
+    factor = estimate_scale_factor(board, rig_errors, found)
+    scaled_errors = rig_errors
+    if factor != 1:
+        scaled_errors = compute_rig_errors(rig, detections, board, kernels, corners_mm=factor * board_mm)
+        factor = factor if summarise_errors(scaled_errors).rms_px < MAX_REMAINING_RMS * found.rms_px else 1.0
+    findings: list[str] = []
+    if factor != 1:
+        _require_same_square(folder, rig, board, factor)
+        findings.append(describe_scale(board, factor))
+    # what the wrong scale alone does is not held against the cameras
+    assessed_errors = scaled_errors if factor != 1 else rig_errors
+    findings += list_rig_findings(rig, detections, board, factor * board_mm, assessed_errors)
+    fit = assess_fit(summarise_errors(assessed_errors), assessed_errors, board.grid, findings)
+    for line in fit.findings:
+        reporter.warn(line)
+    return RigCheck(found, rig_errors, fit, factor)
+
+
+def _detect_board(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> BoardDetections:
+    """Return the corners that cameras of the rig see, or InputError where too few or other cameras took them."""
+    capture = read_capture(folder)
+    for name in rig.cameras:
+        if name not in capture.cameras:
+            reporter.warn(f"{folder / name}: no images of camera {name}; going on without it")
+    common = capture.only(tuple(rig.cameras))
+    if len(common.cameras) < 2:
+        raise InputError(
+            f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}; "
+            "at least two of them must be the same"
+        )
+    detections, _ = detect_board(common, board, reporter)
+    for name, size in detections.sizes_px.items():
+        if size != rig.cameras[name].size_px:
+            width, height = rig.cameras[name].size_px
+            raise InputError(
+                f"{folder / name}: images are {size[0]}×{size[1]} px, the rig's {name} has {width}×{height}; "
+                "check with images of the size the rig was calibrated with"
+            )
+    return detections
+
+
+def _describe_board_differences(rig: Rig, board: Board) -> Iterator[str]:
+    """Yield a line where the board is described otherwise than the one that the rig was calibrated with."""
+    own = _get_rig_board(rig)
+    if own is None:
+        return
+    given = plain(board.model_dump(exclude={"legacy", "inverted"}))
+    other = [key for key in given if own.get(key) != given[key]]
+    if other:
+        differences = ", ".join(f"{key} = {given[key]} (the rig's: {own.get(key)})" for key in other)
+        yield (
+            f"the board is not described as the one the rig was calibrated with: {differences}; correct board.toml if it is "
+            "the same board"
+        )
+
+
+def _require_same_square(folder: Path, rig: Rig, board: Board, factor: float) -> None:
+    """Raise InputError where the squares measure what the rig's own board has, and not what is stated."""
+    size = (_get_rig_board(rig) or {}).get("square_mm")
+    measured = factor * board.square_mm
+    if (
+        isinstance(size, int | float)
+        and size != board.square_mm
+        and abs(measured / size - 1) < SQUARE_TOLERANCE
+    ):
+        raise InputError(
+            f"{folder}: the board is given with square_mm = {board.square_mm:g}, but its squares measure "
+            f"{measured:.4g} mm, as those of the board the rig was calibrated with (square_mm = {size:g}): correct "
+            "square_mm in board.toml"
+        )
+
+
+def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
+    """(P, 3) the board's own shape, where the rig was found with the same board and it was not as drawn."""
+    corners = rig.quality.get("board_corners_mm")
+    if corners is None or _get_rig_board(rig) != plain(board.model_dump()):
+        return None
+    points = np.asarray(corners, np.float64)
+    return points if points.shape == (board.grid[0] * board.grid[1], 3) else None
+
+
+def _get_rig_board(rig: Rig) -> dict[str, Any] | None:
+    """Return the board that the rig was calibrated with, as rig.json has it; None where it is not known."""
+    own = plain(rig.quality.get("board"))
+    return own if isinstance(own, dict) else None

@@ -1,0 +1,1 @@
+"""Measuring commands: reconstructed frames to volumes, flow, lumps and dimensions."""

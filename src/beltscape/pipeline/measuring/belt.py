@@ -1,0 +1,119 @@
+"""Reconstructed frames of the empty belt → belt.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.camera import Camera
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Reporter
+from beltscape.files.belt_json import read_belt, write_belt
+from beltscape.files.folders.atomic import write_text
+from beltscape.files.reconstruction import frame_folders, read_frame
+from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
+from beltscape.report.measuring.belt import belt_page
+
+
+def learn_from_reconstruction(
+    folder: Path, frames: Sequence[str] | None, reporter: Reporter
+) -> tuple[Belt, Camera]:
+    """The empty belt from a reconstruction's frames, all of them by default.
+
+    Raises
+    ------
+    InputError, MeasureError
+        With one line that names what is wrong and the mend.
+    """
+    names = frame_names(folder) if frames is None else list(frames)
+    results = []
+    for number, name in enumerate(names, 1):
+        results.append(read_frame(folder / name))
+        warn_of_doubts(results[-1], reporter)
+        reporter.step("reading empty belt", number, len(names))
+    camera = results[0].rig.core_camera
+    return learn_belt([result.depth for result in results], camera), camera
+
+
+def frame_names(folder: Path) -> list[str]:
+    """Names of a reconstruction's frame folders, in order."""
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; give a reconstruction of beltscape reconstruct")
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give a reconstruction of beltscape reconstruct")
+    names = [path.name for path in frame_folders(folder) if path != folder]
+    if not names:
+        raise InputError(
+            f"{folder}: no frame folder with a depth.tiff; give a reconstruction of beltscape reconstruct"
+        )
+    return names
+
+
+def empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
+    """The empty belt from what a user gives: a belt.json, a frame folder, or a reconstruction with all its frames."""
+    if place.is_file():
+        return read_belt(place)
+    if not place.exists():
+        raise InputError(
+            f"{place}: no such file or folder; give a belt.json of beltscape measure belt, a reconstruction of the "
+            "empty belt, or a frame folder of one"
+        )
+    if (place / "rig.json").is_file() and not (place / "depth.tiff").is_file():
+        return learn_from_reconstruction(place, None, reporter)
+    frame = read_frame(place)
+    warn_of_doubts(frame, reporter)
+    camera = frame.rig.core_camera
+    return learn_belt([frame.depth], camera), camera
+
+
+def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera) -> None:
+    """Raise InputError where the load and the empty belt were not reconstructed on the same grid."""
+    same = (
+        camera.name == other.name
+        and camera.size_px == other.size_px
+        and np.allclose(camera.focal_px, other.focal_px, rtol=1e-9)
+        and np.allclose(camera.center_px, other.center_px, atol=1e-6)
+    )
+    if not same:
+        raise InputError(
+            f"{loaded} and {empty}: reconstructed with different rigs; reconstruct both with the same rig.json"
+        )
+
+
+def write_belt_files(out: Path, belt: Belt, camera: Camera) -> Path:
+    """belt.json and, beside it, its report; returns the report's path."""
+    write_belt(out, belt, camera)
+    page = out.with_suffix(".html")
+    write_text(page, belt_page(belt))
+    return page
+
+
+def belt_answer(belt: Belt) -> Mapping[str, Any]:
+    """What ``measure belt --json`` answers."""
+    edges = belt.edges
+    return {
+        "frames": belt.frames,
+        "belt_from_core": {
+            "rotation": belt.belt_from_core.rotation,
+            "translation_mm": belt.belt_from_core.translation_mm,
+        },
+        "tilt_sigma_deg": float(np.rad2deg(belt.tilt_sigma_rad)),
+        "yaw_sigma_deg": None if belt.yaw_sigma_rad is None else float(np.rad2deg(belt.yaw_sigma_rad)),
+        "yaw_from": belt.yaw_from,
+        "across_mm": belt.across_mm,
+        "along_mm": belt.along_mm,
+        "flat_mm": belt.flat_mm,
+        "noise_mm": belt.noise_mm,
+        "section_sigma_mm": float(np.median(belt.z_sigma_mm)),
+        "deviation_mm": None if belt.deviation is None else float(np.std(belt.deviation.height_mm)),
+        "edges_mm": None if edges is None else [edges.left_mm, edges.right_mm],
+        "edges_sigma_mm": None if edges is None else [edges.left_sigma_mm, edges.right_sigma_mm],
+        "misaligned_mm": None if edges is None else edges.offset_mm,
+        "misaligned_sigma_mm": None if edges is None else edges.sigma_mm,
+        "trough_middle_mm": belt.middle_mm,
+    }

@@ -1,0 +1,99 @@
+"""A reconstructed frame and a module.toml → dimensions, report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import BeltscapeError, InputError, MeasureError
+from beltscape.core.frames import Image, to_grey
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.rasters.images import read_image
+from beltscape.files.reconstruction import FrameResult, read_frame
+from beltscape.measure.features.measure import measure_module
+from beltscape.measure.features.result import MeasuredModule
+from beltscape.pipeline.measuring.solids import solids_document
+from beltscape.report.measuring.features import features_page
+from beltscape.stereo.pointcloud.cloud import undistorted
+from beltscape.target.module import read_module
+
+
+def features_of_frame(
+    folder: Path, module: Path, image: Path | None = None
+) -> tuple[FrameResult, MeasuredModule]:
+    """Dimensions of the module that lies in a frame folder of beltscape reconstruct.
+
+    ``image`` is one more image of the same still scene by the core camera, as taken, with the projector off.
+
+    Raises
+    ------
+    InputError, MeasureError
+        With one line that names what is wrong and the mend.
+    """
+    nominal, frame = read_module(module), read_frame(folder)
+    plain = None if image is None else _plain(image, frame)
+    pattern = None if frame.image is None else to_grey(frame.image)
+    try:
+        return frame, measure_module(frame.depth, frame.rig, nominal, pattern=pattern, plain=plain)
+    except MeasureError as error:
+        raise MeasureError(f"{folder}: {error}") from error
+
+
+def _plain(path: Path, frame: FrameResult) -> NDArray[np.float32]:
+    """(H, W) an image as taken, brought onto the depth map's grid."""
+    taken: Image = read_image(path)
+    try:
+        return to_grey(undistorted(taken, frame.rig.core_camera))
+    except BeltscapeError as error:
+        raise InputError(f"{path}: {error}; give an image of the core camera {frame.rig.core}") from error
+
+
+def features_document(measured: MeasuredModule) -> Mapping[str, Any]:
+    """What ``measure features --json`` answers."""
+    pose = measured.core_from_module
+    return {
+        "module": measured.module.name,
+        "features": [
+            {
+                "name": q.name,
+                "quantity": q.quantity,
+                "nominal_mm": q.nominal_mm,
+                "measured_mm": q.measured_mm,
+                "sigma_mm": q.sigma_mm,
+                "points": q.points,
+            }
+            for q in measured.quantities
+        ],
+        "pose": {
+            "core_from_module": {"rotation": pose.rotation, "translation_mm": pose.translation_mm},
+            "agreement": measured.agreement,
+        },
+        "solids": solids_document(measured),
+        "warnings": list(measured.warnings),
+    }
+
+
+def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> None:
+    """features.json, features.csv and report.html."""
+    output_folder(out)
+    write_json(out / "features.json", features_document(measured))
+    write_text(out / "features.csv", features_csv(measured))
+    write_text(out / "report.html", features_page(frame.depth, frame.rig.core_camera, frame.image, measured))
+
+
+def features_csv(measured: MeasuredModule) -> str:
+    """One row per quantity, under its header; an empty value was not measured."""
+    rows = ["name,quantity,nominal_mm,measured_mm,error_mm,sigma_mm,points"]
+    for q in measured.quantities:
+        error = q.measured_mm - q.nominal_mm
+        values = ["" if np.isnan(v) else f"{v:.5f}" for v in (q.measured_mm, error, q.sigma_mm)]
+        rows.append(
+            ",".join([f'"{q.name}"' if "," in q.name else q.name, q.quantity, f"{q.nominal_mm:g}", *values])
+        )
+        rows[-1] += f",{q.points}"
+    return "\n".join(rows) + "\n"

@@ -1,0 +1,152 @@
+"""What `measure flow` writes: flow.csv, flow.json, belt.tiff, report.html."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import write_text
+from beltscape.files.rasters.depth_tiff import write_float_tiff
+from beltscape.files.tables.flow_csv import write_flow
+from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.records.density import Density
+from beltscape.pipeline.measuring.flow import Flow
+from beltscape.pipeline.measuring.flow_checks import motion_statement
+from beltscape.report.measuring.flow import FlowReport, flow_page
+
+_DIRECTIONS = {1: "+y", -1: "-y", 0: None}
+
+
+def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequence[str]) -> Mapping[str, Any]:
+    """Write everything into ``out``; the result is what ``--json`` prints."""
+    document = flow_document(flow, density)
+    belt, share = flow.picture.height_map()
+    write_flow(out / "flow.csv", flow.records)
+    write_float_tiff(out / "belt.tiff", belt.height_mm.astype(np.float32))
+    grid = {"origin_mm": belt.origin_mm, "cell_mm": belt.cell_mm, "rows": "belt coordinate s", "columns": "x"}
+    write_json(out / "flow.json", {**document, "belt_grid": grid})
+    page = FlowReport(flow.records, flow.steps, flow.meter.totals, document, belt, share)
+    write_text(out / "report.html", flow_page(page, warnings=warnings))
+    return {**document, "flow": out / "flow.csv", "belt": out / "belt.tiff", "report": out / "report.html"}
+
+
+def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
+    """All figures as plain values."""
+    meter, records = flow.meter, flow.records
+    totals, scale, scatter = meter.totals, meter.scale, meter.scatter
+    seconds, mean = _mean_flow(records)
+    counts = Counter(record.quality for record in records)
+    return {
+        "frame_count": len(records),
+        "direction": _DIRECTIONS[meter.direction],
+        "direction_told": flow.told,
+        "motion_evidence": {"statement": motion_statement(meter, flow.told), **_evidence(meter.evidence)},
+        "motion_from": "encoder and material" if flow.by_encoder else "material",
+        "totals": {
+            "volume_mm3": totals.volume_mm3,
+            "sigma_mm3": totals.sigma_mm3,
+            "mass_t": _known(totals.mass_kg * 1e-3),
+            "mass_sigma_t": _known(totals.mass_sigma_kg * 1e-3),
+            "length_mm": totals.length_mm,
+            "seen_mm": totals.seen_mm,
+            "bridged_mm": totals.bridged_mm,
+            "not_counted_mm": totals.unseen_mm,
+            "coverage": totals.share,
+            "seconds": _known(seconds),
+            "mean_volume_flow_m3_h": _known(mean),
+        },
+        "first_strip": _strip(records, totals.first_strip_mm),
+        "last_strip": _strip(records, totals.last_strip_mm),
+        "quality": {name: counts.get(name, 0) for name in QUALITIES},
+        "encoder": {
+            "compared": scale.compared,
+            "ratio": scale.ratio if scale.compared else None,
+            "sigma": scale.sigma if scale.compared else None,
+            "scatter_mm": scale.scatter_mm if scale.compared > 1 else None,
+            "conflicts": meter.evidence.conflicting,
+        },
+        "fusion": {
+            "single_coverage": totals.single_share,
+            "coverage": totals.share,
+            "single_noise_mm": scatter.single_noise_mm,
+            "fused_noise_mm": scatter.fused_noise_mm,
+            "claimed_noise_mm": float(np.sqrt(scatter.claimed_mm2 / scatter.cells))
+            if scatter.cells
+            else None,
+            "left_out": scatter.outliers / max(scatter.outliers + scatter.cells, 1),
+        },
+        "density": {"product": density.name or None, "entries": len(density.time_ns)},
+        "cell_mm": meter.ground.cell_mm,
+        "window_mm": meter.ground.window_mm,
+        "seconds_per_frame": flow.seconds_per_frame,
+        "drift_across": _drift(flow),
+        "places": [
+            {
+                "frame": step.frame,
+                "position_mm": step.place.position_mm,
+                "sigma_mm": step.place.sigma_mm,
+                "from": step.place.source,
+                "encoder_mm": step.place.encoder_mm,
+                "score": None if step.shift is None else step.shift.score,
+            }
+            for step in flow.steps
+        ],
+        "strips": [
+            {
+                "frame": record.frame,
+                "start_mm": record.strip_mm[0],
+                "end_mm": record.strip_mm[1],
+                "volume_mm3": record.volume_mm3,
+                "sigma_mm3": record.sigma_mm3,
+                "quality": record.quality,
+            }
+            for record in records
+        ],
+    }
+
+
+def _known(value: float) -> float | None:
+    """Return ``value``, None for NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _evidence(evidence: MotionEvidence) -> dict[str, Any]:
+    """Return in how many frame pairs the material showed what."""
+    return {
+        "pairs_towards_plus_y": evidence.plus,
+        "pairs_towards_minus_y": evidence.minus,
+        "encoder_pairs": evidence.compared,
+        "encoder_agrees": evidence.agreeing,
+        "encoder_opposite": evidence.opposite,
+        "material_still": evidence.still,
+        "encoder_nearly_still": evidence.encoder_still,
+        "encoder_other_length": evidence.other_scale,
+    }
+
+
+def _drift(flow: Flow) -> float | None:
+    """How far the material moves across the belt frame for each mm along it; None where it did not tell."""
+    shifts = [step.shift for step in flow.steps if step.shift is not None and abs(step.shift.along_mm) > 1]
+    return float(np.median([shift.across_mm / shift.along_mm for shift in shifts])) if shifts else None
+
+
+def _mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:
+    """Seconds from the first to the last frame, and the mean volume flow (m³/h) of what became new between them."""
+    timed = [record for record in records if record.time_ns is not None]
+    if len(timed) < 2 or timed[0].time_ns is None or timed[-1].time_ns is None:
+        return float("nan"), float("nan")
+    seconds = (timed[-1].time_ns - timed[0].time_ns) * 1e-9
+    return seconds, sum(record.volume_mm3 for record in timed[1:]) * 3600e-9 / seconds
+
+
+def _strip(records: Sequence[FlowRecord], strip_mm: tuple[float, float] | None) -> dict[str, Any] | None:
+    if strip_mm is None:
+        return None
+    frame = next((record.frame for record in records if record.strip_mm == strip_mm), None)
+    return {"frame": frame, "start_mm": strip_mm[0], "end_mm": strip_mm[1]}

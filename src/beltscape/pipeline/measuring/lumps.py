@@ -1,0 +1,145 @@
+"""A reconstructed frame → its lumps, size distribution, alarm, files and report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.frames import Image
+from beltscape.core.progress import Reporter, Silent
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.meshes.ply_points import image_of_cloud
+from beltscape.files.rasters.images import write_image
+from beltscape.files.reconstruction import FrameResult, read_frame
+from beltscape.measure.lumps.distribution import SizeDistribution
+from beltscape.measure.lumps.lumps import BIAS, Lumps, measure_lumps
+from beltscape.measure.lumps.settings import LumpSettings
+from beltscape.pipeline.measuring.belt import empty_belt, require_same_camera
+from beltscape.report.measuring.lumps import lumps_page
+
+_SHARES = ("d10", "d50", "d80", "d90")
+_COLUMNS = (
+    "number",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "size_mm",
+    "sigma_mm",
+    "width_mm",
+    "length_mm",
+    "area_mm2",
+    "height_mm",
+    "volume_mm3",
+    "hidden",
+    "occluded",
+    "cut",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenLumps:
+    """Lumps, and the frame that they are from."""
+
+    frame: FrameResult
+    lumps: Lumps
+    picture: Image | None
+    """(H, W, 3) RGB on the core's grid, from the frame's cloud; None where it has none."""
+
+
+def lumps_of_frame(
+    loaded: Path, settings: LumpSettings, *, empty: Path | None, reporter: Reporter | None = None
+) -> SeenLumps:
+    """Lumps of a frame folder of beltscape reconstruct, over the empty belt where it is given.
+
+    ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
+
+    Raises
+    ------
+    InputError, MeasureError
+        With one line that names what is wrong and the mend.
+    """
+    frame = read_frame(loaded)
+    camera = frame.rig.core_camera
+    belt = None
+    if empty is not None:
+        belt, other = empty_belt(empty, reporter or Silent())
+        require_same_camera(loaded, camera, empty, other)
+    lumps = measure_lumps(frame.depth, camera, settings, belt)
+    return SeenLumps(frame, lumps, image_of_cloud(frame.folder / "cloud.ply", frame.depth.measured))
+
+
+def lumps_document(lumps: Lumps) -> Mapping[str, Any]:
+    """What ``measure lumps --json`` answers."""
+    alarm = lumps.oversize
+    return {
+        "frame": lumps.frame,
+        "lumps": [asdict(lump) for lump in lumps.lumps],
+        "smallest_mm": lumps.smallest_mm,
+        "cell_mm": lumps.cell_mm,
+        "fines_share": lumps.fines_share,
+        "distribution": _distribution(lumps.all),
+        "distribution_fully_visible": _distribution(lumps.whole),
+        "bias": BIAS,
+        "oversize": None
+        if alarm is None
+        else {
+            "limit_mm": alarm.limit_mm,
+            "oversize": alarm.alarm,
+            "probability": alarm.probability,
+            "lumps": [{"number": number, "probability": chance} for number, chance in alarm.lumps],
+        },
+    }
+
+
+def _distribution(sizes: SizeDistribution) -> dict[str, Any]:
+    values = zip(_SHARES, sizes.d_mm, sizes.d_sigma_mm, strict=True)
+    return {
+        "count": sizes.count,
+        **{f"{name}{end}": value for name, d, s in values for end, value in (("_mm", d), ("_sigma_mm", s))},
+        "sieves_mm": sizes.sieves_mm,
+        "passing": sizes.passing,
+    }
+
+
+def write_lumps(out: Path, seen: SeenLumps) -> None:
+    """lumps.json, lumps.csv, sieve.csv, labels.png (16 bit, on the core's grid), report.html."""
+    output_folder(out)
+    write_image(out / "labels.png", seen.lumps.labels)
+    write_json(out / "lumps.json", lumps_document(seen.lumps))
+    write_text(out / "lumps.csv", lumps_csv(seen.lumps))
+    write_text(out / "sieve.csv", sieve_csv(seen.lumps))
+    write_text(out / "report.html", lumps_page(seen.lumps, seen.frame.depth, seen.picture))
+
+
+def lumps_csv(lumps: Lumps) -> str:
+    """One row per lump."""
+    rows = [",".join(_COLUMNS)]
+    for lump in lumps.lumps:
+        x, y, z = lump.center_mm
+        known = {**asdict(lump), "x_mm": x, "y_mm": y, "z_mm": z}
+        rows.append(",".join(_cell(known[name]) for name in _COLUMNS))
+    return "\n".join(rows) + "\n"
+
+
+def _cell(value: float | int | bool) -> str:
+    return (
+        f"{value:.4g}"
+        if isinstance(value, float) and abs(value) < 1
+        else f"{value:.2f}"
+        if isinstance(value, float)
+        else str(int(value))
+    )
+
+
+def sieve_csv(lumps: Lumps) -> str:
+    """``sieve_mm,passing,passing_fully_visible``: shares of the mass, 0..1; empty without lumps."""
+    rows = ["sieve_mm,passing,passing_fully_visible"]
+    for sieve, share, whole in zip(lumps.all.sieves_mm, lumps.all.passing, lumps.whole.passing, strict=True):
+        parts = (f"{value:.4f}" if np.isfinite(value) else "" for value in (share, whole))
+        rows.append(f"{sieve:g}," + ",".join(parts))
+    return "\n".join(rows) + "\n"

@@ -1,0 +1,77 @@
+"""A measured module's solids as features.json holds them and the viewer draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.errors import InputError
+from beltscape.core.pose import Pose
+from beltscape.files.documents.json_text import read_json
+from beltscape.measure.features.result import MeasuredModule
+from beltscape.report.drawing.scene_solids import Lines, outline
+from beltscape.target.module import Cube, Sphere
+
+
+def solids_document(measured: MeasuredModule) -> list[Mapping[str, Any]]:
+    """Return every solid with its middle and size in the module's frame, measured where it was, else nominal."""
+    found = {(q.name, q.quantity): q.measured_mm for q in measured.quantities if np.isfinite(q.measured_mm)}
+    length, width, thickness = measured.module.base.size_mm
+    base = (found.get(("base", "length"), length), found.get(("base", "width"), width), thickness)
+    solids: list[Mapping[str, Any]] = [
+        {"name": "base", "kind": "box", "center_mm": (0.0, 0.0, -thickness / 2), "size_mm": base}
+    ]
+    for feature in measured.module.features:
+        x, y = feature.center_mm
+        if isinstance(feature, Sphere):
+            ball = measured.balls.get(feature.name)
+            center = (x, y, feature.diameter_mm / 2)
+            if ball is not None:
+                center = measured.core_from_module.inverse().apply(ball.center_mm)
+            radius = found.get((feature.name, "radius"), feature.diameter_mm / 2)
+            size: Mapping[str, Any] = {"kind": "sphere", "center_mm": center, "diameter_mm": 2 * radius}
+        elif isinstance(feature, Cube):
+            edge, height = (found.get((feature.name, part), feature.edge_mm) for part in ("edge", "height"))
+            size = {"kind": "box", "center_mm": (x, y, height / 2), "size_mm": (edge, edge, height)}
+        else:
+            height = found.get((feature.name, "height"), feature.height_mm)
+            across = found.get((feature.name, "diameter"), feature.diameter_mm)
+            size = {
+                "kind": "cylinder", "center_mm": (x, y, height / 2), "diameter_mm": across, "height_mm": height
+            }  # fmt: skip
+        solids.append({"name": feature.name, **size})
+    measured_names = {name for name, _ in found}
+    return [{**solid, "measured": solid["name"] in measured_names} for solid in solids]
+
+
+def read_outlines(path: Path) -> list[tuple[str, Lines]]:
+    """Return name and polylines, (n, 3) in the core's frame, mm, of each solid of a features.json.
+
+    Raises
+    ------
+    InputError
+        When the file is not what ``measure features`` writes.
+    """
+    document = read_json(path)
+    is_features = isinstance(document, Mapping) and isinstance(document.get("features"), list)
+    if not is_features or "pose" not in document:
+        raise InputError(f"{path}: is no features.json; give the one of beltscape measure features --out")
+    if "solids" not in document:
+        raise InputError(
+            f"{path}: holds no solids to draw, as an earlier version wrote it; run beltscape measure features again"
+        )
+    try:
+        pose = document["pose"]["core_from_module"]
+        core_from_module = Pose.of(pose["rotation"], pose["translation_mm"])
+        return [
+            (str(solid["name"]), [core_from_module.apply(line) for line in outline(solid)])
+            for solid in document["solids"]
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path}: its pose or solids do not fit ({type(error).__name__}: {error}); "
+            "run beltscape measure features again"
+        ) from error

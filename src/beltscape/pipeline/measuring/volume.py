@@ -1,0 +1,149 @@
+"""A loaded frame and the empty belt → volume, height map, profiles, meshes, report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.progress import Reporter, Silent
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.meshes.stl import write_stl
+from beltscape.files.rasters.height_tiff import write_height_tiff
+from beltscape.files.reconstruction import read_frame
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
+from beltscape.measure.volume.volume import Volume, measure_volume
+from beltscape.pipeline.measuring.belt import empty_belt, require_same_camera
+from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
+from beltscape.report.measuring.volume import volume_page
+
+LEAST_COVERAGE = 0.5
+"""A volume of which less was measured is mostly interpolated."""
+
+
+def volume_of_frames(
+    loaded: Path,
+    empty: Path,
+    settings: VolumeSettings,
+    *,
+    across_mm: tuple[float, float] | None,
+    along_mm: tuple[float, float] | None,
+    reporter: Reporter | None = None,
+) -> Volume:
+    """Volume between a frame folder of beltscape reconstruct and the empty belt.
+
+    ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
+
+    Raises
+    ------
+    InputError, MeasureError
+        With one line that names what is wrong and the mend.
+    """
+    reporter = reporter or Silent()
+    full = read_frame(loaded)
+    warn_of_doubts(full, reporter)
+    belt, camera = empty_belt(empty, reporter)
+    require_same_camera(loaded, full.rig.core_camera, empty, camera)
+    volume = measure_volume(
+        full.depth, belt, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
+    )
+    _warn_of_gaps(loaded, volume, reporter)
+    return volume
+
+
+def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
+    """Warn where the box holds a part of the belt only, or was measured in few places."""
+    if volume.causes.unseen_mm3 > 0:
+        low, high = volume.across_mm
+        reporter.warn(
+            f"{loaded}: only {high - low:.0f} mm of the belt's width were measured well enough to count; σ holds "
+            "what the rest may carry; see why the frame is sparse, or give the box with --across"
+        )
+    if volume.coverage < LEAST_COVERAGE:
+        reporter.warn(
+            f"{loaded}: only {volume.coverage:.0%} of the box was measured, the rest is interpolated; see why "
+            "the frame is sparse"
+        )
+
+
+def volume_document(volume: Volume) -> Mapping[str, Any]:
+    """What ``measure volume --json`` answers."""
+    belt, centre, summit = volume.belt, volume.centre, volume.summit
+    return {
+        "volume_mm3": volume.volume_mm3,
+        "sigma_mm3": volume.sigma_mm3,
+        "coverage": volume.coverage,
+        "across_mm": volume.across_mm,
+        "along_mm": volume.along_mm,
+        "belt": {
+            "belt_from_core": {
+                "rotation": belt.belt_from_core.rotation,
+                "translation_mm": belt.belt_from_core.translation_mm,
+            },
+        },
+        "profiles": [
+            {"y_mm": profile.y_mm, "area_mm2": profile.area_mm2, "coverage": profile.coverage}
+            for profile in volume.profiles
+        ],
+        "sigma_from_mm3": {
+            "noise": volume.causes.noise_mm3,
+            "belt": volume.causes.belt_mm3,
+            "holes": volume.causes.holes_mm3,
+            "edges": volume.causes.edges_mm3,
+            "drift": volume.causes.drift_mm3,
+            "unseen": volume.causes.unseen_mm3,
+        },
+        "centre_of_gravity": centre
+        and {
+            "place_mm": centre.position_mm,
+            "sigma_mm": centre.sigma_mm,
+            "off_middle_mm": centre.off_middle_mm,
+            "off_middle_sigma_mm": centre.off_middle_sigma_mm,
+        },
+        "fill": {
+            "area_mm2": volume.fullness.area_mm2,
+            "capacity_mm2": volume.fullness.capacity_mm2,
+            "level": volume.fullness.level,
+            "whole_belt_seen": volume.fullness.whole_belt,
+        },
+        "highest": summit
+        and {"height_mm": summit.height_mm, "sigma_mm": summit.sigma_mm, "place_mm": summit.position_mm},
+    }
+
+
+def write_volume(out: Path, volume: Volume) -> None:
+    """volume.json, report.html, and the load as maps, meshes and tables.
+
+    load.tiff and load_sigma.tiff are placed in the belt frame, mm; surface.stl is what is seen from above, load.stl
+    the closed body between it and the belt; profiles.csv and areas.csv are the cross-sections.
+    """
+    output_folder(out)
+    load = volume.load
+    write_height_tiff(out / "load.tiff", load)
+    write_height_tiff(out / "load_sigma.tiff", load, sigma=True)
+    first = (load.origin_mm[0], float(load.y_mm[-1]))
+    grid = {"origin_mm": first, "cell_mm": load.cell_mm, "rows": "along -y", "columns": "along x"}
+    write_json(out / "volume.json", {**volume_document(volume), "load_grid": grid})
+    for name, mesh in (("surface.stl", build_surface_mesh(volume)), ("load.stl", build_load_mesh(volume))):
+        write_stl(out / name, mesh.vertices_mm, mesh.faces)
+    write_text(out / "profiles.csv", profiles_csv(volume))
+    write_text(out / "areas.csv", areas_csv(volume))
+    write_text(out / "report.html", volume_page(volume, warnings=()))
+
+
+def areas_csv(volume: Volume) -> str:
+    """One row per cross-section: ``y_mm,area_mm2,coverage``."""
+    rows = ["y_mm,area_mm2,coverage"]
+    rows += [f"{p.y_mm:.3f},{p.area_mm2:.3f},{p.coverage:.4f}" for p in volume.profiles]
+    return "\n".join(rows) + "\n"
+
+
+def profiles_csv(volume: Volume) -> str:
+    """One row per point of every cross-section: ``y_mm,x_mm,height_mm``."""
+    rows = ["y_mm,x_mm,height_mm"]
+    for profile in volume.profiles:
+        for x, height in zip(profile.x_mm, profile.height_mm, strict=True):
+            rows.append(f"{profile.y_mm:.3f},{x:.3f},{height:.4f}")
+    return "\n".join(rows) + "\n"

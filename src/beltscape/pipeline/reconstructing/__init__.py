@@ -1,0 +1,1 @@
+"""Reconstruction and rectification of captures, with the check of the cameras."""

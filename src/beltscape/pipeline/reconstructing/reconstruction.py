@@ -1,0 +1,246 @@
+"""Capture and rig → depth maps, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.errors import InputError, ReconstructionError, SettingsError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.capture import read_capture
+from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.reconstruction import write_frame, write_reconstruction
+from beltscape.files.rig_json import write_rig
+from beltscape.files.rig_limits import LEAST_DEPTH_MM, oddities_of
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
+from beltscape.pipeline.reconstructing.regions import write_regions
+from beltscape.pipeline.reconstructing.search_range import check_depth_range
+from beltscape.report.drawing.depth_picture import frame_picture
+from beltscape.sources.folder import FolderSource
+from beltscape.stereo.consistency.check import camera_consistency, consistency_document
+from beltscape.stereo.consistency.exchange import exchange_in_doubt
+from beltscape.stereo.consistency.sparse import sparse_cause
+from beltscape.stereo.consistency.texts import doubts_of
+from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range, search_range
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
+from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.pointcloud.cloud import CloudBuilder
+
+METHODS = ("multiview", "pairwise", "binocular")
+"""What `reconstruct` can do: all auxiliaries at once, or the paper's methods."""
+LOOKS = 5
+"""Frames of a sequence in which the depth range is looked for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One reconstructed frame."""
+
+    frame_set: FrameSet
+    checked: CheckedDepth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reconstruction:
+    """What was written."""
+
+    auxiliaries: tuple[str, ...]
+    depth_range_mm: tuple[float, float]
+    frames: tuple[Mapping[str, Any], ...]
+    """Per frame: plain values for JSON."""
+    regions: Path | None
+    """The check picture of the projected markers and their regions; None where none were seen."""
+
+
+def reconstruct_capture(
+    capture: AnyPath,
+    rig: Rig,
+    out: AnyPath,
+    reporter: Reporter,
+    *,
+    method: str = "multiview",
+    pair: str | None = None,
+    preset: str = "standard",
+    depth_range_mm: tuple[float, float] | None = None,
+) -> Reconstruction:
+    """Reconstruct every frame of a capture into ``out``: rig.json, reconstruction.json and a folder per frame.
+
+    The markers of the first frame that can be measured, where it shows any, are drawn in regions.png.
+
+    Raises
+    ------
+    InputError, SettingsError, ReconstructionError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    capture, out = as_path(capture, "capture"), as_path(out, "out")
+    wanted = auxiliaries_for(method, rig, pair)
+    if preset not in PRESETS:
+        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
+    source = open_capture(capture, rig, reporter)
+    auxiliaries = tuple(name for name in wanted if name in source.cameras)
+    if not auxiliaries:
+        raise InputError(
+            f"{capture}: no images of {', '.join(wanted)}; --method binocular needs them (see --pair)"
+        )
+    output_folder(out)
+    check_depth_range(depth_range_mm, source, rig, reporter)
+    near_far = depth_range_mm or depth_range(source, rig, reporter)
+    matcher = _matcher(method, preset, rig, near_far, auxiliaries)
+    documents: list[Mapping[str, Any]] = []
+    regions: Path | None = None
+    builder = CloudBuilder(rig.core_camera)
+    for frame in reconstruct(source, matcher, reporter):
+        if not documents:
+            write_rig(out / "rig.json", rig)
+            regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
+        documents.append(_write(out / frame.frame_set.frame, frame, builder))
+        reporter.step("reconstructing", len(documents), len(source))
+    write_reconstruction(
+        out,
+        {"method": method, "preset": preset if method == "multiview" else None, "depth_range_mm": near_far},
+        documents,
+    )
+    return Reconstruction(auxiliaries, near_far, tuple(documents), regions)
+
+
+def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
+    checked, image = frame.checked, frame.frame_set.images[builder.camera.name]
+    depth = checked.depth
+    write_frame(folder, depth, builder.cloud(depth, image), frame_picture(depth), builder.undistorted(image))
+    measured = depth.measured.any()
+    return {
+        "frame": frame.frame_set.frame,
+        "folder": folder,
+        "coverage": depth.coverage,
+        "median_depth_mm": float(np.nanmedian(depth.depth_mm)) if measured else float("nan"),
+        "median_sigma_mm": float(np.nanmedian(depth.sigma_mm)) if measured else float("nan"),
+        "auxiliaries": checked.auxiliaries,
+        "systematic_mm": depth.systematic_mm,
+        "doubts": checked.doubts,
+        "consistency": checked.consistency and consistency_document(checked.consistency),
+    }
+
+
+def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
+    """The frames of a capture as the rig's cameras saw them.
+
+    Raises
+    ------
+    InputError
+        When the capture has no images of the core camera, or of no other camera of the rig.
+    """
+    for line in oddities_of(rig):
+        reporter.warn(line)
+    capture = read_capture(folder)
+    if rig.core not in capture.cameras:
+        raise InputError(
+            f"{folder / rig.core}: no images of the core camera {rig.core}; the capture has "
+            f"{', '.join(capture.cameras)}"
+        )
+    if not set(capture.cameras) & set(rig.auxiliaries):
+        raise InputError(
+            f"{folder}: no images of an auxiliary camera of the rig ({', '.join(rig.auxiliaries)}); "
+            "depth needs a second view"
+        )
+    return FolderSource(capture, {name: camera.size_px for name, camera in rig.cameras.items()}, reporter)
+
+
+def auxiliaries_for(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
+    """Which auxiliary cameras a method uses.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such method, or no such camera.
+    """
+    if method not in METHODS:
+        raise SettingsError(f"method {method}: unknown; use --method {', '.join(METHODS)}")
+    if pair is not None and (method != "binocular" or pair not in rig.auxiliaries):
+        raise SettingsError(
+            f"pair {pair}: --method binocular pairs {rig.core} with one of {', '.join(rig.auxiliaries)}"
+        )
+    return (pair or horizontal_auxiliary(rig),) if method == "binocular" else rig.auxiliaries
+
+
+def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
+    """Near and far end (mm) of what a few frames, spread over the capture, show."""
+    chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, LOOKS).astype(int))}
+    ranges: list[tuple[float, float]] = []
+    failure: ReconstructionError | None = None
+    for frame_set in source.only(chosen):
+        try:
+            ranges.append(find_depth_range(rig, frame_set, reporter))
+        except ReconstructionError as error:
+            failure = error
+    if not ranges:
+        _raise_cause(source, rig, min(chosen))
+        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
+    near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
+    if far < LEAST_DEPTH_MM:
+        raise ReconstructionError(
+            f"{source.folder}: surfaces found {near:.3g} to {far:.3g} mm before {rig.core}; the rig seems to be in "
+            "metres: multiply its translations by 1000"
+        )
+    return near, far
+
+
+def _raise_cause(source: FolderSource, rig: Rig, frame: str) -> None:
+    """Raise a ReconstructionError that names the likeliest cause why a frame shows no surface."""
+    for frame_set in source.only({frame}):
+        if rig.core in frame_set.images and len(frame_set.images) > 1:
+            raise ReconstructionError(_no_surface(frame_set, rig))
+
+
+def _no_surface(frame_set: FrameSet, rig: Rig) -> str:
+    """Return why a frame shows no surface, as its images have it."""
+    consistency = camera_consistency(frame_set, rig, None)
+    names = tuple(each.camera for each in consistency.cameras)
+    doubts = doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency))
+    if doubts:
+        return f"frame {frame_set.frame}: {'; '.join(doubts)}"
+    return sparse_cause(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
+
+
+def _matcher(
+    method: str, preset: str, rig: Rig, near_far: tuple[float, float], auxiliaries: tuple[str, ...]
+) -> CheckedMatcher:
+    def matcher_of(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
+        if method != "multiview":
+            return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=names)
+        return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=names)
+
+    return CheckedMatcher(rig, auxiliaries, near_far, matcher_of)
+
+
+def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:
+    """Depth of every frame that can be measured; the others are named, and so are cameras that contradict the rig.
+
+    Raises
+    ------
+    ReconstructionError
+        When not a single frame can be measured.
+    """
+    done, failure = 0, None
+    for frame_set in source:
+        try:
+            checked = matcher.measure(frame_set, reporter)
+        except ReconstructionError as error:
+            failure = error
+            if len(source) > 1:
+                reporter.warn(f"{error}; going on without this frame")
+            continue
+        done += 1
+        for line in checked.doubts:
+            reporter.warn(line)
+        yield Frame(frame_set, checked)
+    if not done:
+        raise failure or ReconstructionError(f"{source.folder}: no frame in it")

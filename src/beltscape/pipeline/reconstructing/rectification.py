@@ -1,0 +1,135 @@
+"""Capture and rig → rectified pairs with a measured check."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.rasters.images import write_image
+from beltscape.pipeline.reconstructing.reconstruction import depth_range, open_capture
+from beltscape.pipeline.reconstructing.search_range import check_depth_range
+from beltscape.report.rectification import check_picture
+from beltscape.sources.folder import FolderSource
+from beltscape.stereo.cameras import usable_auxiliaries
+from beltscape.stereo.consistency.check import RigConsistency, camera_consistency, consistency_document
+from beltscape.stereo.consistency.exchange import exchange_in_doubt
+from beltscape.stereo.consistency.texts import doubts_of
+from beltscape.stereo.pairwise.rectification import rectify_pair
+from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
+from beltscape.stereo.pairwise.row_error import LEAST_MATCHES
+
+WARN_ROWS_PX = 0.5
+"""Matches farther than this off their rows mean that the rig is not the one that took the images."""
+
+
+def rectify_capture(
+    capture: AnyPath,
+    rig: Rig,
+    out: AnyPath,
+    reporter: Reporter,
+    *,
+    depth_range_mm: tuple[float, float] | None = None,
+) -> tuple[tuple[float, float], list[Mapping[str, Any]]]:
+    """Rectify every frame into ``out``: images, geometry and the check picture; depth range used, and per frame.
+
+    Raises
+    ------
+    InputError, ReconstructionError, OutputError
+        With one line that names what is wrong and the mend.
+    """
+    capture, out = as_path(capture, "capture"), as_path(out, "out")
+    source = open_capture(capture, rig, reporter)
+    output_folder(out)
+    check_depth_range(depth_range_mm, source, rig, reporter)
+    near_far = depth_range_mm or depth_range(source, rig, reporter)
+    frames: list[Mapping[str, Any]] = []
+    for frame_set, pairs, consistency, doubts in rectify(source, rig, near_far, reporter):
+        folder = out / frame_set.frame
+        for images in pairs:
+            write_image(folder / images.pair.auxiliary / "core.png", images.core)
+            write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
+        write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs, doubts))
+        document = {
+            "frame": frame_set.frame,
+            "pairs": [_document(images) for images in pairs],
+            "doubts": doubts,
+            "consistency": consistency_document(consistency),
+        }
+        write_json(folder / "rectification.json", document)
+        frames.append({**document, "folder": folder})
+    return near_far, frames
+
+
+def _document(images: RectifiedImages) -> Mapping[str, Any]:
+    pair, rows = images.pair, images.rows
+    return {
+        "core": pair.core,
+        "auxiliary": pair.auxiliary,
+        "size_px": pair.size_px,
+        "focal_px": pair.focal_px,
+        "core_center_px": pair.core_center_px,
+        "auxiliary_center_px": pair.aux_center_px,
+        "baseline_mm": pair.baseline_mm,
+        "disparities": pair.disparities,
+        "rectified_from_core": pair.rectified_from_core.rotation,
+        "rectified_from_auxiliary": pair.rectified_from_aux.rotation,
+        "row_error": {
+            "points": rows.points,
+            "searched": rows.searched,
+            "median_px": rows.median_px,
+            "sigma_px": rows.sigma_px,
+            "rms_px": rows.rms_px,
+        },
+    }
+
+
+def rectify(
+    source: FolderSource, rig: Rig, depth_range_mm: tuple[float, float], reporter: Reporter
+) -> Iterator[tuple[FrameSet, list[RectifiedImages], RigConsistency, list[str]]]:
+    """Every frame's pairs about the core camera (the paper's Section 2.3.1), and what is wrong with its cameras."""
+    pairs = {
+        name: rectify_pair(rig, name, depth_range_mm) for name in rig.auxiliaries if name in source.cameras
+    }
+    for done, frame_set in enumerate(source, start=1):
+        try:
+            names = usable_auxiliaries(rig, frame_set, tuple(pairs))
+        except ReconstructionError as error:
+            reporter.warn(f"{error}; going on without this frame")
+            continue
+        images = [rectify_images(frame_set, pairs[name]) for name in names]
+        consistency = camera_consistency(frame_set, rig, None, names)
+        doubts = [
+            *doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency)),
+            *_off_rows(images, consistency),
+        ]
+        for line in doubts:
+            reporter.warn(f"frame {frame_set.frame}: {line}")
+        reporter.step("rectifying", done, len(source))
+        yield frame_set, images, consistency, doubts
+
+
+def _off_rows(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
+    """Return a line for every pair whose rows do not meet, but for those in doubt already."""
+    lines = []
+    for each in pairs:
+        core, name, rows = each.pair.core, each.pair.auxiliary, each.rows
+        if name in consistency.doubtful:
+            continue
+        if rows.rms_px > WARN_ROWS_PX:
+            lines.append(
+                f"{core} and {name} are {rows.rms_px:.2f} px off their common rows; the camera moved or the rig is "
+                "another's: calibrate again"
+            )
+        elif not rows.found and rows.searched >= 4 * LEAST_MATCHES:
+            lines.append(
+                f"{core} and {name}: no correspondence found ({rows.points} of {rows.searched} points); the images "
+                "have no texture in common, or the rig is another's"
+            )
+    return lines

@@ -1,0 +1,42 @@
+"""Frame and rig → the check picture of the regions between the projected markers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.core.rig import Rig
+from beltscape.files.rasters.images import write_image
+from beltscape.report.regions import regions_picture
+from beltscape.stereo.markers.prior import find_grids
+
+_WIDEST_PX = 1600
+"""Three cameras side by side stay legible at this width."""
+
+
+def write_regions(path: Path, frame_set: FrameSet, rig: Rig, cameras: Sequence[str]) -> Path | None:
+    """Write what `find_grids` sees in these cameras; None, and nothing written, where it sees no markers.
+
+    Markers count as seen when the core and another camera see them where the rig lets them meet. A pattern without
+    markers, or no pattern, is nothing to warn of.
+
+    Raises
+    ------
+    OutputError
+        When the picture cannot be written.
+    """
+    images = {name: frame_set.images[name] for name in cameras if name in frame_set.images}
+    shown = FrameSet(frame_set.frame, images)
+    grids = find_grids(shown, rig, Silent())
+    if rig.core not in grids or len(grids) < 2:
+        return None
+    picture = regions_picture(shown, grids)
+    factor = min(1.0, _WIDEST_PX / picture.shape[1])
+    small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    write_image(path, np.asarray(small, np.uint8))
+    return path

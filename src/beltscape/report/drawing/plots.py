@@ -1,0 +1,157 @@
+"""Plots in one style, as SVG for pages and as PNG for files; no window system is needed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from io import BytesIO, StringIO
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from beltscape.report.drawing.palette import css_color, light
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from beltscape.report.drawing.legend import Rgb
+
+FONT_PT = 11.0
+"""Size of all text: a form's unit is shown as at least one CSS pixel (page.css), and 11 px can be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """The width that a chart is laid out for."""
+
+    width: float
+    """Points."""
+    narrow: bool
+
+
+WIDE, NARROW = Form(800.0, narrow=False), Form(300.0, narrow=True)
+"""Of a screen of 900 px or more and of a sheet of paper, and of a phone."""
+
+_SETTLING = 2
+"""Layouts before the one that is drawn: ticks change with the room for them, and the room with the ticks."""
+_TALLEST = 420.0
+"""Height of a map at most, points: it is seen whole on a screen."""
+_FADED = 90
+"""Opacity of 255 of what was not measured: told from what was, its height still told."""
+
+STYLE: Mapping[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": FONT_PT,
+    "text.color": light("ink"),
+    "axes.titlesize": FONT_PT,
+    "axes.labelcolor": light("ink"),
+    "axes.edgecolor": light("quiet"),
+    "axes.facecolor": "none",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": light("grid"),
+    "xtick.color": light("quiet"),
+    "ytick.color": light("quiet"),
+    "figure.facecolor": "none",
+    "figure.dpi": 144,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "beltscape",
+    "image.composite_image": False,
+    "path.simplify": False,
+}
+
+
+def panels(
+    count: int, form: Form, *, columns: int = 1, height: float = 200.0, narrow_height: float | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with ``count`` axes in rows of ``columns``, below one another where it is narrow.
+
+    The heights of one panel are in points.
+    """
+    columns = 1 if form.narrow else min(columns, count)
+    rows = -(-count // columns)
+    each = narrow_height if form.narrow and narrow_height is not None else height
+    with mpl.rc_context(dict(STYLE)):
+        figure = Figure(figsize=(form.width / 72, each * rows / 72), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for unused in axes[count:]:
+        unused.set_visible(False)
+    return figure, list(axes[:count])
+
+
+def show_map(axis: Axes, colors: Rgb, extent: Sequence[float], *, first_row_below: bool = True) -> None:
+    """Draw an (H, W, 3 or 4) image of colours, cell by cell; ``extent`` is left, right, bottom and top."""
+    origin = "lower" if first_row_below else "upper"
+    axis.imshow(colors, origin=origin, extent=tuple(extent), interpolation="none", aspect="equal")  # pyright: ignore[reportArgumentType]
+
+
+def faded(
+    colors: Rgb, values: NDArray[np.floating], share: NDArray[np.floating] | NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    """(H, W, 4): a map's colours, faded where less than all of a cell was measured, empty without a value.
+
+    ``share`` (H, W) is the measured share of each cell, 0 to 1.
+    """
+    alpha = np.where(np.isfinite(values), _FADED + (255 - _FADED) * np.clip(share, 0, 1), 0)
+    return np.dstack([colors, np.rint(alpha).astype(np.uint8)])
+
+
+def map_height(form: Form, width: float, height: float, *, columns: int = 1, least: float = 90.0) -> float:
+    """Return the height in points of a panel that shows ``width`` × ``height`` to scale, with its labels."""
+    across = form.width / (1 if form.narrow else columns) - 62
+    return min(max(across * height / max(width, 1e-9), least), _TALLEST) + 58
+
+
+def to_png(figure: Figure) -> bytes:
+    """Return the figure as PNG on white; the same figure gives the same bytes."""
+    with mpl.rc_context(dict(STYLE)):
+        buffer = BytesIO()
+        figure.set_facecolor("white")
+        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+        return buffer.getvalue()
+
+
+def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
+    """Return a plot as an SVG element whose text is text and whose colours follow the page's scheme."""
+    with mpl.rc_context(dict(STYLE)):
+        figure, buffer = plot(form), StringIO()
+        for _ in range(_SETTLING):
+            figure.draw_without_rendering()
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'<svg [^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1">', svg, count=1)
+    svg = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", svg)
+    svg = re.sub(r"; font-family: [^;\"]*", "", svg)
+    svg = re.sub(r"#[0-9a-f]{6}\b", lambda found: css_color(found[0]), svg)
+    svg = re.sub(r"<[^>]*>", _rounded, svg)
+    return _own_names(re.sub(r"\s*\n\s*", "\n", svg))
+
+
+def _rounded(tag: re.Match[str]) -> str:
+    """Return a tag with its coordinates rounded to a hundredth of a point; the texts between tags stay."""
+    return re.sub(r"\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}".rstrip("0").rstrip("."), tag[0])
+
+
+def _own_names(svg: str) -> str:
+    """Return the SVG with the names that it refers to made its own, and without the others."""
+    used = set(re.findall(r'(?:url\(|href=")#([\w-]+)', svg))
+    prefix = "c" + sha256(svg.encode()).hexdigest()[:8]
+    svg = re.sub(
+        r' id="([\w-]+)"', lambda found: f' id="{prefix}{found[1]}"' if found[1] in used else "", svg
+    )
+    svg = re.sub(r'(url\(|href=")#([\w-]+)', rf"\1#{prefix}\2", svg)
+    return svg.replace("xlink:href", "href")

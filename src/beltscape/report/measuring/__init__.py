@@ -1,0 +1,1 @@
+"""Reports of belt, volume, flow, lumps and module."""

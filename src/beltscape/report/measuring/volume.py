@@ -1,0 +1,168 @@
+"""The volume's report: how much, how sure, and what it looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from beltscape.measure.volume.volume import Volume
+from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.legend import HEIGHT, Scale
+from beltscape.report.drawing.palette import light
+from beltscape.report.drawing.pictures import span
+from beltscape.report.drawing.plots import Form, faded, map_height, panels, show_map
+from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
+
+
+def volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
+    """report.html of a volume."""
+    sections = [
+        Section("The load", "Heights above the empty belt, in the belt frame.", volume_items(volume)),
+        Section(
+            "How sure, and where its weight acts",
+            "Of an evenly dense load; x across, y along the belt, z up from the belt's level middle.",
+            [sigma_table(volume), centre_table(volume)],
+        ),
+        Section(
+            "Cross-sections",
+            "Each is the mean over its stretch of belt; area times length adds up to the volume.",
+            [profiles_chart(volume), _profile_table(volume)],
+        ),
+    ]
+    return render("Volume on the belt", verdict(volume), sections, warnings=warnings)
+
+
+def litres(volume_mm3: float) -> str:
+    """Volume in litres with sensible digits."""
+    return f"{volume_mm3 * 1e-6:.3f}"
+
+
+def verdict(volume: Volume) -> str:
+    """The result in a sentence."""
+    return (
+        f"{litres(volume.volume_mm3)} ± {litres(volume.sigma_mm3)} litres between x = {volume.across_mm[0]:.0f} … "
+        f"{volume.across_mm[1]:.0f} mm and y = {volume.along_mm[0]:.0f} … {volume.along_mm[1]:.0f} mm; "
+        f"{volume.coverage:.1%} of that belt was measured, the rest is interpolated."
+    )
+
+
+def volume_items(volume: Volume) -> list[Item]:
+    """Numbers and height map."""
+    length = volume.along_mm[1] - volume.along_mm[0]
+    return [
+        Tiles(
+            [
+                Tile("volume", litres(volume.volume_mm3), "l", f"σ {litres(volume.sigma_mm3)} l"),
+                Tile(
+                    "mean cross-section",
+                    f"{volume.volume_mm3 / length / 100:.1f}",
+                    "cm²",
+                    f"over {length:.0f} mm",
+                ),
+                Tile("measured", f"{100 * volume.coverage:.1f}", "%", "the rest is interpolated"),
+                *_load_tiles(volume),
+            ]
+        ),
+        height_chart(volume),
+    ]
+
+
+def _load_tiles(volume: Volume) -> list[Tile]:
+    """Fill level, highest place, how eccentrically the belt is loaded."""
+    full, summit, centre = volume.fullness, volume.summit, volume.centre
+    of = "of the whole belt" if full.whole_belt else "of the part of the belt that was seen"
+    tiles = [Tile("full", f"{100 * full.level:.0f}", "%", f"{full.capacity_mm2 / 100:.0f} cm² {of}")]
+    if summit is not None:
+        where = f"at x {summit.position_mm[0]:.0f}, y {summit.position_mm[1]:.0f} mm"
+        tiles.append(Tile("highest", f"{summit.height_mm:.1f}", "mm", where))
+    if centre is not None:
+        sigma = f"σ {centre.off_middle_sigma_mm:.1f} mm"
+        tiles.append(Tile("load off the middle", f"{centre.off_middle_mm:+.1f}", "mm", sigma))
+    return tiles
+
+
+def sigma_table(volume: Volume) -> Table:
+    """What the uncertainty is put together from."""
+    causes = volume.causes
+    rows = (
+        ("places that no camera measured", causes.holes_mm3),
+        ("where steps lie", causes.edges_mm3),
+        ("noise of the depth map", causes.noise_mm3),
+        ("the empty belt", causes.belt_mm3),
+        ("slow errors of the depth map", causes.drift_mm3),
+        ("belt beside the box", causes.unseen_mm3),
+        ("together (root of the sum of squares)", volume.sigma_mm3),
+    )
+    return Table(["cause", "σ, litres"], [[name, f"{value * 1e-6:.4f}"] for name, value in rows])
+
+
+def centre_table(volume: Volume) -> Table:
+    """The centre of gravity."""
+    centre = volume.centre
+    if centre is None:
+        return Table(["centre of gravity", "mm", "σ"], [["none: hardly any load", "–", "–"]])
+    rows = [
+        [name, f"{value:.1f}", f"{sigma:.1f}"]
+        for name, value, sigma in zip("xyz", centre.position_mm, centre.sigma_mm, strict=True)
+    ]
+    off = [f"{centre.off_middle_mm:+.1f}", f"{centre.off_middle_sigma_mm:.1f}"]
+    return Table(["centre of gravity", "mm", "σ"], [*rows, ["off the belt's middle", *off]])
+
+
+def height_chart(volume: Volume) -> Chart:
+    """Return the load's height map as a chart."""
+    low, high = span(volume.load.height_mm, 0.002)
+    scale = Scale(min(low, 0.0), high, HEIGHT, label="height, mm")
+    signs = [Entry("stretch that is measured", "limit", "outline")]
+    if volume.centre is not None:
+        signs.append(Entry("centre of gravity", "limit", "cross"))
+    caption = "Height of the load above the empty belt; interpolated cells are faded, unknown ones empty."
+    return Chart.draw(partial(height_plot, volume, scale), caption, scale, Key(signs))
+
+
+def height_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
+    """Plot the load's height map with the box and what was interpolated."""
+    load = volume.load
+    half = load.cell_mm / 2
+    extent = (load.x_mm[0] - half, load.x_mm[-1] + half, load.y_mm[0] - half, load.y_mm[-1] + half)
+    height = map_height(form, extent[1] - extent[0], extent[3] - extent[2])
+    figure, (axis,) = panels(1, form, height=height)
+    show_map(axis, faded(scale.colored(load.height_mm), load.height_mm, ~volume.interpolated), extent)
+    (x0, x1), (y0, y1) = volume.across_mm, volume.along_mm
+    box = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=light("limit"), linewidth=1.8)
+    axis.add_patch(box)
+    if volume.centre is not None:
+        axis.plot(
+            *volume.centre.position_mm[:2], "x", color=light("limit"), markersize=11, markeredgewidth=2.5
+        )
+    axis.set(xlabel="x across, mm", ylabel="y along, mm", xlim=extent[:2], ylim=extent[2:])
+    return figure
+
+
+def profiles_chart(volume: Volume) -> Chart:
+    """Return all cross-sections as a chart."""
+    scale = Scale(volume.along_mm[0], volume.along_mm[1], HEIGHT[85:205], label="y along the belt, mm")
+    caption = "Cross-sections of the load above the empty belt."
+    return Chart.draw(partial(profiles_plot, volume, scale), caption, scale)
+
+
+def profiles_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
+    """Plot all cross-sections over one another, coloured along the belt."""
+    figure, (axis,) = panels(1, form, height=270, narrow_height=200)
+    for profile in volume.profiles:
+        color = tuple(scale.colored(np.array(profile.y_mm)) / 255.0)
+        axis.plot(profile.x_mm, profile.height_mm, color=color, linewidth=1.4)
+    axis.set(xlabel="x across, mm", ylabel="height, mm")
+    axis.grid()
+    return figure
+
+
+def _profile_table(volume: Volume) -> Table:
+    return Table(
+        ["y mm", "area cm²", "measured"],
+        [[f"{p.y_mm:.1f}", f"{p.area_mm2 / 100:.2f}", f"{p.coverage:.1%}"] for p in volume.profiles],
+    )

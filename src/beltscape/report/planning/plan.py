@@ -1,0 +1,183 @@
+"""The plan's report: can it be built, where everything goes, what it will see."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from beltscape.plan.plan import Plan
+from beltscape.report.drawing.charts import Chart
+from beltscape.report.drawing.legend import DARK_IS_SURE, DOUBT, Scale
+from beltscape.report.drawing.plots import Form, faded, map_height, panels, show_map
+from beltscape.report.drawing.scene import rig_scene
+from beltscape.report.page import Section, Tile, Tiles, Turnable, render
+from beltscape.report.planning.plan_drawing import make_side_charts, make_top_chart
+from beltscape.report.planning.plan_tables import (
+    make_alternatives_table,
+    make_coverage_table,
+    make_light_table,
+    make_motion_table,
+    make_pixels_table,
+    make_poses_table,
+)
+
+
+def render_plan_page(plan: Plan) -> str:
+    """report.html of a plan."""
+    sections = [
+        Section("The plan", "", [_make_tiles(plan)]),
+        Section(
+            "Where everything goes", _describe_mounting(plan),
+            [*make_side_charts(plan), make_top_chart(plan), make_poses_table(plan), _make_scene(plan)],
+        ),
+        Section("Baseline", _describe_baseline(plan), [make_alternatives_table(plan)]),
+        Section(
+            "What is seen",
+            "Shares of the strip of belt that the core sees. Seen: in the image; what lumps hide is told above.",
+            [make_coverage_table(plan), make_pixels_table(plan)],
+        ),
+        Section("Depth", _describe_sigma(plan), [make_sigma_chart(plan)]),
+        Section("A moving belt", _describe_motion(plan), [make_motion_table(plan)]),
+        Section("Light", _describe_light(plan), [make_light_table(plan)]),
+    ]  # fmt: skip
+    return render("Rig plan", summarise(plan), sections, warnings=plan.warnings)
+
+
+def summarise(plan: Plan) -> str:
+    """The plan in a sentence or two."""
+    hang, count, edges = plan.mounting, len(plan.planned.rig.cameras), plan.planes[1]
+    seen = edges.at_least[plan.required_views]
+    text = (
+        f"{count} cameras: the core {hang.above_belt_mm:.0f} mm above the belt, the others "
+        f"{plan.planned.baseline_mm:.0f} "
+        f"mm from it and tilted by {np.rad2deg(plan.planned.tilt_rad):.1f}°, see {seen:.1%} of the "
+        "belt under the core "
+        f"{plan.required_views + 1} times, with {edges.pixel_mm['cam0'][1]:.2f} mm pixels and a depth σ of "
+        f"{plan.sigma_median_mm:.3f} mm from matching. "
+    )
+    lacks = []
+    if plan.light.snr < 0.995 * plan.settings.light.target_snr:
+        lacks.append(f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)")
+    if plan.motion.fps > plan.settings.camera.max_fps:
+        lacks.append("frame rate")
+    if plan.motion.blur_px > plan.settings.light.max_blur_px * (1 + 1e-9):
+        lacks.append("a shorter exposure")
+    return text + (f"What is missing: {', '.join(lacks)}." if lacks else "Light and frame rate suffice.")
+
+
+def _make_tiles(plan: Plan) -> Tiles:
+    hang, move, core = plan.mounting, plan.motion, plan.planes[1].pixel_mm["cam0"]
+    return Tiles(
+        [
+            Tile("least height by Eq. 26", f"{hang.eq26_mm:.1f}", "mm", "lens to the idlers' vertices"),
+            Tile("core above the belt", f"{hang.above_belt_mm:.0f}", "mm",
+                 f"recommended {hang.recommended_above_belt_mm:.0f} mm"),
+            Tile("baseline", f"{plan.planned.baseline_mm:.0f}", "mm",
+                 f"tilt {np.rad2deg(plan.planned.tilt_rad):.2f}°"),
+            Tile("pixel at the belt's edges", f"{core[1]:.3f}", "mm"),
+            Tile("depth σ, matching", f"{plan.sigma_median_mm:.3f}", "mm",
+                 f"{plan.sigma_in_this_light_mm:.3f} mm in this light"),
+            Tile("frames per second", f"{move.fps:.1f}", "",
+                 f"{move.gap_free_fps:.1f} without gaps; {move.data_mb_s:.0f} MB/s"),
+            Tile("exposure", f"{move.exposure_us:.0f}", "µs", f"{move.blur_px:.2f} px of motion blur"),
+            Tile("SNR of a dot", f"{plan.light.snr:.1f}", "", f"{plan.settings.light.target_snr:g} asked"),
+        ]
+    )  # fmt: skip
+
+
+def _describe_mounting(plan: Plan) -> str:
+    hang, belt = plan.mounting, plan.settings.belt
+    return (
+        f"Eq. 26: h ≥ (w/2) / tan(α/2) = {hang.eq26_mm:.1f} mm for w = {belt.span_mm:g} mm and α = "
+        f"{np.rad2deg(plan.settings.camera.angle_rad):.2f}°, down to the idlers' vertices, which lie "
+        f"{belt.edge_mm:.0f} mm "
+        f"above the level middle of the belt. Recommended is what also sees the load's top, "
+        f"{plan.settings.belt.top_width_mm or belt.span_mm:.0f} mm wide at {belt.top_mm:.0f} mm, with "
+        f"{plan.settings.rig.margin_mm:g} mm on either side."
+    )
+
+
+def _make_scene(plan: Plan) -> Turnable:
+    boards = {}
+    for plane in plan.planes:
+        half, length = plane.width_mm / 2, max(plane.core_length_mm, 1.0) / 2
+        x, y = np.array([-1, 1, 1, -1, -1]) * half, np.array([-1, -1, 1, 1, -1]) * length
+        outline = np.column_stack([x, y, np.full(5, plane.height_mm)])
+        boards[plane.name] = plan.planned.core_from_world.apply(outline)
+    scene = rig_scene(plan.planned.rig, length_mm=0.3 * plan.mounting.above_belt_mm, boards_mm=boards)
+    return Turnable(
+        scene, "The rig; grey: belt, edges and top of the load, as long as the core sees them whole."
+    )
+
+
+def _describe_baseline(plan: Plan) -> str:
+    rig, number = plan.settings.rig, plan.required_views
+    return (
+        "Depth's σ falls as Z²/(f·B), but from farther aside lumps hide more. Taken is the most "
+        "precise baseline from "
+        f"which {number} of {rig.auxiliaries} auxiliaries see at least {rig.required_share:.0%} of the "
+        "places between lumps "
+        f"that the core sees, under at most {rig.max_angle_deg:g}°. Lumps: balls over "
+        f"{plan.settings.belt.lump_cover:.0%} "
+        "of the load, worst of its middle and edges."
+    )
+
+
+def _describe_sigma(plan: Plan) -> str:
+    precision = plan.settings.precision
+    calibration = precision.calibration_sigma_mm
+    return (
+        f"{precision.sigma_px:.4g} px of independent noise on each coordinate of a point in each camera, through the "
+        "projections of all cameras that see it, "
+        + (f"and {calibration:g} mm from calibration. " if calibration else "without calibration's part. ")
+        + f"In this light matching noise would be {plan.light.matching_sigma_px:.3f} px."
+    )
+
+
+def make_sigma_chart(plan: Plan) -> Chart:
+    """Return the σ maps as a chart, one scale for all."""
+    known = np.concatenate([each.sigma_mm[np.isfinite(each.sigma_mm)] for each in plan.sigma])
+    low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.0, 1.0)
+    label = f"depth σ, mm; {DARK_IS_SURE}"
+    scale = Scale(low, max(high, low + 1e-6), DOUBT, label=label)
+    return Chart.draw(partial(_draw_sigma_maps, plan, scale), "Empty: fewer than two cameras.", scale)
+
+
+def _draw_sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
+    width, length = (
+        max(float(np.ptp(getattr(each, name))) for each in plan.sigma) for name in ("x_mm", "y_mm")
+    )
+    height = map_height(form, width, length, columns=3)
+    figure, axes = panels(len(plan.sigma), form, columns=3, height=height + 14)
+    for axis, each, plane in zip(axes, plan.sigma, plan.planes, strict=True):
+        extent = (each.x_mm[0], each.x_mm[-1], each.y_mm[0], each.y_mm[-1])
+        show_map(
+            axis, faded(scale.colored(each.sigma_mm), each.sigma_mm, np.ones(each.sigma_mm.shape)), extent
+        )
+        axis.set(title=f"{plane.name}, {each.height_mm:.0f} mm", xlabel="x across, mm", ylabel="y along, mm")
+    return figure
+
+
+def _describe_motion(plan: Plan) -> str:
+    move, belt = plan.motion, plan.settings.belt
+    return (
+        f"At {belt.speed_m_s:g} m/s; a frame gives {move.frame_length_mm:.0f} mm of belt over the "
+        "full width at every "
+        f"height, seen by the core and another camera. Each piece of belt in {plan.settings.frames_per_point} frames "
+        "lets them be fused."
+    )
+
+
+def _describe_light(plan: Plan) -> str:
+    light = plan.settings.light
+    return (
+        f"{light.projector_lm:g} lm over what the core sees of the belt, {light.ambient_lux:g} lx in "
+        "the hall, material of "
+        f"reflectance {light.reflectance:g}, lens at f/{plan.settings.camera.f_number:g}: a diffuse "
+        "surface through the "
+        "camera equation, shot and read noise."
+        if light.lit_area_mm is None
+        else f"{light.projector_lm:g} lm over {light.lit_area_mm[0]:g} × {light.lit_area_mm[1]:g} mm."
+    )

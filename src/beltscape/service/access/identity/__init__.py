@@ -1,0 +1,1 @@
+"""Users: roles, passwords, accounts, sessions and keys of programs."""

@@ -1,0 +1,1 @@
+"""Limits against overload and guessing: throttling, queues, connections."""

@@ -1,0 +1,1 @@
+"""Requests: checked, authorised and audited before any route handles them."""

@@ -1,0 +1,37 @@
+"""How a board is held before the cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.core.pose import Pose
+from beltscape.simulate.geometry.world import Station
+from beltscape.simulate.scenario import BoardSpec
+from beltscape.target.board import Board, corner_points_mm
+
+
+def sample_board_poses(
+    spec: BoardSpec, board: Board, station: Station, count: int, seed: int
+) -> tuple[Pose, ...]:
+    """world_from_board of ``count`` poses, spread over the core's view, over depths and over tilts to all sides.
+
+    Places and depths follow a Halton-like sequence, tilts the golden angle: a few frames are spread as well as many.
+    """
+    rng = np.random.default_rng([seed, 3])
+    corners = corner_points_mm(board)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    camera = station.rig.core_camera
+    start = rng.random(3)
+    poses = []
+    for i in range(count):
+        u, v, w = (start + i * np.array([0.7548776662, 0.5698402910, 0.6180339887])) % 1.0
+        depth = spec.depth_mm[0] + w * (spec.depth_mm[1] - spec.depth_mm[0])
+        pixel = (np.array([u, v]) - 0.5) * spec.reach * np.array(camera.size_px)
+        center = np.append(pixel / camera.focal_px, 1.0) * depth
+        around, lean = 2.399963 * i, np.deg2rad(spec.tilt_deg) * np.sqrt((i % 5 + rng.random()) / 5)
+        tilt = Pose.of([lean * np.cos(around), lean * np.sin(around), 0.0], np.zeros(3))
+        roll = Pose.of([0.0, 0.0, rng.uniform(-0.6, 0.6) + np.pi / 2 * (i % 4 == 3)], np.zeros(3))
+        rotation = tilt.rotation @ roll.rotation
+        core_from_board = Pose(rotation, center - rotation @ middle)
+        poses.append(station.core_from_world.inverse() @ core_from_board)
+    return tuple(poses)

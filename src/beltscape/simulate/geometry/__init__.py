@@ -1,0 +1,1 @@
+"""The simulated world: solids, cameras and projector, triangle meshes, exact ray casting."""

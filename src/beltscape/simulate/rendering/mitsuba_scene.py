@@ -1,0 +1,111 @@
+"""Solids as Mitsuba shapes.
+
+Light on a diffuse surface is its colour times what falls on it, so the two are looked at apart: the colours as if
+surfaces shone by themselves, which takes no light paths, and the light on surfaces that are white. Highlights of
+glossy surfaces are a third look. Only where light is to go from surface to surface are they real in one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import InputError
+from beltscape.simulate.geometry.world import Solid
+
+Appearance = Literal["real", "emissive", "white", "highlights"]
+_ROUGHNESS = 0.2  # of the glossy share, Mitsuba's alpha: satin, a highlight some 20° wide
+
+
+def make_shapes(
+    mi: Any, solids: Sequence[Solid], appearance: Appearance, *, texture_filter: str
+) -> dict[str, Any]:
+    """Entries of a scene dictionary. Plain solids of one gloss become one mesh, coloured face by face."""
+    plain: dict[float, list[Solid]] = {}
+    entries: dict[str, Any] = {}
+    for index, solid in enumerate(solids):
+        _check(solid)
+        if solid.texture is not None and appearance in ("real", "emissive"):
+            entries[f"textured_{index}"] = _make_textured_mesh(mi, solid, appearance, texture_filter)
+        else:
+            plain.setdefault(solid.gloss if appearance in ("real", "highlights") else 0.0, []).append(solid)
+    for index, (gloss, group) in enumerate(plain.items()):
+        entries[f"plain_{index}"] = _make_plain_mesh(mi, group, appearance, gloss)
+    return entries
+
+
+def _check(solid: Solid) -> None:
+    if solid.texture is not None and (solid.uv is None or len(solid.uv) != len(solid.vertices_mm)):
+        raise InputError(f"solid {solid.name}: has a texture; give uv for each of its vertices")
+    if len(solid.faces) == 0:
+        raise InputError(f"solid {solid.name}: has no faces; leave it out")
+    if not np.isfinite(solid.vertices_mm).all():
+        raise InputError(f"solid {solid.name}: a vertex is not finite")
+    if solid.faces.min() < 0 or solid.faces.max() >= len(solid.vertices_mm):
+        raise InputError(f"solid {solid.name}: a face names a vertex that is not there")
+
+
+def _make_plain_mesh(mi: Any, group: list[Solid], appearance: Appearance, gloss: float) -> Any:
+    offsets = np.cumsum([0] + [len(solid.vertices_mm) for solid in group])
+    vertices = np.concatenate([solid.vertices_mm for solid in group])
+    faces = np.concatenate([solid.faces + at for solid, at in zip(group, offsets, strict=False)])
+    colours = {"type": "mesh_attribute", "name": "face_color"}
+    mesh = _make_mesh(mi, vertices, faces, _surface_parts(appearance, colours, gloss))
+    if appearance in ("real", "emissive"):
+        by_face = [np.tile(np.float32(solid.reflectance), (len(solid.faces), 1)) for solid in group]
+        mesh.add_attribute("face_color", 3, np.concatenate(by_face).ravel())
+    return mesh
+
+
+def _make_textured_mesh(mi: Any, solid: Solid, appearance: Appearance, texture_filter: str) -> Any:
+    assert solid.texture is not None
+    assert solid.uv is not None
+    colours = {
+        "type": "bitmap",
+        "data": mi.TensorXf(np.float32(solid.texture) * np.float32(solid.reflectance)),
+        "raw": True,
+        "filter_type": texture_filter,
+        "wrap_mode": "clamp",
+    }
+    return _make_mesh(
+        mi, solid.vertices_mm, solid.faces, _surface_parts(appearance, colours, solid.gloss), solid.uv
+    )
+
+
+def _surface_parts(appearance: Appearance, colours: dict[str, Any], gloss: float) -> dict[str, Any]:
+    """Parts of a shape. Surfaces have two sides, as open meshes are lit from below too; shining ones have one."""
+    if appearance == "emissive":
+        return {"emitter": {"type": "area", "radiance": colours}}
+    if appearance == "white":
+        return {"surface": {"type": "twosided", "one": {"type": "diffuse", "reflectance": 1.0}}}
+    matt: dict[str, Any] = {"type": "diffuse", "reflectance": colours if appearance == "real" else 0.0}
+    if gloss == 0:
+        return {"surface": {"type": "twosided", "one": matt}}
+    shiny = {"type": "roughplastic", "diffuse_reflectance": matt["reflectance"], "alpha": _ROUGHNESS}
+    mixed = {"type": "blendbsdf", "weight": float(gloss), "matt": matt, "shiny": shiny}
+    return {"surface": {"type": "twosided", "one": mixed}}
+
+
+def _make_mesh(
+    mi: Any,
+    vertices_mm: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    parts: dict[str, Any],
+    uv: NDArray[np.float64] | None = None,
+) -> Any:
+    properties = mi.Properties()
+    for name, part in parts.items():
+        properties[name] = mi.load_dict(part)
+    mesh = mi.Mesh(
+        "solid", len(vertices_mm), len(faces), props=properties, has_vertex_texcoords=uv is not None
+    )
+    buffers = mi.traverse(mesh)
+    buffers["vertex_positions"] = np.float32(vertices_mm).ravel()
+    buffers["faces"] = np.uint32(faces).ravel()
+    if uv is not None:
+        buffers["vertex_texcoords"] = np.float32(uv).ravel()
+    buffers.update()
+    return mesh

@@ -1,0 +1,1 @@
+"""Other sensors over the same belt: fringe projection, line laser and LiDAR scanner."""

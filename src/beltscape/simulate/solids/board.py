@@ -1,0 +1,101 @@
+"""A calibration board as a thin printed plate."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import lru_cache
+from math import ceil, lcm
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import SettingsError
+from beltscape.core.pose import Pose
+from beltscape.simulate.geometry.shapes import make_box
+from beltscape.simulate.geometry.world import Label, Solid
+from beltscape.target.board import Board, CharucoBoard
+from beltscape.target.printing.print_board import black_squares
+
+WHITE, BLACK = 0.8, 0.04
+"""Reflectance of paper and of ink."""
+_TEXELS = (64, 200)
+"""Texels per square: at least, and at most for the sake of bits that end on whole texels."""
+
+
+def make_board_solid(
+    board: Board, world_from_board: Pose, *, margin_mm: float | None = None, thickness_mm: float = 3.0
+) -> Solid:
+    """The board where it stands; its printed side is z = 0 of the board's frame and looks to its −z.
+
+    The board's frame is OpenCV's: x to the right and y down on the print, z into the plate, away from who looks at
+    it. Corner (i, j) of the print lies exactly where `corner_points_mm` has it. The margin is white (black where
+    the board is inverted), one square wide unless given, rounded up to whole texels; back and sides are like it.
+
+    Raises
+    ------
+    SettingsError
+        for a board in OpenCV's legacy arrangement, which is not drawn.
+    """
+    texture, texel_mm, margin_mm = _print_texture(board, board.square_mm if margin_mm is None else margin_mm)
+    height, width = texture.shape[:2]
+    plate = make_box([width * texel_mm, height * texel_mm, thickness_mm])
+    columns, rows = board.grid
+    middle = np.array([columns + 1, rows + 1]) * board.square_mm / 2
+    on_board = plate.vertices_mm + np.array([*middle, 0.0])
+    # the printed face has vertices of its own: the others show the margin's first texel
+    printed = (on_board[plate.faces][:, :, 2] == 0).all(axis=1)
+    vertices = np.concatenate([on_board, on_board])
+    faces = np.where(printed[:, None], plate.faces, plate.faces + len(on_board))
+    uv = (on_board[:, :2] + margin_mm) / ([width * texel_mm, height * texel_mm])
+    blank = np.tile([0.5 / width, 0.5 / height], (len(on_board), 1))
+    return Solid(
+        name="board",
+        label=Label.BOARD,
+        vertices_mm=world_from_board.apply(vertices),
+        faces=faces,
+        reflectance=(1.0, 1.0, 1.0),
+        texture=texture,
+        uv=np.concatenate([uv, blank]),
+    )
+
+
+@lru_cache(maxsize=4)
+def _print_texture(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
+    """(h, w, 3) reflectance of the printed side, the edge of a texel, the margin in whole texels, mm."""
+    legacy, inverted = getattr(board, "legacy", None), getattr(board, "inverted", None)
+    if legacy:
+        raise SettingsError("legacy = true: a legacy board is not simulated; set legacy = false")
+    texels = _texels_per_square(board)
+    texel_mm = board.square_mm / texels
+    margin = ceil(margin_mm / texel_mm - 1e-9)
+    columns, rows = board.grid
+    ink = np.zeros(((rows + 1) * texels, (columns + 1) * texels))
+    for x, y, width, height in black_squares(board) / texel_mm:
+        ink += np.outer(_covered_shares(ink.shape[0], y, height), _covered_shares(ink.shape[1], x, width))
+    ink = np.pad(ink.clip(0, 1), margin)
+    if inverted:
+        ink = 1 - ink
+    texture = np.repeat((WHITE + (BLACK - WHITE) * ink)[..., None], 3, axis=2).astype(np.float32)
+    texture.setflags(write=False)
+    return texture, texel_mm, margin * texel_mm
+
+
+def _covered_shares(count: int, start: float, length: float) -> NDArray[np.float64]:
+    """(count,) share of each texel that [start, start + length] covers: edges between texels keep their place."""
+    edges = np.arange(count + 1.0)
+    within = np.clip(edges, start, start + length)
+    covered = np.diff(within)
+    return np.where(np.abs(covered - np.rint(covered)) < 1e-9, np.rint(covered), covered)
+
+
+def _texels_per_square(board: Board) -> int:
+    """As many that squares, and where it can be had marker bits too, end on whole texels."""
+    low, high = _TEXELS
+    if not isinstance(board, CharucoBoard):
+        return low
+    import cv2
+
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    marker = Fraction(str(board.marker_mm)) / Fraction(str(board.square_mm))
+    whole = lcm(((1 - marker) / 2).denominator, (marker / (dictionary.markerSize + 2)).denominator)
+    return whole * ceil(low / whole) if whole * ceil(low / whole) <= high else 128

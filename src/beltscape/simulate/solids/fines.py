@@ -1,0 +1,126 @@
+"""The fines of a heap: a height field on the belt, nowhere steeper than the angle of repose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.simulate.geometry.shapes import Mesh, triangulate_height_field
+from beltscape.simulate.solids.belt import BeltSettings
+
+Millimetres = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
+_HIDDEN_MM = 2.0
+"""How far under the belt the field runs where there are no fines: it cuts through the belt along a clean line."""
+
+
+class FinesSettings(BaseModel):
+    """A ridge of fines along the belt."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    crown_mm: Annotated[float, Field(ge=0, le=2000)] = 80.0
+    """Height of the ridge over the flat belt."""
+    crown_x_mm: Annotated[float, Field(ge=-2000, le=2000)] = 0.0
+    """Where across the belt it runs."""
+    surcharge_deg: Annotated[float, Field(ge=0, le=60)] = 15.0
+    """Slope of its flanks while the belt runs."""
+    repose_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
+    """No slope from node to node is steeper, but for the grain."""
+    waves_mm: Annotated[float, Field(ge=0, le=500)] = 6.0
+    """Standard deviation of hills and hollows."""
+    wavelength_mm: Millimetres = 120.0
+    """About their distance."""
+    grain_mm: Annotated[float, Field(ge=0, le=20)] = 0.4
+    """Standard deviation of the height from node to node, on top of slopes and hills."""
+    along_mm: tuple[float, float] = (-600.0, 600.0)
+    """From where to where along the belt the ridge runs; it ends in slopes of the angle of repose."""
+    cell_mm: Annotated[float, Field(ge=0.5, le=50)] = 3.0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> FinesSettings:
+        if not self.along_mm[0] < self.along_mm[1]:
+            raise ValueError(f"along_mm = {list(self.along_mm)}: the first must be smaller than the second")
+        return self
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeightField:
+    """A surface over a grid, triangulated as `shapes.height_field` does it."""
+
+    x_mm: NDArray[np.float64]
+    """(Nx,) evenly spaced."""
+    y_mm: NDArray[np.float64]
+    """(Ny,) evenly spaced."""
+    height_mm: NDArray[np.float64]
+    """(Ny, Nx)."""
+
+    def height_at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height of the triangles at places (broadcast), mm; -inf beside the field."""
+        x, y = np.broadcast_arrays(x_mm, y_mm)
+        u = (x - self.x_mm[0]) / (self.x_mm[1] - self.x_mm[0])
+        v = (y - self.y_mm[0]) / (self.y_mm[1] - self.y_mm[0])
+        rows, columns = self.height_mm.shape
+        inside = (u >= 0) & (v >= 0) & (u <= columns - 1) & (v <= rows - 1)
+        i = np.clip(u.astype(int), 0, columns - 2)
+        j = np.clip(v.astype(int), 0, rows - 2)
+        u, v, z = u - i, v - j, self.height_mm
+        corner = np.where(u >= v, z[j, i + 1], z[j + 1, i])  # which of the cell's two triangles
+        high, low = np.maximum(u, v), np.minimum(u, v)
+        height = z[j, i] + high * (corner - z[j, i]) + low * (z[j + 1, i + 1] - corner)
+        return np.where(inside, height, -np.inf)
+
+
+def make_fines(settings: FinesSettings, belt: BeltSettings, rng: np.random.Generator) -> HeightField:
+    """The fines over the whole belt; where there are none, the field runs just below the belt."""
+    from scipy.ndimage import gaussian_filter
+
+    left, right = belt.half_width_mm
+    x = np.linspace(-left, right, int(np.ceil((left + right) / settings.cell_mm)) + 1)
+    half = belt.length_mm / 2
+    y = np.linspace(-half, half, int(np.ceil(belt.length_mm / settings.cell_mm)) + 1)
+    ground = belt.height_at(x, y[:, None])
+    aside = np.hypot(x - settings.crown_x_mm, 30.0) - 30.0  # a rounded ridge
+    beyond = np.maximum(settings.along_mm[0] - y, y - settings.along_mm[1]).clip(min=0)
+    slope = np.tan(np.deg2rad(settings.repose_deg))
+    top = settings.crown_mm - np.tan(np.deg2rad(settings.surcharge_deg)) * aside - slope * beyond[:, None]
+    waves = gaussian_filter(rng.normal(size=top.shape), settings.wavelength_mm / 4 / settings.cell_mm)
+    top += settings.waves_mm * waves / max(float(waves.std()), 1e-12)
+    top[:, [0, -1]] = ground[:, [0, -1]] - _HIDDEN_MM  # what lies beyond the edge would have fallen off
+    below = ground - _HIDDEN_MM
+    top = limit_slope(np.maximum(top, below), x[1] - x[0], y[1] - y[0], slope, below)
+    grains = settings.grain_mm * rng.normal(size=top.shape)
+    return HeightField(x, y, np.where(top > below, np.maximum(top + grains, below), below))
+
+
+def limit_slope(
+    height_mm: NDArray[np.float64], dx_mm: float, dy_mm: float, slope: float, ground_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(Ny, Nx) the highest surface below ``height_mm`` (but not below the ground) no steeper than ``slope``.
+
+    Slopes are held between each node and its eight neighbours.
+    """
+    rises = {(0, 1): dx_mm, (1, 0): dy_mm, (1, 1): np.hypot(dx_mm, dy_mm), (1, -1): np.hypot(dx_mm, dy_mm)}
+    height = height_mm.copy()
+    while True:
+        before = height.copy()
+        for (j, i), run in rises.items():
+            one = (slice(0, -j or None), slice(max(-i, 0), -i if i > 0 else None))
+            two = (slice(j, None), slice(max(i, 0), i if i < 0 else None))
+            np.minimum(height[one], height[two] + slope * run, out=height[one])
+            np.minimum(height[two], height[one] + slope * run, out=height[two])
+        np.maximum(height, ground_mm, out=height)  # the belt's own slope may be steeper
+        if np.array_equal(height, before):
+            return height
+
+
+def make_fines_mesh(field: HeightField, belt: BeltSettings) -> Mesh:
+    """The part of the field that looks out of the belt, and the cells around it."""
+    whole = triangulate_height_field(field.x_mm, field.y_mm, field.height_mm)
+    above = (field.height_mm > belt.height_at(field.x_mm, field.y_mm[:, None])).ravel()
+    faces = whole.faces.reshape(-1, 6)  # both triangles of a cell
+    faces = faces[above[faces].any(axis=1)].reshape(-1, 3)
+    used, index = np.unique(faces, return_inverse=True)
+    return Mesh(whole.vertices_mm[used], index.reshape(faces.shape))

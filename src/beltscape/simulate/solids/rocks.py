@@ -1,0 +1,113 @@
+"""Single rocks: broken, rough polyhedra of a given size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from beltscape.core.pose import Pose
+from beltscape.simulate.geometry.shapes import Mesh, subdivide
+
+_CORNERS = (13, 26)
+_WAVES = 12
+_FINE_MM = 25.0
+"""From this size on a rock's faces are cut once more, so that its roughness has the same grain."""
+
+
+class ShapeSettings(BaseModel):
+    """What rocks look like."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    longest: Annotated[float, Field(ge=1, le=4)] = 1.6
+    """Longest axis over the middle one, at most."""
+    flattest: Annotated[float, Field(gt=0.2, le=1)] = 0.6
+    """Shortest axis over the middle one, at least."""
+    roughness: Annotated[float, Field(ge=0, le=0.2)] = 0.05
+    """How far the faces leave the flat ones, as a share of the radius (standard deviation)."""
+    lean_deg: Annotated[float, Field(ge=0, le=90)] = 25.0
+    """How far a rock leans from lying on its flat side (standard deviation)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rock:
+    """One rock about its centroid, turned as it will lie."""
+
+    mesh: Mesh
+    size_mm: float
+    """Extent along its middle principal axis: about the sieve that it just passes."""
+
+
+def make_rock(size_mm: float, settings: ShapeSettings, rng: np.random.Generator) -> Rock:
+    """Convex hull of random points on an ellipsoid, its faces cut in four and pushed in and out by smooth noise.
+
+    Points move along their radius only, so that the mesh stays closed and cannot cut itself.
+    """
+    mesh = _make_hull(settings, rng)
+    for _ in range(2 if size_mm >= _FINE_MM else 1):
+        mesh = subdivide(mesh)
+    mesh = _roughen(mesh, settings.roughness, rng)
+    upright = mesh.vertices_mm @ _principal_axes(mesh)  # x longest, z shortest
+    scale = size_mm / float(np.ptp(upright[:, 1]))
+    return Rock(
+        Mesh(upright * scale, mesh.faces).transform(_draw_orientation(settings.lean_deg, rng)), size_mm
+    )
+
+
+def _make_hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
+    """Convex polyhedron about its centroid, of radius about 1."""
+    from scipy.spatial import ConvexHull
+
+    points = rng.normal(size=(rng.integers(*_CORNERS), 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    points *= [rng.uniform(1, settings.longest), 1.0, rng.uniform(settings.flattest, 1)]
+    hull = ConvexHull(points)
+    corners = points[hull.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (normals * hull.equations[:, :3]).sum(axis=1) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+    used, index = np.unique(faces, return_inverse=True)
+    mesh = Mesh(points[used], index.reshape(faces.shape))
+    return Mesh(mesh.vertices_mm - compute_centroid(mesh), mesh.faces)
+
+
+def _roughen(mesh: Mesh, roughness: float, rng: np.random.Generator) -> Mesh:
+    """Vertices moved along their radius by a sum of random waves; again about its centroid."""
+    waves = rng.normal(size=(_WAVES, 3))
+    waves *= (rng.uniform(3, 9, _WAVES) / np.linalg.norm(waves, axis=1))[:, None]
+    phase = rng.uniform(0, 2 * np.pi, _WAVES)
+    noise = np.cos(mesh.vertices_mm @ waves.T + phase).sum(axis=1) * np.sqrt(2 / _WAVES)
+    factor = np.clip(1 + roughness * noise, 0.3, None)
+    pushed = Mesh(mesh.vertices_mm * factor[:, None], mesh.faces)
+    return Mesh(pushed.vertices_mm - compute_centroid(pushed), mesh.faces)
+
+
+def compute_centroid(mesh: Mesh) -> NDArray[np.float64]:
+    """(3,) middle of a closed mesh's volume."""
+    about = mesh.vertices_mm.mean(axis=0)
+    a, b, c = np.moveaxis((mesh.vertices_mm - about)[mesh.faces], 1, 0)
+    volumes = (a * np.cross(b, c)).sum(axis=1)
+    return about + (volumes[:, None] * (a + b + c) / 4).sum(axis=0) / volumes.sum()
+
+
+def _principal_axes(mesh: Mesh) -> NDArray[np.float64]:
+    """(3, 3) columns: axes of the volume's second moments, the longest extent first; a rotation."""
+    a, b, c = np.moveaxis(mesh.vertices_mm[mesh.faces], 1, 0)
+    volumes = (a * np.cross(b, c)).sum(axis=1)
+    # ∫ x xᵀ over a tetrahedron with a corner at the origin: V/20·(Σ p pᵀ + s sᵀ), s the sum of its corners
+    sums = sum(np.einsum("f,fi,fj->ij", volumes, p, p) for p in (a, b, c, a + b + c))
+    _, axes = np.linalg.eigh(sums)
+    axes = axes[:, ::-1] * np.sign(axes[np.abs(axes).argmax(axis=0), range(3)])[::-1]
+    return axes if np.linalg.det(axes) > 0 else axes * [1, 1, -1]
+
+
+def _draw_orientation(lean_deg: float, rng: np.random.Generator) -> Pose:
+    """On its flat side, leaning a little, turned anyhow about the vertical, either side up."""
+    turn, towards = rng.uniform(0, 2 * np.pi, 2)
+    lean = np.deg2rad(lean_deg) * rng.normal()
+    leaned = Pose.of(lean * np.array([np.cos(towards), np.sin(towards), 0.0]), np.zeros(3))
+    over = Pose.of([np.pi if rng.random() < 0.5 else 0.0, 0.0, 0.0], np.zeros(3))
+    return leaned @ over @ Pose.of([0.0, 0.0, turn], np.zeros(3))

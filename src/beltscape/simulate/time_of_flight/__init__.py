@@ -1,0 +1,1 @@
+"""A time-of-flight camera: rays, phases, multipath and noise."""

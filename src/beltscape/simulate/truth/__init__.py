@@ -1,0 +1,1 @@
+"""The truth of a simulated capture: depth, visibility, volumes and dimensions."""

@@ -1,0 +1,166 @@
+"""What the core camera truly has before it: depth, labels, and who else sees each of its pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.pose import Pose
+from beltscape.simulate.geometry.ray_casting import RayScene
+from beltscape.simulate.geometry.world import Label, Projector, Solid, Station, World
+from beltscape.simulate.solids.heap import Heap
+from beltscape.simulate.truth.visibility import compute_pixel_rays, is_in_image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoreView:
+    """What is before the core camera, on one of its grids of H × W pixels."""
+
+    depth_mm: NDArray[np.float64]
+    """(H, W) along the optical axis, exact to 1e-6 mm; NaN where there is nothing."""
+    label: NDArray[np.uint8]
+    """(H, W) `Label`."""
+    solid: NDArray[np.int64]
+    """(H, W) index of the world's solid; -1 where there is nothing."""
+    face: NDArray[np.int64]
+    """(H, W) index of the face within its solid; -1 where there is nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CoreTruth(CoreView):
+    """The same, and who else sees it."""
+
+    seen: Mapping[str, NDArray[np.bool_]]
+    """By auxiliary camera: (H, W), whether the pixel's point is in its image and not hidden."""
+    lit: NDArray[np.bool_]
+    """(H, W) whether the projector's pattern reaches the point; nowhere without a projector."""
+
+    @property
+    def views(self) -> NDArray[np.uint8]:
+        """(H, W) how many auxiliaries see the point."""
+        views = np.zeros(self.label.shape, np.uint8)
+        for seen in self.seen.values():
+            views += seen
+        return views
+
+
+def trace_core_view(
+    world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
+) -> CoreView:
+    """Trace the core camera's undistorted pinhole grid, or (``distorted``) its image as it is taken.
+
+    ``scene`` saves the building of the world's ray scene where there is one already.
+    """
+    scene = scene or RayScene(world.solids)
+    camera, pose = station.rig.core_camera, station.core_from_world
+    return _SurfacePoints.trace(
+        scene, pose.center_mm, compute_pixel_rays(camera, pose, distorted=distorted)
+    ).view(camera)
+
+
+def trace_core_truth(
+    world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
+) -> CoreTruth:
+    """`trace_core_view`, and from which auxiliaries and from the projector each of its points is in view."""
+    scene = scene or RayScene(world.solids)
+    camera, pose = station.rig.core_camera, station.core_from_world
+    surface = _SurfacePoints.trace(
+        scene, pose.center_mm, compute_pixel_rays(camera, pose, distorted=distorted)
+    )
+    view = surface.view(camera)
+    seen = {
+        name: surface.is_visible_in(station.rig.cameras[name], station.cam_from_world(name))
+        for name in station.rig.auxiliaries
+    }
+    shape = view.label.shape
+    return CoreTruth(
+        depth_mm=view.depth_mm,
+        label=view.label,
+        solid=view.solid,
+        face=view.face,
+        seen={name: surface.scatter_to_rays(there, False).reshape(shape) for name, there in seen.items()},
+        lit=surface.scatter_to_rays(surface.is_lit_by(world.projector), False).reshape(shape),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SurfacePoints:
+    """The places that rays met."""
+
+    scene: RayScene
+    hit: NDArray[np.bool_]
+    """(R,) which of the rays met something: N of them."""
+    depth_mm: NDArray[np.float64]
+    """(N,)."""
+    points_mm: NDArray[np.float64]
+    """(N, 3)."""
+    face: NDArray[np.int64]
+    """(N,)."""
+
+    @classmethod
+    def trace(cls, scene: RayScene, eye_mm: NDArray[np.float64], rays: NDArray[np.float64]) -> _SurfacePoints:
+        """By rays (R, 3) from an eye (3,)."""
+        hits = scene.cast(eye_mm, rays)
+        hit = hits.face >= 0
+        depth = hits.distance[hit]
+        return cls(scene, hit, depth, eye_mm + depth[:, None] * rays[hit], hits.face[hit])
+
+    def scatter_to_rays(self, values: NDArray[Any], empty: float) -> NDArray[Any]:
+        """(R,) values (N,) back in the place of their rays."""
+        whole = np.full(len(self.hit), empty, values.dtype)
+        whole[self.hit] = values
+        return whole
+
+    def view(self, camera: Camera) -> CoreView:
+        """On the grid of the camera whose rays they were."""
+        shape = camera.size_px[::-1]
+        solid = self.scene.solid_of_face[self.face]
+        return CoreView(
+            depth_mm=self.scatter_to_rays(self.depth_mm, np.nan).reshape(shape),
+            label=self.scatter_to_rays(self.scene.label_of_face[self.face], Label.NOTHING).reshape(shape),
+            solid=self.scatter_to_rays(solid, -1).reshape(shape),
+            face=self.scatter_to_rays(self.face - self.scene.first_face[solid], -1).reshape(shape),
+        )
+
+    def is_visible_in(self, camera: Camera, cam_from_world: Pose) -> NDArray[np.bool_]:
+        """(N,) whether they are in the camera's image and not hidden."""
+        inside = is_in_image(camera, cam_from_world, self.points_mm)
+        normals = self.scene.face_normals(self.face[inside])
+        inside[inside] = self.scene.is_visible_from(self.points_mm[inside], normals, cam_from_world.center_mm)
+        return inside
+
+    def is_lit_by(self, projector: Projector | None) -> NDArray[np.bool_]:
+        """(N,) whether the pattern reaches them."""
+        if projector is None:
+            return np.zeros(len(self.face), bool)
+        return self.is_visible_in(make_pattern_camera(projector), projector.projector_from_world)
+
+
+def make_pattern_camera(projector: Projector) -> Camera:
+    """The projector as a camera as large as its pattern."""
+    camera, (rows, columns) = projector.camera, projector.pattern.shape[:2]
+    return Camera(camera.name, (columns, rows), camera.focal_px, camera.center_px, camera.distortion)
+
+
+def measurable_shares(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, float]:
+    """Shares (0..1) of a region's pixels (H, W) that can be measured at all: lit, seen, lit and seen by so many."""
+    count = max(int(region.sum()), 1)
+    lit, views = truth.lit[region], truth.views[region]
+    shares = {"pixels": float(region.sum()), "lit": float(lit.sum() / count)}
+    shares |= {f"seen_{name}": float(seen[region].sum() / count) for name, seen in truth.seen.items()}
+    for number in range(1, len(truth.seen) + 1):
+        shares[f"seen_by_{number}"] = float((views >= number).sum() / count)
+        shares[f"lit_and_seen_by_{number}"] = float((lit & (views >= number)).sum() / count)
+    return shares
+
+
+def label_rocks(truth: CoreView, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
+    """(H, W) number of the heap's rock that a pixel shows, -1 where it shows none."""
+    which = [i for i, solid in enumerate(solids) if solid.name == "rocks"]
+    rock = np.searchsorted(heap.rocks.first_face, truth.face, side="right") - 1
+    return np.where(np.isin(truth.solid, which), rock, -1).astype(np.int32)

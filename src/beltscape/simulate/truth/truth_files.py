@@ -1,0 +1,192 @@
+"""The truth of a simulated capture as files. Everything is in mm; poses are named as in rig.json.
+
+| file | content |
+|---|---|
+| `rig.json` | the true rig, in the format of `beltscape calibrate` |
+| `station.json` | `core_from_world`; the world: x across, y along, z up, origin on the empty belt under the rig |
+| `projector.json` | size, focal, centre, distortion, `projector_from_world`, power |
+| `belt.json` | the belt's settings and `cross_section_mm`, x and z of its upper side under the rig |
+| `board_poses.json` | the board, and by frame `world_from_board`, `core_from_board`, corners in each camera's image |
+| `<name>_depth.npz` | see below |
+| `<name>_scene.json` | labels by name, ceilings of what can be measured by label, volume of the load in a box |
+| `<name>_load.npz` | the load's heights over the box: `x_mm`, `y_mm`, `height_mm` (float32), `area_mm2` at each y |
+| `<name>_module.json` | true dimensions of a module's features, their places, `world_from_module` |
+| `<name>_rocks.npz` | by rock: `center_mm` (world), `size_mm`, `volume_mm3` |
+
+`<name>_depth.npz` holds on the core's pinhole grid, as depth.tiff: `depth_mm` (float32, NaN: nothing), `label`,
+`views` (how many auxiliaries see the point), `lit`, `rock` (its number in `<name>_rocks.npz`, -1: none); and on the
+image as it is taken: `depth_distorted_mm`, `label_distorted`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.pose import Pose
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import replacing
+from beltscape.files.rig_json import write_rig
+from beltscape.simulate.geometry.ray_casting import RayScene
+from beltscape.simulate.geometry.world import Label, Projector, Station, World
+from beltscape.simulate.solids.belt import BeltSettings
+from beltscape.simulate.solids.heap import Heap
+from beltscape.simulate.truth.core_truth import (
+    CoreTruth,
+    CoreView,
+    label_rocks,
+    measurable_shares,
+    trace_core_truth,
+    trace_core_view,
+)
+from beltscape.simulate.truth.load_truth import TrueLoad, compute_true_load
+from beltscape.simulate.truth.module_truth import describe_module
+from beltscape.simulate.truth.visibility import is_in_image
+from beltscape.target.board import Board, corner_points_mm
+from beltscape.target.module import Module
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneDetails:
+    """What is known of a scene beyond its solids."""
+
+    belt: BeltSettings
+    heap: Heap | None = None
+    module: Module | None = None
+    world_from_module: Pose | None = None
+    """Where the module lies."""
+    across_mm: tuple[float, float] | None = None
+    """Box of the volume in x; by default as wide as the belt."""
+    along_mm: tuple[float, float] = (-200.0, 200.0)
+    """Box of the volume in y."""
+
+
+def write_truth(folder: Path, name: str, world: World, station: Station, known: SceneDetails) -> None:
+    """Write everything true about one scene into a folder, and the rig's truth beside it."""
+    write_station(folder, station, world.projector)
+    write_belt(folder, known.belt)
+    scene = RayScene(world.solids)
+    truth = trace_core_truth(world, station, scene=scene)
+    image = trace_core_view(world, station, distorted=True, scene=scene)
+    write_depth(folder / f"{name}_depth.npz", world, truth, image, known.heap)
+    left, right = known.belt.half_width_mm
+    load = compute_true_load(world, known.across_mm or (-left, right), known.along_mm)
+    write_arrays(
+        folder / f"{name}_load.npz",
+        x_mm=load.x_mm,
+        y_mm=load.y_mm,
+        height_mm=load.height_mm.astype(np.float32),
+        area_mm2=load.area_mm2,
+    )
+    write_json(folder / f"{name}_scene.json", _summary(world, truth, load))
+    if known.module is not None and known.world_from_module is not None:
+        document = describe_module(known.module, known.world_from_module)
+        write_json(folder / f"{name}_module.json", document)
+    if known.heap is not None:
+        rocks = known.heap.rocks
+        write_arrays(
+            folder / f"{name}_rocks.npz",
+            center_mm=rocks.center_mm,
+            size_mm=rocks.size_mm,
+            volume_mm3=rocks.volume_mm3,
+        )
+
+
+def write_station(folder: Path, station: Station, projector: Projector | None) -> None:
+    """rig.json, station.json, and projector.json where there is one."""
+    write_rig(folder / "rig.json", station.rig)
+    write_json(
+        folder / "station.json", {"units": "mm", "core_from_world": pose_document(station.core_from_world)}
+    )
+    if projector is not None:
+        camera, (rows, columns) = projector.camera, projector.pattern.shape[:2]
+        document = {
+            "units": "mm",
+            "size_px": [columns, rows],
+            "focal_px": camera.focal_px,
+            "center_px": camera.center_px,
+            "distortion": camera.distortion,
+            "projector_from_world": pose_document(projector.projector_from_world),
+            "power": projector.power,
+        }
+        write_json(folder / "projector.json", document)
+
+
+def write_belt(folder: Path, belt: BeltSettings) -> None:
+    """belt.json."""
+    document = {"units": "mm", **belt.model_dump(mode="json"), "cross_section_mm": belt.section_mm}
+    write_json(folder / "belt.json", document)
+
+
+def write_boards(folder: Path, station: Station, board: Board, world_from_board: Mapping[str, Pose]) -> None:
+    """board_poses.json of a board in one pose per frame, and the rig's truth beside it."""
+    write_station(folder, station, None)
+    corners = corner_points_mm(board)
+    frames = {}
+    for frame, pose in world_from_board.items():
+        at = pose.apply(corners)
+        inside = {
+            name: int(is_in_image(camera, station.cam_from_world(name), at).sum())
+            for name, camera in station.rig.cameras.items()
+        }
+        frames[frame] = {
+            "world_from_board": pose_document(pose),
+            "core_from_board": pose_document(station.core_from_world @ pose),
+            "corners_in_image": inside,
+        }
+    document = {"units": "mm", "board": board.model_dump(mode="json"), "frames": frames}
+    write_json(folder / "board_poses.json", document)
+
+
+def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, heap: Heap | None) -> None:
+    """A scene's depth file, as described above."""
+    rocks = {} if heap is None else {"rock": label_rocks(truth, world.solids, heap)}
+    write_arrays(
+        path,
+        depth_mm=truth.depth_mm.astype(np.float32),
+        label=truth.label,
+        views=truth.views,
+        lit=truth.lit,
+        depth_distorted_mm=image.depth_mm.astype(np.float32),
+        label_distorted=image.label,
+        **rocks,
+    )
+
+
+def write_arrays(path: Path, **arrays: NDArray[Any]) -> None:
+    """Named arrays as a compressed npz, atomically."""
+    with replacing(path) as temporary:
+        np.savez_compressed(temporary, **arrays)
+
+
+def pose_document(pose: Pose) -> dict[str, Any]:
+    """A pose as rig.json has it."""
+    return {"rotation": pose.rotation, "translation_mm": pose.translation_mm}
+
+
+def _summary(world: World, truth: CoreTruth, load: TrueLoad) -> dict[str, Any]:
+    labels = {solid.name: int(solid.label) for solid in world.solids}
+    load_labels = sorted({label for label in labels.values() if label not in (Label.BELT, Label.FLOOR)})
+    regions = {"belt": [Label.BELT], "load": load_labels, "belt+load": [Label.BELT, *load_labels]}
+    return {
+        "units": "mm",
+        "labels": labels,
+        "ceilings": {
+            name: measurable_shares(truth, np.isin(truth.label, wanted))
+            for name, wanted in regions.items()
+            if np.isin(truth.label, wanted).any()
+        },
+        "volume": {
+            "definition": "integral over the box of max(z seen from above - z of the empty belt, 0), vertical in "
+            "the world; overhang counts as solid",
+            "across_mm": list(load.across_mm),
+            "along_mm": list(load.along_mm),
+            "volume_mm3": load.volume_mm3,
+            "spread_mm3": load.spread_mm3,
+        },
+    }

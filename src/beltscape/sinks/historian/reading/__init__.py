@@ -1,0 +1,1 @@
+"""Records, series and events read back from database and day files."""

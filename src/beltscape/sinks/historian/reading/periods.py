@@ -1,0 +1,94 @@
+"""Records of any time, from the database and from day files, each once."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
+from beltscape.sinks.days import DAY_NS, day_name
+from beltscape.sinks.historian.reading.records import database_records, database_section
+from beltscape.sinks.historian.reading.series import number_range
+from beltscape.sinks.historian.storage.day_files import read_day
+
+_ALWAYS = (-(1 << 62), 1 << 62)
+
+
+@dataclass(frozen=True, slots=True)
+class DaySum:
+    """What passed on one day."""
+
+    day: str
+    """Such as 2026-11-21."""
+    records: int
+    volume_mm3: float
+    mass_kg: float
+    """NaN where a density is not known."""
+    valid_mm: float
+    degraded_mm: float
+    missing_mm: float
+
+
+def past_records(
+    connection: sqlite3.Connection,
+    folder: Path,
+    times_ns: tuple[int, int],
+    after: int,
+    limit: int,
+    shift_ns: int,
+    *,
+    sections: bool,
+) -> tuple[BeltRecord, ...]:
+    """The first ``limit`` records of a time with numbers above ``after``, in order; day files lie in ``folder``."""
+    found: dict[int, BeltRecord] = {}
+    numbers = number_range(connection, *times_ns, shift_ns)
+    if numbers is not None:
+        bounds = max(numbers[0], after + 1), numbers[1]
+        for record in database_records(connection, bounds, times_ns, limit, sections=sections):
+            found[record.number] = record
+    files = connection.execute(
+        "SELECT name, first FROM files WHERE pruned AND until_ns >= ? AND since_ns < ? AND last > ? ORDER BY first",
+        (*times_ns, after),
+    )
+    for name, first in files:
+        if len(found) >= limit and first > sorted(found)[limit - 1]:
+            break
+        for record in _of_file(folder / name, (after + 1, 1 << 62), times_ns, limit, sections=sections):
+            found[record.number] = record
+    return tuple(found[number] for number in sorted(found)[:limit])
+
+
+def past_section(connection: sqlite3.Connection, folder: Path, number: int) -> CrossSection | None:
+    """The cross-section behind that record; None where none is kept."""
+    section = database_section(connection, number)
+    if section is not None:
+        return section
+    files = connection.execute("SELECT name FROM files WHERE pruned AND ? BETWEEN first AND last", (number,))
+    for (name,) in files:
+        for record in _of_file(folder / name, (number, number), _ALWAYS, 1, sections=True):
+            return record.section
+    return None
+
+
+def past_days(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int
+) -> tuple[DaySum, ...]:
+    """Sums of the days that begin in that time, oldest first."""
+    first, last = -((shift_ns - since_ns) // DAY_NS), -((shift_ns - until_ns) // DAY_NS)
+    rows = connection.execute(
+        "SELECT bucket / 24, sum(records), total(volume), iif(sum(unweighed), 'nan', total(mass)), total(valid), "
+        "total(degraded), total(missing) FROM hours WHERE bucket >= ? AND bucket < ? GROUP BY bucket / 24",
+        (24 * first, 24 * last),
+    )
+    return tuple(DaySum(day_name(row[0]), row[1], row[2], float(row[3]), *row[4:]) for row in rows)
+
+
+def _of_file(
+    path: Path, numbers: tuple[int, int], times_ns: tuple[int, int], limit: int, *, sections: bool
+) -> list[BeltRecord]:
+    """Nothing where the file has just been removed."""
+    try:
+        return read_day(path, numbers, times_ns, limit, sections=sections)
+    except FileNotFoundError:
+        return []

@@ -1,0 +1,175 @@
+"""History as curves: a few hundred points of any stretch of time."""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.sinks.days import HOUR_NS
+from beltscape.sinks.historian.writing.buckets import ADDED, WIDTH_NS
+
+_RAW_NS = HOUR_NS // 2
+"""A shorter stretch is drawn from the records themselves."""
+Curve = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Sums and means over n equal intervals; an interval without records has NaN means and zero sums."""
+
+    start_ns: NDArray[np.int64]
+    """(n,) system clock at which each interval begins, ns since 1970."""
+    width_ns: int
+    """How long each is."""
+    records: NDArray[np.int64]
+    """(n,) records in each."""
+    volume_mm3: Curve
+    """(n,) what passed."""
+    mass_kg: Curve
+    """(n,) what passed; NaN where a density is not known."""
+    flow_m3_h: Curve
+    """(n,) mean volume flow while the belt moved; 0 where it stood, NaN: not known."""
+    flow_low_m3_h: Curve
+    """(n,) least of any record."""
+    flow_high_m3_h: Curve
+    """(n,) greatest of any record."""
+    mass_flow_t_h: Curve
+    """(n,) mean mass flow while the belt moved."""
+    speed_mm_s: Curve
+    """(n,) mean speed while the belt moved."""
+    coverage: Curve
+    """(n,) mean share of the belt that was measured, 0..1."""
+    valid_mm: Curve
+    degraded_mm: Curve
+    missing_mm: Curve
+    """(n,) belt by how it is counted."""
+
+
+def read_series(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, points: int, shift_ns: int
+) -> Series:
+    """From ``since_ns`` to before ``until_ns`` in at most ``points`` intervals.
+
+    Stretches longer than half an hour come from the sums by the minute or the hour, and their intervals with them.
+    """
+    span = max(1, until_ns - since_ns)
+    if span <= _RAW_NS and _has_records(connection, since_ns, until_ns, shift_ns):
+        width = math.ceil(span / points)
+        return _series(
+            _raw(connection, since_ns, until_ns, width, shift_ns), since_ns, width, math.ceil(span / width)
+        )
+    table = "minutes" if _has_minutes(connection, since_ns, span, shift_ns) else "hours"
+    unit = WIDTH_NS[table]
+    first, last = (since_ns - shift_ns) // unit, -((shift_ns - until_ns) // unit)
+    times = max(1, math.ceil((last - first) / points))
+    sums = ", ".join(f"total({name})" for name in ADDED)
+    rows = connection.execute(
+        f"SELECT (bucket - :first) / :times AS place, {sums}, min(flow_low), max(flow_high) FROM {table} "
+        "WHERE bucket >= :first AND bucket < :last GROUP BY place",
+        {"first": first, "last": last, "times": times},
+    ).fetchall()
+    count = max(1, math.ceil((last - first) / times))
+    return _series(rows, first * unit + shift_ns, times * unit, count)
+
+
+def number_range(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int
+) -> tuple[int, int] | None:
+    """Least and greatest number of the records of that time, and of some more; None where there is none.
+
+    By way of the sums: the clock may have jumped, so numbers and times need not agree.
+    """
+    table = "minutes" if until_ns - since_ns <= 48 * HOUR_NS else "hours"
+    unit = WIDTH_NS[table]
+    first, last = (since_ns - shift_ns) // unit, -((shift_ns - until_ns) // unit)
+    low, high = connection.execute(
+        f"SELECT min(first), max(last) FROM {table} WHERE bucket >= ? AND bucket < ?", (first, last)
+    ).fetchone()
+    return None if low is None else (low, high)
+
+
+def _has_records(connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int) -> bool:
+    """Whether what passed then is still in the table of records."""
+    numbers = number_range(connection, since_ns, until_ns, shift_ns)
+    oldest = connection.execute("SELECT min(number) FROM records").fetchone()[0]
+    return numbers is None or (oldest is not None and oldest <= numbers[0])
+
+
+def _has_minutes(connection: sqlite3.Connection, since_ns: int, span_ns: int, shift_ns: int) -> bool:
+    """Whether sums by the minute reach back so far and are not too many."""
+    if span_ns > 14 * 24 * HOUR_NS:
+        return False
+    hour = connection.execute(
+        "SELECT min(bucket) FROM hours WHERE bucket >= ?", ((since_ns - shift_ns) // HOUR_NS,)
+    ).fetchone()[0]
+    minute = connection.execute("SELECT min(bucket) FROM minutes").fetchone()[0]
+    return hour is None or (minute is not None and minute // 60 <= hour)
+
+
+def _raw(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, width_ns: int, shift_ns: int
+) -> list[Sequence[Any]]:
+    """Records summed in the database, in the columns of the sums' tables."""
+    numbers = number_range(connection, since_ns, until_ns, shift_ns)
+    if numbers is None:
+        return []
+    return connection.execute(
+        """SELECT (wall_ns - :since) / :width AS place, count(*),
+            total(volume), total(volume * density) * 1e-9, total(volume <> 0 AND density IS NULL),
+            total(iif(standing = 0, to_mm - from_mm, 0)), total(iif(standing = 1, to_mm - from_mm, 0)),
+            total(iif(standing = 2, to_mm - from_mm, 0)),
+            total(iif(speed > 0 AND area IS NOT NULL, volume, 0)),
+            total(iif(speed > 0 AND area IS NOT NULL, volume * density, 0)) * 1e-9,
+            total(iif(speed > 0 AND area IS NOT NULL, to_mm - from_mm, 0)),
+            total(iif(speed > 0 AND area IS NOT NULL, (to_mm - from_mm) / speed, 0)),
+            count(area * speed), total(coverage * (to_mm - from_mm)),
+            total(iif(coverage IS NULL, 0, to_mm - from_mm)),
+            min(area * speed) * 3600e-9, max(area * speed) * 3600e-9
+        FROM records WHERE number BETWEEN :low AND :high AND wall_ns >= :since AND wall_ns < :until
+        GROUP BY place""",
+        {"since": since_ns, "until": until_ns, "width": width_ns, "low": numbers[0], "high": numbers[1]},
+    ).fetchall()
+
+
+def _series(rows: Sequence[Sequence[Any]], start_ns: int, width_ns: int, count: int) -> Series:
+    """Rows (place, ADDED …, flow_low, flow_high) laid out."""
+    table = {name: np.zeros(count) for name in ADDED}
+    low, high = np.full(count, np.nan), np.full(count, np.nan)
+    if rows:
+        places, *columns = zip(*rows, strict=True)
+        at = np.array(places)
+        for name, values in zip(ADDED, columns[:-2], strict=True):
+            table[name][at] = values
+        low[at] = np.array(columns[-2], float)
+        high[at] = np.array(columns[-1], float)
+    weighed = table["unweighed"] == 0
+    stood = (table["known"] > 0) & (table["run_s"] == 0)
+    flow = np.where(stood, 0.0, _ratio(table["moved"], table["run_s"]) * 3600e-9)
+    mass_flow = np.where(stood, 0.0, _ratio(table["moved_kg"], table["run_s"]) * 3.6)
+    return Series(
+        start_ns=start_ns + width_ns * np.arange(count, dtype=np.int64),
+        width_ns=width_ns,
+        records=table["records"].astype(np.int64),
+        volume_mm3=table["volume"],
+        mass_kg=np.where(weighed, table["mass"], np.nan),
+        flow_m3_h=flow,
+        flow_low_m3_h=low,
+        flow_high_m3_h=high,
+        mass_flow_t_h=np.where(weighed, mass_flow, np.nan),
+        speed_mm_s=np.where(stood, 0.0, _ratio(table["run_mm"], table["run_s"])),
+        coverage=_ratio(table["covered"], table["measured"]),
+        valid_mm=table["valid"],
+        degraded_mm=table["degraded"],
+        missing_mm=table["missing"],
+    )
+
+
+def _ratio(top: Curve, bottom: Curve) -> Curve:
+    """Quotient; NaN where there is nothing to divide by."""
+    return np.divide(top, bottom, out=np.full(len(top), np.nan), where=bottom > 0)

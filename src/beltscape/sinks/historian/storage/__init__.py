@@ -1,0 +1,1 @@
+"""Tables, files and connections: how records lie on disk."""

@@ -1,0 +1,172 @@
+"""Closed days as Parquet: ``days/2026-11-21.parquet``, and ``2026-11-21-2.parquet`` where that day came again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.errors import InputError, OutputError
+from beltscape.sinks.durable import settle
+from beltscape.sinks.historian.storage.day_table import NAMES, digest, schema, to_records
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_KEY = b"beltscape"
+_FORMAT = "beltscape-day/1"
+
+
+@dataclass(frozen=True, slots=True)
+class DayFile:
+    """What lies in one file."""
+
+    name: str
+    day: int
+    """Days since 1970."""
+    first: int
+    last: int
+    """Least and greatest record number: all of that day between them."""
+    since_ns: int
+    until_ns: int
+    """Wall clock of the earliest and of the latest."""
+    records: int
+    bytes: int
+    sha256: str
+    """Of the file; empty where it was not written just now."""
+
+
+def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
+    """Write the tables of one day, a row group each, and read them back before the file gets its name.
+
+    Raises
+    ------
+    OutputError
+        When it cannot be written, or does not read back as it was written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    temporary = path.with_name(f".{path.name}.part")
+    digests: list[str] = []
+    numbers: list[tuple[int, int, int, int, int]] = []
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with pq.ParquetWriter(
+            temporary,
+            schema(),
+            compression="zstd",
+            compression_level=6,
+            use_dictionary=["standing", "reason", "quality", "section_x_mm.list.element"],
+            column_encoding={"section_height_mm.list.element": "BYTE_STREAM_SPLIT"},
+            write_statistics=["number", "wall_time"],
+        ) as writer:
+            for table in tables:
+                digests.append(digest(table))
+                number, wall = table["number"].to_numpy(), table["wall_time"].cast(pa.int64()).to_numpy()
+                numbers.append((number[0], number[-1], wall.min(), wall.max(), table.num_rows))
+                writer.write_table(table, row_group_size=max(1, table.num_rows))
+            low, high, since, until, counts = zip(*numbers, strict=True)
+            about: dict[str, Any] = {
+                "format": _FORMAT,
+                "day": day,
+                "first": int(min(low)),
+                "last": int(max(high)),
+            }
+            about |= {"since_ns": int(min(since)), "until_ns": int(max(until)), "records": sum(counts)}
+            writer.add_key_value_metadata({_KEY: json.dumps(about, sort_keys=True).encode()})
+        _verify(temporary, digests)
+        sha256 = hash_of(temporary)
+        settle(temporary, path)
+    except (OSError, pa.ArrowException) as error:
+        raise OutputError(
+            f"{path}: cannot be written ({_words(error)}); its records stay in the database"
+        ) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    return _described(path, about, sha256)
+
+
+def read_about(path: Path) -> DayFile:
+    """What lies in a day file, by its footer; InputError where it is none."""
+    return _opened(path, lambda file: _described(path, _about(file, path), ""))
+
+
+def read_day(
+    path: Path, numbers: tuple[int, int], times_ns: tuple[int, int], limit: int, *, sections: bool
+) -> list[BeltRecord]:
+    """The first ``limit`` records with such numbers (both ends in) and times (end out); InputError where damaged."""
+    import pyarrow as pa
+
+    def read(file: Any) -> list[BeltRecord]:
+        found: list[BeltRecord] = []
+        for table in _row_groups(file, numbers, None if sections else list(NAMES)):
+            number, wall = table["number"].to_numpy(), table["wall_time"].cast(pa.int64()).to_numpy()
+            wanted = (number >= numbers[0]) & (number <= numbers[1])
+            wanted &= (wall >= times_ns[0]) & (wall < times_ns[1])
+            found.extend(to_records(table.filter(pa.array(wanted)).slice(0, limit - len(found))))
+            if len(found) >= limit:
+                break
+        return found
+
+    return _opened(path, read)
+
+
+def hash_of(path: Path) -> str:
+    """SHA-256 of a file; OSError where it cannot be read."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _verify(path: Path, digests: list[str]) -> None:
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        found = [digest(file.read_row_group(place)) for place in range(file.num_row_groups)]
+    if found != digests:
+        raise OSError("it does not read back as it was written")
+
+
+def _row_groups(file: Any, numbers: tuple[int, int], columns: list[str] | None) -> Iterator[pa.Table]:
+    """Those that may hold such numbers."""
+    for place in range(file.num_row_groups):
+        known = file.metadata.row_group(place).column(0).statistics
+        if known is None or (known.min <= numbers[1] and known.max >= numbers[0]):
+            yield file.read_row_group(place, columns=columns)
+
+
+def _opened(path: Path, read: Callable[[Any], Any]) -> Any:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        with pq.ParquetFile(path) as file:
+            return read(file)
+    except FileNotFoundError:
+        raise
+    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+        raise InputError(
+            f"{path}: not a readable day file ({_words(error)}); restore it from a backup"
+        ) from error
+
+
+def _about(file: Any, path: Path) -> dict[str, Any]:
+    about = json.loads((file.metadata.metadata or {}).get(_KEY, b"{}"))
+    if about.get("format") != _FORMAT:
+        raise InputError(f"{path}: not a day file of beltscape; move it away")
+    return about
+
+
+def _described(path: Path, about: dict[str, Any], sha256: str) -> DayFile:
+    values = {name: int(value) for name, value in about.items() if name != "format"}
+    return DayFile(name=path.name, bytes=path.stat().st_size, sha256=sha256, **values)
+
+
+def _words(error: Exception) -> str:
+    return getattr(error, "strerror", None) or " ".join(str(error).split())

@@ -1,0 +1,83 @@
+"""Sums by the minute and by the hour, kept in the records' own transaction: any history is drawn at once."""
+
+from __future__ import annotations
+
+import math
+import sqlite3
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.sinks.days import HOUR_NS
+from beltscape.sinks.historian.writing.sums import record_mass_kg, record_volume_mm3
+
+WIDTH_NS = {"minutes": HOUR_NS // 60, "hours": HOUR_NS}
+"""Tables of sums, finest first."""
+ADDED = (
+    *("records", "volume", "mass", "unweighed", "valid", "degraded", "missing"),
+    *("moved", "moved_kg", "run_mm", "run_s", "known", "covered", "measured"),
+)
+"""Columns that add up; beside them there are the least and greatest of ``first``, ``last`` and the flow."""
+_COLUMNS = ("bucket", "first", "last", *ADDED, "flow_low", "flow_high")
+
+Bucket = list[Any]
+
+
+def add_to_buckets(connection: sqlite3.Connection, records: Sequence[BeltRecord], shift_ns: int) -> None:
+    """Count records in both tables, inside the transaction that is open; buckets begin at ``shift_ns``."""
+    for table, width_ns in WIDTH_NS.items():
+        buckets: dict[int, Bucket] = {}
+        for record in records:
+            place = (int(record.wall_ns) - shift_ns) // width_ns
+            row = contribution(record)
+            buckets[place] = row if place not in buckets else merged(buckets[place], row)
+        upsert(connection, table, ((place, *row) for place, row in buckets.items()))
+
+
+def upsert(connection: sqlite3.Connection, table: str, rows: Iterable[Sequence[Any]]) -> None:
+    """Add rows (bucket, then as ``contribution``) to what is there."""
+    added = ", ".join(f"{name} = {name} + excluded.{name}" for name in ADDED)
+    connection.executemany(
+        f"INSERT INTO {table} ({', '.join(_COLUMNS)}) VALUES ({', '.join('?' * len(_COLUMNS))}) "
+        f"ON CONFLICT (bucket) DO UPDATE SET {added}, "
+        "first = min(first, excluded.first), last = max(last, excluded.last), "
+        "flow_low = min(coalesce(flow_low, excluded.flow_low), coalesce(excluded.flow_low, flow_low)), "
+        "flow_high = max(coalesce(flow_high, excluded.flow_high), coalesce(excluded.flow_high, flow_high))",
+        rows,
+    )
+
+
+def contribution(record: BeltRecord) -> Bucket:
+    """What one record adds: first, last, the columns of ADDED, least and greatest flow."""
+    volume, mass, length = record_volume_mm3(record), record_mass_kg(record), float(record.length_mm)
+    unweighed = math.isnan(mass)
+    mass = 0.0 if unweighed else mass
+    standing = [length if record.standing == name else 0.0 for name in ("valid", "degraded", "missing")]
+    strip = record.strip
+    flow = math.nan if strip is None else float(strip.volume_flow_m3_h)
+    known = not math.isnan(flow)
+    # only a belt that moves takes time; one that stands has a flow of 0
+    moving = strip is not None and known and strip.speed_mm_s > 0
+    seconds = length / strip.speed_mm_s if moving and strip is not None else 0.0
+    covered = strip is not None and not math.isnan(strip.coverage)
+    return [
+        *(int(record.number), int(record.number), 1, volume, mass, int(unweighed), *standing),
+        *((volume, mass, length) if moving else (0.0, 0.0, 0.0)),
+        *(seconds, int(known)),
+        *((strip.coverage * length, length) if covered and strip is not None else (0.0, 0.0)),
+        *((flow, flow) if known else (None, None)),
+    ]
+
+
+def merged(one: Bucket, other: Bucket) -> Bucket:
+    """Two contributions as one."""
+    sums = [a + b for a, b in zip(one[2:-2], other[2:-2], strict=True)]
+    lows = [v for v in (one[-2], other[-2]) if v is not None]
+    highs = [v for v in (one[-1], other[-1]) if v is not None]
+    return [
+        min(one[0], other[0]),
+        max(one[1], other[1]),
+        *sums,
+        min(lows, default=None),
+        max(highs, default=None),
+    ]

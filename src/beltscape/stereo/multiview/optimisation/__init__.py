@@ -1,0 +1,1 @@
+"""Improvement of a surface: propagation near depth steps, dense least squares, twicing, textureless regions."""

@@ -1,0 +1,124 @@
+"""Evenly lit patches, such as the projected markers' discs: no texture inside, so the rim tells.
+
+A disc is found in the core's levels: bright over a whole window that is larger than a dot. A quadratic surface is
+fitted robustly to the s of a ring about it; where the ring is one smooth surface, the disc is taken to continue it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.nan import known
+from beltscape.stereo.multiview.frame.surface import Surface
+
+Array = NDArray[np.floating]
+
+_WINDOW_PX = 9
+"""Dots are smaller, at scale 1."""
+_BRIGHT = 0.15, 99.0
+"""Share of the levels' so-manieth percentile from which on a pixel is lit."""
+_RIM_PX = 3
+"""A disc's blurred edge."""
+_RING_PX = 10
+_LARGEST_PX = 80
+"""A patch longer than this is no disc, at scale 1."""
+_SMOOTH_PX = 0.08
+"""Robust deviation of the ring from its quadratic up to which it is one smooth surface."""
+_SILENT = 0.25
+_QUIET = 0.33
+"""A patch speaks for itself where that quantile of its information is that share of its surroundings' median."""
+_LEAST_RING = 60
+_ROUNDS = 6
+_SETTLED_PX = 1e-3
+_RIDGE = 1e-9
+"""Of the fit's moments: a ring cut down to a line still has a quadratic."""
+
+
+class Discs(NamedTuple):
+    """Evenly lit discs, continued from their rims."""
+
+    surface: Surface
+    """With the discs, and as it was elsewhere."""
+    inside: NDArray[np.bool_]
+    """(H, W) where they are."""
+
+
+def continued_discs(surface: Surface, information: Array, prepared: PreparedFrame, scale: float) -> Discs:
+    """The evenly lit discs of a surface whose rims are smooth.
+
+    ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
+    """
+    discs = _even_patches(known(prepared.core), scale)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
+    s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
+    continued = np.zeros(s.shape, bool)
+    reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
+    for label in range(1, count):
+        left, top, width, height = (int(v) for v in boxes[label, :4])
+        if max(width, height) > _LARGEST_PX * scale:
+            continue
+        rows = slice(max(0, top - reach), top + height + reach)
+        columns = slice(max(0, left - reach), left + width + reach)
+        inside = labels[rows, columns] == label
+        if inside.all():
+            continue
+        told = information[rows, columns]
+        if _ranked(told[inside], _QUIET) > _SILENT * _ranked(told[~inside], 0.5):
+            continue
+        fit = _quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
+        if fit is not None:
+            value, du, dv = fit
+            s[rows, columns][inside], continued[rows, columns][inside] = value[inside], True
+            slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
+    return Discs(Surface(s, slope_u, slope_v), continued)
+
+
+def _ranked(values: Array, share: float) -> float:
+    """The value that such a share lies below, without what `numpy.quantile` costs for few values."""
+    at = int(share * (values.size - 1))
+    return float(np.partition(values, at)[at])
+
+
+def _even_patches(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:
+    """(H, W) 1 in patches that are lit over whole windows, rim included."""
+    side = 2 * int(_WINDOW_PX * scale / 2) + 1
+    lit = _BRIGHT[0] * float(np.percentile(core[::4, ::4], _BRIGHT[1]))
+    even = (cv2.erode(core, np.ones((side, side), np.uint8)) > lit).astype(np.uint8)
+    grown = side + 2 * int(np.ceil(_RIM_PX * scale))
+    return np.asarray(cv2.dilate(even, np.ones((grown, grown), np.uint8)), np.uint8)
+
+
+def _quadratic(
+    s: Array, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
+) -> tuple[Array, Array, Array] | None:
+    """Nearness and slopes by the quadratic through the ring about ``inside``; None where the ring is not smooth."""
+    size = 2 * int(np.ceil(_RING_PX * scale)) + 1
+    near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+    ring = near & ~any_disc & np.isfinite(s)
+    if ring.sum() < _LEAST_RING:
+        return None
+    v, u = np.mgrid[: s.shape[0], : s.shape[1]].astype(np.float64)
+    u, v = (u - u[inside].mean()) / size, (v - v[inside].mean()) / size
+    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    around, target, weight = terms[ring], s[ring].astype(np.float64), np.ones(int(ring.sum()))
+    coefficients, spread = np.zeros(6), np.inf
+    for _ in range(_ROUNDS):
+        weighted = around * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
+        moments, pull = np.einsum("ni,nj->ij", weighted, around), np.einsum("ni,n->i", weighted, target)
+        moments[np.diag_indices(6)] += _RIDGE * np.trace(moments)
+        before, coefficients = coefficients, np.linalg.solve(moments, pull)
+        off = np.abs(target - around @ coefficients)
+        spread = 1.4826 * _ranked(off, 0.5)
+        if np.abs(coefficients - before).max() < _SETTLED_PX:
+            break
+        weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)
+    if spread > _SMOOTH_PX:
+        return None
+    _, by_u, by_v, by_uu, by_uv, by_vv = coefficients
+    du, dv = (by_u + 2 * by_uu * u + by_uv * v) / size, (by_v + by_uv * u + 2 * by_vv * v) / size
+    return (terms @ coefficients).astype(np.float32), du.astype(np.float32), dv.astype(np.float32)

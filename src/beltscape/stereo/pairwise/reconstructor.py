@@ -1,0 +1,139 @@
+"""The paper's method: every auxiliary matched with the core by itself, the depths averaged (2.3, Eqs. 21-25)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from beltscape.core.arguments import require_depth_range
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.stereo.cameras import known_auxiliaries, usable_auxiliaries
+from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.pairwise.contrast import square_root
+from beltscape.stereo.pairwise.fusion import fuse
+from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.pairwise.sgbm import PairMatcher, pair_matcher
+from beltscape.stereo.pairwise.sigma import depth_sigma
+
+
+class PairwiseReconstructor:
+    """Rectifications of a rig for a depth range, prepared once and used for every frame."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        depth_range_mm: tuple[float, float],
+        settings: PairwiseSettings,
+        *,
+        auxiliaries: tuple[str, ...] | None = None,
+    ) -> None:
+        """Prepare ``auxiliaries`` (all of the rig by default) for surfaces within (near, far) in mm.
+
+        Raises
+        ------
+        ReconstructionError
+            When there is no auxiliary, one is not in the rig, or a pair cannot be rectified.
+        """
+        require_depth_range(depth_range_mm)
+        names = known_auxiliaries(rig, auxiliaries)
+        settings = settings.checked()
+        self.rig = rig
+        self.depth_range_mm = depth_range_mm
+        self.settings = settings
+        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1) as pool:
+            matchers = pool.map(lambda name: pair_matcher(rig, name, depth_range_mm, settings), names)
+            self._matchers: Mapping[str, PairMatcher] = dict(zip(names, matchers, strict=True))
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        """Depth of one frame; auxiliaries without an image are gone without.
+
+        Raises
+        ------
+        ReconstructionError
+            When the core's image or every auxiliary's is missing.
+        """
+        core = self.rig.core
+        names = usable_auxiliaries(self.rig, frame_set, tuple(self._matchers))
+        core_root = square_root(frame_set.images[core])
+
+        def match(name: str) -> np.ndarray:
+            return self._matchers[name].depth(core_root, square_root(frame_set.images[name]))
+
+        depths = []
+        with ThreadPoolExecutor(self.settings.threads or os.cpu_count() or 1) as pool:
+            for depth in pool.map(match, names):
+                depths.append(depth)
+                reporter.step(f"matching {frame_set.frame}", len(depths), len(names))
+        pairs = [self._matchers[name].pair for name in names]
+        scale = float(np.mean([pair.focal_px * pair.baseline_mm for pair in pairs]))
+        agreement = self.settings.agreement_px
+        fused = fuse(np.stack(depths), None if agreement is None else agreement / scale)
+        confidence = fused.views / np.float32(len(names))  # the share of pairs that agree
+        return DepthMap(fused.depth_mm, depth_sigma(fused, scale), fused.views, confidence)
+
+
+def reconstruct_pairwise(
+    rig: Rig,
+    frame_set: FrameSet,
+    settings: PairwiseSettings,
+    reporter: Reporter,
+    *,
+    auxiliaries: tuple[str, ...] | None = None,
+    depth_range_mm: tuple[float, float] | None = None,
+) -> DepthMap:
+    """One frame by the paper's method; for many frames keep a `PairwiseReconstructor`.
+
+    Parameters
+    ----------
+    rig
+        The calibrated rig.
+    frame_set
+        Images of one trigger instant; auxiliaries may be missing.
+    settings
+        Of the matcher.
+    reporter
+        Told after each pair.
+    auxiliaries
+        Which to use; one alone is the paper's binocular method. All by default.
+    depth_range_mm
+        (near, far) along the core's optical axis; found from the images by default.
+
+    Raises
+    ------
+    ReconstructionError
+        When the core's image or every auxiliary's is missing, or no pair can be rectified.
+
+    References
+    ----------
+    Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, section 2.3, Eqs. 21-25.
+    """
+    names = usable_auxiliaries(rig, frame_set, auxiliaries)
+    if depth_range_mm is None:
+        depth_range_mm = find_depth_range(rig, frame_set, reporter, settings.threads)
+    matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
+    return matcher.reconstruct(frame_set, reporter)
+
+
+def horizontal_auxiliary(rig: Rig) -> str:
+    """The auxiliary whose baseline is nearest to the core image's u axis: the paper's binocular set-up.
+
+    Raises
+    ------
+    ReconstructionError
+        When the rig has no auxiliary.
+    """
+    if not rig.auxiliaries:
+        raise ReconstructionError(f"the rig has only its core camera {rig.core}; depth needs a second one")
+    return max(rig.auxiliaries, key=lambda name: _along_u(rig, name))
+
+
+def _along_u(rig: Rig, name: str) -> float:
+    baseline = rig.cam_from_core[name].center_mm
+    return float(abs(baseline[0]) / np.linalg.norm(baseline))

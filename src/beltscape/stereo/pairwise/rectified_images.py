@@ -1,0 +1,33 @@
+"""The images of a rectified pair, and how well their rows meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+
+from beltscape.core.frames import FrameSet, Image
+from beltscape.stereo.pairwise.contrast import eight_bit_root
+from beltscape.stereo.pairwise.rectification import RectifiedPair
+from beltscape.stereo.pairwise.row_error import RowError, row_error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedImages:
+    """A rectified pair of one frame."""
+
+    pair: RectifiedPair
+    core: Image
+    auxiliary: Image
+    rows: RowError
+
+
+def rectify_images(frame_set: FrameSet, pair: RectifiedPair) -> RectifiedImages:
+    """Both images of a pair on their common rows, interpolated once from the images as they were taken."""
+    core = cv2.remap(frame_set.images[pair.core], pair.core_map, None, cv2.INTER_CUBIC)
+    auxiliary = cv2.remap(frame_set.images[pair.auxiliary], pair.aux_map, None, cv2.INTER_CUBIC)
+    left, right = (eight_bit_root(cast(Image, image)) for image in (core, auxiliary))
+    return RectifiedImages(
+        pair, cast(Image, core), cast(Image, auxiliary), row_error(left, right, pair.disparities)
+    )

@@ -1,0 +1,92 @@
+"""Row offsets of corresponding points in a rectified pair, measured on the images themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.stereo.correlation_peak import refined_peak
+
+HALF_PX = 8
+"""Half the side of a patch."""
+REACHES_ROWS = (6, 24)
+"""Rows searched above and below; the wider reach where the narrow one finds too few matches."""
+LEAST_MATCHES = 10
+"""Fewer matches are no measurement."""
+_CORRELATION = 0.65
+"""Correlation from which a match counts."""
+_MOST = 400
+"""Corners that are searched."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowError:
+    """How far matches in a rectified pair are off their row."""
+
+    points: int
+    """Matches it was measured on."""
+    searched: int
+    """Textured points of the core that were searched."""
+    median_px: float
+    """Median offset (auxiliary minus core): a tilt or a moved camera."""
+    rms_px: float
+    """Robust RMS (1.4826·MAD about 0): the offset and its change over the image."""
+    sigma_px: float
+    """One standard deviation of the median."""
+
+    @property
+    def found(self) -> bool:
+        """Whether enough matches were found to measure the offset."""
+        return self.points >= LEAST_MATCHES
+
+
+def row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities: int) -> RowError:
+    """Row offsets of textured patches between two rectified images (H, W) uint8; NaN when too few match.
+
+    The patches are matched by normalised correlation over ``disparities`` columns to the left and a few rows up and
+    down, more where a few find nothing; matches are refined to a fraction of a pixel.
+    """
+    found = cv2.goodFeaturesToTrack(core, maxCorners=_MOST, qualityLevel=0.02, minDistance=2 * HALF_PX)
+    corners = np.empty((0, 2), np.int64) if found is None else np.rint(found[:, 0]).astype(np.int64)
+    rows, searched = np.empty(0), 0
+    for reach in REACHES_ROWS:
+        matches, inside = row_matches(core, auxiliary, corners, disparities, reach)
+        rows, searched = matches[np.isfinite(matches[:, 1]), 1], int(inside.sum())
+        if len(rows) >= max(LEAST_MATCHES, 0.3 * searched):
+            break
+    if len(rows) < LEAST_MATCHES:
+        return RowError(len(rows), searched, np.nan, np.nan, np.nan)
+    median = float(np.median(rows))
+    scatter = 1.4826 * float(np.median(np.abs(rows - median)))
+    rms = 1.4826 * float(np.median(np.abs(rows)))
+    return RowError(len(rows), searched, median, rms, 1.2533 * scatter / float(np.sqrt(len(rows))))
+
+
+def row_matches(
+    core: NDArray[np.uint8],
+    auxiliary: NDArray[np.uint8],
+    corners: NDArray[np.int64],
+    disparities: int,
+    reach_rows: int,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return (N, 2) disparity and row offset, px, of points (N, 2) of the core, and which were searched.
+
+    NaN where there is no match. A match must stand out: a second place that correlates nearly as well makes it none.
+    """
+    matches, inside = np.full((len(corners), 2), np.nan), np.zeros(len(corners), np.bool_)
+    for i, (u, v) in enumerate(corners):
+        left, top = u - HALF_PX - disparities, v - HALF_PX - reach_rows
+        right, bottom = u + HALF_PX + 1, v + HALF_PX + reach_rows + 1
+        if left < 0 or top < 0 or right > core.shape[1] or bottom > core.shape[0]:
+            continue
+        inside[i] = True
+        patch = core[v - HALF_PX : v + HALF_PX + 1, u - HALF_PX : u + HALF_PX + 1]
+        peak = refined_peak(
+            cv2.matchTemplate(auxiliary[top:bottom, left:right], patch, cv2.TM_CCOEFF_NORMED), _CORRELATION
+        )
+        if peak is not None:
+            matches[i] = disparities - peak[0], peak[1] - reach_rows
+    return matches, inside

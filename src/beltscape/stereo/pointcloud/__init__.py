@@ -1,0 +1,1 @@
+"""Depth maps as point clouds with normals and colour."""

@@ -1,0 +1,140 @@
+"""Depth map → points with normals and colour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.camera import Camera
+from beltscape.core.cloud import PointCloud
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError
+from beltscape.core.frames import Image
+from beltscape.stereo.pointcloud.normals import surface_normals
+
+_SHARE = 0.995
+"""Of the values that are not brighter than white."""
+_STRIP_PX = 1 << 16
+"""Pixels worked on at a time: what is made on the way stays in the cache, and no image of it is ever held."""
+
+
+class CloudBuilder:
+    """What only depends on the camera, prepared once and used for every frame."""
+
+    def __init__(self, camera: Camera) -> None:
+        """Prepare rays and undistortion of the core camera."""
+        self.camera = camera
+        x, y = _axes(camera)
+        self._rays = x.astype(np.float32), y.astype(np.float32)
+        self._distorted_px = np.empty((len(y), len(x), 2), np.float32)
+        for rows in _strips(camera):
+            ideal = np.stack(np.meshgrid(x, y[rows]), axis=-1)
+            self._distorted_px[rows] = camera.distort(ideal) * camera.focal_px + camera.center_px
+
+    def undistorted(self, image: Image) -> Image:
+        """The image on the camera's pinhole grid; black where the camera did not look.
+
+        Raises
+        ------
+        InputError
+            When the image does not have the camera's size.
+        """
+        _fits(image, "image", self.camera)
+        border = cv2.BORDER_CONSTANT
+        return np.asarray(cv2.remap(image, self._distorted_px, None, cv2.INTER_LINEAR, borderMode=border))
+
+    def cloud(self, depth: DepthMap, image: Image | None) -> PointCloud:
+        """Points of the measured pixels, row by row, in the core camera's frame (the paper's Eq. 25).
+
+        Parameters
+        ----------
+        depth
+            (H, W) on the camera's undistorted pinhole grid.
+        image
+            Its distorted image, for the colour; without one the points are mid grey.
+
+        Raises
+        ------
+        InputError
+            When depth map or image do not have the camera's size.
+        """
+        _fits(depth.depth_mm, "depth map", self.camera)
+        measured = depth.measured
+        count = int(np.count_nonzero(measured))
+        points, normals = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+        end = 0
+        for rows in _strips(self.camera):
+            kept, z = measured[rows], depth.depth_mm[rows]
+            start, end = end, end + int(np.count_nonzero(kept))
+            lines = cv2.merge([z * self._rays[0], z * self._rays[1][rows, None], z])
+            _put(points[start:end], np.asarray(lines, np.float32), kept)
+            leaning = surface_normals(depth.depth_mm, rows, self._rays, self.camera.focal_px)
+            _put(normals[start:end], leaning, kept)
+        return PointCloud(points, normals, self._colors(image, measured, count), depth.sigma_mm[measured])
+
+    def _colors(self, image: Image | None, measured: NDArray[np.bool_], count: int) -> NDArray[np.uint8]:
+        """(N, 3) uint8 RGB of the measured pixels, stretched so that the image's bright parts are white."""
+        if image is None:
+            return np.full((count, 3), 128, np.uint8)
+        straight = self.undistorted(image)
+        eight = _stretch(straight)
+        colors = np.empty((count, 3), np.uint8)
+        end = 0
+        for rows in _strips(self.camera):
+            kept, shown = measured[rows], eight.take(straight[rows])
+            start, end = end, end + int(np.count_nonzero(kept))
+            _put(colors[start:end], shown if shown.ndim == 3 else np.asarray(cv2.merge([shown] * 3)), kept)
+        return colors
+
+
+def cloud_from_depth(depth: DepthMap, camera: Camera, image: Image | None) -> PointCloud:
+    """`CloudBuilder.cloud` of one frame; for many frames keep the builder."""
+    return CloudBuilder(camera).cloud(depth, image)
+
+
+def undistorted(image: Image, camera: Camera) -> Image:
+    """`CloudBuilder.undistorted` of one image."""
+    return CloudBuilder(camera).undistorted(image)
+
+
+def _fits(values: NDArray[np.generic], what: str, camera: Camera) -> None:
+    width, height = camera.size_px
+    if values.shape[:2] != (height, width):
+        raise InputError(
+            f"the {what} is {values.shape[1]}×{values.shape[0]} px, but {camera.name} has {width}×{height}"
+        )
+
+
+def _strips(camera: Camera) -> Iterator[slice]:
+    """The camera's rows, a strip at a time."""
+    width, height = camera.size_px
+    step = max(_STRIP_PX // width, 1)
+    for top in range(0, height, step):
+        yield slice(top, min(top + step, height))
+
+
+def _axes(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(W,) x/z of the columns and (H,) y/z of the rows of the pinhole grid: all that `Camera.rays` holds."""
+    (width, height), (fx, fy), (cx, cy) = camera.size_px, camera.focal_px, camera.center_px
+    return (np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy
+
+
+def _put(points: NDArray[np.generic], values: NDArray[np.generic], kept: NDArray[np.bool_]) -> None:
+    """``points[:] = values[kept]`` for (h, w, 3) values; NumPy is many times faster when a pixel is one item."""
+    item = np.dtype((np.void, 3 * values.itemsize))
+    points.view(item)[:, 0] = values.view(item)[..., 0][kept]
+
+
+def _stretch(image: Image) -> NDArray[np.uint8]:
+    """(256,) or (65536,) uint8: what is shown for each value, so that ``_SHARE`` of the image is below white."""
+    size = np.iinfo(image.dtype).max + 1
+    counts = cv2.calcHist([image.reshape(len(image), -1)], [0], None, [size], [0, size]).ravel()
+    # the two values that the quantile lies between
+    rank = _SHARE * (image.size - 1)
+    first = int(rank)
+    below, above = np.searchsorted(np.cumsum(counts, dtype=np.float64), (first, first + 1), "right")
+    top = max(below + (rank - first) * (min(above, size - 1) - below), 1.0)
+    return np.clip(np.arange(size, dtype=np.float32) * np.float32(255.0 / top), 0, 255).astype(np.uint8)

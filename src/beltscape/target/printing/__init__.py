@@ -1,0 +1,1 @@
+"""Calibration boards as sheets to print in true size."""

@@ -1,0 +1,1 @@
+"""The projector's speckle pattern: generated, drawn, described, judged."""

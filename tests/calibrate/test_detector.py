@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from beltscape.calibrate.detection.detector import (
+    PrintVariant,
+    convert_to_8_bit,
+    find_chessboard,
+    make_detector,
+)
+from beltscape.core.pose import Pose
+from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
+from synthetic.boards import Print, camera, view
+
+CHARUCO = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
+CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
+LENS = camera("a")
+
+
+def facing(board: Board, roll: float = 0.0, tilt: float = 0.3, distance_mm: float = 600.0) -> Pose:
+    """cam_from_board with the board's middle on the optical axis."""
+    columns, rows = board.grid
+    middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
+    turn = Pose.of([0, 0, roll], [0, 0, 0]) @ Pose.of([tilt, tilt / 2, 0], [0, 0, 0])
+    return Pose(turn.rotation, np.array([0, 0, distance_mm]) - turn.rotation @ middle)
+
+
+def truth(board: Board, pose: Pose) -> np.ndarray:
+    return LENS.project(pose.apply(corner_points_mm(board)))
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+def test_charuco_corners_are_found_where_they_are(legacy, inverted, tilt):
+    pose = facing(CHARUCO, tilt=tilt)
+    corners = make_detector(CHARUCO, PrintVariant(legacy, inverted))(
+        view(LENS, pose, CHARUCO, Print(legacy, inverted))
+    )
+    assert corners is not None
+    assert corners.ids.tolist() == list(range(35))
+    errors = corners.pixels - truth(CHARUCO, pose)
+    assert np.sqrt((errors**2).mean()) < 0.02
+    assert np.abs(errors.mean(axis=0)).max() < 0.01  # no shift by a fraction of a pixel
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+def test_chessboard_corners_are_found_where_they_are(tilt):
+    pose = facing(CHESSBOARD, tilt=tilt)
+    corners = make_detector(CHESSBOARD, PrintVariant())(view(LENS, pose, CHESSBOARD))
+    assert corners is not None
+    errors = corners.pixels - truth(CHESSBOARD, pose)
+    assert np.sqrt((errors**2).mean()) < 0.02
+    assert np.abs(errors.mean(axis=0)).max() < 0.01
+
+
+@pytest.mark.parametrize("roll_deg", [0, 90, 180, 270])
+def test_a_chessboard_is_numbered_from_the_same_end_however_the_camera_is_mounted(roll_deg):
+    pose = facing(CHESSBOARD, roll=np.deg2rad(roll_deg))
+    corners = make_detector(CHESSBOARD, PrintVariant())(view(LENS, pose, CHESSBOARD))
+    assert corners is not None
+    np.testing.assert_allclose(corners.pixels, truth(CHESSBOARD, pose), atol=0.3)
+
+
+def test_a_symmetric_chessboard_stays_as_it_was_found():
+    board = Chessboard(corners=(7, 5), square_mm=40)
+    pose = facing(board)
+    corners = find_chessboard(view(LENS, pose, board), board.corners)
+    assert corners is not None
+    both = [truth(board, pose), truth(board, pose)[::-1]]
+    assert min(np.abs(corners.pixels - pixels).max() for pixels in both) < 0.3
+
+
+def test_part_of_a_charuco_board_keeps_its_numbers():
+    pose = facing(CHARUCO, distance_mm=420)
+    image = view(LENS, pose, CHARUCO)
+    image[:, :200] = 128
+    corners = make_detector(CHARUCO, PrintVariant())(image)
+    assert corners is not None
+    assert 8 <= len(corners) < 35
+    assert (np.diff(corners.ids) > 0).all()
+    np.testing.assert_allclose(corners.pixels, truth(CHARUCO, pose)[corners.ids], atol=0.6)
+
+
+@pytest.mark.parametrize("board", [CHARUCO, CHESSBOARD], ids=["charuco", "chessboard"])
+def test_an_image_without_the_board_gives_nothing(board):
+    noise = np.random.default_rng(0).integers(0, 255, (400, 480)).astype(np.uint8)
+    grey = np.full((400, 480), 128, np.uint8)
+    other = CHESSBOARD if board is CHARUCO else CHARUCO
+    for image in (noise, grey, view(LENS, facing(other), other)):
+        assert make_detector(board, PrintVariant())(image) is None
+
+
+def test_one_row_of_corners_is_not_enough():
+    """Corners on a line do not fix a pose."""
+    pose = facing(CHARUCO, tilt=0.0)
+    image = view(LENS, pose, CHARUCO)
+    rows = truth(CHARUCO, pose).reshape(5, 7, 2)[..., 1]
+    image[int(rows[0].max() + rows[1].min()) // 2 + 22 :] = 128
+    assert make_detector(CHARUCO, PrintVariant())(image) is None
+
+
+def test_the_wrong_variant_is_not_found():
+    image = view(LENS, facing(CHARUCO), CHARUCO, Print(inverted=True))
+    assert make_detector(CHARUCO, PrintVariant(inverted=False))(image) is None
+    legacy = view(LENS, facing(CHARUCO), CHARUCO, Print(legacy=True))
+    assert make_detector(CHARUCO, PrintVariant(legacy=False))(legacy) is None
+
+
+def test_colour_and_16_bit_views_give_the_same_corners():
+    image = view(LENS, facing(CHARUCO), CHARUCO)
+    plain = make_detector(CHARUCO, PrintVariant())(image)
+    rgb = make_detector(CHARUCO, PrintVariant())(convert_to_8_bit(np.repeat(image[..., None], 3, axis=2)))
+    deep = make_detector(CHARUCO, PrintVariant())(
+        convert_to_8_bit(image.astype(np.uint16) * 16)
+    )  # a 12-bit camera
+    assert plain is not None
+    assert rgb is not None
+    assert deep is not None
+    np.testing.assert_allclose(rgb.pixels, plain.pixels, atol=0.01)
+    np.testing.assert_array_equal(deep.ids, plain.ids)
+    np.testing.assert_allclose(deep.pixels, plain.pixels, atol=0.05)
+
+
+def test_a_black_16_bit_image_is_black():
+    assert convert_to_8_bit(np.zeros((4, 4), np.uint16)).tolist() == np.zeros((4, 4)).tolist()
+
+
+def test_detecting_leaves_the_image_alone():
+    image = view(LENS, facing(CHARUCO), CHARUCO, Print(inverted=True))
+    before = image.copy()
+    make_detector(CHARUCO, PrintVariant(inverted=True))(image)
+    np.testing.assert_array_equal(image, before)
+
+
+def test_the_renderer_draws_what_opencv_projects():
+    """The truth of these tests, held against another program: the middle of a corner is where it should be."""
+    pose = facing(CHARUCO, tilt=0.4)
+    turn, _ = cv2.Rodrigues(pose.rotation)
+    expected, _ = cv2.projectPoints(
+        corner_points_mm(CHARUCO), turn, pose.translation_mm, LENS.matrix, LENS.distortion
+    )
+    np.testing.assert_allclose(truth(CHARUCO, pose), expected.reshape(-1, 2), atol=1e-8)
+
+
+def test_a_chessboard_is_numbered_from_its_front():
+    from beltscape.calibrate.detection.detector import _orient_rows
+
+    columns, rows = np.meshgrid(np.arange(4.0), np.arange(3.0))
+    front = np.stack([10 * columns, 10 * rows], axis=-1)
+    np.testing.assert_array_equal(_orient_rows(front.reshape(-1, 2), (4, 3)), front.reshape(-1, 2))
+    mirrored = front[:, ::-1].reshape(-1, 2)
+    np.testing.assert_array_equal(_orient_rows(mirrored, (4, 3)), front.reshape(-1, 2))

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
+
+
+class Curve:
+    """Least squares of a model and its Jacobian, on a plain vector."""
+
+    def __init__(self, errors, jacobian):
+        self.errors, self.jacobian = errors, jacobian
+        self.costs = []
+
+    def cost(self, x):
+        return 0.5 * float((self.errors(x) ** 2).sum())
+
+    def linearise(self, x):
+        self.costs.append(self.cost(x))
+        return Linear(self.cost(x), self.errors(x), self.jacobian(x))
+
+    def apply_step(self, x, step):
+        return x + step
+
+
+class Linear:
+    def __init__(self, cost, errors, jacobian):
+        self.cost, self.errors, self.jacobian = cost, errors, jacobian
+
+    def solve_step(self, damping):
+        normal = self.jacobian.T @ self.jacobian
+        return -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), self.jacobian.T @ self.errors)
+
+    def predict_decrease(self, step):
+        return self.cost - 0.5 * float(((self.errors + self.jacobian @ step) ** 2).sum())
+
+
+def rosenbrock():
+    return Curve(
+        lambda x: np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]),
+        lambda x: np.array([[-20 * x[0], 10.0], [-1.0, 0.0]]),
+    )
+
+
+def test_a_linear_problem_takes_one_step_and_a_check():
+    curve = Curve(lambda x: np.array([x[0] - 3, 2 * x[1] + 4]), lambda _: np.diag([1.0, 2.0]))
+    found = minimise(curve, np.zeros(2), Damping(start=1e-12))
+    np.testing.assert_allclose(found.state, [3, -2], atol=1e-9)
+    assert found.converged
+    assert found.iterations <= 3
+
+
+def test_finds_the_end_of_a_curved_valley():
+    found = minimise(rosenbrock(), np.array([-1.2, 1.0]))
+    np.testing.assert_allclose(found.state, [1, 1], atol=1e-6)
+    assert found.converged
+
+
+def test_every_accepted_step_makes_the_cost_smaller():
+    curve = rosenbrock()
+    minimise(curve, np.array([-1.9, 2.0]))
+    assert all(later < earlier for earlier, later in zip(curve.costs, curve.costs[1:], strict=False))
+
+
+def test_stops_when_it_may_not_go_on():
+    found = minimise(rosenbrock(), np.array([-1.2, 1.0]), Damping(iterations=2))
+    assert not found.converged
+    assert found.iterations == 2
+
+
+@pytest.mark.parametrize("start", [1e-12, 1.0, 1e6])
+def test_the_end_does_not_depend_on_the_first_damping(start):
+    found = minimise(rosenbrock(), np.array([-1.2, 1.0]), Damping(start=start, iterations=500))
+    np.testing.assert_allclose(found.state, [1, 1], atol=1e-5)

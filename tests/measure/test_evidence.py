@@ -1,0 +1,115 @@
+"""The material's motion as evidence: right in counts, and never from what an expectation selected."""
+
+from __future__ import annotations
+
+import pytest
+from flow.moving_belt import Heap, depth_map, ground
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.motion.registration import Shift
+from beltscape.measure.flow.settings import Direction, FlowSettings
+
+STEP_MM = 110.0
+HEAP = Heap(start_mm=-900, end_mm=500)
+
+
+def meter_of(
+    way: int, encoder_factor: float | None, told: Direction | None = None, heap: Heap | None = HEAP
+) -> FlowMeter:
+    """Push six frames of a belt that moves ``way``; the encoder counts by a factor, None: there is none."""
+    meter = FlowMeter(ground(), FlowSettings(direction=told))
+    for k in range(6):
+        encoder = None if encoder_factor is None else encoder_factor * k * STEP_MM
+        meter.push(depth_map(heap, k * STEP_MM, way), round(k * 1e8), encoder)
+    return meter
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("encoder", [None, 1.0])
+def test_every_frame_pair_shows_the_direction(way: int, encoder: float | None) -> None:
+    meter = meter_of(way, encoder)
+    evidence = meter.evidence
+    assert meter.direction == way
+    assert (evidence.along(way), evidence.along(-way)) == (5, 0)
+    assert (evidence.agreeing, evidence.conflicting) == (0 if encoder is None else 5, 0)
+
+
+@pytest.mark.parametrize("factor", [0.001, 0.1, 0.5, 1.6])
+def test_an_encoder_of_a_larger_unit_conflicts_in_every_pair(factor: float) -> None:
+    evidence = meter_of(1, factor).evidence
+    assert evidence.conflicting == 5
+    assert evidence.ratios.median == pytest.approx(factor, rel=0.01)
+    assert evidence.ratios.spread < 0.02
+
+
+@pytest.mark.parametrize("factor", [10.0, 1000.0])
+def test_one_by_which_the_views_have_nothing_in_common_is_still_compared(factor: float) -> None:
+    evidence = meter_of(1, factor).evidence
+    assert evidence.apart == 5
+    assert evidence.apart_ratios.median == pytest.approx(factor, rel=0.01)
+    assert evidence.apart_ratios.spread < 0.02
+
+
+def test_a_belt_too_fast_for_its_frames_is_compared_with_other_material_and_accuses_nobody() -> None:
+    meter = FlowMeter(ground(), FlowSettings(direction="+y"))
+    heap = Heap(start_mm=-9000, end_mm=500)
+    for k in range(9):
+        meter.push(depth_map(heap, 900.0 * k), round(k * 1e8), 900.0 * k)
+    assert meter.evidence.conflicting == 0
+    assert meter.evidence.apart < 3 or meter.evidence.apart_ratios.spread > 0.1
+
+
+@pytest.mark.parametrize("factor", [0.9, 0.98, 1.1])
+def test_a_slipping_encoder_is_no_conflict(factor: float) -> None:
+    evidence = meter_of(1, factor).evidence
+    assert (evidence.agreeing, evidence.conflicting) == (5, 0)
+
+
+def test_a_told_direction_against_the_material() -> None:
+    evidence = meter_of(1, 1.0, "-y").evidence
+    assert (evidence.plus, evidence.minus, evidence.opposite) == (5, 0, 5)
+    assert meter_of(1, None, "-y").evidence.plus == 5
+
+
+def test_a_standing_encoder() -> None:
+    assert meter_of(1, 0.0, "+y").evidence.encoder_still == 5
+
+
+def test_an_empty_belt_is_no_evidence() -> None:
+    meter = meter_of(1, 1.0, "-y", heap=None)
+    assert (meter.evidence.moving, meter.evidence.compared) == (0, 0)
+
+
+def test_a_belt_whose_direction_was_only_assumed_has_none() -> None:
+    meter = FlowMeter(ground(), FlowSettings())
+    for k in range(12):
+        meter.push(depth_map(None, k * STEP_MM), round(k * 1e8), k * STEP_MM)
+    meter.finish()
+    assert meter.direction == 0
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-500, 500),
+            st.one_of(st.none(), st.floats(-5000, 5000)),
+            st.booleans(),
+            st.sampled_from([-1, 1]),
+        ),
+        max_size=30,
+    )
+)
+def test_every_pair_is_counted_once(pairs: list[tuple[float, float | None, bool, int]]) -> None:
+    evidence = MotionEvidence()
+    for along, encoder, clear, direction in pairs:
+        evidence.add(Shift(along, 0.05, 0.0, 0.9, clear), direction, encoder)
+    shown = [along for along, _, clear, _ in pairs if clear and abs(along) > 2.2]
+    assert evidence.plus == sum(along > 0 for along in shown)
+    assert evidence.minus == sum(along < 0 for along in shown)
+    both = [
+        pair for pair in pairs if pair[2] and pair[1] is not None and max(abs(pair[0]), abs(pair[1])) > 2.2
+    ]
+    assert evidence.compared == len(both)

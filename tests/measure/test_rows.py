@@ -1,0 +1,72 @@
+"""Holes in the fused belt: the more frames had them in view in vain, the deeper they are taken for."""
+
+from __future__ import annotations
+
+import numpy as np
+from flow.moving_belt import ground
+from numpy.typing import NDArray
+
+from beltscape.measure.flow.fusion.fuse import fuse
+from beltscape.measure.flow.fusion.layer import Layer
+from beltscape.measure.flow.fusion.rows import BeltPiece, Filler
+from beltscape.measure.flow.settings import FlowSettings
+
+
+def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
+    """The belt made of so many frames alike."""
+    pieces: list[BeltPiece] = []
+    filler = Filler(ground(), FlowSettings(), pieces.append)
+    sigma = np.where(np.isfinite(height_mm), np.float32(0.1), np.float32(np.nan))
+    share = np.isfinite(height_mm).mean(axis=1)
+    layer = Layer(0, height_mm, sigma, sigma, share, np.zeros(len(share)))
+    filler.add(fuse([layer] * frames, 0, len(height_mm)))
+    filler.close()
+    return np.concatenate([piece.height_mm for piece in pieces])
+
+
+def bumps(level_mm: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """A rough load with a hole, on the meter's own columns."""
+    columns = ground().grid.shape[1]
+    noise = 8 * np.random.default_rng(0).standard_normal((40, columns))
+    height = (level_mm + np.abs(noise)).astype(np.float32)
+    hole = np.zeros(height.shape, bool)
+    hole[15:25, 30:45] = True
+    height[hole] = np.nan
+    return height, hole
+
+
+def test_what_several_frames_did_not_see_lies_deeper() -> None:
+    height, hole = bumps(60.0)
+    one, two, many = (filled(height, frames)[hole].mean() for frames in (1, 2, 6))
+    assert many < two < one
+    np.testing.assert_allclose(one - two, 0.6 * (one - many), rtol=1e-3)  # 1 - 1/2 of 1 - 1/6
+
+
+def test_holes_are_not_lowered_below_the_belt() -> None:
+    height, hole = bumps(0.0)
+    assert (filled(height, 12)[hole] >= np.minimum(filled(height, 1)[hole], 0)).all()
+
+
+def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> None:
+    """Of a tall load the image's edge shows the bare sides only: no cross-section ends there."""
+    columns = ground().grid.shape[1]
+    height = np.full((120, columns), 80.0, np.float32)
+    height[:, :8] = height[:, -8:] = 0
+    bare = height.copy()
+    bare[:, 8:-8] = np.nan
+    filler, rows = Filler(ground(), FlowSettings(), None), []
+    gap = round(FlowSettings().margin_mm / ground().cell_mm) + 10
+    before = np.concatenate([height, bare[:6]])
+    after = np.concatenate([bare[:6], height])
+    for first, part in ((0, before), (len(before) + gap, after)):
+        seen = np.isfinite(part)
+        sigma = np.where(seen, np.float32(0.1), np.float32(np.nan))
+        layer = Layer(first, part, sigma, sigma, seen.mean(axis=1), np.zeros(len(part)))
+        rows += filler.add(fuse([layer], first, first + len(part)))
+    rows += filler.close()
+    full = ground().cell_mm * height[0].sum()
+    counted = np.concatenate([row.first + np.arange(len(row)) for row in rows])
+    np.testing.assert_array_equal(
+        counted, [*range(120), *range(len(before) + gap + 6, len(before) + gap + 126)]
+    )
+    np.testing.assert_allclose(np.concatenate([row.area_mm2 for row in rows]), full, rtol=1e-6)

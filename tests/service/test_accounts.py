@@ -1,0 +1,118 @@
+"""Users: who there is, and what cannot be done to them."""
+
+from __future__ import annotations
+
+import sqlite3
+import stat
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beltscape.core.errors import InputError
+from beltscape.service.access.identity.accounts import MAX_NAME_LENGTH, normalise_name, validate_name
+from beltscape.service.access.identity.database import Database
+from beltscape.service.access.identity.roles import ROLES, User
+
+PASSWORD = "coal on the belt"
+
+
+def test_users_come_back_after_a_restart(make):
+    make().accounts.add("Anna", "engineer", PASSWORD)
+    again = make().accounts
+    assert again.check("ANNA", PASSWORD) == User("anna", "engineer")
+    assert again.check("anna", "coal on the bel") is None
+    assert again.check("bert", PASSWORD) is None
+
+
+def test_a_name_is_one_however_it_is_written(make):
+    accounts = make().accounts
+    accounts.add("Jürgen", "engineer", PASSWORD)
+    with pytest.raises(InputError, match="exists already"):
+        accounts.add("ju\u0308rgen", "viewer", PASSWORD)
+    accounts.add("王伟", "operator", PASSWORD)
+    assert [a.name for a in accounts.list()] == ["jürgen", "王伟"]
+
+
+def test_the_last_engineer_stays(access):
+    with pytest.raises(InputError, match="last engineer"):
+        access.accounts.remove("the-engineer")
+    with pytest.raises(InputError, match="last engineer"):
+        access.accounts.set_role("the-engineer", "operator")
+    access.accounts.set_role("the-operator", "engineer")
+    access.accounts.remove("the-engineer")
+    assert {a.name: a.role for a in access.accounts.list()} == {
+        "the-operator": "engineer",
+        "the-viewer": "viewer",
+    }
+
+
+def test_setup_closes_for_ever(make):
+    accounts = make().accounts
+    assert accounts.is_setup_open
+    accounts.add("anna", "engineer", PASSWORD, first=True)
+    assert not accounts.is_setup_open
+    with pytest.raises(InputError, match="setup is over"):
+        accounts.add("eve", "engineer", PASSWORD, first=True)
+    assert not make().accounts.is_setup_open
+
+
+def test_what_is_refused_leaves_nothing(make):
+    accounts = make().accounts
+    for name, role, password in [("", "viewer", PASSWORD), ("a", "boss", PASSWORD), ("a", "viewer", "short")]:
+        with pytest.raises(InputError):
+            accounts.add(name, role, password)
+    assert accounts.list() == ()
+    assert accounts.is_setup_open
+    for call in (accounts.remove, lambda n: accounts.set_role(n, "viewer")):
+        with pytest.raises(InputError, match="there is none"):
+            call("nobody")
+
+
+@given(st.text(max_size=50))
+def test_a_usable_name_is_plain(name):
+    try:
+        kept = validate_name(name)
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    assert 1 <= len(kept) <= MAX_NAME_LENGTH
+    assert kept.isprintable()
+    assert kept == normalise_name(kept) == validate_name(kept)
+    assert not set(kept) & set("/\\ <>&\"'%")
+
+
+@pytest.mark.parametrize(
+    "name", ["anonymous", "Anonymous", "..", ".", "-rf", "a b", "a/b", "x" * 33, "a\x00", "\ud800"]
+)
+def test_names_that_nobody_can_have(name):
+    with pytest.raises(InputError):
+        validate_name(name)
+
+
+def test_only_the_owner_reads_the_database(make, tmp_path):
+    make().accounts.add("anna", "engineer", PASSWORD)
+    for file in tmp_path.glob("users.db*"):
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert PASSWORD.encode() not in b"".join(f.read_bytes() for f in tmp_path.glob("users.db*"))
+
+
+def test_something_else_in_its_place_is_said_in_one_line(tmp_path):
+    (tmp_path / "users.db").write_bytes(b"this is no database, but long enough to look at" * 30)
+    with pytest.raises(InputError, match=r"users\.db: no user database .* restore it"):
+        Database(tmp_path)
+
+
+def test_a_role_may_what_those_before_it_may():
+    for i, own in enumerate(ROLES):
+        assert [User("a", own).has_role(role) for role in ROLES] == [j <= i for j in range(3)]
+
+
+def test_another_process_may_change_them_meanwhile(make, tmp_path):
+    accounts = make().accounts
+    accounts.add("anna", "engineer", PASSWORD)
+    other = sqlite3.connect(tmp_path / "users.db")
+    other.execute("UPDATE users SET role = 'viewer'")
+    other.commit()
+    other.close()
+    assert accounts.check("anna", PASSWORD) == User("anna", "viewer")

@@ -1,0 +1,155 @@
+"""Sessions end when they should, and only then."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltscape.core.errors import OutputError
+from beltscape.service.access.identity.database import Database
+from beltscape.service.access.identity.roles import User
+from beltscape.service.access.identity.sessions import (
+    IN_MEMORY_LIFE_S,
+    MAX_PER_USER,
+    Sessions,
+    derive_page_token,
+)
+
+IDLE_S, LIFE_S = 3600.0, 10_000.0
+ANNA = User("anna", "engineer")
+
+
+class Clock:
+    """The system clock, as one sets it."""
+
+    now = 1_800_000_000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def database(tmp_path):
+    found = Database(tmp_path)
+    with found.transaction() as connection:
+        connection.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def sessions(database, clock):
+    return Sessions(database, IDLE_S, LIFE_S, clock)
+
+
+def test_a_session_survives_a_restart(sessions, database, clock):
+    token = sessions.open(ANNA, "::1")
+    assert len(token) >= 43
+    assert Sessions(database, IDLE_S, LIFE_S, clock).find(token) == ANNA
+
+
+def test_only_its_hash_is_kept(sessions, database):
+    token = sessions.open(ANNA, "::1")
+    ((kept,),) = database.select("SELECT token FROM sessions")
+    assert kept == hashlib.sha256(token.encode()).hexdigest()
+    assert sessions.find(kept) is None
+
+
+def test_it_ends_when_unused(sessions, clock):
+    token = sessions.open(ANNA, "")
+    clock.now += IDLE_S - 1
+    assert sessions.find(token) == ANNA
+    clock.now += IDLE_S - 1
+    assert sessions.find(token, touch=False) == ANNA
+    clock.now += 2
+    assert sessions.find(token) is None
+    clock.now -= 10
+    assert sessions.find(token) is None, "ended for ever"
+
+
+def test_it_ends_at_last_though_used(sessions, clock):
+    token = sessions.open(ANNA, "")
+    for _ in range(int(LIFE_S / 1000)):
+        assert sessions.find(token) == ANNA
+        clock.now += 1000
+    assert sessions.find(token) is None
+
+
+@given(st.lists(st.floats(-50_000, 50_000), max_size=8))
+@settings(max_examples=20)
+def test_no_step_of_the_clock_prolongs_one(tmp_path_factory, steps):
+    """Wherever the clock is set to, a session older than its life by that clock is over."""
+    clock = Clock()
+    database = Database(tmp_path_factory.mktemp("steps"))
+    with database.transaction() as connection:
+        connection.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
+    sessions = Sessions(database, IDLE_S, LIFE_S, clock)
+    token, born = sessions.open(ANNA, ""), clock.now
+    for step in steps:
+        clock.now += step
+        if sessions.find(token):
+            assert -300 <= int(clock.now) - int(born) < LIFE_S
+    database.close()
+
+
+def test_logging_out_ends_it_for_ever(sessions):
+    token, other = sessions.open(ANNA, ""), sessions.open(ANNA, "")
+    sessions.close(token)
+    assert (sessions.find(token), sessions.find(other)) == (None, ANNA)
+
+
+def test_a_removed_user_has_none(sessions, database):
+    token = sessions.open(ANNA, "")
+    with database.transaction() as connection:
+        connection.execute("DELETE FROM users")
+    assert sessions.find(token) is None
+    assert database.select("SELECT count(*) FROM sessions") == [(0,)]
+
+
+def test_a_role_changes_at_once(sessions, database):
+    token = sessions.open(ANNA, "")
+    with database.transaction() as connection:
+        connection.execute("UPDATE users SET role = 'viewer'")
+    assert sessions.find(token) == User("anna", "viewer")
+
+
+def test_there_are_never_many(sessions, database, clock):
+    first = sessions.open(ANNA, "")
+    for _ in range(MAX_PER_USER):
+        clock.now += 1
+        last = sessions.open(ANNA, "")
+    assert database.select("SELECT count(*) FROM sessions") == [(MAX_PER_USER,)]
+    assert (sessions.find(first), sessions.find(last)) == (None, ANNA)
+
+
+def test_a_full_disk_locks_nobody_in_or_out(sessions, database, clock):
+    token = sessions.open(ANNA, "")
+    database.select("PRAGMA max_page_count = 1")
+    database.select("PRAGMA query_only = 1")
+    with pytest.raises(OutputError, match="make room"):
+        sessions.open(ANNA, "")
+    unkept = sessions.open_in_memory(ANNA)
+    assert sessions.find(unkept) == ANNA
+    clock.now += 100
+    assert sessions.find(token) == ANNA
+    sessions.close(token)
+    assert sessions.find(token) is None
+    clock.now += IN_MEMORY_LIFE_S
+    assert sessions.find(unkept) is None
+    other = sessions.open_in_memory(ANNA)
+    sessions.close(other)
+    assert sessions.find(other) is None
+
+
+@given(st.text(max_size=80))
+def test_no_other_token_opens(text):
+    assert derive_page_token(text) != derive_page_token(text + "x")
+    assert len(derive_page_token(text.encode("utf-8", "replace").decode())) == 64

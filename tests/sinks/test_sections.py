@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from beltscape.sinks.historian.storage.sections import STEP_MM, packed, rounded, unpacked
+from sinks.ledgers import section
+
+heights = arrays(
+    np.float32,
+    st.integers(0, 300),
+    elements=st.one_of(st.just(np.nan), st.floats(-3000, 3000, width=32)),
+)
+
+
+@given(heights)
+def test_heights_read_back_to_half_a_step(height):
+    back = unpacked(packed(height))
+    assert back.dtype == np.float32
+    assert np.array_equal(np.isnan(back), np.isnan(height))
+    assert np.all(np.abs(back - height)[~np.isnan(height)] <= STEP_MM / 2)
+
+
+@given(heights)
+def test_what_was_read_back_once_never_changes_again(height):
+    once = unpacked(packed(height))
+    assert np.array_equal(once, rounded(height), equal_nan=True)
+    assert packed(once) == packed(height)
+
+
+def test_a_section_takes_two_fifths_of_its_floats():
+    height = section(3).height_mm
+    assert len(packed(height)) < 0.4 * height.nbytes
+
+
+def test_cut_bytes_are_told():
+    data = packed(section(3).height_mm)
+    for cut in (0, 3, 10, len(data) - 1):
+        with pytest.raises(ValueError):
+            unpacked(data[:cut])

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.stereo.pairwise.sgbm import sample, unbiased
+
+
+def opencv_fixed_point(whole: int, offset: np.ndarray) -> np.ndarray:
+    """SGBM's arithmetic: offset = num/(2·den) px, (num·16 + den) / (2·den) cut towards zero."""
+    den = 10_000
+    num = np.rint(offset * 2 * den).astype(np.int64)
+    return (whole * 16 + np.trunc((num * 16 + den) / (2 * den))).astype(np.int16)
+
+
+def test_opencv_rounds_upwards_and_unbiased_takes_it_back():
+    offset = np.random.default_rng(0).uniform(-0.5, 0.5, 200_000)
+    raw = opencv_fixed_point(20, offset)
+    assert np.mean(raw / 16 - 20 - offset) > 0.014  # what there is to mend
+    assert abs(np.mean(unbiased(raw) - 20 - offset)) < 0.001
+    for half in (offset < -0.05, offset > 0.05):
+        assert abs(np.mean((unbiased(raw) - 20 - offset)[half])) < 0.004
+
+
+def test_negative_disparities_are_not_measured():
+    assert np.isnan(unbiased(np.array([-16, -1], np.int16))).all()
+
+
+def test_sampling_does_not_let_pixels_fly_across_steps():
+    values = np.tile(np.float32([10, 10, 10, 30, 30, 30]), (4, 1))
+    u = np.linspace(0.5, 4.5, 41, dtype=np.float32)
+    source = np.stack([u, np.full_like(u, 1.5)], axis=-1)[None]
+    assert set(np.unique(sample(values, source))) == {10, 30}
+
+
+def test_sampling_is_bilinear_on_a_slope_and_keeps_gaps():
+    values = np.tile(np.arange(8, dtype=np.float32) / 4, (4, 1))
+    values[:, 6] = np.nan
+    u = np.float32([0.25, 2.5, 4.75, 6.1])
+    source = np.stack([u, np.full_like(u, 2.0)], axis=-1)[None]
+    got = sample(values, source)[0]
+    np.testing.assert_allclose(got[:3], u[:3] / 4, atol=0.01)
+    assert np.isnan(got[3])

@@ -1,0 +1,54 @@
+"""A core out of focus: found, told by how much, and met by blurring the others."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beltscape.stereo.multiview.frame.defocus import as_blurred_as, core_blur_px
+from strategies import seeds
+
+
+def dots(seed: int, noise: float = 1.5) -> np.ndarray:
+    """(200, 320) a speckled surface."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros((200, 320), np.float32)
+    image[rng.integers(0, 200, 1500), rng.integers(0, 320, 1500)] = 2500
+    return cv2.GaussianBlur(image, (0, 0), 1.2) + 20 + rng.normal(0, noise, image.shape).astype(np.float32)
+
+
+def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
+    noise = np.random.default_rng(9).normal(0, 1.5, image.shape).astype(np.float32)
+    return cv2.GaussianBlur(image, (0, 0), sigma_px) + noise
+
+
+@settings(max_examples=10)
+@given(seeds, st.floats(1.8, 3.2))
+def test_the_blur_is_told(seed, sigma_px):
+    core = blurred(dots(seed, 0), sigma_px)
+    assert core_blur_px(core, [dots(seed + i) for i in (1, 2, 3)]) == pytest.approx(sigma_px, abs=0.5)
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_sound_frames_and_blurred_auxiliaries_stay_as_they_are(seed):
+    levels = {"core": dots(seed), "a": dots(seed + 1), "b": blurred(dots(seed + 2), 2.5), "c": dots(seed + 3)}
+    after = as_blurred_as("core", levels)
+    assert all(after[name] is levels[name] for name in levels)
+
+
+def test_only_the_auxiliaries_are_blurred_and_not_beyond_the_core():
+    levels = {"core": blurred(dots(1, 0), 3.0), "a": dots(2), "b": dots(3)}
+    after = as_blurred_as("core", levels)
+    assert after["core"] is levels["core"]
+    for name in ("a", "b"):
+        assert after["core"].std() < after[name].std() < levels[name].std()
+
+
+@pytest.mark.parametrize("image", [np.zeros((40, 60), np.float32), np.full((5, 7), 90, np.float32)])
+def test_images_without_texture_are_left_alone_or_blurred_without_harm(image):
+    after = as_blurred_as("core", {"core": image, "a": image.copy()})
+    assert all(np.isfinite(level).all() for level in after.values())

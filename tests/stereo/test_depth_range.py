@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import raycast
+from raycast import render, true_depth, world_rig
+from rendered import halved_frames, halved_rig, halved_truth, needs_rendered
+
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+
+RIGS = {
+    "five": {},
+    "higher": {"height_mm": 1100, "baseline_mm": 300},
+    "lower": {"height_mm": 520, "baseline_mm": 120},
+    "parallel pair": {"parallel": True, "baseline_mm": 120, "angles_deg": (0,)},
+    "short parallel pair": {"parallel": True, "baseline_mm": 60, "angles_deg": (90,)},
+    "diagonal pair": {"angles_deg": (45,)},
+    "eight": {"angles_deg": (0, 51, 103, 154, 206, 257, 309)},
+}
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_the_range_holds_the_surface_and_little_more(name):
+    rig, core_from_world = world_rig(**RIGS[name])
+    near, far = find_depth_range(rig, render(rig, core_from_world), Silent())
+    truth = true_depth(rig, core_from_world)
+    assert 0.85 * truth.min() < near < truth.min()
+    assert truth.max() < far < 1.15 * truth.max()
+
+
+def test_a_slender_cylinder_is_not_cut_off(monkeypatch):
+    monkeypatch.setattr(raycast, "CYLINDER", (20.0, 40.0, 10.0, 160.0))  # far above all else
+    rig, core_from_world = world_rig()
+    near, _ = find_depth_range(rig, render(rig, core_from_world), Silent())
+    assert near < true_depth(rig, core_from_world).min()
+
+
+def test_images_without_anything_in_them_are_refused():
+    rig, _ = world_rig(angles_deg=(0, 90))
+    blank = FrameSet("007", {name: np.full((320, 400), 90, np.uint8) for name in rig.cameras})
+    with pytest.raises(ReconstructionError, match="frame 007: no surface found"):
+        find_depth_range(rig, blank, Silent())
+
+
+@needs_rendered
+@pytest.mark.parametrize("scene", ["belt_empty", "module", "belt_loaded"])
+def test_rendered_scenes(scene):
+    truth, _ = halved_truth(scene)
+    near, far = find_depth_range(halved_rig(), halved_frames(scene), Silent())
+    assert 0.9 * np.nanmin(truth) < near < np.nanmin(truth)
+    assert np.nanmax(truth) < far < 1.1 * np.nanmax(truth)

@@ -1,0 +1,84 @@
+"""A prepared frame: the true surface is where core and auxiliaries agree, whatever the blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, DOT_PX, brightness, cast, depth_mm, in_bits, inner, pictures, plane, ring
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.pose import Pose
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.frame import Noise, grid_unit, prepare, reduced
+
+SLANTED = (plane(DEPTH_MM, 0.25, -0.15),)
+
+
+def prepared_plane(step: int, size_px: tuple[int, int], noise: float = 0.0):
+    rig = ring(size_px=size_px)
+    images = pictures(rig, SLANTED, noise=noise, dot_px=DOT_PX * step)
+    frame_set = FrameSet("000", {name: in_bits(image) for name, image in images.items()})
+    s = 1 / (depth_mm(rig, SLANTED) * grid_unit(rig, rig.auxiliaries, step))
+    return prepare(rig, frame_set, rig.auxiliaries, step, load(), 1), reduced(s.astype(np.float32), step)
+
+
+def misfit(prepared, s: np.ndarray, i: int) -> float:
+    """Mean square difference of the core's levels and those of auxiliary i warped by s, levels²."""
+    value, _ = load().warp(s.astype(np.float32), prepared.views[i], prepared.coefficients[i], threads=1)
+    return float(np.nanmean(((value - prepared.core) ** 2)[inner(s.shape, 4)]))
+
+
+@pytest.mark.parametrize(("step", "size_px"), [(1, (121, 99)), (2, (243, 201)), (4, (403, 322))])
+def test_the_auxiliaries_agree_with_the_core_on_the_true_surface(step, size_px):
+    prepared, s = prepared_plane(step, size_px)
+    shape = size_px[1] // step, size_px[0] // step
+    assert prepared.core.shape == s.shape == shape
+    assert {image.shape for image in prepared.images} == {shape}
+    contrast = np.nanvar(prepared.core)
+    for i in range(4):
+        before, there, beyond = (misfit(prepared, s + ds, i) for ds in (-0.25, 0, 0.25))
+        assert there < 0.02 * contrast
+        assert misfit(prepared, s + 3, i) > 40 * there
+        vertex_px = 0.125 * (before - beyond) / (before - 2 * there + beyond)
+        assert abs(vertex_px) < 0.02
+
+
+def test_the_core_is_straightened_and_nan_where_it_did_not_look():
+    rig = ring(())
+    bulging = replace(rig.core_camera, distortion=np.array([0.35, 0, 0, 0, 0]))  # its corners lie outside
+    rig = replace(ring((0,)), cameras={"cam0": bulging, "cam1": bulging})
+    images = pictures(rig, SLANTED)
+    prepared = prepare(
+        rig, FrameSet("000", {n: in_bits(i) for n, i in images.items()}), ("cam1",), 1, load(), 1
+    )
+    dot_mm = DOT_PX * DEPTH_MM / bulging.focal_px[0]
+    straight = brightness(cast(bulging, Pose.identity(), SLANTED, bulging.rays()), dot_mm)
+    looked = np.isfinite(prepared.core)
+    assert not looked[[0, 0, -1, -1], [0, -1, 0, -1]].any()
+    assert looked[20:-20, 20:-20].all()
+    assert np.sqrt(np.mean((prepared.core - straight)[looked] ** 2)) < 0.05 * straight.std()
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_noise_is_that_of_the_averaged_levels(step):
+    rig = ring((0,))
+    rng = np.random.default_rng(1)
+    even = FrameSet("000", {n: in_bits(90 + rng.normal(0, 4, (100, 120))) for n in rig.cameras})
+    prepared = prepare(rig, even, ("cam1",), step, load(), 1)
+    assert prepared.noise.levels == pytest.approx(np.nanvar(prepared.images[0]), rel=0.25)
+
+
+def test_strong_texture_raises_the_floor_under_weak_texture():
+    noise = prepared_plane(1, (121, 99), noise=2.0)[0].noise
+    assert 200 < noise.texture < 4000
+    assert Noise(noise.levels, noise.model, 4 * noise.texture).floor > noise.floor > 2 * noise.levels
+
+
+def test_blocks_are_means_and_what_did_not_look_is_black():
+    level = np.arange(35, dtype=np.float32).reshape(5, 7)
+    found = reduced(level, 2)
+    np.testing.assert_allclose(found, level[:4, :6].reshape(2, 2, 3, 2).mean(axis=(1, 3)))
+    level[0, 0] = np.nan
+    assert reduced(level, 1)[0, 0] == 0

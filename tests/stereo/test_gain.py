@@ -1,0 +1,81 @@
+"""What an auxiliary's levels are to be multiplied by, and by how much levels may differ."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import Scene, inner, patch, plane, scene
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.frame import thinned_view
+from beltscape.stereo.multiview.frame.visibility import seen_through
+from beltscape.stereo.multiview.selection.gain import difference_variance, gains
+
+STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
+
+
+def told(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
+    prepared = made.prepared
+    _, buffers = seen_through(made.s, prepared.views, prepared.sizes, load(), 1)
+    return gains(made.s, np.full(made.s.shape, cost), prepared, buffers, 1.0, load(), 1)
+
+
+def with_levels(made: Scene, factor: np.ndarray) -> Scene:
+    """The core as bright as a factor times what it was."""
+    prepared = made.prepared
+    return replace(made, prepared=replace(prepared, core=(prepared.core * factor).astype(np.float32)))
+
+
+@pytest.mark.parametrize("solids", [(plane(),), STEP])
+def test_images_as_bright_as_the_core_need_no_gain(solids):
+    made = scene(*solids, noise=1.0)
+    for gain in told(made):
+        assert gain.shape == made.s.shape
+        assert np.median(np.abs(gain - 1)) < 0.02
+        assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.2
+
+
+def test_a_gain_that_changes_over_the_image_is_followed():
+    made = scene(plane(), noise=1.0)
+    width = made.s.shape[1]
+    factor = np.linspace(0.7, 1.2, width)[None] + np.zeros((made.s.shape[0], 1))
+    inside = inner(made.s.shape, 12)
+    for gain, before in zip(told(with_levels(made, factor)), told(made), strict=True):
+        np.testing.assert_allclose((gain / before)[inside], factor[inside], rtol=0.06)
+
+
+def test_what_is_unlike_has_little_say():
+    made = scene(plane(), noise=1.0)
+    factor = np.ones(made.s.shape)
+    factor[30:60, 40:80] = 3.0
+    cost = np.where(factor > 1, 0.9, 0.0)
+    for gain in told(with_levels(made, factor), cost):
+        assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.15
+
+
+def test_nothing_seen_leaves_levels_as_they_are():
+    made = scene(plane(), noise=1.0)
+    nothing = replace(made, s=np.full_like(made.s, np.nan))
+    for gain in told(nothing):
+        np.testing.assert_array_equal(gain, 1)
+
+
+def test_a_thinned_view_is_the_view_of_every_fourth_pixel():
+    made = scene(*STEP)
+    view, coefficients = made.prepared.views[1], made.prepared.coefficients[1]
+    whole, _ = load().warp(made.s, view, coefficients)
+    thin = np.ascontiguousarray(made.s[2::4, 2::4])
+    found, _ = load().warp(thin, thinned_view(view, 4), coefficients)
+    np.testing.assert_allclose(found, whole[2::4, 2::4], atol=0.05)
+
+
+def test_levels_may_differ_by_more_where_they_are_high_and_where_they_change():
+    made = scene(plane(), noise=2.0)
+    noise = made.prepared.noise
+    dark, bright = (difference_variance(np.full((9, 9), level), noise) for level in (0.0, 200.0))
+    np.testing.assert_allclose(dark, 3 * noise.levels, rtol=1e-5)
+    np.testing.assert_allclose(bright - dark, 100, rtol=1e-3)
+    ramp = difference_variance(np.arange(9.0)[None] * 20 + np.zeros((9, 1)), noise)
+    np.testing.assert_allclose(ramp[4, 4] - dark[4, 4] - (0.05 * 80) ** 2, (0.15 * 20) ** 2, rtol=1e-3)

@@ -1,0 +1,103 @@
+"""Where matching starts: swept over a wide range as over a narrow one, and only where nothing is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import Scene, inner, patch, plane, ring, scene
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.initialisation import initialise as start
+from beltscape.stereo.multiview.initialisation.initialise import Sweeps, first_surface
+
+RIG = ring(size_px=(360, 300))
+SOLIDS = plane(740), patch(640, (-150, 60), (-120, 120))
+NEAR_FAR_MM = 620.0, 780.0
+
+
+def started(made: Scene, near_far_mm: tuple[float, float], moved: np.ndarray | None = None) -> np.ndarray:
+    near, far = near_far_mm
+    sweeps = Sweeps(made.rig, made.auxiliaries, 1, 1, 1.0, made.unit)
+    return first_surface(
+        moved, made.prepared, (1 / (far * made.unit), 1 / (near * made.unit)), sweeps, load(), 1
+    )
+
+
+@pytest.fixture(scope="module")
+def made() -> Scene:
+    return scene(*SOLIDS, rig=RIG, noise=0.5)
+
+
+@pytest.fixture
+def swept(monkeypatch) -> list[tuple[float, float]]:
+    """The spans of full sweeps, in the order in which they are made."""
+    spans = []
+
+    def spy(prepared, nearness, *more):
+        spans.append(nearness)
+        return original(prepared, nearness, *more)
+
+    original = start.sweep
+    monkeypatch.setattr(start, "sweep", spy)
+    return spans
+
+
+def test_a_wide_range_is_narrowed_and_nothing_is_lost(made, swept):
+    narrow = started(made, NEAR_FAR_MM)
+    wide = started(made, (150.0, 3000.0))
+    inside = inner(made.s.shape, 8)
+    right = [(np.abs(s - made.s)[inside] < 1.5).mean() for s in (narrow, wide)]
+    assert right[0] > 0.9
+    assert right[1] > right[0] - 0.005
+    full = 1 / (150 * made.unit) - 1 / (3000 * made.unit)
+    far, near = swept[1]
+    assert near - far < 0.2 * full
+    assert far < made.s.min()
+    assert made.s.max() < near
+
+
+def test_what_is_known_is_kept_and_not_swept(made, swept):
+    moved = made.s + np.float32(0.25)
+    np.testing.assert_array_equal(started(made, (150.0, 3000.0), moved), moved)
+    assert swept == []
+
+
+def test_a_strip_that_came_into_view_is_swept_beyond_what_was_known(made, swept):
+    """The near box is new: nothing that is known is as near."""
+    moved = made.s.copy()
+    columns = np.flatnonzero((made.s > made.s.min() + 3).any(axis=0))
+    new = slice(None), slice(0, int(columns.max()) + 10)
+    moved[new] = np.nan
+    s = started(made, (150.0, 3000.0), moved)
+    known = np.isfinite(moved)
+    np.testing.assert_array_equal(s[known], moved[known])
+    part = inner(made.s.shape, 8) & ~known
+    assert (np.abs(s - made.s)[part] < 1.5).mean() > 0.88
+    assert swept
+
+
+def test_a_hole_is_swept_between_the_depths_about_it(made, swept):
+    moved = made.s.copy()
+    hole = slice(200, 290), slice(230, 330)
+    moved[hole] = np.nan
+    s = started(made, (150.0, 3000.0), moved)
+    assert (np.abs(s - made.s)[hole] < 1.5).mean() > 0.95
+    ((far, near),) = swept
+    assert near < made.s.max() * 1.1
+    assert near - far < 0.2 * (1 / (150 * made.unit) - 1 / (3000 * made.unit))
+
+
+def test_where_nothing_stands_out_the_whole_range_is_swept(swept):
+    blank = scene(plane(740), rig=RIG)
+    flat = Scene(
+        blank.rig,
+        start.replace(
+            blank.prepared,
+            core=np.full_like(blank.prepared.core, 0.5),
+            images=tuple(np.full_like(image, 0.5) for image in blank.prepared.images),
+        ),
+        blank.s,
+        blank.unit,
+    )
+    started(flat, (150.0, 3000.0))
+    assert swept == [(1 / (3000 * blank.unit), 1 / (150 * blank.unit))]

@@ -1,0 +1,117 @@
+"""Joint least squares: how near to the truth they come, and how well they know it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene, sphere
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.frame import Noise
+from beltscape.stereo.multiview.frame.surface import with_slopes
+from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.optimisation.least_squares import Refined, refine
+
+SHAPES = {
+    "plane": (plane(),),
+    "slanted": (plane(DEPTH_MM, 0.3, -0.2),),
+    "sphere": (sphere(640, 900), plane(1100)),
+}
+RIGS = {
+    "four about": ring(),
+    "one beside": ring((0,)),
+    "two diagonal, parallel": ring((40, 220), parallel=True),
+}
+
+
+def refined_from(made, s: np.ndarray, tolerances=(2.0, 2.0, 1.0, 0.5), noise: Noise | None = None) -> Refined:
+    size = windows(s.shape[1])
+    prepared = made.prepared if noise is None else replace(made.prepared, noise=noise)
+    start = with_slopes(s.astype(np.float32), load(), 1)
+    return refine(start, prepared, tolerances, size.wide, size.levels_px, load(), 1)
+
+
+def seen_by_all(made, refined: Refined, margin_px: int = 8) -> np.ndarray:
+    return (refined.used == len(made.auxiliaries)) & inner(made.s.shape, margin_px)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("wrong_px", [0.7, -0.7])
+def test_a_surface_off_by_most_of_a_pixel_comes_to_the_truth(rig, shape, wrong_px):
+    made = scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
+    refined = refined_from(made, made.s + np.float32(wrong_px))
+    where = seen_by_all(made, refined)
+    error = (refined.surface.s - made.s)[where]
+    assert where.mean() > 0.25
+    assert np.median(np.abs(error)) < 0.02
+    assert abs(np.median(error)) < (0.02 if shape == "sphere" else 0.005)  # a window flattens a bend a little
+    assert (np.abs(error) < 0.1).mean() > 0.98
+
+
+def test_its_slopes_are_the_planes():
+    made = scene(plane(DEPTH_MM, 0.3, -0.2), noise=0.5)
+    refined = refined_from(made, made.s + np.float32(0.7))
+    where = seen_by_all(made, refined)
+    true_v, true_u = np.gradient(made.s.astype(float))
+    assert np.abs(refined.surface.slope_u - true_u)[where].max() < 0.1
+    assert np.median(np.abs(refined.surface.slope_u - true_u)[where]) < 0.015
+    assert np.median(np.abs(refined.surface.slope_v - true_v)[where]) < 0.015
+
+
+def test_a_step_stays_a_step():
+    made = scene(plane(740), patch(660, (-150, 60), (-120, 120)), noise=0.5)
+    refined = refined_from(made, made.s)
+    middle = (made.s.min() + made.s.max()) / 2
+    assert np.array_equal(refined.surface.s > middle, made.s > middle)
+    along = ~away_from_steps(made.s, 2) & inner(made.s.shape, 8)
+    error = np.abs(refined.surface.s - made.s)
+    assert along.sum() > 400
+    assert np.median(error[along]) < 0.1
+    assert (error[away_from_steps(made.s, 6) & seen_by_all(made, refined)] < 0.1).mean() > 0.98
+
+
+@pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270), (0, 20, 40, 60)])
+@pytest.mark.parametrize("noise", [2.0, 5.0])
+def test_its_variance_is_that_of_repeated_noise(angles, noise):
+    """Views count as independent, but share the core's noise: it cancels between opposite ones (ratio 0.7)."""
+    known = Noise(noise**2, 1e-4, 0.0)
+    made = [scene(plane(), rig=ring(angles), noise=noise, seed=seed) for seed in range(8)]
+    runs = [refined_from(one, one.s, (0.5, 0.5), known) for one in made]
+    everywhere = np.logical_and.reduce([seen_by_all(made[0], run) for run in runs])
+    assert everywhere.mean() > 0.4
+    actual = np.var([run.surface.s[everywhere] for run in runs], axis=0, ddof=1)
+    told = np.mean([run.variance[everywhere] for run in runs], axis=0)
+    ratio = np.sqrt(np.mean(actual) / np.mean(told))
+    assert (0.8 if len(angles) == 1 else 0.6) < ratio < 1.4
+
+
+def test_more_views_and_less_noise_determine_it_better():
+    def median_variance(rig, noise):
+        made = scene(plane(), rig=rig, noise=noise)
+        refined = refined_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
+        return np.median(refined.variance[seen_by_all(made, refined)])
+
+    four = median_variance(ring(), 2.0)
+    assert median_variance(ring(), 6.0) > 4 * four
+    assert median_variance(ring((0,)), 2.0) > 2 * four
+
+
+def test_nan_stays_and_does_not_spread():
+    made = scene(plane(), noise=0.5)
+    hole = ~np.array(away_from_steps(made.s, 1))
+    hole[40:60, 50:70] = True
+    hole |= np.random.default_rng(4).random(hole.shape) < 0.02
+    refined = refined_from(made, np.where(hole, np.nan, made.s + 0.3))
+    assert np.array_equal(np.isnan(refined.surface.s), hole)
+    assert not refined.used[hole].any()
+    where = seen_by_all(made, refined) & ~hole
+    assert (np.abs(refined.surface.s - made.s)[where] < 0.1).mean() > 0.98
+
+
+def test_no_iteration_is_no_refinement():
+    made = scene(plane())
+    with pytest.raises(ValueError, match="at least one tolerance"):
+        refined_from(made, made.s, ())

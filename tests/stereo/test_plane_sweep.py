@@ -1,0 +1,83 @@
+"""The sweep's first surface: within a plane of the truth, steps where they are, over the whole range."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.initialisation.plane_sweep import cut, enlarged, shrunk, sweep
+
+PLANE_STEP_PX = 0.5
+
+
+def found(
+    made, depth_range_mm: tuple[float, float], shrink: int = 1, plane_step_px: float = PLANE_STEP_PX
+) -> np.ndarray:
+    near, far = depth_range_mm
+    small = shrunk(made.rig, made.auxiliaries, made.prepared, step=1, shrink=shrink, unit=made.unit)
+    nearness = 1 / (far * made.unit), 1 / (near * made.unit)
+    s, margin = sweep(small, nearness, plane_step_px * shrink, load(), 1)
+    assert margin.shape == s.shape == small.core.shape
+    return enlarged(s, shrink, made.s.shape)
+
+
+@pytest.mark.parametrize(
+    ("size_px", "shrink"),
+    [((120, 100), 1), ((121, 99), 1), ((240, 200), 2), ((243, 201), 2), ((361, 302), 3)],
+)
+def test_a_plane_is_found_within_a_plane_step(size_px, shrink):
+    made = scene(plane(DEPTH_MM, 0.1, 0.05), rig=ring(size_px=size_px))
+    s = found(made, (560, 880), shrink)
+    assert s.shape == (size_px[1], size_px[0])
+    assert s.dtype == np.float32
+    error = np.abs(s - made.s)[inner(s.shape, 4 * shrink)]
+    blocks = 0.15 * shrink  # a block of the slope is one value
+    assert (error < PLANE_STEP_PX * shrink + blocks).mean() > 0.97
+    assert np.median(error) < 0.5 * PLANE_STEP_PX * shrink
+
+
+@pytest.mark.parametrize("plane_step_px", [0.25, 0.5, 1.0])
+def test_planes_lie_as_close_as_told(plane_step_px):
+    made = scene(plane(DEPTH_MM, 0.1, 0.05))
+    error = np.abs(found(made, (560, 880), plane_step_px=plane_step_px) - made.s)[inner(made.s.shape, 4)]
+    assert (error < plane_step_px + 0.15).mean() > 0.95
+    assert np.median(error) < 0.5 * plane_step_px
+
+
+def test_a_step_stays_a_step():
+    made = scene(plane(760), patch(660, (-150, 60), (-120, 120)))
+    s = found(made, (600, 820))
+    clear = away_from_steps(made.s, 4) & inner(s.shape, 4)
+    assert (np.abs(s - made.s)[clear] < PLANE_STEP_PX).mean() > 0.97
+    middle = (np.quantile(made.s, 0.02) + np.quantile(made.s, 0.98)) / 2
+    assert ((s > middle) == (made.s > middle)).mean() > 0.96
+
+
+@pytest.mark.parametrize("depth_mm", [650.0, 700.0, 750.0])
+def test_planes_cover_the_range_to_its_ends(depth_mm):
+    """The surface is the range's near end, its middle and its far end."""
+    made = scene(plane(depth_mm))
+    for near_far in ((depth_mm, 1100), (500, 1000), (480, depth_mm)):
+        s = found(made, near_far)
+        assert np.median(np.abs(s - made.s)) < PLANE_STEP_PX
+        far, near = 1 / (near_far[1] * made.unit), 1 / (near_far[0] * made.unit)
+        assert far - PLANE_STEP_PX <= s.min() <= s.max() <= near + PLANE_STEP_PX
+
+
+def test_a_range_of_nothing_still_has_planes_to_choose_from():
+    made = scene(plane(700.0))
+    assert np.median(np.abs(found(made, (699.9, 700.1)) - made.s)) < PLANE_STEP_PX
+
+
+def test_a_block_is_swept_as_in_the_whole():
+    """But near the block's edge, where paths begin."""
+    made = scene(plane(DEPTH_MM, 0.1, 0.05))
+    nearness = 1 / (880 * made.unit), 1 / (560 * made.unit)
+    block = slice(20, 80), slice(30, 100)
+    whole, _ = sweep(made.prepared, nearness, 1.0, load(), 1)
+    part, _ = sweep(cut(made.prepared, block), nearness, 1.0, load(), 1)
+    assert part.shape == (60, 70)
+    inside = inner(part.shape, 6)
+    assert (np.abs(part - whole[block])[inside] < 0.5).mean() > 0.98

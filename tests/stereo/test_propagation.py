@@ -1,0 +1,109 @@
+"""Propagation: a pixel on the wrong side of a step changes over, a smooth surface is left alone."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, inner, patch, plane, ring, scene, sphere
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.surface import with_slopes
+from beltscape.stereo.multiview.optimisation.propagation import Propagated, offsets, propagate
+
+DISTANCES = (2, 5)
+
+
+def propagated(made, s: np.ndarray, rounds: int = 1) -> Propagated:
+    surface = with_slopes(s.astype(np.float32), load(), 1)
+    for _ in range(rounds):
+        chosen = propagate(surface, made.prepared, DISTANCES, load(), 1)
+        surface = chosen.surface
+    return chosen
+
+
+@pytest.mark.parametrize("angles", [(0, 90, 180, 270), (0, 180), (45, 135, 225)])
+def test_a_fattened_foreground_gives_the_background_back(angles):
+    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(angles), noise=1.0)
+    near, far = made.s.max(), made.s.min()
+    fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))  # 4 px to each side
+    wrong = (np.abs(fat - made.s) > 0.5 * (near - far)) & inner(fat.shape, 6)
+    assert wrong.sum() > 400
+    error = np.abs(propagated(made, fat, rounds=2).surface.s - made.s)
+    assert (error[wrong] < 0.3).mean() > 0.8
+    right = ~wrong & inner(fat.shape, 6)
+    assert (error[right] < 0.3).mean() > 0.99
+
+
+def test_a_foreground_grown_too_thin_is_made_whole():
+    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
+    thin = cv2.erode(made.s, np.ones((9, 9), np.uint8))
+    wrong = (np.abs(thin - made.s) > 1) & inner(thin.shape, 6)
+    error = np.abs(propagated(made, thin, rounds=2).surface.s - made.s)
+    assert (error[wrong] < 0.3).mean() > 0.8
+
+
+@pytest.mark.parametrize(
+    "solids", [(plane(DEPTH_MM, 0.3, -0.2),), (sphere(640, 900), plane(1100))], ids=["slanted", "sphere"]
+)
+def test_a_smooth_surface_is_left_as_it_is(solids):
+    made = scene(*solids, noise=1.0)
+    chosen = propagated(made, made.s)
+    moved = np.abs(chosen.surface.s - made.s)[inner(made.s.shape, 8)]
+    assert np.quantile(moved, 0.99) < 0.1  # what a neighbour continues straight lies off a bend
+    assert moved.max() < 0.4  # nearer to one another than candidates are kept apart
+
+
+def test_what_is_chosen_is_cheaper_than_what_was_there():
+    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
+    fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))
+    inside = inner(fat.shape, 8)
+    first, second = propagated(made, fat), propagated(made, fat, rounds=2)
+    assert second.cost[inside].mean() < first.cost[inside].mean() < 0.3
+    for one in (first, second):
+        assert ((one.cost >= 0) & (one.cost <= 1)).all()
+        assert (one.margin >= 0).all()
+
+
+@pytest.mark.parametrize("column", [111, 112, 125, 126, 127, 128])
+def test_only_active_pixels_change_whatever_memory_holds(column):
+    """About column 126 the kernels begin a new tile, at 112 and 128 a new block."""
+    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(size_px=(160, 100)), noise=1.0)
+    surface, prepared, kernels = with_slopes(made.s, load(), 1), made.prepared, load()
+    sizes = [image.shape[::-1] for image in prepared.images]
+    buffers = kernels.inverse_depth_buffers(made.s, prepared.views, sizes, threads=1)
+    active = np.zeros(made.s.shape, np.uint8)
+    active[40:60, column] = 1
+
+    def chosen(s, where):
+        return kernels.propagate(
+            s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
+            offsets=offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
+        )  # fmt: skip
+
+    first = chosen(made.s, active)
+    np.testing.assert_array_equal(first.s[active == 0], made.s[active == 0])
+    for shift in (3, -3):
+        chosen(made.s + np.float32(shift), None)  # leaves its candidates behind in memory
+        for again, before in zip(chosen(made.s, active), first, strict=True):
+            np.testing.assert_array_equal(again, before)
+
+
+def test_offsets_go_in_eight_directions():
+    found = offsets((1, 3, 8))
+    assert found.dtype == np.int32
+    assert len(np.unique(found, axis=0)) == 24
+    assert not found.sum(axis=0).any()
+    lengths = np.linalg.norm(found.reshape(3, 8, 2), axis=-1)
+    np.testing.assert_allclose(lengths, np.repeat([[1], [3], [8]], 8, axis=1), atol=0.5)
+
+
+@pytest.mark.parametrize("distances", [(3,), (3, 10), (2, 5, 12)])
+def test_two_turns_go_in_all_directions_each_once(distances):
+    first, second = (offsets(distances, turn) for turn in (0, 1))
+    assert len(first) == len(second) == 4 * len(distances)
+    np.testing.assert_array_equal(
+        np.unique(np.concatenate([first, second]), axis=0), np.unique(offsets(distances), axis=0)
+    )
+    np.testing.assert_array_equal(offsets(distances, 2), first)
+    assert not first.sum(axis=0).any()

@@ -1,0 +1,237 @@
+"""The multi-view matcher on ray-cast belts: right, honest about it, and the same however it is run."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from raycast import camera, render, true_depth, world_rig
+from scenes import depth_mm, in_bits, patch, pictures, plane, ring
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.core.rig import Rig
+from beltscape.evaluate.scores.depth import score_depth
+from beltscape.kernels import load
+from beltscape.kernels.native import levels
+from beltscape.stereo.multiview import settings as multiview_settings
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
+from kernels.rounding import first_alike
+
+RANGE = (600.0, 780.0)
+ONE_THREAD = MultiviewSettings(threads=1)
+
+
+@pytest.fixture(scope="module")
+def belt():
+    rig, core_from_world = world_rig()
+    return rig, render(rig, core_from_world), true_depth(rig, core_from_world)
+
+
+@pytest.fixture(scope="module")
+def measured(belt):
+    return reconstruct(belt[0], belt[1])
+
+
+def reconstruct(rig, frame_set, settings=ONE_THREAD, depth_range_mm=RANGE, **more) -> DepthMap:
+    return MultiviewReconstructor(rig, depth_range_mm, settings, **more).reconstruct(frame_set, Silent())
+
+
+def same_bytes(a: DepthMap, b: DepthMap) -> bool:
+    return all(getattr(a, f.name).tobytes() == getattr(b, f.name).tobytes() for f in fields(DepthMap))
+
+
+ARRANGEMENTS = {
+    "one beside": ({"angles_deg": (0,)}, 0.93, 0.11),
+    "one above": ({"angles_deg": (90,)}, 0.9, 0.11),
+    "one diagonal": ({"angles_deg": (225,)}, 0.92, 0.11),
+    "two opposite": ({"angles_deg": (0, 180)}, 0.99, 0.065),
+    "two diagonal": ({"angles_deg": (45, 135)}, 0.98, 0.08),
+    "four": ({}, 0.99, 0.05),
+    "four diagonal": ({"angles_deg": (45, 135, 225, 315)}, 0.99, 0.05),
+    "seven": ({"angles_deg": (0, 51, 103, 154, 206, 257, 309)}, 0.99, 0.04),
+    "two parallel": ({"angles_deg": (30, 210), "parallel": True, "baseline_mm": 120}, 0.95, 0.14),
+    "four parallel": ({"parallel": True, "baseline_mm": 120}, 0.99, 0.09),
+}
+
+
+@pytest.mark.parametrize("name", ARRANGEMENTS)
+def test_any_number_of_auxiliaries_anywhere(name):
+    arrangement, within_1mm, median_mm = ARRANGEMENTS[name]
+    rig, core_from_world = world_rig(**arrangement)
+    depth = reconstruct(rig, render(rig, core_from_world))
+    score = score_depth(depth, true_depth(rig, core_from_world))
+    assert score.within_1mm > within_1mm
+    assert score.interior_median_mm < median_mm
+    assert abs(score.interior_bias_mm) < 0.02
+    assert score.gross < 0.002
+    assert score.interior_gross < 0.001
+    assert 0.6 < score.sigma_ratio < 1.75
+    assert depth.views.max() == len(rig.auxiliaries)
+
+
+@pytest.mark.parametrize(
+    ("preset", "within_1mm", "median_mm"),
+    [("fast", 0.93, 0.25), ("standard", 0.99, 0.05), ("fine", 0.99, 0.05)],
+)
+def test_presets_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
+    """The pattern is in one channel."""
+    rig, core_from_world = world_rig()
+    rng = np.random.default_rng(6)
+    images = {
+        name: np.stack([image, *rng.integers(8, 12, (2, *image.shape), np.uint8)], axis=-1)
+        for name, image in render(rig, core_from_world, noise_counts=2.0).images.items()
+    }
+    settings = MultiviewSettings.preset(preset).model_copy(update={"threads": 1})
+    score = score_depth(reconstruct(rig, FrameSet("000", images), settings), true_depth(rig, core_from_world))
+    assert score.within_1mm > within_1mm
+    assert score.interior_median_mm < median_mm
+    assert abs(score.interior_bias_mm) < 0.04
+    assert score.gross < 0.003
+    assert 0.6 < score.sigma_ratio < 1.6
+
+
+def test_every_pixel_is_measured_by_someone_or_by_nobody(measured):
+    nowhere = ~measured.measured
+    assert [getattr(measured, f.name).dtype for f in fields(DepthMap)] == [
+        np.float32, np.float32, np.uint8, np.float32,
+    ]  # fmt: skip
+    assert np.array_equal(np.isnan(measured.sigma_mm), nowhere)
+    assert np.array_equal(measured.views == 0, nowhere)
+    assert np.array_equal(measured.confidence == 0, nowhere)
+    assert measured.confidence.max() <= 1
+    assert (measured.sigma_mm[~nowhere] > 0).all()
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_threads_change_no_byte(belt, measured, threads):
+    assert same_bytes(reconstruct(belt[0], belt[1], MultiviewSettings(threads=threads)), measured)
+
+
+def test_a_frame_does_not_depend_on_the_one_before(belt, measured):
+    rig, frames, _ = belt
+    matcher = MultiviewReconstructor(rig, RANGE, ONE_THREAD)
+    few = FrameSet("000", {name: frames.images[name][::-1].copy() for name in ("cam0", "cam3")})
+    matcher.reconstruct(few, Silent())
+    assert same_bytes(matcher.reconstruct(frames, Silent()), measured)
+
+
+@pytest.mark.parametrize("kind", ["16 bit", "colour"])
+def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt, measured, kind):
+    rig, frames, truth = belt
+    images = {
+        name: image.astype(np.uint16) * 257 if kind == "16 bit" else np.repeat(image[..., None], 3, axis=2)
+        for name, image in frames.images.items()
+    }
+    depth = reconstruct(rig, FrameSet("000", images))
+    assert score_depth(depth, truth).interior_median_mm == pytest.approx(
+        score_depth(measured, truth).interior_median_mm, rel=0.02
+    )
+    assert (depth.measured == measured.measured).mean() > 0.999
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_fewer_bits_in_sixteen_are_as_good(belt, bits):
+    rig, frames, truth = belt
+    images = {name: image.astype(np.uint16) << (bits - 8) for name, image in frames.images.items()}
+    score = score_depth(reconstruct(rig, FrameSet("000", images)), truth)
+    assert score.within_1mm > 0.99
+    assert score.interior_median_mm < 0.05
+    assert 0.6 < score.sigma_ratio < 1.6
+
+
+def test_auxiliaries_of_other_sizes():
+    alike = ring(size_px=(240, 200))
+    others = {"cam1": (360, 300), "cam3": (160, 134)}
+    cameras = {name: camera(name, others.get(name, (240, 200))) for name in alike.cameras}
+    rig, solids = Rig("cam0", cameras, alike.cam_from_core), (plane(760), patch(680, (-150, 60), (-120, 120)))
+    images = {n: in_bits(i) for n, i in pictures(rig, solids, noise=1.0, dot_px=1.8).items()}
+    depth = reconstruct(rig, FrameSet("000", images), depth_range_mm=(620, 820))
+    score = score_depth(depth, depth_mm(rig, solids))
+    assert score.within_1mm > 0.95
+    assert score.interior_median_mm < 0.15
+    assert depth.views.max() == 4
+
+
+def test_auxiliaries_that_are_not_asked_for_are_not_looked_at(belt):
+    rig, frames, _ = belt
+    few = FrameSet("000", {name: frames.images[name] for name in ("cam0", "cam1", "cam3")})
+    asked = reconstruct(rig, frames, auxiliaries=("cam1", "cam3"))
+    assert same_bytes(asked, reconstruct(rig, few))
+    assert asked.views.max() == 2
+
+
+def test_a_wider_depth_range_finds_the_same_surface(belt, measured):
+    wide = reconstruct(belt[0], belt[1], depth_range_mm=(420, 1300))
+    both = wide.measured & measured.measured
+    assert both.mean() > 0.99
+    assert (np.abs(wide.depth_mm - measured.depth_mm)[both] < 0.1).mean() > 0.98
+
+
+@pytest.fixture(scope="module")
+def tiny():
+    """64 × 48 px: reference kernels are slow."""
+    rig, solids = ring((0, 180), size_px=(64, 48)), (plane(760), patch(680, (-120, 120), (-100, 100)))
+    images = {name: in_bits(image) for name, image in pictures(rig, solids, noise=1.0).items()}
+    return rig, FrameSet("000", images), depth_mm(rig, solids)
+
+
+def test_the_reference_kernels_measure_what_the_native_ones_do(tiny):
+    rig, frames, truth = tiny
+    native, reference = (
+        reconstruct(rig, frames, depth_range_mm=(620, 820), kernels=load(name))
+        for name in ("native", "reference")
+    )
+    assert np.median(np.abs(native.depth_mm - truth)[native.measured]) < 1
+    assert (native.measured == reference.measured).mean() > 0.99
+    both = native.measured & reference.measured
+    assert (np.abs(native.depth_mm - reference.depth_mm)[both] < 0.01).mean() > 0.98
+    assert np.quantile(np.abs(native.sigma_mm / reference.sigma_mm - 1)[both], 0.98) < 0.02
+
+
+def test_instruction_sets_that_round_alike_give_the_same_bytes_and_others_nearly(tiny):
+    rig, frames, _ = tiny
+    runs = {
+        name: reconstruct(rig, frames, depth_range_mm=(620, 820), kernels=load(name)) for name in levels()
+    }
+    best = runs[levels()[-1]]
+    for name, run in runs.items():
+        assert same_bytes(runs[first_alike(name)], run)
+        assert (run.measured == best.measured).mean() > 0.995
+        both = run.measured & best.measured
+        # who is doubtful by rounding alone is heard by others
+        assert (np.abs(run.depth_mm - best.depth_mm)[both] < 0.01).mean() > 0.98
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_a_size_that_blocks_do_not_divide(preset, monkeypatch):
+    monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 32)  # fast: blocks in small images, too
+    rig, solids = ring(size_px=(163, 121)), (plane(700, 0.1, 0.1),)
+    frames = FrameSet(
+        "000", {name: in_bits(image) for name, image in pictures(rig, solids, noise=1.0).items()}
+    )
+    depth = reconstruct(rig, frames, MultiviewSettings.preset(preset))
+    whole = (120, 162) if preset == "fast" else (121, 163)
+    assert depth.depth_mm.shape == (121, 163)
+    assert not depth.measured[whole[0] :].any()
+    assert not depth.measured[:, whole[1] :].any()
+    assert depth.measured[8:-8, 8:-8].mean() > 0.97
+    error = np.abs(depth.depth_mm - depth_mm(rig, solids))[8:-8, 8:-8]
+    assert np.nanmedian(error) < (0.6 if preset == "fast" else 0.2)
+
+
+def test_progress_ends_where_it_said(belt):
+    class Told(Silent):
+        def __init__(self):
+            self.steps = []
+
+        def step(self, stage, done, total):
+            self.steps.append((stage, done, total))
+
+    told = Told()
+    MultiviewReconstructor(belt[0], RANGE, ONE_THREAD).reconstruct(belt[1], told)
+    count = len(told.steps)
+    assert told.steps == [("matching 000", i, count) for i in range(1, count + 1)]

@@ -1,0 +1,159 @@
+"""The multi-view matcher when images are missing, dark, blurred, cut or empty: less is measured, no nonsense."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from raycast import render, true_depth, world_rig
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.evaluate.scores.depth import GROSS_MM, score_depth
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
+
+AUXILIARIES = ("cam1", "cam2", "cam3", "cam4")
+STRIP = slice(150, 230)
+WELL_INSIDE = slice(160, 220)
+
+
+@pytest.fixture(scope="module")
+def belt():
+    rig, core_from_world = world_rig()
+    return rig, render(rig, core_from_world), true_depth(rig, core_from_world)
+
+
+@pytest.fixture(scope="module")
+def matcher(belt):
+    return MultiviewReconstructor(belt[0], (600, 780), MultiviewSettings(threads=1))
+
+
+def changed(frames: FrameSet, change, *names: str) -> FrameSet:
+    """The frame with these cameras' images changed; all cameras' when none is named."""
+    return FrameSet(
+        frames.frame,
+        {n: change(i) if not names or n in names else i for n, i in frames.images.items()},
+    )
+
+
+def without(frames: FrameSet, *names: str) -> FrameSet:
+    return FrameSet(frames.frame, {n: i for n, i in frames.images.items() if n not in names})
+
+
+def share_of_nonsense(depth: DepthMap, truth: np.ndarray) -> float:
+    """Share of ALL pixels that are measured and wrong by more than 5 mm."""
+    return float((np.abs(depth.depth_mm - truth) > GROSS_MM).mean())
+
+
+def darker(image):
+    return np.rint(image * 0.8).astype(image.dtype)
+
+
+def defocused(image):
+    return cv2.GaussianBlur(image, (0, 0), 1.6)
+
+
+def black(image):
+    return np.zeros_like(image)
+
+
+def struck_out(image):
+    image = image.copy()
+    image[:, STRIP] = 0
+    return image
+
+
+@pytest.mark.parametrize("change", [darker, defocused, black, lambda image: image[::-1].copy()])
+def test_one_bad_auxiliary_among_four_does_little_harm(belt, matcher, change):
+    _, frames, truth = belt
+    score = score_depth(matcher.reconstruct(changed(frames, change, "cam2"), Silent()), truth)
+    assert score.within_1mm > 0.985
+    assert score.interior_median_mm < 0.07
+    assert abs(score.interior_bias_mm) < 0.02
+    assert score.gross < 0.002
+    assert 0.6 < score.sigma_ratio < 1.6
+
+
+def test_the_core_a_fifth_darker_is_as_good(belt, matcher):
+    _, frames, truth = belt
+    score = score_depth(matcher.reconstruct(changed(frames, darker, "cam0"), Silent()), truth)
+    assert score.within_1mm > 0.99
+    assert score.interior_median_mm < 0.06
+
+
+def test_more_noise_is_more_sigma_and_no_nonsense(belt, matcher):
+    rig, frames, truth = belt
+    noisy = matcher.reconstruct(render(rig, world_rig()[1], noise_counts=6.0), Silent())
+    score = score_depth(noisy, truth)
+    assert score.within_1mm > 0.98
+    assert score.gross < 0.003
+    assert 0.6 < score.sigma_ratio < 1.6
+    quiet = matcher.reconstruct(frames, Silent())
+    assert np.nanmedian(noisy.sigma_mm) > 1.5 * np.nanmedian(quiet.sigma_mm)
+
+
+def test_a_missing_auxiliary_is_gone_without(belt, matcher):
+    _, frames, truth = belt
+    depth = matcher.reconstruct(without(frames, "cam2"), Silent())
+    assert depth.views.max() == 3
+    assert score_depth(depth, truth).within_1mm > 0.99
+    assert matcher.reconstruct(frames, Silent()).views.max() == 4
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        (("cam0",), "frame 000: no usable image of the core camera cam0; depth is measured in its view"),
+        (
+            AUXILIARIES,
+            r"frame 000: no usable image of an auxiliary camera \(cam1, cam2, cam3, cam4\); depth needs a second",
+        ),
+    ],
+)
+def test_what_is_missing_is_named(belt, matcher, missing, message):
+    with pytest.raises(ReconstructionError, match=message):
+        matcher.reconstruct(without(belt[1], *missing), Silent())
+
+
+def test_an_unknown_auxiliary_is_named(belt):
+    with pytest.raises(ReconstructionError, match="cam9 is no auxiliary camera of the rig; there are cam1"):
+        MultiviewReconstructor(belt[0], (600, 780), MultiviewSettings(), auxiliaries=("cam9",))
+
+
+@pytest.mark.parametrize("names", [(), ("cam0",)], ids=["in all images", "in the core's"])
+def test_a_blacked_out_strip_is_not_measured(belt, matcher, names):
+    _, frames, truth = belt
+    depth = matcher.reconstruct(changed(frames, struck_out, *names), Silent())
+    assert depth.measured[:, WELL_INSIDE].mean() < 0.05
+    assert share_of_nonsense(depth, truth) < 0.01
+    beside = np.ones(truth.shape, bool)
+    beside[:, STRIP.start - 8 : STRIP.stop + 8] = False
+    assert score_depth(depth, truth, beside).within_1mm > 0.8
+
+
+EMPTY = {
+    "black": lambda _, shape: np.zeros(shape),
+    "even": lambda _, shape: np.full(shape, 90.0),
+    "noise": lambda rng, shape: 90 + rng.normal(0, 2, shape),
+    "dark noise": lambda rng, shape: rng.normal(1, 1, shape),
+    "a gradient": lambda rng, shape: np.linspace(50, 120, shape[1]) + rng.normal(0, 1, shape),
+}
+
+
+@pytest.mark.parametrize("kind", EMPTY)
+def test_where_there_is_nothing_to_see_almost_nothing_is_measured(belt, matcher, kind):
+    rng = np.random.default_rng(8)
+    images = {
+        name: np.clip(np.rint(EMPTY[kind](rng, image.shape)), 0, 255).astype(np.uint8)
+        for name, image in belt[1].images.items()
+    }
+    assert matcher.reconstruct(FrameSet("000", images), Silent()).coverage < 0.02
+
+
+def test_images_of_different_scenes_are_not_matched(belt, matcher):
+    _, frames, truth = belt
+    depth = matcher.reconstruct(changed(frames, lambda i: i[::-1, ::-1].copy(), *AUXILIARIES), Silent())
+    assert share_of_nonsense(depth, truth) < 0.05

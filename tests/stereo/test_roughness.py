@@ -1,0 +1,85 @@
+"""What rough material shows: windows that disagree over a patch, steps and what nobody sees left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import plane, scene, sphere
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.confidence.roughness import unevenness_evidence
+from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
+from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.optimisation.least_squares import Refined, refine
+
+SHAPE = (120, 160)
+
+
+def even(s: np.ndarray | None = None, **fields: np.ndarray) -> Refined:
+    """A surface whose windows agree, with one variance."""
+    s = np.full(SHAPE, 200, np.float32) if s is None else s.astype(np.float32)
+    none = np.zeros(s.shape, np.float32)
+    made = Refined(Surface(s, none, none), none + 1e-4, none, np.full(s.shape, 4, np.uint8), none + 50)
+    return replace(made, **fields)
+
+
+def told(refined: Refined, turn: np.ndarray | None = None, scale: float = 1.0) -> dict[str, np.ndarray]:
+    turn = np.full(refined.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
+    return dict(unevenness_evidence(refined, turn, scale))
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
+def test_what_is_the_same_everywhere_is_its_own_mean(scale):
+    found = told(even(disagreement=np.full(SHAPE, 3, np.float32)), scale=scale)
+    assert len(found) == 8
+    for name, plane_ in found.items():
+        expected = {"disagreement": np.log(3.01), "turn": -5.0, "log sigma": np.log(0.01)}
+        np.testing.assert_allclose(plane_, expected[name.split(" within")[0]], rtol=1e-4, err_msg=name)
+
+
+def test_each_tells_of_so_much_around():
+    disagreement = np.zeros(SHAPE, np.float32)
+    disagreement[60, 80] = 25
+    found = told(even(disagreement=disagreement))
+    for window_px in (5, 15, 41, 101):
+        wide = found[f"disagreement within {window_px}"] > np.log(0.01) + 1e-3
+        columns = np.flatnonzero(wide.any(axis=0))
+        assert abs(np.ptp(columns) + 1 - window_px) <= 8 * (window_px > 15)
+
+
+def test_steps_and_what_no_view_agrees_on_are_left_out():
+    s = np.full(SHAPE, 200.0)
+    s[:, 80:] = 220
+    wild, used = np.zeros(SHAPE, np.float32), np.full(SHAPE, 4, np.uint8)
+    wild[:, 78:82] = 25
+    wild[:20, :20], used[:20, :20] = 25, 0
+    found = told(even(s, disagreement=wild, used=used))
+    for window_px in (5, 15, 41, 101):
+        np.testing.assert_allclose(found[f"disagreement within {window_px}"], np.log(0.01), rtol=1e-5)
+
+
+def test_nan_stays_out_of_it():
+    s = np.full(SHAPE, 200.0)
+    s[40:60, 40:70] = np.nan
+    gone = np.isnan(s)
+    holes = {
+        "disagreement": np.where(gone, np.nan, 1).astype(np.float32),
+        "variance": np.where(gone, np.nan, 1e-4).astype(np.float32),
+        "used": np.where(gone, 0, 4).astype(np.uint8),
+    }
+    for name, plane_ in told(even(s, **holes)).items():
+        assert np.isfinite(plane_).all(), name
+
+
+def test_a_surface_rounder_than_the_windows_shows():
+    shown = []
+    for solids in ((plane(),), (sphere(660, 60), plane(800))):
+        made = scene(*solids, noise=1.0)
+        size = windows(made.s.shape[1])
+        surface = with_slopes(made.s.astype(np.float32), load(), 1)
+        refined = refine(surface, made.prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
+        middle = tuple(side // 2 for side in made.s.shape)
+        shown.append(told(refined, scale=size.scale)["disagreement within 15"][middle])
+    assert shown[1] > shown[0] + 0.5

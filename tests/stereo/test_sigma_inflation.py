@@ -1,0 +1,102 @@
+"""Correlated noise is measured by how the views disagree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scenes import Scene, depth_mm, in_bits, pictures, plane, ring
+
+from beltscape.core.frames import FrameSet
+from beltscape.kernels import load
+from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, view_disagreement
+from beltscape.stereo.multiview.frame.frame import Noise, prepare
+from beltscape.stereo.multiview.frame.inverse_depth import nearness_unit
+from beltscape.stereo.multiview.frame.surface import with_slopes
+from beltscape.stereo.multiview.frame.windows import windows
+
+NOISE = 4.0
+SOLID = plane(700, 0.2, 0.1)
+BLURS_PX = (0.5, 0.65, 0.8)
+
+
+def noisy_scene(blur_px: float, angles=(0, 90, 180, 270), seed: int = 2) -> Scene:
+    """A frame with noise of one variance, white or correlated over ``blur_px``."""
+    rig = ring(angles, size_px=(320, 256))
+    rng = np.random.default_rng(seed)
+    images = {
+        name: in_bits(image + NOISE * correlated(rng.standard_normal(image.shape), blur_px), np.uint16)
+        for name, image in pictures(rig, (SOLID,), dot_px=2.0).items()
+    }
+    prepared = prepare(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1)
+    noise = Noise(NOISE**2, 1e-4, prepared.noise.texture)
+    unit = nearness_unit(rig, rig.auxiliaries)
+    s = (1 / (depth_mm(rig, (SOLID,)) * unit)).astype(np.float32)
+    return Scene(rig, replace(prepared, noise=noise), s, unit)
+
+
+def correlated(white: np.ndarray, blur_px: float) -> np.ndarray:
+    """Noise of the same variance."""
+    if blur_px == 0:
+        return white
+    blurred = cv2.GaussianBlur(white, (0, 0), blur_px)
+    return blurred / blurred.std()
+
+
+def disagreement(made: Scene, threads: int = 1) -> Inflation:
+    surface = with_slopes(made.s, load(), 1)
+    return view_disagreement(surface, made.prepared, windows(made.s.shape[1]), load(), threads)
+
+
+def expected(made: Scene, blur_px: float) -> float:
+    """Σ over lags of noise's times texture's autocorrelation: what sums of pulls are more uncertain by."""
+    core = np.nan_to_num(made.prepared.core)
+    slopes = [np.diff(core, axis=axis)[8:-8, 8:-8] for axis in (0, 1)]
+    kernel = np.zeros((33, 33))
+    kernel[16, 16] = 1
+    kernel = cv2.GaussianBlur(cv2.GaussianBlur(kernel, (0, 0), blur_px), (0, 0), blur_px)
+    ratios = [float((g * cv2.filter2D(g, -1, kernel / kernel[16, 16])).sum() / (g * g).sum()) for g in slopes]
+    return float(np.mean(ratios))
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_white_noise_makes_no_more_than_the_core_in_common(seed):
+    assert 0.7 < disagreement(noisy_scene(0, seed=seed)).overall < 1.7
+
+
+@pytest.mark.parametrize("blur_px", BLURS_PX)
+def test_correlated_noise_inflates_by_the_sum_of_its_correlation(blur_px):
+    made = noisy_scene(blur_px)
+    ratio = disagreement(made).overall / disagreement(noisy_scene(0)).overall
+    assert expected(made, blur_px) > 1.3
+    # normalising levels in windows takes the longest part of the correlation away
+    assert 0.55 < ratio / expected(made, blur_px) < 1.3
+
+
+def test_smooth_errors_of_the_calibration_do_not_count():
+    made = noisy_scene(0)
+    before = disagreement(made).overall
+    views = made.prepared.views.copy()
+    views[0, 9:12] *= 1.002  # one auxiliary's share of s: its baseline
+    knocked = replace(made, prepared=replace(made.prepared, views=views))
+    assert disagreement(knocked).overall < 1.3 * before
+
+
+def test_a_single_auxiliary_has_nothing_to_disagree_with():
+    found = disagreement(noisy_scene(0.8, angles=(0,)))
+    assert not len(found.ratio)
+    assert np.isnan(found.overall)
+
+
+def test_threads_change_nothing():
+    made = noisy_scene(0.8)
+    one, three = disagreement(made, 1), disagreement(made, 3)
+    assert one.ratio.tobytes() == three.ratio.tobytes()
+
+
+def test_a_surface_without_texture_has_no_estimate():
+    made = noisy_scene(0)
+    nothing = replace(made, s=np.full_like(made.s, np.nan))
+    assert not len(disagreement(nothing).ratio)

@@ -1,0 +1,184 @@
+"""The frame before, moved with the belt: right where it was seen, nothing where it was not."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+from scenes import (
+    Scene,
+    Solid,
+    away_from_steps,
+    depth_mm,
+    in_bits,
+    inner,
+    patch,
+    pictures,
+    plane,
+    ring,
+    scene,
+    sphere,
+)
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.frame import grid_unit, prepare
+from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, moved_nearness
+from beltscape.stereo.multiview.initialisation.unmeasured_regions import missing_blocks
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
+
+SIZE_PX = (240, 200)
+RIG = ring(size_px=SIZE_PX)
+SHAPES = {
+    "plane": (plane(700, 0.2, -0.1),),
+    "sphere": (sphere(660, 400), plane(780)),
+    "boxes": (plane(740), patch(660, (-150, 60), (-120, 120)), patch(690, (120, 200), (-60, 90))),
+}
+MOTIONS = {"along": (40.0, 0.0, 0.0), "across": (-25.0, 30.0, 0.0), "and nearer": (15.0, 10.0, -12.0)}
+
+
+def moved(solids: tuple[Solid, ...], motion_mm) -> tuple[Solid, ...]:
+    """The same solids, displaced."""
+    shift = np.asarray(motion_mm)
+    return tuple(lambda origin, rays, solid=solid: solid(origin - shift, rays) for solid in solids)
+
+
+def known(depth: np.ndarray) -> DepthMap:
+    """A map that measures this depth."""
+    there = np.isfinite(depth)
+    sigma = np.where(there, 0.1, np.nan).astype(np.float32)
+    return DepthMap(depth.astype(np.float32), sigma, there.astype(np.uint8), there.astype(np.float32))
+
+
+def prior_of(solids: tuple[Solid, ...], motion_mm, unseen: tuple[slice, slice] | None = None) -> Prior:
+    depth = depth_mm(RIG, solids)
+    if unseen is not None:
+        depth[unseen] = np.nan
+    return Prior(known(depth), np.array(motion_mm, float))
+
+
+def nearness(prior: Prior, now: Scene) -> np.ndarray:
+    return moved_nearness(prior, RIG, now.prepared, now.unit, 1, load(), 1)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_it_is_the_nearness_of_the_moved_scene(shape, motion):
+    solids, motion_mm = SHAPES[shape], MOTIONS[motion]
+    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    s = nearness(prior_of(solids, motion_mm), now)
+    there = np.isfinite(s)
+    assert there.mean() > 0.9
+    smooth = there & away_from_steps(now.s, 3)
+    slope = cv2.dilate(np.abs(np.gradient(now.s.astype(float))).sum(axis=0), np.ones((3, 3)))
+    gentle = smooth & (slope < 0.25)
+    assert gentle.mean() > 0.7
+    assert np.abs(s - now.s)[gentle].max() < 0.3
+    assert np.median(np.abs(s - now.s)[gentle]) < 0.1
+    nearer = (s - now.s)[smooth]  # the buffer keeps the nearest of four pixels
+    assert nearer.min() > -0.15
+    assert (nearer - slope[smooth]).max() < 0.15
+
+
+def test_it_is_what_it_was_when_nothing_moved():
+    now = scene(*SHAPES["boxes"], rig=RIG, noise=0.5)
+    s = nearness(prior_of(SHAPES["boxes"], (0, 0, 0)), now)
+    along = away_from_steps(now.s, 2) & np.isfinite(s)
+    assert along.mean() > 0.9
+    np.testing.assert_allclose(s[along], now.s[along], atol=1e-3)
+
+
+def test_on_a_coarser_grid_it_counts_that_grids_pixels():
+    solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
+    frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, moved(solids, motion_mm)).items()})
+    prepared, unit = prepare(RIG, frames, RIG.auxiliaries, 2, load(), 1), grid_unit(RIG, RIG.auxiliaries, 2)
+    s = moved_nearness(prior_of(solids, motion_mm), RIG, prepared, unit, 2, load(), 1)
+    true = 1 / (depth_mm(RIG, moved(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit)
+    assert s.shape == (100, 120)
+    assert np.isfinite(s).mean() > 0.85
+    assert np.nanmax(np.abs(s - true)) < 0.3
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_where_the_frame_before_saw_nothing_nothing_is_known(motion):
+    """The hole moves along; 1 px is the buffer's, 2 px the projection's rounding and tilt."""
+    solids, motion_mm = SHAPES["plane"], np.array(MOTIONS[motion])
+    hole = slice(70, 130), slice(80, 150)
+    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    s = nearness(prior_of(solids, motion_mm, hole), now)
+    points = RIG.core_camera.rays() * depth_mm(RIG, solids)[..., None] + motion_mm[:2]
+    away = depth_mm(RIG, solids) + motion_mm[2]
+    at = points / away[..., None] * RIG.core_camera.focal_px + RIG.core_camera.center_px
+    (top, left), (bottom, right) = (
+        np.ceil(at[70, 80][::-1]).astype(int),
+        np.floor(at[129, 149][::-1]).astype(int),
+    )
+    assert np.isnan(s[top + 3 : bottom - 3, left + 3 : right - 3]).all()
+    around = inner(s.shape, 24)
+    around[top - 3 : bottom + 3, left - 3 : right + 3] = False
+    assert np.isfinite(s[around]).mean() > 0.99
+
+
+def test_a_frame_before_without_depth_says_nothing():
+    now = scene(*SHAPES["plane"], rig=RIG)
+    assert np.isnan(nearness(prior_of(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
+
+
+@pytest.mark.parametrize("wrong_mm", [60.0, 120.0, -60.0])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_motion_that_is_off_by_pixels_does_not_fit_as_a_whole(shape, wrong_mm):
+    """5 to 10 px: the same speckle agrees by chance here and there."""
+    solids, motion_mm = SHAPES[shape], np.array(MOTIONS["along"])
+    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    right = np.isfinite(nearness(prior_of(solids, motion_mm), now)).mean()
+    s = nearness(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
+    assert np.isfinite(s).mean() < 0.7 * right
+    swept = np.zeros(s.shape, bool)
+    for block in itertools.chain(*missing_blocks(s, 2)):
+        swept[block] = True
+    assert swept.mean() > 0.8
+
+
+@pytest.mark.parametrize("wrong_mm", [15.0, 30.0])
+def test_a_motion_that_is_off_by_a_pixel_or_two_does_not_fit(wrong_mm):
+    solids, motion_mm = SHAPES["boxes"], np.array(MOTIONS["along"])
+    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    s = nearness(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
+    assert np.isfinite(s).mean() < 0.3
+
+
+@pytest.mark.parametrize("motion_mm", [(70.0, 0.0, 0.0), (-25.0, 30.0, 0.0), (15.0, 10.0, -12.0)])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_with_it_depth_is_as_right_as_without(shape, motion_mm):
+    solids = SHAPES[shape]
+    now = moved(solids, motion_mm)
+    frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, now, noise=0.5).items()})
+    truth = depth_mm(RIG, now)
+    matcher = MultiviewReconstructor(RIG, (600, 820), MultiviewSettings(threads=1))
+    without = matcher.reconstruct(frames, Silent())
+    with_it = matcher.reconstruct(frames, Silent(), prior=prior_of(solids, motion_mm))
+
+    def errors(depth: DepthMap) -> np.ndarray:
+        return np.abs(depth.depth_mm - truth)[depth.measured]
+
+    plain, better = errors(without), errors(with_it)
+    assert np.median(plain) < 0.15
+    assert np.median(better) < np.median(plain) + 0.01
+    assert (better < 1).sum() > 0.998 * (plain < 1).sum()
+    assert (better > 5).mean() < (plain > 5).mean() + 0.001
+    assert (with_it.measured | ~without.measured).mean() > 0.998
+
+
+def test_a_narrow_new_strip_is_measured_too():
+    solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
+    now = moved(solids, motion_mm)
+    frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, now, noise=0.5).items()})
+    matcher = MultiviewReconstructor(RIG, (600, 820), MultiviewSettings(threads=1))
+    without = matcher.reconstruct(frames, Silent())
+    with_it = matcher.reconstruct(frames, Silent(), prior=prior_of(solids, motion_mm))
+    assert with_it.measured[:, :12].mean() > 0.99 * without.measured[:, :12].mean()

@@ -1,0 +1,163 @@
+"""Evenly lit discs: continued from a smooth rim, and nothing else is touched."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scenes import DEPTH_MM, Scene, patch, plane, ring, scene, sphere
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
+from beltscape.stereo.multiview.optimisation.textureless import continued_discs
+
+SIZE_PX = (160, 140)
+MIDDLE_PX = (80, 70)
+RADIUS_PX = 20
+BRIGHT = np.float32(150)
+SMOOTH = {
+    "plane": (plane(),),
+    "slanted": (plane(DEPTH_MM, 0.3, -0.2),),
+    "gentle curve": (sphere(640, 900), plane(1100)),
+}
+STEP = (plane(740), patch(660, (-150, 10)))
+_DARK = {1.0: 70, 0.5: 110}
+"""Levels taken off, by scale: dots as small, to the scale, as the projector's, on black."""
+
+
+def fill(surface, prepared, scale):
+    """`continued_discs` where nothing is known of what is evenly bright, and as much of everything else."""
+    found, where = continued_discs(surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale)
+    np.testing.assert_array_equal(found.s[~where], surface.s[~where])
+    return found
+
+
+def before(*solids, scale: float = 1.0) -> Scene:
+    """A scene under dots on black."""
+    made = scene(*solids, rig=ring(size_px=SIZE_PX), noise=0.5)
+    return replace(made, prepared=lit(made, np.maximum(made.prepared.core - _DARK[scale], 0)))
+
+
+def lit(made: Scene, core: np.ndarray) -> PreparedFrame:
+    return replace(made.prepared, core=core.astype(np.float32))
+
+
+def disc(radius_px: float, middle_px: tuple[float, float] = MIDDLE_PX) -> np.ndarray:
+    u, v = np.meshgrid(np.arange(SIZE_PX[0]), np.arange(SIZE_PX[1]))
+    return (u - middle_px[0]) ** 2 + (v - middle_px[1]) ** 2 <= radius_px**2
+
+
+def corrupted(made: Scene, where: np.ndarray) -> Surface:
+    """The true surface with noise as of matching, and without any sense inside."""
+    rng = np.random.default_rng(5)
+    s = made.s + rng.normal(0, 0.02, made.s.shape)
+    s[where] += 1 + rng.normal(0, 0.7, int(where.sum()))
+    return with_slopes(s.astype(np.float32), load(), 1)
+
+
+def same_bytes(a: Surface, b: Surface, where: np.ndarray | slice = slice(None)) -> bool:
+    return all(
+        getattr(a, f.name)[where].tobytes() == getattr(b, f.name)[where].tobytes() for f in fields(Surface)
+    )
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+@pytest.mark.parametrize("shape", SMOOTH)
+def test_a_disc_continues_its_rim(shape, scale):
+    made = before(*SMOOTH[shape], scale=scale)
+    marker = disc(RADIUS_PX * scale)
+    wrong = corrupted(made, marker)
+    assert np.abs(wrong.s - made.s)[marker].max() > 2
+    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale)
+    assert np.abs(mended.s - made.s)[marker].max() < 0.03
+    true_v, true_u = np.gradient(made.s.astype(float))
+    assert np.abs(mended.slope_u - true_u)[marker].max() < 0.005
+    assert np.abs(mended.slope_v - true_v)[marker].max() < 0.005
+    assert same_bytes(mended, wrong, ~disc((RADIUS_PX + 10) * scale))
+
+
+def test_its_slopes_are_those_of_its_s():
+    made = before(*SMOOTH["gentle curve"])
+    marker = disc(RADIUS_PX)
+    mended = fill(corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    by_v, by_u = np.gradient(mended.s.astype(float))
+    inside = disc(RADIUS_PX - 2)
+    np.testing.assert_allclose(mended.slope_u[inside], by_u[inside], atol=1e-3)
+    np.testing.assert_allclose(mended.slope_v[inside], by_v[inside], atol=1e-3)
+
+
+def test_several_discs_are_several():
+    made = before(*SMOOTH["slanted"])
+    markers = disc(12, (40, 40)) | disc(12, (112, 44)) | disc(12, (76, 100))
+    wrong = corrupted(made, markers)
+    mended = fill(wrong, lit(made, np.where(markers, BRIGHT, made.prepared.core)), 1.0)
+    assert np.abs(mended.s - made.s)[markers].max() < 0.03
+
+
+def test_small_images_have_small_discs():
+    """The same disc is too small for one at full scale, and too large for one at half."""
+    made = before(*SMOOTH["plane"], scale=0.5)
+    for radius_px, scale in ((4, 0.5), (30, 1.0)):
+        marker = disc(radius_px)
+        wrong, prepared = corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core))
+        assert np.abs(fill(wrong, prepared, scale).s - made.s)[marker].max() < 0.03
+        assert same_bytes(fill(wrong, prepared, 1.5 - scale), wrong)
+
+
+def test_a_few_outliers_about_it_do_not_bend_it():
+    made = before(*SMOOTH["plane"])
+    marker = disc(RADIUS_PX)
+    wrong = corrupted(made, marker)
+    stray = np.random.default_rng(8).random(wrong.s.shape) < 0.05
+    wrong = replace(wrong, s=np.where(stray & ~marker, wrong.s + 3, wrong.s).astype(np.float32))
+    wrong.s[55:60, 20:60] = np.nan
+    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    assert np.abs(mended.s - made.s)[marker].max() < 0.03
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+@pytest.mark.parametrize("shift_px", [-8, 0, 8])
+def test_a_disc_astride_a_step_is_left_as_it_was(shift_px, scale):
+    made = before(*STEP, scale=scale)
+    edge = int(np.argmax(np.abs(np.diff(made.s[MIDDLE_PX[1]])[20:-20]))) + 20
+    marker = disc(RADIUS_PX * scale, (edge + shift_px * scale, MIDDLE_PX[1]))
+    wrong = corrupted(made, marker)
+    assert same_bytes(fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale), wrong)
+
+
+def test_a_disc_without_a_rim_is_left_as_it_was():
+    made = before(*SMOOTH["plane"])
+    marker = disc(RADIUS_PX)
+    alone = with_slopes(np.where(marker, made.s, np.nan).astype(np.float32), load(), 1)
+    assert same_bytes(fill(alone, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0), alone)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+@pytest.mark.parametrize("shape", [*SMOOTH, "step"])
+def test_ordinary_speckle_is_left_alone(shape, scale):
+    made = before(*SMOOTH.get(shape, STEP), scale=scale)
+    surface = corrupted(made, disc(RADIUS_PX * scale))
+    assert same_bytes(fill(surface, made.prepared, scale), surface)
+
+
+@pytest.mark.parametrize("bright", ["everywhere", "half", "nowhere"])
+def test_an_evenly_lit_image_is_left_alone(bright):
+    made = before(*SMOOTH["gentle curve"])
+    noise = np.random.default_rng(3).normal(0, 2, made.s.shape)
+    columns = {"everywhere": slice(None), "half": slice(80, None), "nowhere": slice(0, 0)}[bright]
+    core = np.zeros(made.s.shape)
+    core[:, columns] = BRIGHT + noise[:, columns]
+    surface = corrupted(made, disc(RADIUS_PX))
+    assert same_bytes(fill(surface, lit(made, core), 1.0), surface)
+
+
+def test_what_it_is_given_is_not_written_to():
+    made = before(*SMOOTH["plane"])
+    marker = disc(RADIUS_PX)
+    wrong = corrupted(made, marker)
+    kept = Surface(wrong.s.copy(), wrong.slope_u.copy(), wrong.slope_v.copy())
+    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    assert same_bytes(wrong, kept)
+    assert not same_bytes(mended, wrong)

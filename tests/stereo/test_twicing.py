@@ -1,0 +1,57 @@
+"""What windows flatten is put back: on tops, not on planes, and not where nothing is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import Scene, away_from_steps, inner, plane, scene, sphere
+
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
+from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.optimisation.least_squares import refine
+from beltscape.stereo.multiview.optimisation.twicing import sharpened
+
+SIZE = replace(windows(1224), levels_px=4)
+"""Windows that flatten the small scenes."""
+BALL = (sphere(660, 250), plane(900))
+
+
+def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface, Surface]:
+    surface = with_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
+    refined = refine(surface, made.prepared, (0.7, 0.4), SIZE.firm, SIZE.levels_px, load(), 1).surface
+    return refined, sharpened(refined, made.prepared, 0.4, SIZE, load(), 1)
+
+
+def on_top(made: Scene) -> np.ndarray:
+    """(H, W) of the ball, where no window reaches over its rim."""
+    return away_from_steps(made.s, 9) & inner(made.s.shape, 9) & (made.s > np.median(made.s))
+
+
+def test_a_round_top_is_put_back():
+    made = scene(*BALL, noise=1.0)
+    top = on_top(made)
+    flattened, sharp = ((surface.s - made.s)[top] for surface in before_and_after(made))
+    assert top.sum() > 100
+    assert abs(np.mean(sharp)) < 0.6 * abs(np.mean(flattened))
+    assert np.median(np.abs(sharp)) < 0.9 * np.median(np.abs(flattened))
+
+
+@pytest.mark.parametrize("noise", [1.0, 4.0])
+def test_a_plane_stays_as_it_is(noise):
+    """But for a part of the noise."""
+    made = scene(plane(700, 0.2), noise=noise)
+    where = inner(made.s.shape, 12)
+    flat, sharp = ((surface.s - made.s)[where] for surface in before_and_after(made))
+    assert np.std(sharp) < 1.1 * np.std(flat)
+
+
+def test_nan_stays_and_does_not_spread():
+    made = scene(plane(), noise=1.0)
+    s = made.s.copy()
+    s[40:50, 50:60] = np.nan
+    flat, sharp = before_and_after(made, s)
+    np.testing.assert_array_equal(np.isnan(flat.s), np.isnan(sharp.s))
+    assert np.isfinite(sharp.slope_u[np.isfinite(flat.slope_u)]).all()

@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md and ARCHITECTURE.md: their commands hold, and the files, packages and modules they name exist."""
+"""Files, packages and modules that the pages name exist; the commands of CONTRIBUTING.md hold."""
 
 from __future__ import annotations
 
@@ -37,6 +37,19 @@ def test_commands_of_the_contributing_page_hold(tmp_path):
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "ARCHITECTURE.md"])
 def test_named_files_exist(page):
     assert missing_paths(page) == []
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs").glob("*.md")))
+def test_modules_named_in_the_manual_exist(page):
+    spans = [span for _, span in read_spans(page_text(f"docs/{page}"))]
+    modules = [span for span in spans if re.fullmatch(r"[\w/]+\.(py|hpp|cpp)", span)]
+    folders = (
+        ROOT / name for name in ("src", "native", "tools", "tests", "benchmarks", "examples", "deploy")
+    )
+    present = [f"/{path.relative_to(ROOT)}" for folder in folders for path in folder.rglob("*.?pp")] + [
+        f"/{path.relative_to(ROOT)}" for path in ROOT.glob("[!.]*/**/*.py")
+    ]
+    assert [module for module in modules if not any(one.endswith(f"/{module}") for one in present)] == []
 
 
 def test_packages_are_complete_and_their_parts_exist():

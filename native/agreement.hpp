@@ -1,4 +1,4 @@
-// How an auxiliary sees a surface given by its nearness, row by row, and how several that see it agree.
+// How an auxiliary sees a surface given by its inverse_depth, row by row, and how several that see it agree.
 #pragma once
 
 #include "sweep.hpp"
@@ -14,12 +14,12 @@ struct Auxiliary {
 };
 
 // Where it sees a point: the footprint of a sample, of whose pixels the upper or lower left one is in the
-// nearest row, and the nearness to it (NaN: not inside).
+// nearest row, and the inverse_depth to it (NaN: not inside).
 template <class F>
 struct Sighting {
     Spot<F> spot;
     IntOf<F> row;
-    F nearness;
+    F inverse_depth;
 };
 
 // The pixel nearest to a spot, or the one left of it where u is above a half.
@@ -28,14 +28,15 @@ BELTSCAPE_INLINE IntOf<F> nearest_pixel(const Spot<F>& spot, const Image& image)
     return spot.index + select(spot.v >= 0.5f, broadcast<IntOf<F>>(image.width), IntOf<F>{});
 }
 
-// Columns x of row y at nearness s.
+// Columns x of row y at inverse_depth s.
 template <class F>
 BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, float y, F s) {
     const float* d = view.direction;
     const float from_x = d[1] * y + d[2], from_y = d[4] * y + d[5], from_z = d[7] * y + d[8];
-    const F inverse_depth = 1.0f / fused(s, view.shift[2], fused(x, d[6], from_z));
-    const auto [u, v] = image_of(view, fused(s, view.shift[0], fused(x, d[0], from_x)) * inverse_depth,
-                                 fused(s, view.shift[1], fused(x, d[3], from_y)) * inverse_depth);
+    const F inverse_depth = 1.0f / multiply_add(s, view.shift[2], multiply_add(x, d[6], from_z));
+    const auto [u, v] =
+        image_of(view, multiply_add(s, view.shift[0], multiply_add(x, d[0], from_x)) * inverse_depth,
+                 multiply_add(s, view.shift[1], multiply_add(x, d[3], from_y)) * inverse_depth);
     const Spot<F> place = spot(image, u, v, inverse_depth > 0.0f);
     return {place, nearest_pixel(place, image),
             select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
@@ -43,9 +44,9 @@ BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, fl
 
 // 1 where nothing in the buffer lies more than `tolerance` before what is seen at the nearest pixel, else 0.
 template <class F>
-BELTSCAPE_INLINE F unhidden(const float* buffer, const int* row, F u, F nearness, float tolerance) {
+BELTSCAPE_INLINE F unhidden(const float* buffer, const int* row, F u, F inverse_depth, float tolerance) {
     const auto [left, right] = gather_pair<F>(buffer, row);
-    return select(select(u >= 0.5f, right, left) <= nearness + tolerance, broadcast<F>(1.0f), F{});
+    return select(select(u >= 0.5f, right, left) <= inverse_depth + tolerance, broadcast<F>(1.0f), F{});
 }
 
 // The dissimilarities of the views that see a point: their mean, from three views on without the worst.
@@ -54,7 +55,8 @@ struct Agreement {
     F views{}, sum{}, worst{};
 
     BELTSCAPE_INLINE void add(F dissimilarity, F seen) {
-        views += seen, sum = fused(dissimilarity, seen, sum), worst = greater(worst, dissimilarity * seen);
+        views += seen, sum = multiply_add(dissimilarity, seen, sum),
+                       worst = greater(worst, dissimilarity * seen);
     }
     BELTSCAPE_INLINE F cost(float unseen) const {
         const MaskOf<F> many = views > 2.5f;

@@ -9,17 +9,17 @@ namespace beltscape {
 
 namespace nb = nanobind;
 
-void bind_coarse(nb::module_& m);
-void bind_hear(nb::module_& m);
-void bind_neighbours(nb::module_& m);
-void bind_occlusion(nb::module_& m);
-void bind_perceptron(nb::module_& m);
-void bind_propagate(nb::module_& m);
-void bind_refine(nb::module_& m);
-void bind_rivals(nb::module_& m);
-void bind_top_view(nb::module_& m);
-void bind_triangulate(nb::module_& m);
-void bind_warp(nb::module_& m);
-void bind_windows(nb::module_& m);
+void bind_plane_sweep(nb::module_& m);
+void bind_message_passing(nb::module_& m);
+void bind_gathering(nb::module_& m);
+void bind_visibility(nb::module_& m);
+void bind_network(nb::module_& m);
+void bind_propagation(nb::module_& m);
+void bind_least_squares(nb::module_& m);
+void bind_candidates(nb::module_& m);
+void bind_height_rasterisation(nb::module_& m);
+void bind_triangulation(nb::module_& m);
+void bind_warping(nb::module_& m);
+void bind_window_statistics(nb::module_& m);
 
 }  // namespace beltscape

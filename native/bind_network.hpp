@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "bind_grid.hpp"
-#include "perceptron.hpp"
+#include "network.hpp"
 
 namespace beltscape {
 

@@ -4,7 +4,7 @@
 // A row begins at its first pixel and has `margin` more at its left; at its right, a vector more than that.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -31,7 +31,7 @@ BELTSCAPE_INLINE void column_sums(const float* const* rows, int count, int width
         F sum{}, square{};
         for (int i = 0; i < count; ++i) {
             const F value = load<F>(rows[i] + x);
-            sum += value, square = fused(value, value, square);
+            sum += value, square = multiply_add(value, value, square);
         }
         store(sums + x, sum), store(squares + x, square);
     }

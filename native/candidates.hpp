@@ -1,16 +1,17 @@
-// Candidates of a pixel: its own nearness and those its surroundings hand on, and the few of them it keeps.
+// Candidates of a pixel: its own inverse_depth and those its surroundings hand on, and the few of them it
+// keeps.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
 inline constexpr float kApart = 1.5f;         // candidates farther apart in s are different surfaces
-inline constexpr float kNoCandidate = 1e6f;   // the nearness of a free place: far from all others
+inline constexpr float kNoCandidate = 1e6f;   // the inverse_depth of a free place: far from all others
 inline constexpr float kNoCost = 1e3f;        // and its cost: anything is cheaper
 inline constexpr float kFarthestStep = 3.0f;  // of an extrapolation
 
-// Nearness and its slopes along x and y, each (height, width).
+// Inverse depth and its slopes along x and y, each (height, width).
 struct Surface {
     const float *s, *slope_u, *slope_v;
     int width, height;
@@ -33,8 +34,8 @@ BELTSCAPE_INLINE F finite_or_zero(F a) {
 
 template <class F>
 BELTSCAPE_INLINE F extrapolated(F s, F slope_u, F slope_v, F across, float down) {
-    return s + clamp(fused(finite_or_zero(slope_v), down, finite_or_zero(slope_u) * across), -kFarthestStep,
-                     kFarthestStep);
+    return s + clamp(multiply_add(finite_or_zero(slope_v), down, finite_or_zero(slope_u) * across),
+                     -kFarthestStep, kFarthestStep);
 }
 
 // What an offset hands to pixels x, x + 1, ... of row y; where these leave the surface, its edge stands for

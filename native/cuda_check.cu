@@ -2,20 +2,20 @@
 // it: tests/kernels/test_cuda_compile.py compiles it with NVRTC, which needs no GPU. A new shared header adds
 // its include and one kernel here.
 #include "agreement.hpp"
+#include "candidate_surfaces.hpp"
 #include "candidates.hpp"
-#include "hear.hpp"
-#include "lanes.hpp"
-#include "likeness.hpp"
+#include "gathering.hpp"
 #include "local_fit.hpp"
-#include "neighbours.hpp"
+#include "message_passing.hpp"
+#include "network.hpp"
 #include "normal_equations.hpp"
-#include "occlusion.hpp"
-#include "perceptron.hpp"
+#include "photo_consistency.hpp"
 #include "prefilter.hpp"
-#include "rivals.hpp"
 #include "select.hpp"
+#include "simd.hpp"
 #include "sweep.hpp"
 #include "triangulate.hpp"
+#include "visibility.hpp"
 #include "warp.hpp"
 
 namespace beltscape {
@@ -124,7 +124,7 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
     const float s = handed<float>(surface, offset, x, y);
     const Sighting<float> seen = sight(view, image, to_float(x), to_float(y), s);
-    const float clear = unhidden(buffer, &seen.row, seen.spot.u, seen.nearness, tolerance);
+    const float clear = unhidden(buffer, &seen.row, seen.spot.u, seen.inverse_depth, tolerance);
     Agreement<float> agreement;
     agreement.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear);
     keep(places, s, agreement.cost(0.35f), 1, 0.4f, finite(s));
@@ -138,8 +138,8 @@ __global__ void check_perceptron(Network net, const float* const* planes, float*
 }
 
 // A thread takes a pixel.
-__global__ void check_hear(Network net, Messages messages, float* const* out) {
-    hear<float>(net, messages, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+__global__ void check_message_passing(Network net, Messages messages, float* const* out) {
+    pass_messages<float>(net, messages, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
 }
 
 __global__ void check_neighbours(const float* plane, int width, int height, const float* u, const float* v,
@@ -148,12 +148,14 @@ __global__ void check_neighbours(const float* plane, int width, int height, cons
     neighbours<float>(plane, width, height, u + pixel, v + pixel, offsets->dx, offsets->dy, 1, out + pixel);
 }
 
-// A thread takes a pixel: all its rivals, then how like the images each is.
-__global__ void check_rivals(RivalSearch search, LikenessInput in, Planes at, Rivals rivals, float* out) {
+// A thread takes a pixel: all its candidates, then how like the images each is.
+__global__ void check_candidates(CandidateSearch search, PhotoConsistencyInput in, Planes at,
+                                 CandidateRows candidates, float* out) {
     const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;
-    find_rivals(search, static_cast<int>(at.u[pixel]), static_cast<int>(at.v[pixel]), rivals, pixel);
-    likeness<float>(in, {at.u + pixel, at.v + pixel, at.s + pixel, at.slope_u + pixel, at.slope_v + pixel}, 1,
-                    out + pixel, rivals.stride);
+    find_candidates(search, static_cast<int>(at.u[pixel]), static_cast<int>(at.v[pixel]), candidates, pixel);
+    photo_consistency<float>(
+        in, {at.u + pixel, at.v + pixel, at.s + pixel, at.slope_u + pixel, at.slope_v + pixel}, 1,
+        out + pixel, candidates.stride);
 }
 
 }  // namespace beltscape

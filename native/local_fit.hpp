@@ -9,7 +9,7 @@
 // even and the odd moments need only a pair's sum and its difference.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -68,10 +68,10 @@ struct Tap {
 template <class F>
 BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, const FitWindows& windows) {
     const F e = load<F>(field.s + at) - expected, information = load<F>(field.information + at);
-    const F near = greater(fused(e, -e, broadcast<F>(windows.tolerance * windows.tolerance)), F{}),
+    const F near = greater(multiply_add(e, -e, broadcast<F>(windows.tolerance * windows.tolerance)), F{}),
             closeness = near * near;
     const F weight = closeness * information;
-    return {weight, closeness * fused(information, windows.flatten * e, load<F>(field.pull + at)),
+    return {weight, closeness * multiply_add(information, windows.flatten * e, load<F>(field.pull + at)),
             closeness * weight};
 }
 
@@ -83,8 +83,8 @@ BELTSCAPE_INLINE void fit_pairs(const FitField& field, int at, int reach, F expe
     row.weight[0] = centre.weight, row.pull[0] = centre.pull, row.square[0] = centre.square;
     for (int i = 1; i <= reach; ++i) {
         const float by = static_cast<float>(i);
-        const Tap<F> right = fit_tap(field, at + i, fused(slope_u, by, expected), windows);
-        const Tap<F> left = fit_tap(field, at - i, fused(slope_u, -by, expected), windows);
+        const Tap<F> right = fit_tap(field, at + i, multiply_add(slope_u, by, expected), windows);
+        const Tap<F> left = fit_tap(field, at - i, multiply_add(slope_u, -by, expected), windows);
         row.weight[i] = right.weight + left.weight, row.weight_odd[i] = right.weight - left.weight;
         row.pull[i] = right.pull + left.pull, row.pull_odd[i] = right.pull - left.pull;
         row.square[i] = right.square + left.square;
@@ -104,17 +104,20 @@ BELTSCAPE_INLINE void add_row(const FitWindow& window, int row, const RowPairs<F
     F one = pairs.weight[0], u{}, uu{}, pull = pairs.pull[0], pull_u{}, square = pairs.square[0];
     for (int i = 1; i <= window.reach[off]; ++i) {
         const float tap = window.across[i], by = static_cast<float>(i), tap_by = tap * by;
-        one = fused(pairs.weight[i], tap, one), pull = fused(pairs.pull[i], tap, pull);
-        u = fused(pairs.weight_odd[i], tap_by, u), pull_u = fused(pairs.pull_odd[i], tap_by, pull_u);
-        uu = fused(pairs.weight[i], tap_by * by, uu);
-        square = fused(pairs.square[i], tap * tap, square);
+        one = multiply_add(pairs.weight[i], tap, one), pull = multiply_add(pairs.pull[i], tap, pull);
+        u = multiply_add(pairs.weight_odd[i], tap_by, u),
+        pull_u = multiply_add(pairs.pull_odd[i], tap_by, pull_u);
+        uu = multiply_add(pairs.weight[i], tap_by * by, uu);
+        square = multiply_add(pairs.square[i], tap * tap, square);
     }
     const float tap = window.down[off], by = static_cast<float>(row), tap_by = tap * by;
-    sums.one = fused(one, tap, sums.one), sums.u = fused(u, tap, sums.u), sums.uu = fused(uu, tap, sums.uu);
-    sums.v = fused(one, tap_by, sums.v), sums.uv = fused(u, tap_by, sums.uv);
-    sums.vv = fused(one, tap_by * by, sums.vv), sums.pull = fused(pull, tap, sums.pull);
-    sums.pull_u = fused(pull_u, tap, sums.pull_u), sums.pull_v = fused(pull, tap_by, sums.pull_v);
-    sums.square = fused(square, tap * tap, sums.square);
+    sums.one = multiply_add(one, tap, sums.one), sums.u = multiply_add(u, tap, sums.u),
+    sums.uu = multiply_add(uu, tap, sums.uu);
+    sums.v = multiply_add(one, tap_by, sums.v), sums.uv = multiply_add(u, tap_by, sums.uv);
+    sums.vv = multiply_add(one, tap_by * by, sums.vv), sums.pull = multiply_add(pull, tap, sums.pull);
+    sums.pull_u = multiply_add(pull_u, tap, sums.pull_u),
+    sums.pull_v = multiply_add(pull, tap_by, sums.pull_v);
+    sums.square = multiply_add(square, tap * tap, sums.square);
 }
 
 template <class F>
@@ -180,7 +183,7 @@ BELTSCAPE_INLINE Fit<F> fit_plane(const FitField& field, const FitWindows& windo
         const int off = row < 0 ? -row : row;
         if (largest.reach[off] < 0) continue;
         fit_pairs(field, at + row * field.stride, largest.reach[off],
-                  fused(slope_v, static_cast<float>(row), s), slope_u, windows, pairs);
+                  multiply_add(slope_v, static_cast<float>(row), s), slope_u, windows, pairs);
         for (int k = 0; k < windows.count; ++k)
             if (off <= windows.window[k].radius && windows.window[k].reach[off] >= 0)
                 add_row(windows.window[k], row, pairs, sums[k]);

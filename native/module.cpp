@@ -34,16 +34,16 @@ const char* cpu_level() {
 NB_MODULE(BELTSCAPE_MODULE, m) {
     keep_memory();
     m.def("cpu_level", &cpu_level);
-    beltscape::bind_coarse(m);
-    beltscape::bind_hear(m);
-    beltscape::bind_neighbours(m);
-    beltscape::bind_occlusion(m);
-    beltscape::bind_perceptron(m);
-    beltscape::bind_propagate(m);
-    beltscape::bind_refine(m);
-    beltscape::bind_rivals(m);
-    beltscape::bind_top_view(m);
-    beltscape::bind_triangulate(m);
-    beltscape::bind_warp(m);
-    beltscape::bind_windows(m);
+    beltscape::bind_plane_sweep(m);
+    beltscape::bind_message_passing(m);
+    beltscape::bind_gathering(m);
+    beltscape::bind_visibility(m);
+    beltscape::bind_network(m);
+    beltscape::bind_propagation(m);
+    beltscape::bind_least_squares(m);
+    beltscape::bind_candidates(m);
+    beltscape::bind_height_rasterisation(m);
+    beltscape::bind_triangulation(m);
+    beltscape::bind_warping(m);
+    beltscape::bind_window_statistics(m);
 }

@@ -10,7 +10,7 @@
 #pragma once
 
 #include "box.hpp"
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -64,7 +64,7 @@ template <class F>
 BELTSCAPE_INLINE Normalised<F> normalised(const NormalSettings& settings, const float* grey,
                                           const float* sums, const float* squares, F part) {
     const F mean = across<F>(sums, settings.window) * part;
-    const F variance = fused(-mean, mean, across<F>(squares, settings.window) * part);
+    const F variance = multiply_add(-mean, mean, across<F>(squares, settings.window) * part);
     const F scale = 1.0f / square_root(greater(variance, F{}) + settings.floor);
     return {(load<F>(grey) - mean) * scale, scale};
 }
@@ -98,8 +98,8 @@ BELTSCAPE_INLINE void residuals_row(const NormalSettings& settings, const CoreNo
         const Normalised<F> view =
             normalised(settings, grey + x, sums + x, squares + x, load<F>(core.part + x));
         const F core_scale = load<F>(core.scale + x), r = load<F>(core.value + x) - view.value;
-        const F variance = fused(fused(view.scale, view.scale, core_scale * core_scale),
-                                 settings.noise_variance, settings.model_variance);
+        const F variance = multiply_add(multiply_add(view.scale, view.scale, core_scale * core_scale),
+                                        settings.noise_variance, settings.model_variance);
         const F weight = 1.0f / variance;
         store(out.value + x, r), store(out.weight + x, weight);
         store(out.slope + x, load<F>(slope + x) * view.scale);
@@ -126,10 +126,10 @@ BELTSCAPE_INLINE void equations_row(const NormalSettings& settings, const Residu
             const F slope = load<F>(view.slope + x), near = load<F>(part + x);
             const MaskOf<F> inside = negate(not_a_number(slope));
             const F q = across<F>(view.misfit + x, settings.residual_window) * near * by_gate;
-            const F weighted_slope =
-                select(inside, slope * load<F>(view.weight + x) / fused(q, q, broadcast<F>(1.0f)), zero);
-            information = fused(weighted_slope, select(inside, slope, zero), information);
-            pull = fused(weighted_slope, load<F>(view.value + x), pull);
+            const F weighted_slope = select(
+                inside, slope * load<F>(view.weight + x) / multiply_add(q, q, broadcast<F>(1.0f)), zero);
+            information = multiply_add(weighted_slope, select(inside, slope, zero), information);
+            pull = multiply_add(weighted_slope, load<F>(view.value + x), pull);
             used += select(inside & (q < 1.0f), broadcast<IntOf<F>>(1), IntOf<F>{});
         }
         store_first(out.information + x, information, width - x);

@@ -1,7 +1,7 @@
 // Two neighbours at once for every lane: half the loads of two gathers, and the rest is two shuffles.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 

@@ -1,4 +1,4 @@
-// Slopes of planes through the measured cells about each cell (kernels/protocol/windows.py); sums run in
+// Slopes of planes through the measured cells about each cell (kernels/windows.py); sums run in
 // SciPy's order, from the window's ends to its middle, so what is mirrored has mirrored slopes. For the CPU
 // alone.
 #pragma once
@@ -12,7 +12,7 @@
 
 namespace beltscape {
 
-inline constexpr std::ptrdiff_t kSlopeHalf = 3;  // protocol.windows.SLOPE_SIDE
+inline constexpr std::ptrdiff_t kSlopeHalf = 3;  // kernels/window_statistics.py SLOPE_SIDE
 inline constexpr double kSlopeSide = 7, kLeastSpread = 1e-3;
 
 enum class Weight { even, odd, square };  // 1, k, k² of the k-th cell

@@ -1,12 +1,12 @@
-// Running sums of powers of a band's cells, for quadratics in windows (kernels/protocol/windows.py); they run
+// Running sums of powers of a band's cells, for quadratics in windows (kernels/windows.py); they run
 // in the reference's order. For the CPU alone.
 #pragma once
 
 #include <array>
 #include <cmath>
 
-#include "kept.hpp"
-#include "places.hpp"
+#include "cell_indices.hpp"
+#include "workspace.hpp"
 
 namespace beltscape {
 
@@ -86,8 +86,8 @@ struct PowerTables {
     const WindowsInput& in;
     const PlaceBand& band;
     std::size_t stride;
-    Kept<Counts> counts;
-    Kept<Heights> heights;
+    Workspace<Counts> counts;
+    Workspace<Heights> heights;
 };
 
 }  // namespace beltscape

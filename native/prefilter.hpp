@@ -6,7 +6,7 @@
 // while a recursion waits for itself; columns are filtered as whole rows, added to the row before.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 

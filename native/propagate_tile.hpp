@@ -165,7 +165,7 @@ private:
                     sight(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
                 store(index_ + x, sighting.spot.index), store(nearest_ + x, sighting.row);
                 store(u_ + x, sighting.spot.u), store(v_ + x, sighting.spot.v);
-                store(sums(auxiliary, row, 3) + x, sighting.nearness);
+                store(sums(auxiliary, row, 3) + x, sighting.inverse_depth);
             }
         }
         for (int block = 0; block < kTileBlocks; ++block) {

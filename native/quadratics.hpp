@@ -1,4 +1,4 @@
-// Least-squares quadratics in windows about places (kernels/protocol/windows.py); the step order is the
+// Least-squares quadratics in windows about places (kernels/windows.py); the step order is the
 // reference's. For the CPU alone.
 #pragma once
 
@@ -6,13 +6,13 @@
 #include <cmath>
 #include <limits>
 
+#include "cell_indices.hpp"
 #include "parallel.hpp"
-#include "places.hpp"
 #include "power_tables.hpp"
 
 namespace beltscape {
 
-inline constexpr double kFewest = 12, kMostLeverage = 30, kRidge = 1e-6;    // protocol.windows
+inline constexpr double kFewest = 12, kMostLeverage = 30, kRidge = 1e-6;    // kernels/window_statistics.py
 inline constexpr std::size_t kPlacesPerJob = 2048, kCellsPerJob = 1 << 17;  // a millisecond or two
 inline constexpr int kTogether = 16;                                        // places in step
 inline constexpr int kChoose[5][5] = {

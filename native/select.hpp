@@ -4,13 +4,13 @@
 // ground.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
 inline constexpr float kSteepestStep = 1.0f;  // what slopes may explain between neighbours
 
-// small px of nearness cost small · px, and never more than large.
+// small px of inverse_depth cost small · px, and never more than large.
 struct Jumps {
     float small, large;
 };
@@ -23,7 +23,7 @@ struct Before {
     size_t stride;
 };
 
-// What a path brings to a candidate with nearness s and `rise`.
+// What a path brings to a candidate with inverse_depth s and `rise`.
 template <class F>
 BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps) {
     F least = broadcast<F>(jumps.large);
@@ -31,7 +31,7 @@ BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps
         const size_t at = static_cast<size_t>(k) * before.stride;
         const F step = clamp(rise + load<F>(before.rise + at), -kSteepestStep, kSteepestStep);
         const F jump = absolute(s - load<F>(before.s + at) - step);
-        least = lesser(fused(jump, jumps.small, load<F>(before.toll + at)), least);
+        least = lesser(multiply_add(jump, jumps.small, load<F>(before.toll + at)), least);
     }
     return least;
 }

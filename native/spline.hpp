@@ -1,7 +1,7 @@
 // The value and the slopes of a cubic B-spline at any place, from the coefficients of prefilter.hpp.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -52,8 +52,8 @@ BELTSCAPE_INLINE Weights<F> cubic_weights(F at) {
 
 template <class F>
 BELTSCAPE_INLINE F weighted(const F (&weights)[4], const F (&taps)[4]) {
-    return fused(weights[0], taps[0], weights[1] * taps[1]) +
-           fused(weights[2], taps[2], weights[3] * taps[3]);
+    return multiply_add(weights[0], taps[0], weights[1] * taps[1]) +
+           multiply_add(weights[2], taps[2], weights[3] * taps[3]);
 }
 
 template <class F>

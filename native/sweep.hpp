@@ -6,8 +6,8 @@
 // so that three window sums per view are enough. NaN (nothing seen) runs through the sums and ends as 1.
 #pragma once
 
-#include "lanes.hpp"
 #include "pairs.hpp"
+#include "simd.hpp"
 #include "view.hpp"
 
 namespace beltscape {
@@ -39,15 +39,15 @@ BELTSCAPE_INLINE Spot<F> spot(const Image& image, F u, F v, MaskOf<F> valid) {
             v - to_float(upper)};
 }
 
-// Core pixels x of row y at nearness s, seen by one auxiliary; what lies behind it is not seen.
+// Core pixels x of row y at inverse_depth s, seen by one auxiliary; what lies behind it is not seen.
 template <class F>
 BELTSCAPE_INLINE Spot<F> swept(const View& view, const Image& image, F x, float y, float s) {
     const float* d = view.direction;
     const float from_x = d[1] * y + d[2] + view.shift[0] * s, from_y = d[4] * y + d[5] + view.shift[1] * s,
                 from_z = d[7] * y + d[8] + view.shift[2] * s;
-    const F inverse_depth = 1.0f / fused(x, d[6], from_z);
-    const auto [u, v] =
-        image_of(view, fused(x, d[0], from_x) * inverse_depth, fused(x, d[3], from_y) * inverse_depth);
+    const F inverse_depth = 1.0f / multiply_add(x, d[6], from_z);
+    const auto [u, v] = image_of(view, multiply_add(x, d[0], from_x) * inverse_depth,
+                                 multiply_add(x, d[3], from_y) * inverse_depth);
     return spot(image, u, v, inverse_depth > 0.0f);
 }
 
@@ -56,14 +56,14 @@ template <class F>
 BELTSCAPE_INLINE F bilinear(const Image& image, const int* index, F u, F v) {
     const auto [a, b] = gather_pair<F>(image.pixels, index);
     const auto [c, d] = gather_pair<F>(image.pixels + image.width, index);
-    const F above = fused(u, b - a, a), below = fused(u, d - c, c);
-    return fused(v, below - above, above);
+    const F above = multiply_add(u, b - a, a), below = multiply_add(u, d - c, c);
+    return multiply_add(v, below - above, above);
 }
 
 // Three neighbours' part of a window's sum of products.
 template <class F>
 BELTSCAPE_INLINE F three_products(F a, F b, F c, F i, F j, F k) {
-    return fused(c, k, fused(b, j, a * i));
+    return multiply_add(c, k, multiply_add(b, j, a * i));
 }
 
 // Sums over a window of J, J^2 and I J.
@@ -87,8 +87,8 @@ BELTSCAPE_INLINE CoreWindow<F> core_window(F sum, F sum_of_squares, float floor)
 // 0 (the same but for brightness) ... 1 (unlike, or not seen).
 template <class F>
 BELTSCAPE_INLINE F dissimilarity(const WindowSums<F>& sums, const CoreWindow<F>& core, float floor) {
-    const F aux_energy = fused(sums.aux, sums.aux * (-1.0f / 9.0f), sums.aux_squared);
-    const F alike = fused(-sums.aux, core.mean, sums.product) + 9.0f * floor;
+    const F aux_energy = multiply_add(sums.aux, sums.aux * (-1.0f / 9.0f), sums.aux_squared);
+    const F alike = multiply_add(-sums.aux, core.mean, sums.product) + 9.0f * floor;
     return clamp(lesser(1.0f - 2.0f * alike / (core.energy + aux_energy), broadcast<F>(1.0f)), 0.0f, 1.0f);
 }
 

@@ -4,7 +4,7 @@
 // 3x3 normal equations, one lane per point. A camera that does not see a point (NaN) enters with weight 0.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 

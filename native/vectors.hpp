@@ -1,6 +1,7 @@
-// The lanes of the CPU: GCC vectors as wide as the level's registers, with the operations of lanes.hpp (which
-// includes this file; include that one). No intrinsics but in `fused`, whose loop GCC 12 takes apart: it
-// makes one or two instructions of each but `gather`, where the loop is within 20 % of vgatherdps, and `any`.
+// The lanes of the CPU: GCC vectors as wide as the level's registers, with the operations of simd.hpp (which
+// includes this file; include that one). No intrinsics but in `multiply_add`, whose loop GCC 12 takes apart:
+// it makes one or two instructions of each but `gather`, where the loop is within 20 % of vgatherdps, and
+// `any`.
 #pragma once
 
 #if defined(__FMA__)
@@ -9,7 +10,7 @@
 
 #include <cstdint>
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -75,7 +76,7 @@ inline Floats square_root(Floats a) {
     return a;
 }
 
-inline Floats fused(Floats a, Floats b, Floats c) {
+inline Floats multiply_add(Floats a, Floats b, Floats c) {
 #if defined(__AVX512F__)
     return _mm512_fmadd_ps(a, b, c);
 #elif defined(__FMA__)
@@ -84,9 +85,9 @@ inline Floats fused(Floats a, Floats b, Floats c) {
     return a * b + c;
 #endif
 }
-inline Floats fused(Floats a, float b, Floats c) { return fused(a, b - Floats{}, c); }
-inline Floats fused(Floats a, Floats b, float c) { return fused(a, b, c - Floats{}); }
-inline Floats fused(Floats a, float b, float c) { return fused(a, b - Floats{}, c - Floats{}); }
+inline Floats multiply_add(Floats a, float b, Floats c) { return multiply_add(a, b - Floats{}, c); }
+inline Floats multiply_add(Floats a, Floats b, float c) { return multiply_add(a, b, c - Floats{}); }
+inline Floats multiply_add(Floats a, float b, float c) { return multiply_add(a, b - Floats{}, c - Floats{}); }
 
 template <class T>
 inline Floats gather(const T* base, Ints index) {

@@ -1,11 +1,11 @@
-// How an auxiliary camera sees the pixels of the core's undistorted grid, by their nearness s.
+// How an auxiliary camera sees the pixels of the core's undistorted grid, by their inverse_depth s.
 //
 // s is inverse depth in units that a stage chooses so that a step of 1 is about a pixel of disparity. A core
-// pixel (u, v) at nearness s lies, up to scale, at  direction (u, v, 1) + shift s  in the auxiliary's frame:
-// the division by depth happens once, in the projection. OpenCV's five distortion coefficients follow.
+// pixel (u, v) at inverse_depth s lies, up to scale, at  direction (u, v, 1) + shift s  in the auxiliary's
+// frame: the division by depth happens once, in the projection. OpenCV's five distortion coefficients follow.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -19,7 +19,7 @@ struct View {
 // Where it is seen, and how near to the auxiliary (in units of s; larger is nearer).
 template <class F>
 struct Seen {
-    F u, v, nearness;
+    F u, v, inverse_depth;
 };
 
 // Where it is seen, and how that moves with s.
@@ -37,9 +37,9 @@ struct Ideal {
 template <class F>
 BELTSCAPE_INLINE Ideal<F> ideal(const View& view, F u, F v, F s) {
     const float* d = view.direction;
-    const F x = fused(s, view.shift[0], fused(u, d[0], fused(v, d[1], d[2])));
-    const F y = fused(s, view.shift[1], fused(u, d[3], fused(v, d[4], d[5])));
-    const F depth = fused(s, view.shift[2], fused(u, d[6], fused(v, d[7], d[8])));
+    const F x = multiply_add(s, view.shift[0], multiply_add(u, d[0], multiply_add(v, d[1], d[2])));
+    const F y = multiply_add(s, view.shift[1], multiply_add(u, d[3], multiply_add(v, d[4], d[5])));
+    const F depth = multiply_add(s, view.shift[2], multiply_add(u, d[6], multiply_add(v, d[7], d[8])));
     const F inverse_depth = select(depth > 0.0f, 1.0f / depth, broadcast<F>(kNotANumber));
     return {x * inverse_depth, y * inverse_depth, inverse_depth};
 }
@@ -52,15 +52,15 @@ struct Pixel {
 // Of a direction r² off the axis.
 template <class F>
 BELTSCAPE_INLINE F radial_of(const View& view, F rr) {
-    return fused(rr, fused(rr, fused(rr, view.k3, view.k2), view.k1), 1.0f);
+    return multiply_add(rr, multiply_add(rr, multiply_add(rr, view.k3, view.k2), view.k1), 1.0f);
 }
 
 // A direction (x, y, 1), x² = xx and so on, as the lens bends it.
 template <class F>
 BELTSCAPE_INLINE Pixel<F> distorted(const View& view, F x, F y, F xx, F xy, F yy, F radial) {
     const F rr = xx + yy;
-    return {fused(x, radial, fused(xy, 2.0f * view.p1, fused(xx, 2.0f, rr) * view.p2)),
-            fused(y, radial, fused(xy, 2.0f * view.p2, fused(yy, 2.0f, rr) * view.p1))};
+    return {multiply_add(x, radial, multiply_add(xy, 2.0f * view.p1, multiply_add(xx, 2.0f, rr) * view.p2)),
+            multiply_add(y, radial, multiply_add(xy, 2.0f * view.p2, multiply_add(yy, 2.0f, rr) * view.p1))};
 }
 
 // The auxiliary's pixel of a direction (x, y, 1) in its frame.
@@ -68,7 +68,8 @@ template <class F>
 BELTSCAPE_INLINE Pixel<F> image_of(const View& view, F x, F y) {
     const F xx = x * x, xy = x * y, yy = y * y;
     const auto [distorted_x, distorted_y] = distorted(view, x, y, xx, xy, yy, radial_of(view, xx + yy));
-    return {fused(distorted_x, view.focal_u, view.center_u), fused(distorted_y, view.focal_v, view.center_v)};
+    return {multiply_add(distorted_x, view.focal_u, view.center_u),
+            multiply_add(distorted_y, view.focal_v, view.center_v)};
 }
 
 template <class F>
@@ -83,15 +84,18 @@ BELTSCAPE_INLINE Moving<F> see_moving(const View& view, F u, F v, F s) {
     const auto [x, y, inverse_depth] = ideal(view, u, v, s);
     const F xx = x * x, xy = x * y, yy = y * y, rr = xx + yy;
     const F radial = radial_of(view, rr);
-    const F slope = 2.0f * fused(rr, fused(rr, 3.0f * view.k3, 2.0f * view.k2), view.k1);
+    const F slope = 2.0f * multiply_add(rr, multiply_add(rr, 3.0f * view.k3, 2.0f * view.k2), view.k1);
     const auto [distorted_x, distorted_y] = distorted(view, x, y, xx, xy, yy, radial);
-    const F by_xx = fused(slope, xx, fused(y, 2.0f * view.p1, fused(x, 6.0f * view.p2, radial)));
-    const F by_xy = fused(slope, xy, fused(x, 2.0f * view.p1, y * (2.0f * view.p2)));
-    const F by_yy = fused(slope, yy, fused(y, 6.0f * view.p1, fused(x, 2.0f * view.p2, radial)));
+    const F by_xx =
+        multiply_add(slope, xx, multiply_add(y, 2.0f * view.p1, multiply_add(x, 6.0f * view.p2, radial)));
+    const F by_xy = multiply_add(slope, xy, multiply_add(x, 2.0f * view.p1, y * (2.0f * view.p2)));
+    const F by_yy =
+        multiply_add(slope, yy, multiply_add(y, 6.0f * view.p1, multiply_add(x, 2.0f * view.p2, radial)));
     const F dx = (view.shift[0] - x * view.shift[2]) * inverse_depth;
     const F dy = (view.shift[1] - y * view.shift[2]) * inverse_depth;
-    return {fused(distorted_x, view.focal_u, view.center_u), fused(distorted_y, view.focal_v, view.center_v),
-            (by_xx * dx + by_xy * dy) * view.focal_u, (by_xy * dx + by_yy * dy) * view.focal_v};
+    return {multiply_add(distorted_x, view.focal_u, view.center_u),
+            multiply_add(distorted_y, view.focal_v, view.center_v), (by_xx * dx + by_xy * dy) * view.focal_u,
+            (by_xy * dx + by_yy * dy) * view.focal_v};
 }
 
 }  // namespace beltscape

@@ -1,4 +1,4 @@
-// Means and minima of the measured cells in windows about places (kernels/protocol/windows.py). For the CPU
+// Means and minima of the measured cells in windows about places (kernels/windows.py). For the CPU
 // alone.
 #pragma once
 
@@ -6,12 +6,12 @@
 #include <limits>
 #include <memory>
 
+#include "cell_indices.hpp"
 #include "parallel.hpp"
-#include "places.hpp"
 
 namespace beltscape {
 
-inline constexpr double kLeastShare = 1e-3;  // protocol.windows.LEAST_SHARE
+inline constexpr double kLeastShare = 1e-3;  // kernels/window_statistics.py LEAST_SHARE
 
 // Running sums over a band whose borders go on outside.
 struct MeanTable {

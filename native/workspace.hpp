@@ -1,5 +1,5 @@
-// Memory that a thread keeps for its next call, if it is not much: fresh pages cost as much as what is
-// written there.
+// Workspace that a thread reuses in its next call, up to kMostBytes: fresh pages cost as much as writing to
+// them.
 #pragma once
 
 #include <cstddef>
@@ -8,15 +8,15 @@
 
 namespace beltscape {
 
-// An array of T, its values left from before; a thread keeps one of each T.
+// An array of T with arbitrary values; each thread holds one for each T.
 template <class T>
-class Kept {
+class Workspace {
 public:
-    explicit Kept(std::size_t count) : own_(std::exchange(spare(), Cells{})) {
+    explicit Workspace(std::size_t count) : own_(std::exchange(spare(), Cells{})) {
         if (own_.count < count) own_ = {std::make_unique_for_overwrite<T[]>(count), count};
     }
-    Kept(const Kept&) = delete;
-    ~Kept() {
+    Workspace(const Workspace&) = delete;
+    ~Workspace() {
         if (own_.count * sizeof(T) <= kMostBytes) spare() = std::move(own_);
     }
     T* get() const { return own_.values.get(); }

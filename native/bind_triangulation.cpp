@@ -26,7 +26,7 @@ void triangulate(Projections projections, Pixels pixels, Points out, std::size_t
 
 }  // namespace
 
-void bind_triangulate(nb::module_& m) {
+void bind_triangulation(nb::module_& m) {
     m.def("triangulate", &triangulate, nb::arg("projections"), nb::arg("pixels"), nb::arg("out"),
           nb::arg("threads"));
 }

@@ -1,7 +1,7 @@
 // What lies about given pixels: a plane at offsets from them, its edge where these leave it.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 

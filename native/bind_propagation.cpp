@@ -38,7 +38,7 @@ void propagate(std::vector<Grid> surface, Grid core, std::vector<Grid> images, V
 
 }  // namespace
 
-void bind_propagate(nb::module_& m) {
+void bind_propagation(nb::module_& m) {
     m.def("propagate", &propagate, nb::arg("surface"), nb::arg("core"), nb::arg("images"), nb::arg("views"),
           nb::arg("buffers"), nb::arg("offsets"), nb::arg("candidates"), nb::arg("costs"), nb::arg("active"),
           nb::arg("out"), nb::arg("threads"));

@@ -1,8 +1,8 @@
-// Binds first_met.hpp, quadratics.hpp, window_means.hpp and plane_slopes.hpp.
+// Binds ray_march.hpp, quadratics.hpp, window_means.hpp and plane_slopes.hpp.
 #include "bind_grid.hpp"
-#include "first_met.hpp"
 #include "plane_slopes.hpp"
 #include "quadratics.hpp"
+#include "ray_march.hpp"
 #include "window_means.hpp"
 
 namespace beltscape {
@@ -15,8 +15,8 @@ using CellsOut = nb::ndarray<std::int64_t, nb::ndim<2>, nb::c_contig, nb::device
 using TableOut = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using StackOut = nb::ndarray<double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
-void bound_first_met(Mask measured, Numbers rows, Numbers columns, Field down, Field across,
-                     std::int64_t most, CellsOut cell, TableOut steps, std::size_t threads) {
+void bound_first_hits(Mask measured, Numbers rows, Numbers columns, Field down, Field across,
+                      std::int64_t most, CellsOut cell, TableOut steps, std::size_t threads) {
     const LinesInput in{measured.data(),
                         height_of(measured),
                         width_of(measured),
@@ -31,7 +31,7 @@ void bound_first_met(Mask measured, Numbers rows, Numbers columns, Field down, F
     std::int64_t* const to_cell = cell.data();
     double* const to_steps = steps.data();
     nb::gil_scoped_release release;
-    first_met(in, to_cell, to_steps, threads);
+    first_hits(in, to_cell, to_steps, threads);
 }
 
 WindowsInput windows_of(const Field& field, const Numbers& rows, const Numbers& columns,
@@ -74,8 +74,8 @@ void bound_plane_slopes(Field field, StackOut slope, std::size_t threads) {
 
 }  // namespace
 
-void bind_windows(nb::module_& m) {
-    m.def("first_hits", &bound_first_met, nb::arg("measured"), nb::arg("rows"), nb::arg("columns"),
+void bind_window_statistics(nb::module_& m) {
+    m.def("first_hits", &bound_first_hits, nb::arg("measured"), nb::arg("rows"), nb::arg("columns"),
           nb::arg("down"), nb::arg("across"), nb::arg("most"), nb::arg("cell"), nb::arg("steps"),
           nb::arg("threads"));
     m.def("quadratics", &bound_quadratics, nb::arg("field"), nb::arg("rows"), nb::arg("columns"),

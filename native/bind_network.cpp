@@ -1,4 +1,4 @@
-// Binds perceptron.hpp.
+// Binds network.hpp.
 #include "bind_network.hpp"
 
 namespace beltscape {
@@ -27,9 +27,9 @@ void perceptron(const std::vector<Grid>& planes, Grid limits, const std::vector<
 
 }  // namespace
 
-void bind_perceptron(nb::module_& m) {
-    m.def("evaluate_network", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("layers"), nb::arg("out"),
-          nb::arg("threads"));
+void bind_network(nb::module_& m) {
+    m.def("evaluate_network", &perceptron, nb::arg("planes"), nb::arg("limits"), nb::arg("layers"),
+          nb::arg("out"), nb::arg("threads"));
 }
 
 }  // namespace beltscape

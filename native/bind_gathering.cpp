@@ -1,18 +1,18 @@
-// Binds neighbours.hpp.
+// Binds gathering.hpp.
 #include <nanobind/stl/vector.h>
 
 #include <vector>
 
 #include "bind_pixels.hpp"
-#include "neighbours.hpp"
+#include "gathering.hpp"
 #include "pool.hpp"
 
 namespace beltscape {
 namespace {
 
 // offsets: du, dv; out (planes, offsets, N).
-void neighbours_of(const std::vector<Grid>& planes, Numbers u, Numbers v, Offsets offsets, GridOut out,
-                   std::size_t threads) {
+void gather_all(const std::vector<Grid>& planes, Numbers u, Numbers v, Offsets offsets, GridOut out,
+                std::size_t threads) {
     const int width = width_of(planes[0]), height = height_of(planes[0]);
     const std::size_t count = u.shape(0), moves = offsets.shape(0);
     std::vector<const float*> from;
@@ -34,8 +34,8 @@ void neighbours_of(const std::vector<Grid>& planes, Numbers u, Numbers v, Offset
 
 }  // namespace
 
-void bind_neighbours(nb::module_& m) {
-    m.def("gather", &neighbours_of, nb::arg("planes"), nb::arg("u"), nb::arg("v"), nb::arg("offsets"),
+void bind_gathering(nb::module_& m) {
+    m.def("gather", &gather_all, nb::arg("planes"), nb::arg("u"), nb::arg("v"), nb::arg("offsets"),
           nb::arg("out"), nb::arg("threads"));
 }
 

@@ -1,7 +1,7 @@
 // A small network of rectified layers, at every pixel of a row: planes of evidence in, planes of answers out.
 #pragma once
 
-#include "lanes.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -44,7 +44,7 @@ BELTSCAPE_INLINE void weigh_units(const Layer& layer, const Known<F>& in, int k,
     for (int i = 0; i < layer.inputs; ++i)
         for (int j = 0; j < count; ++j)
             for (int x = 0; x < kBeside<F>; ++x)
-                unit[j][x] = fused(in[i][x], row[j * stride + i], unit[j][x]);
+                unit[j][x] = multiply_add(in[i][x], row[j * stride + i], unit[j][x]);
     for (int j = 0; j < count; ++j)
         for (int x = 0; x < kBeside<F>; ++x) out[k + j][x] = unit[j][x];
 }

@@ -103,7 +103,7 @@ void local_fit(Grid information, Grid pull, Grid s, Grid slope_u, Grid slope_v,
 
 }  // namespace
 
-void bind_refine(nb::module_& m) {
+void bind_least_squares(nb::module_& m) {
     m.def("normal_equations", &normal_equations, nb::arg("s"), nb::arg("core"), nb::arg("coefficients"),
           nb::arg("views"), nb::arg("window"), nb::arg("residual_window"), nb::arg("floor"),
           nb::arg("noise_variance"), nb::arg("model_variance"), nb::arg("gate"), nb::arg("information"),

@@ -1,5 +1,5 @@
 // Places on a field, and the cut into bands of rows whose places share tables of running sums
-// (kernels/protocol/windows.py). For the CPU alone.
+// (kernels/windows.py). For the CPU alone.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +9,7 @@
 
 namespace beltscape {
 
-inline constexpr std::int64_t kBandRows = 128;  // protocol.windows.BAND_ROWS
+inline constexpr std::int64_t kBandRows = 128;  // kernels/window_statistics.py BAND_ROWS
 
 // A field (height, width), NaN: not measured; places on it and odd sides of windows about them.
 struct WindowsInput {

@@ -10,8 +10,9 @@
 //   }
 //
 // MaskOf<F> is what comparing two F gives; masks join with & and |, and `negate` reverses one.
-// Everything is IEEE and nothing is reordered; `fused` alone rounds once for a product and a sum where the
-// level can (v3, v4, CUDA), so that these give the same bits as each other, and v2 the same but for rounding.
+// Everything is IEEE and nothing is reordered; `multiply_add` alone rounds once for a product and a sum where
+// the level can (v3, v4, CUDA), so that these give the same bits as each other, and v2 the same but for
+// rounding.
 #pragma once
 
 #ifdef __CUDACC__
@@ -88,11 +89,11 @@ BELTSCAPE_INLINE float square_root(float a) { return __builtin_sqrtf(a); }
 
 // a b + c.
 #if defined(__CUDACC__)
-BELTSCAPE_INLINE float fused(float a, float b, float c) { return fmaf(a, b, c); }
+BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return fmaf(a, b, c); }
 #elif defined(__FMA__)
-BELTSCAPE_INLINE float fused(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
+BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
 #else
-BELTSCAPE_INLINE float fused(float a, float b, float c) { return a * b + c; }
+BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return a * b + c; }
 #endif
 
 // base[index] as float; T is float, unsigned char, unsigned short, ...

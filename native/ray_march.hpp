@@ -1,4 +1,4 @@
-// The first measured cell along lines over a grid (kernels/protocol/first_met.py). A line skips as many steps
+// The first measured cell along lines over a grid (kernels/ray_march.py). A line skips as many steps
 // as no measured cell is near: a step moves by one cell at most, in rows and in columns. For the CPU alone.
 #pragma once
 
@@ -91,7 +91,7 @@ inline std::int64_t march(const LinesInput& in, const Clearances& far, std::int6
     return -1;
 }
 
-inline void first_met(const LinesInput& in, std::int64_t* cell, double* steps, std::size_t threads) {
+inline void first_hits(const LinesInput& in, std::int64_t* cell, double* steps, std::size_t threads) {
     constexpr std::size_t kPerJob = 1 << 15;  // a millisecond: less is not worth a thread
     const Clearances far(in.measured, static_cast<std::size_t>(in.height),
                          static_cast<std::size_t>(in.width));

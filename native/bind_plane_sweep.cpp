@@ -1,8 +1,8 @@
-// Binds sweep_band.hpp, aggregate.hpp and coarse.hpp.
+// Binds sweep_band.hpp, aggregate.hpp and sweep_and_aggregate.hpp.
 #include <nanobind/stl/vector.h>
 
 #include "bind_grid.hpp"
-#include "coarse.hpp"
+#include "sweep_and_aggregate.hpp"
 
 namespace beltscape {
 namespace {
@@ -79,16 +79,16 @@ void coarse(Grid core, std::vector<Grid> images, Views views, float first, float
 
 }  // namespace
 
-void bind_coarse(nb::module_& m) {
+void bind_plane_sweep(nb::module_& m) {
     m.def("sweep", &sweep, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
           nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("first_row"),
           nb::arg("out"), nb::arg("threads"));
     m.def("aggregate", &aggregate, nb::arg("cost"), nb::arg("small_jump"), nb::arg("large_jump"),
           nb::arg("index"), nb::arg("margin"), nb::arg("threads"));
-    m.def("sweep_and_aggregate", &coarse, nb::arg("core"), nb::arg("images"), nb::arg("views"), nb::arg("first"),
-          nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"), nb::arg("small_jump"),
-          nb::arg("large_jump"), nb::arg("band_rows"), nb::arg("halo_rows"), nb::arg("slab_rows"),
-          nb::arg("index"), nb::arg("margin"), nb::arg("threads"));
+    m.def("sweep_and_aggregate", &coarse, nb::arg("core"), nb::arg("images"), nb::arg("views"),
+          nb::arg("first"), nb::arg("step"), nb::arg("planes"), nb::arg("floor"), nb::arg("best"),
+          nb::arg("small_jump"), nb::arg("large_jump"), nb::arg("band_rows"), nb::arg("halo_rows"),
+          nb::arg("slab_rows"), nb::arg("index"), nb::arg("margin"), nb::arg("threads"));
 }
 
 }  // namespace beltscape

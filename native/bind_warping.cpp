@@ -45,7 +45,7 @@ void warp(Grid s, ViewRow row, Grid coefficients, GridOut value, GridOut slope, 
 
 }  // namespace
 
-void bind_warp(nb::module_& m) {
+void bind_warping(nb::module_& m) {
     m.def("spline_coefficients", &spline_coefficients, nb::arg("image"), nb::arg("out"), nb::arg("threads"));
     m.def("warp", &warp, nb::arg("s"), nb::arg("view"), nb::arg("coefficients"), nb::arg("value"),
           nb::arg("slope"), nb::arg("threads"));

@@ -1,10 +1,10 @@
-// Binds occlusion.hpp.
+// Binds visibility.hpp.
 #include <nanobind/stl/vector.h>
 
 #include <vector>
 
 #include "bind_grid.hpp"
-#include "occlusion.hpp"
+#include "visibility.hpp"
 
 namespace beltscape {
 namespace {
@@ -14,8 +14,8 @@ constexpr int kRowsPerJob = 16;
 using Flags = nb::ndarray<std::uint8_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 // One job per view: each raises only its own buffer, which begins as zeros.
-void nearness_buffers(Grid s, const std::vector<ViewRow>& rows, const std::vector<GridOut>& buffers,
-                      std::size_t threads) {
+void inverse_depth_buffers(Grid s, const std::vector<ViewRow>& rows, const std::vector<GridOut>& buffers,
+                           std::size_t threads) {
     const int height = height_of(s), width = width_of(s);
     const float* const from = s.data();
     nb::gil_scoped_release release;
@@ -46,8 +46,8 @@ void visible(Grid s, ViewRow row, Grid buffer, float tolerance, Flags out, std::
 
 }  // namespace
 
-void bind_occlusion(nb::module_& m) {
-    m.def("inverse_depth_buffers", &nearness_buffers, nb::arg("s"), nb::arg("views"), nb::arg("buffers"),
+void bind_visibility(nb::module_& m) {
+    m.def("inverse_depth_buffers", &inverse_depth_buffers, nb::arg("s"), nb::arg("views"), nb::arg("buffers"),
           nb::arg("threads"));
     m.def("visible", &visible, nb::arg("s"), nb::arg("view"), nb::arg("buffer"), nb::arg("tolerance"),
           nb::arg("out"), nb::arg("threads"));

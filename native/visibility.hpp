@@ -15,19 +15,21 @@ BELTSCAPE_INLINE Seen<F> seen_from(const View& view, const float* s, int v, int 
 
 #ifdef __CUDA_ARCH__
 // Other threads raise the same pixel; what is above 0 is ordered like its bits.
-__device__ inline void raise(float& nearest, float nearness) {
-    atomicMax(reinterpret_cast<int*>(&nearest), __float_as_int(nearness));
+__device__ inline void raise(float& nearest, float inverse_depth) {
+    atomicMax(reinterpret_cast<int*>(&nearest), __float_as_int(inverse_depth));
 }
 #else
-BELTSCAPE_INLINE void raise(float& nearest, float nearness) { nearest = greater(nearest, nearness); }
+BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
+    nearest = greater(nearest, inverse_depth);
+}
 #endif
 
 // Raises the 2x2 pixels of `buffer` from each place on; all of them lie in it.
 template <class F>
-BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F nearness, int width, float* buffer) {
+BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F inverse_depth, int width, float* buffer) {
     int at[Lane<F>::count];
     float to[Lane<F>::count];
-    store(at, places), store(to, nearness);
+    store(at, places), store(to, inverse_depth);
     for (int i = 0; i < Lane<F>::count; ++i) {
         float *const above = buffer + at[i], *const below = above + width;
         raise(above[0], to[i]), raise(above[1], to[i]);
@@ -36,31 +38,31 @@ BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F nearness, int width, floa
 }
 
 // Raises the 2x2 pixels of `buffer` (height, width) about where each pixel of the core's row v is seen to its
-// nearness; s has the row's `end` values.
+// inverse_depth; s has the row's `end` values.
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
                                 float* buffer) {
     for (int x = 0; x < end; x += Lane<F>::count) {
         const Seen<F> seen = seen_from<F>(view, s, v, x, end);
         const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
-                               (seen.v < to_float(height)) & (seen.nearness > 0.0f);
+                               (seen.v < to_float(height)) & (seen.inverse_depth > 0.0f);
         const IntOf<F> columns = floor_int(clamp(seen.u, -1.0f, to_float(width)));
         const IntOf<F> rows = floor_int(clamp(seen.v, -1.0f, to_float(height)));
         const MaskOf<F> whole =
             hits & (columns >= 0) & (columns < width - 1) & (rows >= 0) & (rows < height - 1);
         if (end - x >= Lane<F>::count && !any(negate(whole))) {
-            raise_squares(rows * width + columns, seen.nearness, width, buffer);
+            raise_squares(rows * width + columns, seen.inverse_depth, width, buffer);
             continue;
         }
         for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) {
             if (!Lane<MaskOf<F>>::get(hits, i)) continue;
             const int column = Lane<IntOf<F>>::get(columns, i), row = Lane<IntOf<F>>::get(rows, i);
-            const float nearness = Lane<F>::get(seen.nearness, i);
+            const float inverse_depth = Lane<F>::get(seen.inverse_depth, i);
             float* const at = buffer + static_cast<long long>(row) * width + column;
-            if (column >= 0 && row >= 0) raise(at[0], nearness);
-            if (column + 1 < width && row >= 0) raise(at[1], nearness);
-            if (column >= 0 && row + 1 < height) raise(at[width], nearness);
-            if (column + 1 < width && row + 1 < height) raise(at[width + 1], nearness);
+            if (column >= 0 && row >= 0) raise(at[0], inverse_depth);
+            if (column + 1 < width && row >= 0) raise(at[1], inverse_depth);
+            if (column >= 0 && row + 1 < height) raise(at[width], inverse_depth);
+            if (column + 1 < width && row + 1 < height) raise(at[width + 1], inverse_depth);
         }
     }
 }
@@ -77,7 +79,7 @@ BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int e
         const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
         const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
         const F nearest = gather(buffer, row * width + column);
-        const MaskOf<F> clear = inside & (nearest <= seen.nearness + tolerance);
+        const MaskOf<F> clear = inside & (nearest <= seen.inverse_depth + tolerance);
         store_first(out + x, select(clear, broadcast<IntOf<F>>(1), broadcast<IntOf<F>>(0)), end - x);
     }
 }

@@ -1,4 +1,4 @@
-// A depth map as a mesh of triangles, seen from straight above (kernels/protocol/top_view.py says which
+// A depth map as a mesh of triangles, seen from straight above (kernels/rasterise_heights.py says which
 // triangles there are and which of them counts). The mesh is never kept: two rows of points at a time are
 // joined square by square, and each triangle raises the nodes below it. For the CPU alone.
 #pragma once
@@ -12,10 +12,10 @@
 
 namespace beltscape {
 
-inline constexpr double kEdge = 1e-9;  // protocol.top_view.EDGE
+inline constexpr double kEdge = 1e-9;  // kernels/height_rasterisation.py EDGE
 
 // (height, width) of the depth map, (rows, columns) of the grid.
-struct TopViewInput {
+struct RasterisationInput {
     const float *depth, *sigma;
     const bool* use;
     int width, height;
@@ -54,7 +54,7 @@ inline int node_to(double x, int end) {
     return static_cast<int>(node > -1 ? (node < end - 1 ? node : end - 1) : -1);
 }
 
-inline void place_row(const TopViewInput& in, int v, PointRow& row) {
+inline void place_row(const RasterisationInput& in, int v, PointRow& row) {
     const std::size_t at = static_cast<std::size_t>(v) * static_cast<std::size_t>(in.width);
     const double* const m = in.grid_from_pixel;
     const double x0 = m[1] * v + m[2], y0 = m[5] * v + m[6], z0 = m[9] * v + m[10];
@@ -137,7 +137,7 @@ inline void draw_squares(const PointRow& upper, const PointRow& lower, int width
     }
 }
 
-inline void top_view(const TopViewInput& in, double* height, double* variance) {
+inline void rasterise_heights(const RasterisationInput& in, double* height, double* variance) {
     constexpr double kNothing = -std::numeric_limits<double>::infinity();
     const std::size_t nodes = static_cast<std::size_t>(in.rows) * static_cast<std::size_t>(in.columns);
     std::fill_n(height, nodes, kNothing);

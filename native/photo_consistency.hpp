@@ -1,6 +1,6 @@
-// How like the core's levels the auxiliaries' are on a small plane: squared differences of the levels
-// themselves, brought to the core's brightness, over their variance. What is close to a step has no window to
-// be normalised in.
+// Photo-consistency of a small plane: squared differences of the core's and the auxiliaries' levels, after
+// the photometric gain, over their variance. Close to a depth step no window lies on one surface, so levels
+// are not normalised here.
 #pragma once
 
 #include "agreement.hpp"
@@ -8,11 +8,12 @@
 
 namespace beltscape {
 
-inline constexpr float kMostUnlike = 50.0f;  // a difference's most, and that of what is not seen
-inline constexpr int kCross = 5;             // the pixel and the four beside it
-inline constexpr int kLikenesses = 9;
+inline constexpr float kMostDissimilar =
+    50.0f;                        // upper bound of a difference, and its value where no view sees the point
+inline constexpr int kCross = 5;  // the pixel and the four beside it
+inline constexpr int kConsistencyRows = 9;
 
-struct LikenessInput {
+struct PhotoConsistencyInput {
     const float *core, *variance;  // (height, width)
     int width, height;
     const Auxiliary* auxiliaries;
@@ -29,17 +30,17 @@ struct Planes {
 // Of several views' values, those that count.
 template <class F>
 struct Ordered {
-    F least = broadcast<F>(kMostUnlike), second = broadcast<F>(kMostUnlike), sum{}, most{};
+    F least = broadcast<F>(kMostDissimilar), second = broadcast<F>(kMostDissimilar), sum{}, most{};
 
     BELTSCAPE_INLINE void add(F value, F seen) {
-        const F counted = select(seen > 0.5f, value, broadcast<F>(kMostUnlike));
+        const F counted = select(seen > 0.5f, value, broadcast<F>(kMostDissimilar));
         second = lesser(second, greater(least, counted)), least = lesser(least, counted);
         sum += value * seen, most = greater(most, value * seen);
     }
     // least, second, mean, most of `views` values into rows `stride` apart.
     BELTSCAPE_INLINE void write(F views, float* out, size_t stride, int count) const {
         const MaskOf<F> none = views < 0.5f;
-        const F unlike = broadcast<F>(kMostUnlike);
+        const F unlike = broadcast<F>(kMostDissimilar);
         store_first(out, least, count);
         store_first(out + stride, select(views > 1.5f, second, least), count);
         store_first(out + 2 * stride, select(none, unlike, sum / greater(views, broadcast<F>(1.0f))), count);
@@ -47,17 +48,17 @@ struct Ordered {
     }
 };
 
-// Where a view sees points (u, v) at nearness s, and how near to it they are.
+// Where a view sees points (u, v) at inverse_depth s, and how near to it they are.
 template <class F>
 struct Sampled {
     Spot<F> spot;
-    F nearness;
+    F inverse_depth;
 };
 
 template <class F>
 BELTSCAPE_INLINE Sampled<F> sampled(const Auxiliary& by, F u, F v, F s) {
-    const auto [seen_u, seen_v, nearness] = see(by.view, u, v, s);
-    return {spot(by.image, seen_u, seen_v, finite(nearness)), nearness};
+    const auto [seen_u, seen_v, inverse_depth] = see(by.view, u, v, s);
+    return {spot(by.image, seen_u, seen_v, finite(inverse_depth)), inverse_depth};
 }
 
 template <class F>
@@ -71,14 +72,14 @@ template <class F>
 BELTSCAPE_INLINE F clear_at(const Auxiliary& by, const Sampled<F>& sample, float tolerance) {
     int nearest[Lane<F>::count];
     store(nearest, nearest_pixel(sample.spot, by.image));
-    const F seen = unhidden(by.buffer, nearest, sample.spot.u, sample.nearness, tolerance);
+    const F seen = unhidden(by.buffer, nearest, sample.spot.u, sample.inverse_depth, tolerance);
     return select(sample.spot.u >= 0.0f, seen, F{});
 }
 
 // Of at most `count` planes; out: point least, second, mean, most; cross the same; views.
 template <class F>
-BELTSCAPE_INLINE void likeness(const LikenessInput& in, const Planes& at, int count, float* out,
-                               size_t stride) {
+BELTSCAPE_INLINE void photo_consistency(const PhotoConsistencyInput& in, const Planes& at, int count,
+                                        float* out, size_t stride) {
     constexpr int across[kCross] = {0, 1, -1, 0, 0}, down[kCross] = {0, 0, 0, 1, -1};
     const F u = load_first<F>(at.u, count), v = load_first<F>(at.v, count), s = load_first<F>(at.s, count);
     const F slope_u = load_first<F>(at.slope_u, count), slope_v = load_first<F>(at.slope_v, count);
@@ -99,7 +100,7 @@ BELTSCAPE_INLINE void likeness(const LikenessInput& in, const Planes& at, int co
             const float du = to_float(across[i]), dv = to_float(down[i]);
             const Sampled<F> sample = sampled(by, u + du, v + dv, s + slope_u * du + slope_v * dv);
             const F off = core[i] - gain * level_at(by, sample.spot);
-            const F unlike = lesser(off * off * weight[i], broadcast<F>(kMostUnlike));
+            const F unlike = lesser(off * off * weight[i], broadcast<F>(kMostDissimilar));
             if (i == 0) middle = unlike, seen = clear_at(by, sample, in.tolerance);
             sum += unlike;
         }

@@ -102,7 +102,7 @@ def test_what_is_wrong_is_one_line(monkeypatch, capsys, words, said, line):
 def test_a_data_folder_that_is_not_there(monkeypatch, capsys, desk):
     (desk / "project.toml").write_text("")
     assert users(monkeypatch, "list", "project.toml") == 2
-    assert capsys.readouterr().err.startswith("beltscape: data: no such folder; it is made by")
+    assert capsys.readouterr().err.startswith("beltscape: data: no such folder; create it, or let")
     (desk / "project.toml").write_text("data = 3")
     assert users(monkeypatch, "list", "project.toml") == 2
     assert capsys.readouterr().err.startswith(

@@ -41,7 +41,7 @@ def test_however_the_belt_is_cut_the_rows_are_the_same(lengths, start):
     for length in [*lengths, 4]:
         pieces.add(stretch(at * 5, length))
         at += length
-    a, b = whole.after(), pieces.after()
+    a, b = whole.get_rows_after(), pieces.get_rows_after()
     assert a is not None and b is not None
     assert (a.first, a.epoch) == (b.first, b.epoch)
     np.testing.assert_array_equal(a.counts, b.counts)

@@ -24,7 +24,7 @@ def record(
 def test_the_mean_is_volume_over_time():
     flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5 + [record(2e7)] * 10)  # each 0.1 s: the last second holds 2e7 only
-    now = flow.now(2000.0)
+    now = flow.compute(2000.0)
     assert now.volume_m3_h == pytest.approx(2e7 / 0.1 * 3600e-9)
     assert now.sigma_m3_h == pytest.approx(0.01 * now.volume_m3_h)
     assert now.mass_t_h == pytest.approx(1.6 * now.volume_m3_h)
@@ -37,26 +37,26 @@ def test_the_mean_is_volume_over_time():
 def test_belt_that_nobody_measured_is_not_taken_for_empty():
     flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5 + [record(0, standing="missing")] * 5)
-    now = flow.now(2000.0)
+    now = flow.compute(2000.0)
     assert now.volume_m3_h == pytest.approx(1e7 / 0.1 * 3600e-9)
     assert now.standing == "missing"
     flow.add([record(0, standing="missing")] * 30)
-    assert isnan(flow.now(2000.0).volume_m3_h)
+    assert isnan(flow.compute(2000.0).volume_m3_h)
 
 
 def test_a_stopped_belt_carries_nothing_on_and_an_unknown_speed_stops_nothing():
     flow = FlowAverage(1.0)
-    assert isnan(flow.now(nan).volume_m3_h)
+    assert isnan(flow.compute(nan).volume_m3_h)
     flow.add([record(1e7)] * 20)
-    assert flow.now(0.0).volume_m3_h == 0
-    assert flow.now(nan).volume_m3_h > 0
+    assert flow.compute(0.0).volume_m3_h == 0
+    assert flow.compute(nan).volume_m3_h > 0
 
 
 def test_without_a_density_there_is_no_mass():
     flow = FlowAverage(1.0)
     flow.add([record(1e7, density=nan)] * 20)
-    assert isnan(flow.now(2000.0).mass_t_h)
-    assert flow.now(2000.0).volume_m3_h > 0
+    assert isnan(flow.compute(2000.0).mass_t_h)
+    assert flow.compute(2000.0).volume_m3_h > 0
 
 
 @pytest.mark.parametrize(
@@ -65,9 +65,9 @@ def test_without_a_density_there_is_no_mass():
 def test_trend(last, trend):
     flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 30)
-    assert flow.now(2000.0).trend == "unknown"
+    assert flow.compute(2000.0).trend == "unknown"
     flow.add([record(1e7)] * 300 + [record(last)] * 10)
-    assert flow.now(2000.0).trend == trend
+    assert flow.compute(2000.0).trend == trend
 
 
 def test_memory_is_bounded():

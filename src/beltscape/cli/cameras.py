@@ -1,4 +1,4 @@
-"""``beltscape cameras [--check PROJECT]``: what cameras answer on the network, and whether settings fit them."""
+"""``beltscape cameras [--check PROJECT]``: lists the cameras on the network, and checks settings against them."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Look for cameras; with ``--check`` open those of the project."""
+    """Find the cameras; with ``--check`` open those of the project."""
     from dataclasses import asdict
 
     from beltscape.sources.genicam import inspection
     from beltscape.sources.genicam.aravis import find_cameras
 
     settings = None if arguments.check is None else _settings(arguments.check)
-    found = [{**asdict(one), **asdict(inspection.inspect_camera(one.device))} for one in find_cameras()]
-    for one in found:
+    cameras = [{**asdict(one), **asdict(inspection.inspect_camera(one.device))} for one in find_cameras()]
+    for one in cameras:
         if one["trouble"]:
             reporter.warn(f"{one['device']} ({one['address']}): {one['trouble']}")
     check = (
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         if settings is None
         else {name: inspection.check_settings(name, settings) for name in settings.devices}
     )
-    return {"cameras": found, "check": check}
+    return {"cameras": cameras, "check": check}
 
 
 def _settings(project: Path) -> CamerasSettings:
@@ -55,7 +55,7 @@ def _settings(project: Path) -> CamerasSettings:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """A line or two for each camera."""
+    """Return one or two lines for each camera."""
     lines = []
     for one in result["cameras"]:
         width, height = one["size_px"]
@@ -66,7 +66,7 @@ def summary(result: Mapping[str, Any]) -> str:
             lines.append(f"{'':<28} {width}×{height} px, {', '.join(one['formats'])}")
     if not lines:
         lines.append(
-            "no camera answers; see to power, cables, and that the network card has an address beside theirs"
+            "no camera answers; check power and cables, and that the network card has an address in the same network"
         )
     lines += [f"{name:<28} {trouble or 'fits'}" for name, trouble in result["check"].items()]
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""``beltscape replay project.toml --out DIR``: a recorded capture through the running system."""
+"""``beltscape replay project.toml --out DIR``: runs the live system on a recorded capture."""
 
 from __future__ import annotations
 
@@ -21,26 +21,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed",
         choices=("full", "real"),
         default="full",
-        help="as fast as it can be measured, or as it was taken",
+        help="full: as fast as it can be measured; real: at the pace of the recording",
     )
-    parser.add_argument("--page", action="store_true", help="serve the operator's page meanwhile")
+    parser.add_argument("--page", action="store_true", help="serve the operator's page during the replay")
     add_output_folder(
-        parser, "folder for its history; the plant's stays as it is", required=True, owner=("capture",)
+        parser,
+        "folder for the replay's history; the plant's own is not changed",
+        required=True,
+        owner=("capture",),
     )
-    parser.set_defaults(output="history")  # a second replay goes on with it
+    parser.set_defaults(output="history")  # a second replay continues it
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Replay it, and write what was format_summary."""
-    from beltscape.pipeline.live.assembly import Ways
+    """Replay the capture and return the summary of the run."""
+    from beltscape.pipeline.live.assembly import RunOptions
     from beltscape.service.lifecycle import log_to_stderr, make_stop_event
     from beltscape.service.plant import run_plant
     from beltscape.service.project import open_project, substitute_capture
 
     project = substitute_capture(open_project(arguments.project), arguments.capture)
     log_to_stderr()
-    ways = Ways(data=arguments.out, paced=arguments.speed == "real", record=False)
-    return run_plant(project, ways, make_stop_event(), page=arguments.page)
+    options = RunOptions(data=arguments.out, paced=arguments.speed == "real", record=False)
+    return run_plant(project, options, make_stop_event(), page=arguments.page)
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""``beltscape run project.toml``: live, until it is stopped."""
+"""``beltscape run project.toml``: measures live until it is stopped."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="open all that a run would open but the cameras, say what fits, and stop",
+        help="open everything that a run would open except the cameras, report the result, and stop",
     )
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Run until SIGINT or SIGTERM, or the end of a capture."""
-    from beltscape.pipeline.live.assembly import Ways
+    """Run until SIGINT or SIGTERM, or to the end of a capture."""
+    from beltscape.pipeline.live.assembly import RunOptions
     from beltscape.service.check import check_plant
     from beltscape.service.lifecycle import log_to_stderr, make_stop_event, make_watchdog
     from beltscape.service.plant import make_expiry_counter, run_plant
@@ -36,12 +36,12 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         return {"project": project.path, "settings": settings, "checked": True, "parts": parts}
     log_to_stderr()
     web = project.settings.web
-    ways = Ways(
+    options = RunOptions(
         data=project.place(project.settings.data),
         certificate_days=make_expiry_counter(web.tls_certificate, web.tls_key),
-        alive=make_watchdog(),
+        heartbeat=make_watchdog(),
     )
-    return run_plant(project, ways, make_stop_event(), page=not arguments.no_page)
+    return run_plant(project, options, make_stop_event(), page=not arguments.no_page)
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -1,4 +1,7 @@
-"""``beltscape users list|add|remove|passwd|role|key|unkey PROJECT [NAME]``: works whether or not the service runs."""
+"""``beltscape users list|add|remove|passwd|role|key|unkey PROJECT [NAME]``: manages users and keys.
+
+It works with or without the service running.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +22,17 @@ ROLES = ("viewer", "operator", "engineer")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what can be done, and the arguments."""
+    """Declare the sub-commands and their arguments."""
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     _command(commands, "list", "all users")
-    add = _command(commands, "add", "a further user; asks for the password", named=True)
+    add = _command(commands, "add", "add a user; asks for the password", named=True)
     add.add_argument("--role", choices=ROLES, required=True, help="what the user may do")
-    _command(commands, "remove", "take a user away, with all sessions", named=True)
-    passwd = _command(
-        commands, "passwd", "set a user's password anew; asks for it, ends all sessions", named=True
-    )
-    role = _command(commands, "role", "give a user another role", named=True)
+    _command(commands, "remove", "remove a user with all sessions", named=True)
+    passwd = _command(commands, "passwd", "set a user's password; asks for it, ends all sessions", named=True)
+    role = _command(commands, "role", "change a user's role", named=True)
     role.add_argument("role", choices=ROLES, help="what the user may do")
-    _command(commands, "key", "a new key by which a program may read; printed this once", named=True)
-    _command(commands, "unkey", "take a program's key away", named=True)
+    _command(commands, "key", "create a key by which a program may read; it is printed only once", named=True)
+    _command(commands, "unkey", "remove a program's key", named=True)
     for command in (add, passwd):
         command.add_argument(
             "--password-stdin", action="store_true", help="read the password from standard input"
@@ -39,21 +40,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Do it."""
+    """Run the sub-command."""
     from beltscape.service.access import Access
 
     folder = _data_folder(arguments.place)
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; it is made by the first `beltscape run`, or make it")
+        raise InputError(f"{folder}: no such folder; create it, or let the first `beltscape run` create it")
     with closing(Access(folder)) as access:
-        made = _DO[arguments.what](access, arguments)
+        key = _COMMANDS[arguments.what](access, arguments)
         users = [{"name": u.name, "role": u.role, "sessions": u.sessions} for u in access.accounts.list()]
-        keys = [key.name for key in access.keys.list()]
-    return {"users": users, "keys": keys, "data": folder} | ({"key": made} if made else {})
+        keys = [one.name for one in access.keys.list()]
+    return {"users": users, "keys": keys, "data": folder} | ({"key": key} if key else {})
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """A key that was made; else all users and keys, as they are now."""
+    """Return the new key, or else all users and keys."""
     if "key" in result:
         return f"{result['key']}\nsend it as `Authorization: Bearer KEY`; it is not shown again"
     if not result["users"] and not result["keys"]:
@@ -71,7 +72,7 @@ def _command(commands: Any, name: str, text: str, *, named: bool = False) -> arg
 
 
 def _data_folder(place: Path) -> Path:
-    """The data folder itself, or what a project.toml says: nothing else of it needs to be in order."""
+    """Return the data folder, given itself or a project.toml, of which only ``data`` is read."""
     if place.is_dir():
         return place
     from beltscape.files.documents.toml_text import read_toml
@@ -84,39 +85,39 @@ def _data_folder(place: Path) -> Path:
 
 def _add(access: Access, arguments: argparse.Namespace) -> None:
     user = access.accounts.add(arguments.name, arguments.role, _password(arguments))
-    _note(access, "user added", {"user": user.name, "role": user.role})
+    _audit(access, "user added", {"user": user.name, "role": user.role})
 
 
 def _remove(access: Access, arguments: argparse.Namespace) -> None:
     access.accounts.remove(arguments.name)
-    _note(access, "user removed", {"user": arguments.name})
+    _audit(access, "user removed", {"user": arguments.name})
 
 
 def _passwd(access: Access, arguments: argparse.Namespace) -> None:
     access.accounts.set_password(arguments.name, _password(arguments))
-    _note(access, "password changed", {"user": arguments.name})
+    _audit(access, "password changed", {"user": arguments.name})
 
 
 def _role(access: Access, arguments: argparse.Namespace) -> None:
     access.accounts.set_role(arguments.name, arguments.role)
-    _note(access, "role changed", {"user": arguments.name, "role": arguments.role})
+    _audit(access, "role changed", {"user": arguments.name, "role": arguments.role})
 
 
 def _key(access: Access, arguments: argparse.Namespace) -> str:
     key = access.keys.create(arguments.name)
-    _note(access, "key made", {"key": arguments.name})
+    _audit(access, "key made", {"key": arguments.name})
     return key
 
 
 def _unkey(access: Access, arguments: argparse.Namespace) -> None:
     access.keys.remove(arguments.name)
-    _note(access, "key removed", {"key": arguments.name})
+    _audit(access, "key removed", {"key": arguments.name})
 
 
-def _note(access: Access, what: str, detail: Mapping[str, str]) -> None:
+def _audit(access: Access, action: str, detail: Mapping[str, str]) -> None:
     import getpass
 
-    access.audit.write(what, f"{getpass.getuser()} on this machine", "beltscape users", detail)
+    access.audit.write(action, f"{getpass.getuser()} on this machine", "beltscape users", detail)
 
 
 def _password(arguments: argparse.Namespace) -> str:
@@ -129,12 +130,12 @@ def _password(arguments: argparse.Namespace) -> str:
             "password: standard input is no terminal; give --password-stdin and pipe the password in"
         )
     password = getpass("password: ")
-    if getpass("once more: ") != password:
-        raise InputError("password: the two are not the same; try again")
+    if getpass("repeat: ") != password:
+        raise InputError("password: the two entries differ; try again")
     return password
 
 
-_DO = {
+_COMMANDS = {
     "list": lambda _access, _arguments: None,
     "add": _add,
     "remove": _remove,

@@ -1,1 +1,1 @@
-"""The operator's page and the programming interface behind it: HTTP and WebSocket."""
+"""The service: operator's page, HTTP interface, live stream and access control of a running plant."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.live.check import checks_of, is_running
+from beltscape.pipeline.live.check import list_checks, is_running
 from beltscape.pipeline.live.project import Project
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import check_listening
@@ -20,7 +20,7 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     """
     lines: dict[str, str] = {}
     faults: dict[str, BeltscapeError] = {}
-    checks = list(checks_of(project, reporter))
+    checks = list(list_checks(project, reporter))
     if page:
         checks.append(("page", lambda: _page_line(project)))
     for name, check in checks:

@@ -56,7 +56,7 @@ def make_watchdog() -> Callable[[], None]:
 
 
 def format_summary(result: Mapping[str, Any]) -> str:
-    """What a run format_summary, in a few lines."""
+    """Return the summary of a run in a few lines."""
     valid, degraded, missing = (result[f"{name}_mm"] * 1e-3 for name in ("valid", "degraded", "missing"))
     lines = [
         f"volume {result['volume_mm3'] * 1e-6:.3f} l on {valid + degraded + missing:.3f} m of belt in "

@@ -77,12 +77,20 @@ def _make_labelled(
     help_text: str,
     samples: Iterable[tuple[Mapping[str, str], float]],
 ) -> Family:
-    return Family(f"beltscape_{name}", kind, help_text, tuple(("", labels, value) for labels, value in samples))
+    return Family(
+        f"beltscape_{name}", kind, help_text, tuple(("", labels, value) for labels, value in samples)
+    )
 
 
 def format_metrics(live_state: LiveState, snapshot: Snapshot) -> str:
     """Return all metrics as text."""
-    families = [*_list_flow(snapshot), *_list_totals(snapshot), *_list_frames(live_state, snapshot), *_list_cameras(snapshot), *_list_alarms(snapshot)]
+    families = [
+        *_list_flow(snapshot),
+        *_list_totals(snapshot),
+        *_list_frames(live_state, snapshot),
+        *_list_cameras(snapshot),
+        *_list_alarms(snapshot),
+    ]
     return "".join(family.format() for family in families)
 
 
@@ -148,7 +156,9 @@ def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Family]:
         _make_gauge(
             "frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage
         ),
-        _make_gauge("frame_age_seconds", "Since the last frame set; +Inf before the first.", snapshot.frame_age_s),
+        _make_gauge(
+            "frame_age_seconds", "Since the last frame set; +Inf before the first.", snapshot.frame_age_s
+        ),
         Family("beltscape_processing_seconds", "histogram", help_text, samples),
     ]
 

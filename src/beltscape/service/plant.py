@@ -13,7 +13,7 @@ from typing import Any
 from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.live import Observers
 from beltscape.files.systemd import notify
-from beltscape.pipeline.live.assembly import Assembled, Ways, assemble
+from beltscape.pipeline.live.assembly import AssembledRun, RunOptions, assemble
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
 from beltscape.service.access.tls import read_expiry
@@ -31,7 +31,7 @@ _POLL_S = 0.1
 
 def run_plant(
     project: Project[ProjectSettings],
-    ways: Ways,
+    options: RunOptions,
     stop: Event,
     *,
     page: bool,
@@ -48,9 +48,9 @@ def run_plant(
     if page:
         check_listening(project.settings.web)  # before the history is opened
     live_state = LiveState(project.settings.web)
-    assembled = assemble(project, ways, Observers([live_state, LogObserver()]))
+    assembled = assemble(project, options, Observers([live_state, LogObserver()]))
     totals_before = assembled.historian.totals
-    with _serve_page(project, ways.data, live_state, assembled) if page else nullcontext() as running:
+    with _serve_page(project, options.data, live_state, assembled) if page else nullcontext() as running:
         assembled.engine.start()
         notify("READY=1")
         log_address(running)
@@ -60,14 +60,14 @@ def run_plant(
         finally:
             notify("STOPPING=1")
             unwritten = assembled.engine.stop()
-    summary = _make_summary(project, ways.data, totals_before, assembled.historian.totals, unwritten)
+    summary = _make_summary(project, options.data, totals_before, assembled.historian.totals, unwritten)
     assembled.close()
     return summary
 
 
 @contextmanager
 def _serve_page(
-    project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: Assembled
+    project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: AssembledRun
 ) -> Iterator[RunningServer]:
     web = project.settings.web
     with closing(Access(data, web.access)) as access:

@@ -15,7 +15,7 @@ _MAX_VALUE_LENGTH = 300
 
 
 class Audit:
-    """The audit log of a data folder. Thread-safe; entries lost to a full disk are format_summary, not raised."""
+    """The audit log of a data folder. Thread-safe; entries lost to a full disk are counted, not raised."""
 
     def __init__(
         self, folder: Path, file_bytes: int, files: int, clock: Callable[[], float] = time.time

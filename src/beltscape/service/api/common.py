@@ -1,4 +1,4 @@
-"""What the endpoints share: bounds of parameters, descriptions of describe_refusals, what they work with."""
+"""Shared parts of the endpoints: parameter types, response models, refusals, the application context."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class ResponseModel(BaseModel):
 
 
 class Problem(ResponseModel):
-    """Why it was refused, in one line."""
+    """The reason of a refusal, in one line."""
 
     detail: str
 
@@ -62,7 +62,7 @@ _REFUSAL_REASONS = {
 
 
 def describe_refusals(*codes: int) -> dict[int | str, dict[str, Any]]:
-    """Descriptions of the describe_refusals an endpoint gives, beside those that all of them give."""
+    """Return OpenAPI descriptions of the refusals ``codes``, with those that every endpoint has."""
     return {
         code: {"model": Problem, "description": _REFUSAL_REASONS[code]} for code in (401, 403, 429, *codes)
     }

@@ -109,7 +109,7 @@ class EventOut(ResponseModel):
 
 
 class SectionOut(ResponseModel):
-    """The mean cross-section behind a record."""
+    """The mean cross-section of a record."""
 
     number: int
     x_mm: tuple[float, ...]
@@ -209,11 +209,11 @@ def make_router(context: AppContext) -> APIRouter:
 
     @router.get("/section", responses=describe_refusals(404, 503))
     def section(_: Viewer, number: RecordNumber) -> SectionOut:
-        """The cross-section behind the record of that number."""
+        """The cross-section of the record of that number."""
         with map_history_errors():
             found = history.section(number)
         if found is None:
-            raise HTTPException(404, "no cross-section is kept behind that record")
+            raise HTTPException(404, "no cross-section is kept for that record")
         return SectionOut(number=number, x_mm=_round(found.x_mm), height_mm=_to_json_numbers(found.height_mm))
 
     return router

@@ -21,7 +21,7 @@ def make_router(context: AppContext) -> APIRouter:
         responses=describe_refusals(404) | {200: {"content": {MEDIA_TYPE: {}}, "description": "WebP"}},
     )
     def picture(name: CameraName, _: Annotated[User, Depends(require_role("viewer"))]) -> Response:
-        """The camera's last image; the headers ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` give its name and time."""
+        """The camera's last image; headers ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` give its name and time."""
         image = context.live_state.get_picture(name)
         if image is None:
             raise HTTPException(404, "no image came from a camera of that name yet")

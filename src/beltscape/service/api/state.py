@@ -172,7 +172,10 @@ class StateOut(ResponseModel):
                 standing=flow.standing,
             ),
             totals=TotalsOut.from_totals(snapshot.totals),
-            cameras=tuple(CameraOut.from_health(camera, snapshot.picture_frames.get(camera.name)) for camera in snapshot.cameras),
+            cameras=tuple(
+                CameraOut.from_health(camera, snapshot.picture_frames.get(camera.name))
+                for camera in snapshot.cameras
+            ),
             alarms=tuple(AlarmOut.from_alarm(alarm) for alarm in snapshot.alarms if alarm.state != "clear"),
             notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in snapshot.notes),
             record=snapshot.record,

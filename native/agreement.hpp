@@ -1,4 +1,4 @@
-// How an auxiliary sees a surface given by its inverse_depth, row by row, and how several that see it agree.
+// How an auxiliary sees a surface given by its inverse depth, row by row, and how several that see it agree.
 #pragma once
 
 #include "sweep.hpp"
@@ -6,7 +6,7 @@
 
 namespace beltscape {
 
-// An auxiliary: its image, and how near to it (in units of s) something lies in each of its pixels.
+// An auxiliary: its image, and its buffer of the largest inverse depth (in units of s) in each pixel.
 struct Auxiliary {
     View view;
     Image image;
@@ -14,7 +14,7 @@ struct Auxiliary {
 };
 
 // Where it sees a point: the footprint of a sample, of whose pixels the upper or lower left one is in the
-// nearest row, and the inverse_depth to it (NaN: not inside).
+// nearest row, and the inverse depth to it (NaN: not inside).
 template <class F>
 struct Sighting {
     Spot<F> spot;
@@ -28,7 +28,7 @@ BELTSCAPE_INLINE IntOf<F> nearest_pixel(const Spot<F>& spot, const Image& image)
     return spot.index + select(spot.v >= 0.5f, broadcast<IntOf<F>>(image.width), IntOf<F>{});
 }
 
-// Columns x of row y at inverse_depth s.
+// Columns x of row y at inverse depth s.
 template <class F>
 BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, float y, F s) {
     const float* d = view.direction;
@@ -42,7 +42,7 @@ BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, fl
             select(place.u >= 0.0f, s * inverse_depth, broadcast<F>(kNotANumber))};
 }
 
-// 1 where nothing in the buffer lies more than `tolerance` before what is seen at the nearest pixel, else 0.
+// 1 where the buffer at the nearest pixel exceeds the point's inverse depth by at most `tolerance`, else 0.
 template <class F>
 BELTSCAPE_INLINE F unhidden(const float* buffer, const int* row, F u, F inverse_depth, float tolerance) {
     const auto [left, right] = gather_pair<F>(buffer, row);

@@ -1,4 +1,4 @@
-// What bindings that look at the auxiliaries share: their images, views and buffers as the kernels take them.
+// Shared by bindings that read the auxiliaries: their images, views and buffers as the kernels take them.
 #pragma once
 
 #include <nanobind/stl/vector.h>

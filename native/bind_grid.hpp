@@ -1,4 +1,4 @@
-// What bindings over the core's grid share: its arrays, its views, and its rows cut into jobs.
+// Shared by bindings over the core's grid: its arrays, its views, and its rows cut into jobs.
 #pragma once
 
 #include "bind.hpp"

@@ -1,4 +1,4 @@
-// What bindings of small networks share.
+// Shared by bindings of small networks.
 #pragma once
 
 #include <nanobind/stl/vector.h>

@@ -1,4 +1,4 @@
-// What bindings about given pixels of the core's grid share.
+// Shared by bindings about given pixels of the core's grid.
 #pragma once
 
 #include "bind_grid.hpp"

@@ -13,7 +13,7 @@ using CostsOut = nb::ndarray<std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device
 
 Image image_of(const Grid& grid) { return {grid.data(), width_of(grid), height_of(grid)}; }
 
-// Keeps what a SweepInput points to.
+// Owns the arrays that a SweepInput points to.
 struct Sweep {
     std::vector<Image> images;
     std::vector<View> views;

@@ -1,4 +1,4 @@
-// Candidates of a pixel: its own inverse_depth and those its surroundings hand on, and the few of them it
+// Candidates of a pixel: its own inverse depth and those its surroundings hand on, and the few of them it
 // keeps.
 #pragma once
 
@@ -7,7 +7,7 @@
 namespace beltscape {
 
 inline constexpr float kApart = 1.5f;         // candidates farther apart in s are different surfaces
-inline constexpr float kNoCandidate = 1e6f;   // the inverse_depth of a free place: far from all others
+inline constexpr float kNoCandidate = 1e6f;   // the inverse depth of a free place: far from all others
 inline constexpr float kNoCost = 1e3f;        // and its cost: anything is cheaper
 inline constexpr float kFarthestStep = 3.0f;  // of an extrapolation
 
@@ -60,7 +60,7 @@ BELTSCAPE_INLINE F handed(const Surface& surface, const Offset& offset, int x, i
 // The places of some pixels' candidates: `count` rows, `stride` apart.
 struct Places {
     float *s, *cost;
-    int* source;  // the number of the offset that handed it
+    int* source;  // the number of the offset that it comes from
     int count;
     size_t stride;
 };

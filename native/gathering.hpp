@@ -1,4 +1,4 @@
-// What lies about given pixels: a plane at offsets from them, its edge where these leave it.
+// Values at offsets from given pixels; beyond the image, those of its edge.
 #pragma once
 
 #include "simd.hpp"

@@ -72,7 +72,7 @@ inline void place_row(const RasterisationInput& in, int v, PointRow& row) {
     }
 }
 
-// Grids (rows, columns) of what is uppermost so far; -inf where nothing is.
+// Grids (rows, columns) of the uppermost values so far; -inf where there is none.
 struct TopViewOutput {
     double *height, *variance;
     int columns;

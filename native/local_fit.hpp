@@ -17,7 +17,7 @@ inline constexpr int kMaxRadius = 15;
 inline constexpr int kMaxWindows = 4;
 inline constexpr float kSlopeRidge =
     0.1f;  // holds the slopes to the earlier ones where a window has no breadth
-inline constexpr float kNoWeight = 1e-12f;  // a window that weighs no more says nothing
+inline constexpr float kNoWeight = 1e-12f;  // a window of no more weight is left out
 inline constexpr float kLeastVariance = 1e-12f;
 inline constexpr float kMostDisagreement = 25.0f;
 inline constexpr float kLargestStep = 1.0f;  // of s
@@ -34,7 +34,7 @@ struct FitWindows {
     FitWindow window[kMaxWindows];  // smallest radius first
     int count;
     float tolerance, width;  // width: of a confidence interval, in standard deviations to each side
-    float flatten;           // share of what neighbours lie off the plane that counts
+    float flatten;           // share of the neighbours' distance from the plane that counts
 };
 
 // What a fit reads: at pixel (0, 0) of a part of the grid, with a margin all around of the largest radius,
@@ -56,7 +56,7 @@ struct Fit {
 template <class F>
 struct RowPairs {
     F weight[kMaxRadius + 1], weight_odd[kMaxRadius + 1];
-    F pull[kMaxRadius + 1], pull_odd[kMaxRadius + 1];  // of weight times what is fitted
+    F pull[kMaxRadius + 1], pull_odd[kMaxRadius + 1];  // of weight times the fitted value
     F square[kMaxRadius + 1];                          // of weight²  / information
 };
 

@@ -18,7 +18,8 @@ void keep_memory() {
 #endif
 }
 
-// The best instruction-set level this processor runs: asked of the lowest module before another is loaded.
+// The best instruction-set level that this processor runs; the lowest module answers before another is
+// loaded.
 const char* cpu_level() {
 #if defined(__x86_64__)
     if (__builtin_cpu_supports("x86-64-v4")) return "v4";

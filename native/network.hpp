@@ -13,7 +13,7 @@ struct Layer {
     int inputs, units;
 };
 
-// `low` and `high` (inputs of the first layer) clamp what comes in, NaN to `low`.
+// `low` and `high` (inputs of the first layer) clamp the inputs, NaN to `low`.
 struct Network {
     const float *low, *high;
     const Layer* layers;
@@ -29,7 +29,7 @@ inline constexpr int kBeside = Lane<F>::count > 1 ? 3 : 1;
 template <class F>
 inline constexpr int kWide = kBeside<F> * Lane<F>::count;
 
-// What is known of kBeside vectors of pixels, number by number.
+// The inputs of kBeside vectors of pixels, number by number.
 template <class F>
 using Known = F[kMostUnits][kBeside<F>];
 

@@ -1,4 +1,4 @@
-// The equations of one row of pixels for a better s: from every view, how much it knows of s (information)
+// The normal equations of one row of pixels for a change of s: from every view, its information about s
 // and where it draws s to (pull); the best change of s by itself is pull / information.
 //
 // With I the core and J a view's warp, both normalised in a window to
@@ -85,7 +85,8 @@ BELTSCAPE_INLINE void core_normals_row(const NormalSettings& settings, const flo
     }
 }
 
-// A view's residuals r, their slopes dn_J/ds (NaN where it has no say), 1 / var(r), and misfits r² / var(r).
+// A view's residuals r, their slopes dn_J/ds (NaN where it does not count), 1 / var(r), and misfits r² /
+// var(r).
 struct Residuals {
     float *value, *slope, *weight, *misfit;
 };

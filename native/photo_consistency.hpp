@@ -48,7 +48,7 @@ struct Ordered {
     }
 };
 
-// Where a view sees points (u, v) at inverse_depth s, and how near to it they are.
+// Where a view sees points (u, v) at inverse depth s, and how near to it they are.
 template <class F>
 struct Sampled {
     Spot<F> spot;

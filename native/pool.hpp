@@ -1,4 +1,4 @@
-// Workspaces for jobs: as many as jobs run at once, each handed on when its job is done.
+// Workspaces for jobs: as many as jobs run at once, each reused by the next job.
 #pragma once
 
 #include <memory>
@@ -27,7 +27,7 @@ public:
         std::unique_ptr<Workspace> workspace_;
     };
 
-    // A free one, or what make() gives.
+    // A free one, or a new one from make().
     template <class Make>
     Taken take(const Make& make) {
         std::unique_ptr<Workspace> workspace;

@@ -118,7 +118,7 @@ private:
     struct Slopes {
         Floats u, v;
     };
-    // Of candidates at columns x ... of a row, by what handed them.
+    // Of candidates at columns x ... of a row, by their offset.
     Slopes slopes(Floats sources, int row, int x) const {
         const Ints source = to_int(sources);
         const Ints dx = to_int(gather(offset_x_.data(), source)),
@@ -150,7 +150,7 @@ private:
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
                 store(line.s(k) + x, load<Floats>(s_.get() + place));
-                // What lies beyond the row's end was never written.
+                // Values beyond the row's end were never written.
                 Floats source = load_first<Floats>(source_.get() + place, std::max(width_ - x, 0));
                 const Slopes slope = slopes(source, row, x);
                 store(line.rise(0, k) + x, half * slope.v);
@@ -289,7 +289,7 @@ private:
     std::size_t stride_, row_size_;
     Values s_, cost_;  // (rows, candidates, stride)
     std::unique_ptr<std::uint8_t[]> source_;
-    Values score_;   // what the paths brought, (kept rows, candidates, stride)
+    Values score_;   // sums of the paths' costs, (kept rows, candidates, stride)
     Values across_;  // half the slopes along the latest rows, (lanes, candidates, stride)
     std::vector<unsigned char> active_;
     std::vector<float> offset_x_, offset_y_;

@@ -230,7 +230,7 @@ private:
     // the pixel's own.
     bool judged_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
     std::vector<float> core_, mean_, energy_, active_;
-    std::vector<float> given_, grey_, sums_;                 // of the row at hand and the two before it
+    std::vector<float> given_, grey_, sums_;                 // of the present row and the two before it
     alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples
     alignas(64) float u_[kTileSpan], v_[kTileSpan];
     std::vector<float> s_, cost_;

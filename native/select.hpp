@@ -1,29 +1,29 @@
-// Semi-global selection among the candidates of neighbours: a path hands each candidate of a pixel the least
-// cost of coming from any candidate of the pixel before, as in H. Hirschmüller, IEEE TPAMI 30(2), 328-341,
-// 2008, doi:10.1109/TPAMI.2007.1166, with candidates for disparities and slopes for a preference of level
-// ground.
+// Semi-global selection among the candidates of neighbours: a path passes to each candidate of a pixel the
+// least cost of coming from any candidate of the pixel before, as in H. Hirschmüller, IEEE TPAMI 30(2),
+// 328-341, 2008, doi:10.1109/TPAMI.2007.1166, with candidates for disparities and slopes for a preference of
+// level ground.
 #pragma once
 
 #include "simd.hpp"
 
 namespace beltscape {
 
-inline constexpr float kSteepestStep = 1.0f;  // what slopes may explain between neighbours
+inline constexpr float kSteepestStep = 1.0f;  // largest step that slopes may explain between neighbours
 
-// small px of inverse_depth cost small · px, and never more than large.
+// small px of inverse depth cost small · px, and never more than large.
 struct Jumps {
     float small, large;
 };
 
 // The candidates of the pixels a path comes from: `count` rows, `stride` apart.
 struct Before {
-    const float *s, *rise;  // rise: half of what the slopes give along the path's step
+    const float *s, *rise;  // rise: half of the slopes' step along the path
     const float* toll;      // of the path up to each, the least of a pixel's being 0
     int count;
     size_t stride;
 };
 
-// What a path brings to a candidate with inverse_depth s and `rise`.
+// The least cost that a path passes to a candidate with inverse depth s and `rise`.
 template <class F>
 BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps) {
     F least = broadcast<F>(jumps.large);

@@ -9,7 +9,7 @@
 //       }
 //   }
 //
-// MaskOf<F> is what comparing two F gives; masks join with & and |, and `negate` reverses one.
+// MaskOf<F> is the result of comparing two F; masks join with & and |, and `negate` reverses one.
 // Everything is IEEE and nothing is reordered; `multiply_add` alone rounds once for a product and a sum where
 // the level can (v3, v4, CUDA), so that these give the same bits as each other, and v2 the same but for
 // rounding.

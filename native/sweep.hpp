@@ -12,7 +12,7 @@
 
 namespace beltscape {
 
-inline constexpr float kWorst = 120.0f;  // what a dissimilarity of 1 becomes in a byte
+inline constexpr float kWorst = 120.0f;  // the byte of a dissimilarity of 1
 
 // Grey levels (height, width).
 struct Image {
@@ -39,7 +39,7 @@ BELTSCAPE_INLINE Spot<F> spot(const Image& image, F u, F v, MaskOf<F> valid) {
             v - to_float(upper)};
 }
 
-// Core pixels x of row y at inverse_depth s, seen by one auxiliary; what lies behind it is not seen.
+// Core pixels x of row y at inverse depth s, projected into one auxiliary; points behind it are not seen.
 template <class F>
 BELTSCAPE_INLINE Spot<F> swept(const View& view, const Image& image, F x, float y, float s) {
     const float* d = view.direction;

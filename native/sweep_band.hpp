@@ -24,7 +24,7 @@ struct SweepInput {
     float level;  // taken off all grey levels, for the digits' sake
 };
 
-// The mean of what is measured.
+// The mean of the measured cells.
 inline float mean_level(const Image& image) {
     double sum = 0, count = 0;
     const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
@@ -48,7 +48,7 @@ private:
     std::vector<float> values_;
 };
 
-// What one thread needs to sweep bands of one width.
+// One thread's workspace for sweeping bands of one width.
 class Sweeper {
 public:
     explicit Sweeper(const SweepInput& in)

@@ -1,7 +1,7 @@
-// How an auxiliary camera sees the pixels of the core's undistorted grid, by their inverse_depth s.
+// How an auxiliary camera sees the pixels of the core's undistorted grid, by their inverse depth s.
 //
 // s is inverse depth in units that a stage chooses so that a step of 1 is about a pixel of disparity. A core
-// pixel (u, v) at inverse_depth s lies, up to scale, at  direction (u, v, 1) + shift s  in the auxiliary's
+// pixel (u, v) at inverse depth s lies, up to scale, at  direction (u, v, 1) + shift s  in the auxiliary's
 // frame: the division by depth happens once, in the projection. OpenCV's five distortion coefficients follow.
 #pragma once
 
@@ -28,7 +28,7 @@ struct Moving {
     F u, v, du, dv;
 };
 
-// All of these are NaN for what is not before the auxiliary.
+// All of these are NaN for points behind the auxiliary.
 template <class F>
 struct Ideal {
     F x, y, inverse_depth;  // x and y before distortion

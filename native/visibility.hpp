@@ -1,5 +1,5 @@
-// What an auxiliary sees of the core's surface: a buffer of what lies nearest to it, and which of the core's
-// pixels are that nearest.
+// Visibility of the core's surface from an auxiliary: a buffer of the largest inverse depth, and which of the
+// core's pixels are that nearest.
 #pragma once
 
 #include "view.hpp"
@@ -38,7 +38,7 @@ BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F inverse_depth, int width,
 }
 
 // Raises the 2x2 pixels of `buffer` (height, width) about where each pixel of the core's row v is seen to its
-// inverse_depth; s has the row's `end` values.
+// inverse depth; s has the row's `end` values.
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
                                 float* buffer) {
@@ -67,8 +67,8 @@ BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end
     }
 }
 
-// 1 where the pixel of the core's row v is seen in the image and nothing in `buffer` (height, width) lies
-// more than `tolerance` before it at the nearest pixel, else 0.
+// 1 where the pixel of the core's row v projects into the image and `buffer` (height, width) at the nearest
+// pixel exceeds its inverse depth by at most `tolerance`, else 0.
 template <class F>
 BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int end, int width, int height,
                                   const float* buffer, float tolerance, unsigned char* out) {

@@ -1,4 +1,4 @@
-// An auxiliary's image where the core's pixels are seen, at a inverse_depth each.
+// An auxiliary's image where the core's pixels are seen, at a inverse depth each.
 #pragma once
 
 #include "spline.hpp"

@@ -42,7 +42,7 @@ def test_the_summary_without_cameras_says_the_mend():
 
 
 def test_a_project_without_cameras_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("beltscape.sources.genicam.aravis.found_cameras", list)
+    monkeypatch.setattr("beltscape.sources.genicam.aravis.find_cameras", list)
     (tmp_path / "project.toml").write_text("[web]\n")
     with pytest.raises(InputError, match=r"it has no table \[cameras\]"):
         cameras.run(parsed("--check", str(tmp_path / "project.toml")), Silent())

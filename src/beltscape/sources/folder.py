@@ -1,4 +1,4 @@
-"""Recorded captures as a frame source."""
+"""Frame source that reads a recorded capture folder."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ OVEREXPOSED = 0.2
 
 
 class FolderSource:
-    """The frames of a capture folder; images that cannot be used are named and left out."""
+    """The frames of a capture folder; unusable images are skipped with a warning that names them."""
 
     def __init__(self, capture: Capture, sizes_px: Mapping[str, tuple[int, int]], reporter: Reporter) -> None:
-        """``sizes_px`` is the (width, height) each camera's images must have; other cameras are not read."""
+        """``sizes_px``: (width, height) that each camera's images must have; other cameras are not read."""
         self._capture = capture
         self._sizes_px = sizes_px
         self._reporter = reporter
@@ -31,7 +31,7 @@ class FolderSource:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The cameras that have images."""
+        """Names of the cameras that have images."""
         return tuple(name for name in self._sizes_px if name in self._capture.files)
 
     @property
@@ -44,20 +44,20 @@ class FolderSource:
 
     @property
     def folder(self) -> Path:
-        """Where the capture lies."""
+        """The capture's folder."""
         return self._capture.folder
 
     def __iter__(self) -> Iterator[FrameSet]:
-        return self.only(self.frames)
+        return self.select_frames(self.frames)
 
-    def only(self, wanted: Collection[str]) -> Iterator[FrameSet]:
-        """Some of the frames, in natural order."""
+    def select_frames(self, names: Collection[str]) -> Iterator[FrameSet]:
+        """Yield the frames with these names, in natural order."""
         for frame in self.frames:
-            if frame in wanted:
+            if frame in names:
                 yield FrameSet(frame, self.images(frame))
 
     def images(self, frame: str) -> dict[str, Image]:
-        """The images of one frame by camera; empty where there are none that can be used."""
+        """Return the images of one frame by camera; empty without usable ones."""
         images = {name: self._image(name, frame) for name in self.cameras}
         return {name: image for name, image in images.items() if image is not None}
 

@@ -1,4 +1,4 @@
-"""A recorded capture as if its cameras were running now."""
+"""Live source that replays a recorded capture, at its own pace or as fast as possible."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _RATE_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class FrameTime:
-    """When a frame of the capture was taken, and where the belt was."""
+    """Time and belt position of a frame of the capture."""
 
     frame: str
     time_ns: int
@@ -25,9 +25,9 @@ class FrameTime:
 
 
 class ReplaySource:
-    """Gives the frames of a capture at the pace of their times, or as fast as they are taken.
+    """Yields the frames of a capture at the pace of their times, or as fast as they are consumed.
 
-    Frame, time and position are the capture's own. In a ``loop`` the belt goes on from round to round, by the mean
+    Frame, time and position are the capture's own. In a ``loop`` the belt advances from round to round, by the mean
     step from the last frame to the first.
     """
 
@@ -39,39 +39,39 @@ class ReplaySource:
         paced: bool = True,
         loop: bool = False,
     ) -> None:
-        """``frame_times`` in the order of time; one without images gives a frame set without images."""
-        self._folder, self._cues, self._paced, self._loop = folder, tuple(frame_times), paced, loop
+        """``frame_times`` in the order of time; a frame without images gives a frame set without images."""
+        self._folder, self._frame_times, self._paced, self._loop = folder, tuple(frame_times), paced, loop
         self._closed = threading.Event()
         self._taken: dict[str, int] = dict.fromkeys(folder.cameras, 0)
         self._missed: dict[str, int] = dict.fromkeys(folder.cameras, 0)
-        self._given: list[float] = []
+        self._yield_times_s: list[float] = []
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """The capture's, as far as the rig has them."""
+        """Names of the capture's cameras that the rig has."""
         return self._folder.cameras
 
     def __iter__(self) -> Iterator[FrameSet]:
-        start, first = monotonic_ns(), self._cues[0].time_ns
+        start, first = monotonic_ns(), self._frame_times[0].time_ns
         rounds = 0
         while not self._closed.is_set():
-            for frame_time in self._cues:
-                shifted = self._shifted(frame_time, rounds)
+            for frame_time in self._frame_times:
+                replayed = self._shift_to_round(frame_time, rounds)
                 if self._paced and self._closed.wait(
-                    max(0, start + shifted.time_ns - first - monotonic_ns()) * 1e-9
+                    max(0, start + replayed.time_ns - first - monotonic_ns()) * 1e-9
                 ):
                     return
                 if self._closed.is_set():
                     return
-                yield self._frames(frame_time, shifted)
+                yield self._frames(frame_time, replayed)
             rounds += 1
             if not self._loop:
                 return
 
     def health(self) -> Mapping[str, CameraHealth]:
-        """All that can be said of a recording: what images there are."""
+        """Return the state of every camera, by the images that the recording has."""
         now = monotonic()
-        rate = sum(now - given < _RATE_S for given in self._given) / _RATE_S
+        rate = sum(now - time_s < _RATE_S for time_s in self._yield_times_s) / _RATE_S
         return {name: self._health(name, rate) for name in self.cameras}
 
     def close(self) -> None:
@@ -84,22 +84,22 @@ class ReplaySource:
         message = f"{name}: no image in the capture so far" if state == "lost" else ""
         return CameraHealth(name, state, taken, missed, rate_hz if taken else 0.0, float("nan"), message)
 
-    def _shifted(self, frame_time: FrameTime, rounds: int) -> FrameTime:
+    def _shift_to_round(self, frame_time: FrameTime, rounds: int) -> FrameTime:
         if not rounds:
             return frame_time
-        first, last, steps = self._cues[0], self._cues[-1], max(len(self._cues) - 1, 1)
-        around = rounds * (steps + 1) / steps
-        time = frame_time.time_ns + round(around * (last.time_ns - first.time_ns))
+        first, last, steps = self._frame_times[0], self._frame_times[-1], max(len(self._frame_times) - 1, 1)
+        factor = rounds * (steps + 1) / steps
+        time = frame_time.time_ns + round(factor * (last.time_ns - first.time_ns))
         position = frame_time.position_mm
         if position is not None and first.position_mm is not None and last.position_mm is not None:
-            position += around * (last.position_mm - first.position_mm)
+            position += factor * (last.position_mm - first.position_mm)
         return FrameTime(f"{frame_time.frame}-{rounds}", time, position)
 
-    def _frames(self, frame_time: FrameTime, shifted: FrameTime) -> FrameSet:
+    def _frames(self, frame_time: FrameTime, replayed: FrameTime) -> FrameSet:
         images = self._folder.images(frame_time.frame)
         for name in self.cameras:
             counts = self._taken if name in images else self._missed
             counts[name] += 1
         now = monotonic()
-        self._given = [given for given in self._given if now - given < _RATE_S] + [now]
-        return FrameSet(shifted.frame, images, shifted.time_ns, shifted.position_mm)
+        self._yield_times_s = [time_s for time_s in self._yield_times_s if now - time_s < _RATE_S] + [now]
+        return FrameSet(replayed.frame, images, replayed.time_ns, replayed.position_mm)

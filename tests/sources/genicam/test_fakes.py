@@ -32,23 +32,23 @@ def test_processes_agree_on_the_instant_whatever_they_missed(tmp_path_factory, l
     path = tmp_path_factory.mktemp("instants") / "instants"
     each = [InstantCounter(path, 0.1) for _ in late[0]]
     first = late[0][0] * 1_000_000
-    each[0].of(start_ns + first)
+    each[0].number_at(start_ns + first)
     for k, offsets in enumerate(late):
         for one, offset, here in zip(each, offsets, present, strict=True):
             if here:
                 # the grid may have begun late itself and follows slowly: what is within half a period of it counts
-                assert one.of(start_ns + first + k * PERIOD_NS + offset * 1_000_000) == k
+                assert one.number_at(start_ns + first + k * PERIOD_NS + offset * 1_000_000) == k
     for one in each:
         one.close()
 
 
 def test_one_that_comes_later_counts_on(tmp_path):
     early = InstantCounter(tmp_path / "instants", 0.1)
-    assert [early.of(5 + k * PERIOD_NS) for k in range(4)] == [0, 1, 2, 3]
+    assert [early.number_at(5 + k * PERIOD_NS) for k in range(4)] == [0, 1, 2, 3]
     late = InstantCounter(tmp_path / "instants", 0.1)
-    assert late.of(5 + 40 * PERIOD_NS) == 40
-    assert early.of(5 + 39 * PERIOD_NS) == 39  # held up
-    assert early.of(5 + 41 * PERIOD_NS) == 41
+    assert late.number_at(5 + 40 * PERIOD_NS) == 40
+    assert early.number_at(5 + 39 * PERIOD_NS) == 39  # held up
+    assert early.number_at(5 + 41 * PERIOD_NS) == 41
     early.close()
     late.close()
 

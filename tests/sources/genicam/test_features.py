@@ -119,4 +119,4 @@ def test_a_missing_feature_names_the_setting():
     with pytest.raises(
         InputError, match=r"cam0: the camera has no feature Counter9; correct encoder\.feature"
     ):
-        Features(LIB, "cam0", Notebook()).need("Counter9", "encoder.feature")
+        Features(LIB, "cam0", Notebook()).require_feature("Counter9", "encoder.feature")

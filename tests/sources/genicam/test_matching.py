@@ -29,7 +29,7 @@ class Wire:
     """Its instants are off by at most this."""
     first_id: int = 1
     lost: set[int] = field(default_factory=set)
-    twice: set[int] = field(default_factory=set)
+    duplicates: set[int] = field(default_factory=set)
     delays_ns: dict[int, int] = field(default_factory=dict)
     """Instant → delay beyond the usual."""
     stalls: list[tuple[int, int]] = field(default_factory=list)
@@ -68,12 +68,12 @@ def played(
 
     def until(now_ns: int) -> None:
         while (deadline := matcher.deadline_ns()) is not None and deadline <= now_ns:
-            given_out.extend((deadline, one) for one in matcher.due(deadline))
+            given_out.extend((deadline, one) for one in matcher.pop_due(deadline))
 
     for shot in sorted(shots, key=lambda s: s.arrival_ns):
         until(shot.arrival_ns)
         matcher.add(shot, shot.arrival_ns)
-        given_out.extend((shot.arrival_ns, one) for one in matcher.due(shot.arrival_ns))
+        given_out.extend((shot.arrival_ns, one) for one in matcher.pop_due(shot.arrival_ns))
     until(2**62)
     return matcher, given_out
 
@@ -97,7 +97,7 @@ wires = st.builds(
     jitter_ns=st.integers(0, 2 * MS),
     first_id=st.integers(1, 65535),
     lost=st.sets(st.integers(10, 60), max_size=30),
-    twice=st.sets(st.integers(10, 60), max_size=5),
+    duplicates=st.sets(st.integers(10, 60), max_size=5),
     delays_ns=st.dictionaries(st.integers(10, 60), st.integers(0, 3000 * MS), max_size=12),
     stalls=st.lists(st.tuples(st.integers(10, 60), st.integers(1, 25)), max_size=2),
 )
@@ -160,7 +160,7 @@ def test_it_comes_back_with_a_new_clock_and_count():
         if shot is after[0]:
             matcher.on_reopened("cam1")
         matcher.add(shot, shot.arrival_ns)
-        given_out.extend((shot.arrival_ns, one) for one in matcher.due(shot.arrival_ns))
+        given_out.extend((shot.arrival_ns, one) for one in matcher.pop_due(shot.arrival_ns))
     assert_laws(given_out)
     with_both = [one.shots["cam0"].payload for _, one in given_out if len(one.shots) == 2]
     assert max(with_both) == 99
@@ -186,7 +186,7 @@ def test_an_image_too_far_from_the_others_is_left_out_and_told():
             matcher.add(
                 CameraImage(name, k + 1, k * PERIOD + late, k * PERIOD + late + MS, k), k * PERIOD + late + MS
             )
-        given_out.extend(matcher.due((k + 1) * PERIOD))
+        given_out.extend(matcher.pop_due((k + 1) * PERIOD))
     assert set(given_out[-1].shots) == {"cam0", "cam1"}
     statistics = matcher.statistics("cam2")
     assert statistics.out_of_skew
@@ -202,7 +202,7 @@ def test_between_two_clocks_on_one_pulse_the_constant_part_is_error():
         jump = 2 * MS if k == 59 else 0
         shot = CameraImage("cam1", k + 1, 7 * 10**14 + k * PERIOD + jump, k * PERIOD + 8 * MS + jump, k)
         matcher.add(shot, k * PERIOD + 8 * MS)
-        matcher.due(k * PERIOD + 8 * MS)
+        matcher.pop_due(k * PERIOD + 8 * MS)
     assert matcher.statistics("cam1").skew_ns == pytest.approx(2 * MS, abs=MS // 10)
 
 
@@ -225,8 +225,8 @@ def test_a_clock_that_is_set_while_running_is_learned_again():
             stepped = -3600 * 10**9 if name == "cam1" and k >= 60 else 0
             camera_ns = 10**16 + k * PERIOD + stepped
             matcher.add(CameraImage(name, k + 1, camera_ns, k * PERIOD + MS, k), k * PERIOD + MS)
-        given_out.extend((0, one) for one in matcher.due(k * PERIOD + MS))
-        given_out.extend((0, one) for one in matcher.due(k * PERIOD + 90 * MS))
+        given_out.extend((0, one) for one in matcher.pop_due(k * PERIOD + MS))
+        given_out.extend((0, one) for one in matcher.pop_due(k * PERIOD + 90 * MS))
     assert_laws(given_out)
     assert len(given_out[-1][1].shots) == 2
     assert sum(len(one.shots) == 1 for _, one in given_out) <= 12

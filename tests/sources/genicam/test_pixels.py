@@ -97,7 +97,7 @@ def test_plain_images_are_the_camera_s_bytes():
 
 
 def test_what_is_not_understood_or_too_short_is_told():
-    with pytest.raises(InputError, match="0x02100032 is not understood"):
+    with pytest.raises(InputError, match="0x02100032 is not supported"):
         decode_image(b"", 0x02100032, (2, 2))
     with pytest.raises(InputError, match=r"4×2 Mono12Packed has 11 bytes instead of 12"):
         decode_image(bytes(11), CODES["Mono12Packed"], (4, 2))

@@ -176,7 +176,7 @@ def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[flo
     chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, LOOKS).astype(int))}
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
-    for frame_set in source.only(chosen):
+    for frame_set in source.select_frames(chosen):
         try:
             ranges.append(find_depth_range(rig, frame_set, reporter))
         except ReconstructionError as error:
@@ -195,7 +195,7 @@ def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[flo
 
 def _raise_cause(source: FolderSource, rig: Rig, frame: str) -> None:
     """Raise a ReconstructionError that names the likeliest cause why a frame shows no surface."""
-    for frame_set in source.only({frame}):
+    for frame_set in source.select_frames({frame}):
         if rig.core in frame_set.images and len(frame_set.images) > 1:
             raise ReconstructionError(_no_surface(frame_set, rig))
 

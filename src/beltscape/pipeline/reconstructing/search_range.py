@@ -73,7 +73,7 @@ def _misses(one_mm: tuple[float, float], other_mm: tuple[float, float]) -> bool:
 
 def _found(source: FolderSource, rig: Rig) -> tuple[float, float] | None:
     """What the first frame shows; None where nothing stands out in it."""
-    for frame_set in source.only(set(source.frames[:1])):
+    for frame_set in source.select_frames(set(source.frames[:1])):
         try:
             return find_depth_range(rig, frame_set, Silent())
         except ReconstructionError:

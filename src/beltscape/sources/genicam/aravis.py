@@ -1,4 +1,4 @@
-"""The Aravis library, where it is installed."""
+"""Access to the Aravis library, and discovery of cameras on the network."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from beltscape.core.errors import InputError, SettingsError
 
 
 def load_aravis() -> Any:
-    """The module ``gi.repository.Aravis``, or SettingsError that says what to install."""
+    """Return the module ``gi.repository.Aravis``; SettingsError with the packages to install if it is missing."""
     try:
         import gi  # pyright: ignore[reportMissingImports]
 
@@ -25,7 +25,7 @@ def load_aravis() -> Any:
 
 
 def glib_error_type() -> type[Exception]:
-    """What Aravis's calls raise; after ``load_aravis()``."""
+    """Return the exception type that Aravis's calls raise; call ``load_aravis()`` first."""
     from gi.repository import GLib  # pyright: ignore[reportMissingImports, reportAttributeAccessIssue]
 
     return GLib.Error
@@ -33,7 +33,7 @@ def glib_error_type() -> type[Exception]:
 
 @dataclass(frozen=True, slots=True)
 class FoundCamera:
-    """A camera on the network."""
+    """A camera that answers on the network."""
 
     device: str
     """Its id, such as "Basler-21730563"."""
@@ -45,7 +45,7 @@ class FoundCamera:
 
 
 def find_cameras() -> list[FoundCamera]:
-    """The cameras that answer now, by address; takes a second."""
+    """Return the cameras that answer now, sorted by address; takes about a second."""
     lib = load_aravis()
     lib.update_device_list()
     cameras = [
@@ -59,10 +59,10 @@ def find_cameras() -> list[FoundCamera]:
         )
         for i in range(lib.get_n_devices())
     ]
-    return sorted(cameras, key=lambda one: (_order(one.address), one.device))
+    return sorted(cameras, key=lambda camera: (_address_number(camera.address), camera.device))
 
 
-def _order(address: str) -> int:
+def _address_number(address: str) -> int:
     try:
         return int(IPv4Address(address))
     except AddressValueError:
@@ -70,17 +70,17 @@ def _order(address: str) -> int:
 
 
 def resolve_device(device: str) -> str:
-    """What Aravis opens a camera by: an address as it is; for an id or serial number the id, looked for.
+    """Return the name by which Aravis opens a camera: an address as it is, the id for an id or a serial number.
 
-    InputError where no or more than one camera answers to it.
+    InputError unless exactly one camera has that id or serial number.
     """
-    if _order(device):
+    if _address_number(device):
         return device
-    there = find_cameras()
-    fitting = [one for one in there if device in (one.device, one.serial)]
-    if not fitting:
-        known = ", ".join(f"{one.device} ({one.address})" for one in there) or "none"
-        raise InputError(f"no camera {device} answers; there are: {known}")
-    if len(fitting) > 1:
+    cameras = find_cameras()
+    matching = [camera for camera in cameras if device in (camera.device, camera.serial)]
+    if not matching:
+        names = ", ".join(f"{camera.device} ({camera.address})" for camera in cameras) or "none"
+        raise InputError(f"no camera {device} answers; there are: {names}")
+    if len(matching) > 1:
         raise InputError(f"more than one camera has the serial number {device}; give its id or address")
-    return fitting[0].device
+    return matching[0].device

@@ -1,4 +1,4 @@
-"""One camera's threads: opened, listened to, triggered, opened again when it is lost."""
+"""The threads of one camera: they open it, receive its images, trigger it, and reopen it after a loss."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ from typing import Protocol
 from beltscape.sources.genicam.device import RawImage
 
 REOPEN_AFTER_S = 1.5
-"""Without an image where one was due, a camera is opened anew."""
+"""A camera without an image for this time, when one was due, is reopened."""
 RETRY_S = 0.3
-"""Between two attempts; an attempt itself takes seconds where nothing answers."""
+"""Pause between two attempts to open; an attempt itself takes seconds if nothing answers."""
 CLOSE_S = 1.0
-"""A camera that answers is closed in this time; one that does not is opened anew meanwhile."""
+"""A responding camera closes within this time; one that does not respond is reopened meanwhile."""
 LATEST = 0.2
-"""A trigger that is late by this share of the period is left out."""
+"""A trigger that is late by this share of the period is skipped."""
 RECEIVE_S = 0.1
-"""So long a call waits for an image before it looks whether it is to stop."""
+"""Time for which a call waits for an image before it checks whether to stop."""
 
 
 class OpenCamera(Protocol):
-    """What is needed of an opened camera."""
+    """The interface of an opened camera."""
 
     broken: int
 
     @property
     def lost(self) -> bool:
-        """Whether it does not answer any more."""
+        """Whether it has stopped answering."""
         ...
 
     def receive(self, seconds: float) -> RawImage | None:
-        """The next whole image; None where none came in time."""
+        """Return the next complete image; None if none arrives in time."""
         ...
 
     def trigger(self) -> bool:
-        """Have it take an image."""
+        """Trigger an image; return whether the camera answered."""
         ...
 
     def close(self) -> None:
-        """Give it back."""
+        """Release the camera."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class TriggerPace:
-    """Instants of the software trigger: all cameras' threads have the same."""
+    """Instants of the software trigger, common to all cameras' threads."""
 
     start_s: float
-    """time.monotonic() of one of them."""
+    """time.monotonic() of one of the instants."""
     period_s: float
 
     def after(self, now_s: float) -> float:
-        """The next one."""
+        """Return the next instant after ``now_s``."""
         return self.start_s + ((now_s - self.start_s) // self.period_s + 1) * self.period_s
 
 
 class CameraThreads:
-    """Keeps one camera going; a call to a dead camera blocks for seconds, so each has its own threads."""
+    """Runs one camera; a call to a camera that is gone blocks for seconds, so each camera has its own threads."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class CameraThreads:
         is_overdue: Callable[[str, float], bool],
         pace: TriggerPace | None,
     ) -> None:
-        """``due(name, seconds without an image)`` says whether that is too long; ``pace``: of software triggers."""
+        """``is_overdue(name, seconds without an image)``: whether to reopen; ``pace``: of software triggers."""
         self._name = name
         self._open, self._on_open, self._on_image, self._is_overdue = open_, on_open, on_image, is_overdue
         self._pace = pace
@@ -79,7 +79,7 @@ class CameraThreads:
         self._broken_before = 0
         self.trouble = ""
         """Why it cannot be opened; empty while it is open."""
-        self._threads = [threading.Thread(target=self._keep, name=f"camera {name}", daemon=True)]
+        self._threads = [threading.Thread(target=self._run, name=f"camera {name}", daemon=True)]
         if pace is not None:
             self._threads.append(threading.Thread(target=self._trigger, name=f"trigger {name}", daemon=True))
         for thread in self._threads:
@@ -87,22 +87,22 @@ class CameraThreads:
 
     @property
     def is_open(self) -> bool:
-        """Whether the camera was found and started."""
+        """Whether the camera is open and started."""
         return self._device is not None
 
     @property
     def broken(self) -> int:
-        """Images since the start that came with packets missing."""
+        """Number of images since the start with missing packets."""
         device = self._device
         return self._broken_before + (0 if device is None else device.broken)
 
-    def _keep(self) -> None:
+    def _run(self) -> None:
         while not self._stop.is_set():
             try:
                 self._run_session()
-            except Exception as error:  # whatever a driver does, the camera is tried again
+            except Exception as error:  # after any error of a driver the camera is opened again
                 self.trouble = str(error).partition("\n")[0] or type(error).__name__
-            if self.trouble:  # by now the error is gone, and with it all it held of the camera
+            if self.trouble:  # outside the handler, where the error no longer refers to the camera
                 self._stop.wait(RETRY_S)
 
     def _run_session(self) -> None:
@@ -115,7 +115,7 @@ class CameraThreads:
         finally:
             self._device = None
             self._broken_before += device.broken
-            # a dead camera takes ten seconds to give up, and may be back before
+            # closing a camera that is gone takes ten seconds, and the camera may return before
             closing = threading.Thread(target=device.close, name=f"close {self._name}", daemon=True)
             closing.start()
             closing.join(CLOSE_S)
@@ -137,16 +137,16 @@ class CameraThreads:
             if self._stop.wait(max(0.0, instant_s - time.monotonic())):
                 return
             device = self._device
-            # too late to be of one instant with the others: better none
+            # a late trigger would not belong to the instant of the other cameras
             if device is not None and time.monotonic() - instant_s < LATEST * self._pace.period_s:
                 device.trigger()
 
     def stop(self) -> None:
-        """Ask the threads to end; ``join`` waits for it."""
+        """Request the end of the threads; ``join`` waits for it."""
         self._stop.set()
 
     def join(self, seconds: float) -> None:
-        """Wait for the threads; one that hangs on a dead camera is left to end by itself."""
+        """Wait for the threads; a thread that hangs in a call to a lost camera ends later by itself."""
         until = time.monotonic() + seconds
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))

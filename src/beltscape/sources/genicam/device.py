@@ -1,4 +1,4 @@
-"""One opened camera: settings applied, images taken, triggered."""
+"""An opened camera through Aravis: applies settings, receives images, sends triggers."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from beltscape.sources.genicam.features import Features
 from beltscape.sources.genicam.settings import CamerasSettings
 
 EXTRA_BYTES = 4096
-"""Room for chunks in a buffer beyond the payload that the camera states."""
+"""Space for chunks in a buffer beyond the payload that the camera states."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawImage:
-    """One image as it came."""
+    """One image as received."""
 
     data: bytes
     code: int
-    """Its pixel format."""
+    """Code of its pixel format."""
     size_px: tuple[int, int]
     """Width, height."""
     frame_id: int
@@ -31,18 +31,18 @@ class RawImage:
     arrival_ns: int
     """Host's monotonic clock at its first packet."""
     count: int | None
-    """The belt's encoder; None where this camera does not count it."""
+    """Count of the belt's encoder; None if this camera does not count it."""
 
 
 class Device:
-    """A camera of its own; every call may block for seconds where the camera is gone, so each has its thread."""
+    """An opened camera; every call may block for seconds if the camera is gone, so each camera has its own thread."""
 
     def __init__(
         self, name: str, settings: CamerasSettings, size_px: tuple[int, int] | None, has_encoder: bool
     ) -> None:
-        """Open it and start; ``counts``: it has the belt's encoder.
+        """Open the camera and start it; ``has_encoder``: it counts the belt's encoder.
 
-        InputError where it is not there, another program has it, or a setting does not fit.
+        InputError if it does not answer, another program has opened it, or it refuses a setting.
         """
         self._lib = load_aravis()
         self._encoder = settings.encoder if has_encoder else None
@@ -53,7 +53,7 @@ class Device:
         self._parser: Any = None
         self._stream: Any = None
         self.broken = 0
-        """Images that came with packets missing."""
+        """Number of images with missing packets."""
         place = resolve_device(settings.devices[name])
         try:
             self._camera = self._lib.Camera.new(place)
@@ -96,11 +96,11 @@ class Device:
 
     @property
     def lost(self) -> bool:
-        """Whether the camera has not answered for some seconds."""
+        """Whether the camera has stopped answering for some seconds."""
         return self._control.lost
 
     def receive(self, seconds: float) -> RawImage | None:
-        """The next whole image; None where none came in time."""
+        """Return the next complete image; None if none arrives in time."""
         buffer = self._stream.timeout_pop_buffer(int(seconds * 1e6))
         if buffer is None:
             return None
@@ -135,7 +135,7 @@ class Device:
             return None
 
     def trigger(self) -> bool:
-        """Have it take an image; False where it does not answer. Blocks for seconds then."""
+        """Trigger an image; return False if the camera does not answer, which blocks for seconds."""
         with self._triggering:
             if self._closed:
                 return False
@@ -146,7 +146,7 @@ class Device:
         return True
 
     def close(self) -> None:
-        """Give it back; blocks for seconds where it does not answer."""
+        """Release the camera; blocks for seconds if it does not answer."""
         with self._triggering:  # a trigger call under way holds the camera
             self._closed = True
         device = self._camera.get_device()
@@ -154,12 +154,12 @@ class Device:
         if self._stream is not None and not self._control.lost:
             with suppress(glib_error_type()):
                 self._camera.stop_acquisition()
-        # Aravis lets go of a camera with the last reference to it
+        # Aravis releases a camera with the last reference to it
         del device, self._parser, self._stream, self._camera
 
 
 class _Control:
-    """Told when the camera does not answer any more; offsets_ns, so that the camera does not hold what holds it."""
+    """Receiver of the signal that the camera is lost; a separate object avoids a reference cycle with the camera."""
 
     def __init__(self) -> None:
         self.lost = False
@@ -173,15 +173,15 @@ def _camera_error(name: str, settings: CamerasSettings, error: Exception) -> Inp
 
 
 class _ArrivalClock:
-    """Aravis tells arrivals by the system clock, which may be set: this tells them by the monotonic one."""
+    """Converts arrivals from the system clock, which Aravis uses and which may be set, to the monotonic clock."""
 
     def __init__(self) -> None:
-        self._apart_ns = time.time_ns() - time.monotonic_ns()
+        self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def monotonic_ns(self, system_ns: int) -> int:
-        """Monotonic time of an arrival; now, where the system clock was set since the last one."""
+        """Return the monotonic time of an arrival, or now if the system clock was set since the last one."""
         now_ns = time.monotonic_ns()
-        apart_ns = time.time_ns() - now_ns
-        stepped = abs(apart_ns - self._apart_ns) > 1_000_000
-        self._apart_ns = apart_ns
-        return now_ns if stepped else min(system_ns - apart_ns, now_ns)
+        offset_ns = time.time_ns() - now_ns
+        was_set = abs(offset_ns - self._offset_ns) > 1_000_000
+        self._offset_ns = offset_ns
+        return now_ns if was_set else min(system_ns - offset_ns, now_ns)

@@ -1,4 +1,4 @@
-"""Settings → features of a camera, whatever its maker calls them."""
+"""Applying the settings to a camera's GenICam features."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from beltscape.core.errors import InputError
 from beltscape.sources.genicam.settings import CamerasSettings
 
 PTP = ("PtpEnable", "GevIEEE1588")
-"""Features that make a camera share its clock: the standard's name (SFNC 2), older cameras' name."""
+"""Features that enable a shared clock: the standard's name (SFNC 2), older cameras' name."""
 
 
 class Features:
-    """One camera's features, set with a clear line where one does not fit."""
+    """One camera's features; a setting that the camera does not support is refused by name."""
 
     def __init__(self, lib: Any, name: str, camera: Any) -> None:
         """``lib``: the Aravis module; ``camera``: an opened camera of it."""
@@ -21,12 +21,12 @@ class Features:
         self._camera = camera
 
     def require_feature(self, feature: str, setting: str) -> None:
-        """InputError where the camera has no such feature."""
+        """Raise InputError unless the camera has the feature."""
         if not self._camera.is_feature_available(feature):
             raise InputError(f"{self._name}: the camera has no feature {feature}; correct {setting}")
 
     def apply(self, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
-        """Set all of them; the camera is not sending. Aravis's own errors pass through."""
+        """Set all features of a camera that is not sending. Aravis's own errors pass through."""
         self._apply_pixel_format(settings, size_px)
         self._apply_exposure(settings.exposure_of(self._name), settings.gain_of(self._name))
         self._apply_trigger(settings)

@@ -1,4 +1,4 @@
-"""What is known of a camera → how it does, in words that say the mend."""
+"""Assessment of a camera's health from its images and statistics, with the fix of each fault."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from beltscape.sources.genicam.shots import CameraStatistics
 OVEREXPOSED = 0.2
 """Share of saturated pixels from which a view is called overexposed."""
 DARK = 0.03
-"""A view whose brightest pixels reach this share of the range shows nothing."""
+"""A view whose brightest pixels stay below this share of the range is called dark."""
 RATE_WINDOW_S = 5.0
-"""The rate is told over so many seconds."""
+"""Interval over which the rate is counted."""
 BRIGHTNESS_INTERVAL_S = 1.0
-"""So often an image's brightness is looked at."""
+"""Interval between checks of an image's brightness."""
 SKEWED_FROM = 3
-"""Images in a row that must be too far from the others: one may be by chance."""
+"""Number of consecutive images that must exceed the skew: a single one may by chance."""
 RECENT_S = 10.0
-"""What went wrong is told for so long."""
+"""Time for which a broken image is reported."""
 
 
 @dataclass(slots=True)
 class CameraMonitor:
-    """One camera, as watched."""
+    """The observations of one camera."""
 
     last_s: float | None = None
     """time.monotonic() of its last image."""
     times_s: deque[float] = field(default_factory=lambda: deque(maxlen=8192))
     brightness_fault: str = ""
-    """What is wrong with its brightness."""
+    """The fault of its brightness; empty without one."""
     image_fault: str = ""
-    """Why its last image could not be used at all."""
+    """Why its last image was unusable; empty if it was usable."""
     brightness_checked_s: float = float("-inf")
     broken: int = 0
     broken_s: float = float("-inf")
-    """When a broken image was last noticed."""
+    """time.monotonic() at which a broken image was last counted."""
 
     def add_image(self, now_s: float) -> None:
-        """An image came."""
+        """Record the arrival of an image."""
         self.last_s = now_s
         self.times_s.append(now_s)
 
     def check_brightness(self, image: Image, now_s: float) -> None:
-        """Judge the brightness, now and then."""
+        """Check the brightness periodically."""
         if now_s - self.brightness_checked_s >= BRIGHTNESS_INTERVAL_S:
             self.brightness_checked_s = now_s
             self.brightness_fault = find_brightness_fault(image)
 
     def rate_hz(self, now_s: float) -> float:
-        """Images per second of the last seconds."""
+        """Return the images per second of the last seconds."""
         while self.times_s and self.times_s[0] < now_s - RATE_WINDOW_S:
             self.times_s.popleft()
         count = len(self.times_s)
@@ -62,15 +62,15 @@ class CameraMonitor:
 
 
 def find_brightness_fault(image: Image) -> str:
-    """What is wrong with an image's brightness; empty where nothing is."""
-    some = image[::4, ::4]
-    share = saturated_fraction(some)
+    """Return the fault of an image's brightness; empty without one."""
+    sample = image[::4, ::4]
+    share = saturated_fraction(sample)
     if share > OVEREXPOSED:
         return f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
-    top = float(np.quantile(some, 0.995)) / float(np.iinfo(image.dtype).max)
+    top = float(np.quantile(sample, 0.995)) / float(np.iinfo(image.dtype).max)
     if top < DARK:
         return (
-            f"dark: the brightest pixels reach {top:.1%} of the range; see to light, lens cap and exposure_us"
+            f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"
         )
     return ""
 
@@ -84,7 +84,7 @@ def assess_health(
     is_open: bool,
     now_s: float,
 ) -> CameraHealth:
-    """How a camera does at ``now_s`` (time.monotonic())."""
+    """Return a camera's health at ``now_s`` (time.monotonic())."""
     state, message = _state(name, settings, monitor, statistics, trouble, is_open, now_s)
     return CameraHealth(
         name,
@@ -116,13 +116,13 @@ def _state(
     ):
         why = f" ({trouble})" if trouble else ""
         wire = "trigger wire, " if settings.trigger == "line" else ""
-        return "lost", f"no image for {silence_s:.0f} s; see to its {wire}power, cable and switch{why}"
+        return "lost", f"no image for {silence_s:.0f} s; check its {wire}power, cable and switch{why}"
     if monitor.image_fault:
         return "unusable", monitor.image_fault
     if statistics.unsynchronised:
         return (
             "unusable",
-            "its clock is not the others' one: see whether PTP runs on the camera and the switch",
+            "its clock is not shared with the others': check that PTP runs on the camera and the switch",
         )
     if statistics.out_of_skew >= SKEWED_FROM:
         skew = (
@@ -131,14 +131,14 @@ def _state(
             else f"{statistics.skew_ns * 1e-6:+.2f} ms from the core camera's, "
         )
         return "unusable", (
-            f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: see to its trigger wire "
+            f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: check its trigger wire "
             "and trigger delay"
         )
     if monitor.brightness_fault:
         return "unusable", monitor.brightness_fault
     if now_s - monitor.broken_s < RECENT_S:
         return "ok", (
-            f"{monitor.broken} images came with packets missing: see to cable, packet_size, packet_delay_ns and the "
+            f"{monitor.broken} images came with packets missing: check cable, packet_size, packet_delay_ns and the "
             "system's socket buffers"
         )
     return "ok", ""
@@ -151,9 +151,9 @@ def _state_before_first_image(
         return "lost", trouble
     if is_open and settings.trigger == "line":
         return "waiting", f"no pulse has come on {settings.trigger_line} yet"
-    return "waiting", f"{settings.devices[name]} is being {'started' if is_open else 'looked for'}"
+    return "waiting", f"{settings.devices[name]} is being {'started' if is_open else 'searched for'}"
 
 
 def silence_limit_s(settings: CamerasSettings) -> float:
-    """A camera that is to send by itself or by our trigger is called lost after so many seconds without an image."""
+    """Return the time without an image after which a camera that is free-running or software-triggered is lost."""
     return settings.frame_timeout_ms * 1e-3 + 2 / settings.frames_per_s

@@ -1,4 +1,4 @@
-"""What a camera can do, and whether it takes the settings."""
+"""Inspection of a camera: its size, pixel formats and triggers, and whether it accepts the settings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.sources.genicam.settings import CamerasSettings
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What a camera says of itself."""
+    """The abilities of a camera."""
 
     size_px: tuple[int, int]
     """Width and height of its sensor."""
@@ -21,11 +21,11 @@ class Inspection:
     triggers: tuple[str, ...]
     """Its trigger inputs."""
     trouble: str = ""
-    """Why it could not be asked; empty where it could."""
+    """Why it could not be inspected; empty if it could."""
 
 
 def inspect_camera(device: str) -> Inspection:
-    """Open a camera by its id and ask it; one that another program has open says so in ``trouble``."""
+    """Open a camera by its id and read its abilities; if it cannot be opened, ``trouble`` has the reason."""
     lib = load_aravis()
     try:
         camera = lib.Camera.new(device)
@@ -40,7 +40,7 @@ def inspect_camera(device: str) -> Inspection:
 
 
 def check_settings(name: str, settings: CamerasSettings) -> str:
-    """Open a camera with its settings; what does not fit, empty where all does."""
+    """Open a camera with its settings; return the setting that it refuses, empty if it accepts all."""
     try:
         Device(name, settings, None, has_encoder=False).close()
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Images of several cameras → those of one instant, never mixed."""
+"""Matching of several cameras' images to common trigger instants."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from beltscape.sources.genicam.shots import (
 )
 
 KEPT_IDS = 64
-"""Images of a camera that are remembered to know one that comes twice."""
+"""Number of a camera's latest images that are kept to detect duplicates."""
 BIAS_OF = 51
-"""Instants from which the constant part of a clock's error is told."""
+"""Number of instants from which the constant part of a clock's error is estimated."""
 BIAS_FROM = 5
-"""Instants known until it is used."""
+"""Number of instants from which it is used."""
 UNSYNCHRONISED_NS = 50_000_000
-"""Shared clocks that are farther offsets_ns are not shared."""
+"""Clocks that differ by more than this are not shared."""
 
 
 @dataclass(slots=True)
@@ -36,7 +36,7 @@ class _Camera:
     newest_ns: int | None = None
     """Host time of its newest image."""
     offsets_ns: deque[int] = field(default_factory=lambda: deque(maxlen=BIAS_OF))
-    """How far its last images were from the core's, by the clocks as learned."""
+    """Offsets of its last images from the core's, by the estimated clocks."""
 
     @property
     def bias_ns(self) -> int:
@@ -48,15 +48,15 @@ class _Instant(Generic[Payload]):
     at_ns: int
     opened_ns: int
     shots: dict[str, tuple[int, CameraImage[Payload]]]
-    """Host time of the image, the image."""
+    """By camera: host time of the image, and the image."""
 
 
 class InstantMatcher(Generic[Payload]):
-    """Gathers images into instants; an instant is given out when it is complete or has waited long enough.
+    """Collects images into instants; an instant is returned when it is complete or its timeout has passed.
 
-    All images are placed on the host's clock by their cameras' clocks; whatever comes late on the network keeps
-    its place. Instants are at least twice ``window_ns`` offsets_ns, so as long as clocks err by less than half of it,
-    no image comes to a wrong instant.
+    Every image's time is converted to the host's clock by its camera's clock, so delays on the network do not matter.
+    Instants are at least twice ``window_ns`` apart; with clock errors below half of it, no image is assigned to a
+    wrong instant.
     """
 
     def __init__(self, cameras: Sequence[str], core: str, rules: MatchingRules) -> None:
@@ -70,19 +70,19 @@ class InstantMatcher(Generic[Payload]):
         self._last_time_ns: int | None = None
 
     def _new_clock(self) -> CameraClock:
-        # one clock for all: what it is off is the same for each
+        # with PTP one clock serves all cameras, and its error is the same for each
         return CameraClock(self._rules.window_ns // 4, *([0.0] if self._rules.clocks == "ptp" else []))
 
     def statistics(self, camera: str) -> CameraStatistics:
-        """What was seen of a camera."""
+        """Return the statistics of a camera's images."""
         return self._cameras[camera].statistics
 
     def clock(self, camera: str) -> CameraClock:
-        """A camera's clock as learned."""
+        """Return a camera's estimated clock."""
         return self._cameras[camera].clock
 
     def on_reopened(self, camera: str) -> None:
-        """The camera was opened (again): its count and its clock may begin anew."""
+        """Handle that the camera was opened (again): its count and its clock may begin anew."""
         one = self._cameras[camera]
         one.clock = self._new_clock()
         one.ids.clear()
@@ -90,7 +90,7 @@ class InstantMatcher(Generic[Payload]):
         one.statistics.has_clock = False
 
     def add(self, shot: CameraImage[Payload], now_ns: int) -> None:
-        """An image came."""
+        """Add an image."""
         one = self._cameras[shot.camera]
         if (shot.frame_id, shot.camera_ns) in one.ids:
             one.statistics.duplicates += 1
@@ -99,19 +99,19 @@ class InstantMatcher(Generic[Payload]):
             one.statistics.skipped += count_missing(one.ids[-1][0], shot.frame_id)
         one.ids.append((shot.frame_id, shot.camera_ns))
         one.statistics.taken += 1
-        trusted = one.clock.add(shot.camera_ns, shot.arrival_ns)
+        is_valid = one.clock.add(shot.camera_ns, shot.arrival_ns)
         one.statistics.has_clock = one.clock.is_settled
         if not one.clock.is_settled:
             one.offsets_ns.clear()
-        host_ns = self._host_ns(one, shot.camera_ns) if trusted else None
-        if host_ns is None or not self._starts(host_ns, now_ns):
+        host_ns = self._host_ns(one, shot.camera_ns) if is_valid else None
+        if host_ns is None or not self._has_started(host_ns, now_ns):
             return
         one.statistics.silent = False
         one.newest_ns = host_ns if one.newest_ns is None else max(one.newest_ns, host_ns)
-        self._place(shot, host_ns, now_ns)
+        self._assign(shot, host_ns, now_ns)
 
-    def _starts(self, host_ns: int, now_ns: int) -> bool:
-        """Whether an image is of the time from which on all cameras are there, or have had the time to be."""
+    def _has_started(self, host_ns: int, now_ns: int) -> bool:
+        """Return whether an image is after the start, when all cameras deliver or have had the time to."""
         if self._start_ns is None:
             self._first_ns = now_ns if self._first_ns is None else self._first_ns
             if now_ns - self._first_ns < self._rules.start_ns and not all(
@@ -122,7 +122,7 @@ class InstantMatcher(Generic[Payload]):
         return host_ns >= self._start_ns
 
     def _host_ns(self, one: _Camera, camera_ns: int) -> int | None:
-        """Host time of an image; None where the clock is to be the common one and is not."""
+        """Return the host time of an image; None if the clocks should be shared and this one is not."""
         own = one.clock.host_ns(camera_ns)
         if self._rules.clocks == "own":
             return own - one.bias_ns
@@ -131,7 +131,7 @@ class InstantMatcher(Generic[Payload]):
         one.statistics.unsynchronised = abs(common - own) > UNSYNCHRONISED_NS
         return None if one.statistics.unsynchronised else common
 
-    def _place(self, shot: CameraImage[Payload], host_ns: int, now_ns: int) -> None:
+    def _assign(self, shot: CameraImage[Payload], host_ns: int, now_ns: int) -> None:
         window = self._rules.window_ns
         if self._last_instant_ns is not None and host_ns < self._last_instant_ns + window:
             self._cameras[shot.camera].statistics.late += 1
@@ -144,15 +144,15 @@ class InstantMatcher(Generic[Payload]):
             self._open.sort(key=lambda instant: instant.at_ns)
         nearest.shots[shot.camera] = host_ns, shot
 
-    def due(self, now_ns: int) -> list[MatchedInstant[Payload]]:
-        """The instants that can be given out now, in order."""
+    def pop_due(self, now_ns: int) -> list[MatchedInstant[Payload]]:
+        """Remove and return the instants that are complete or have timed out, in order."""
         out = []
         while self._open and self._is_due(self._open[0], now_ns):
             out.append(self._complete(self._open.pop(0)))
         return out
 
     def deadline_ns(self) -> int | None:
-        """When to ask ``due`` again if no image comes; None: nothing waits."""
+        """Return when to call ``pop_due`` again if no image arrives; None: no instant waits."""
         return self._open[0].opened_ns + self._rules.timeout_ns if self._open else None
 
     def _is_due(self, instant: _Instant[Payload], now_ns: int) -> bool:
@@ -170,7 +170,7 @@ class InstantMatcher(Generic[Payload]):
     def _is_awaited(self, one: _Camera, instant: _Instant[Payload]) -> bool:
         if not one.statistics.has_clock or one.statistics.silent:
             return False
-        # images of one camera come in order: what is newer says that this one is lost
+        # images of one camera arrive in order: a newer one shows that this one is lost
         return one.newest_ns is None or one.newest_ns < instant.at_ns + self._rules.window_ns
 
     def _complete(self, instant: _Instant[Payload]) -> MatchedInstant[Payload]:
@@ -188,7 +188,7 @@ class InstantMatcher(Generic[Payload]):
         )
 
     def _select_within_skew(self, instant: _Instant[Payload]) -> set[str]:
-        """The cameras whose images are near enough to the middle one; between two, the core's counts."""
+        """Return the cameras within the allowed skew of the median image; of two images, of the core's."""
         times = {name: time for name, (time, _) in instant.shots.items()}
         ordered = sorted(times.values())
         middle = ordered[(len(ordered) - 1) // 2]
@@ -207,8 +207,8 @@ class InstantMatcher(Generic[Payload]):
 
 
 def count_missing(before: int, after: int) -> int:
-    """Images missing between two of a camera's counts; 0 where the count began anew."""
+    """Return the number of images missing between two of a camera's counts; 0 if the count began anew."""
     step = after - before
-    if step < 0 and before <= 65535:  # 16 bits go from 65535 on to 1
+    if step < 0 and before <= 65535:  # a 16-bit count continues at 1 after 65535
         step += 65535
     return step - 1 if 1 <= step <= 1000 else 0

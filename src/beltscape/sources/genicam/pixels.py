@@ -1,4 +1,4 @@
-"""What a camera sends, as an image: unpacked, scaled to the full range of its type, colours restored."""
+"""Decoding of a camera's buffers: unpacking, scaling to the full range of the type, demosaicing."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 
 Packing = Literal["none", "gige", "lsb"]
-"""a pixel a word; GigE Vision's "Packed", two pixels in three bytes; PFNC's "p", a stream of bits"""
+"""one pixel per word; GigE Vision's "Packed", two pixels in three bytes; PFNC's "p", a stream of bits"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Format:
     bits: int
     packing: Packing = "none"
     pattern: str = ""
-    """Colours of the upper left 2×2 pixels, row by row; empty where the sensor has none."""
+    """Colours of the upper left 2×2 pixels, row by row; empty without a colour mosaic."""
     channels: int = 1
 
 
@@ -54,24 +54,24 @@ FORMATS: dict[int, Format] = {
     **_bayer({"GR": 0x010C002A, "RG": 0x010C002B, "GB": 0x010C002C, "BG": 0x010C002D}, 12, "gige", "Packed"),
     **_bayer({"GR": 0x010C0057, "RG": 0x010C0059, "GB": 0x010C0055, "BG": 0x010C0053}, 12, "lsb", "p"),
 }
-"""Code in the image's head → what it means."""
+"""By the code in the image's header."""
 
 
 def decode_image(data: bytes, code: int, size_px: tuple[int, int]) -> Image:
-    """(H, W) or (H, W, 3) RGB of a buffer; uint8 from 8 bits, else uint16 with the top value at 65535.
+    """Return the image (H, W) or (H, W, 3) RGB of a buffer; uint8 from 8 bits, else uint16 with a top value of 65535.
 
-    ``size_px`` is (width, height) as the image's head says. InputError: format not understood, too few bytes.
+    ``size_px`` is (width, height) from the image's header. InputError: unknown format, or too few bytes.
     """
     format_ = FORMATS.get(code)
     if format_ is None:
-        raise InputError(f"pixel format {code:#010x} is not understood; set pixel_format, such as Mono8")
+        raise InputError(f"pixel format {code:#010x} is not supported; set pixel_format, such as Mono8")
     width, height = size_px
     count = width * height * format_.channels
-    need = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _count_bytes(format_, count)
-    if len(data) < need:
-        raise InputError(f"image of {width}×{height} {format_.name} has {len(data)} bytes instead of {need}")
+    size = (count * format_.bits + 7) // 8 if format_.packing == "lsb" else _count_bytes(format_, count)
+    if len(data) < size:
+        raise InputError(f"image of {width}×{height} {format_.name} has {len(data)} bytes instead of {size}")
     values: Any = scale_to_full_range(
-        unpack(np.frombuffer(data, np.uint8, need), format_, count), format_.bits
+        unpack(np.frombuffer(data, np.uint8, size), format_, count), format_.bits
     )
     if format_.channels == 3:
         colours = values.reshape(height, width, 3)
@@ -87,7 +87,7 @@ def _count_bytes(format_: Format, count: int) -> int:
 
 
 def unpack(raw: NDArray[np.uint8], format_: Format, count: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """(count,) values of a buffer's bytes, in the format's own range."""
+    """Return the values (count,) of a buffer's bytes, in the format's own range."""
     if format_.packing == "gige":
         return _unpack_gige(raw, format_.bits)[:count]
     if format_.packing == "lsb":
@@ -96,7 +96,7 @@ def unpack(raw: NDArray[np.uint8], format_: Format, count: int) -> NDArray[np.ui
 
 
 def _unpack_gige(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
-    """The middle byte has the low bits of both pixels, those of the first in its lower half."""
+    """Unpack two pixels of three bytes; the middle byte has the low bits of both, the first's in its lower half."""
     low = bits - 8
     first, both, second = raw.reshape(-1, 3).astype(np.uint16).T
     mask = (1 << low) - 1
@@ -105,7 +105,7 @@ def _unpack_gige(raw: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
 
 
 def _unpack_lsb(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uint16]:
-    """Pixel after pixel from the lowest bit on; groups that fill whole bytes are done at once."""
+    """Unpack consecutive pixels from the lowest bit on, in groups that fill whole bytes."""
     pixels, size = (2, 3) if bits == 12 else (4, 5)
     groups = -(-count // pixels)
     filled = np.zeros(groups * size, np.uint8)
@@ -121,7 +121,7 @@ def _unpack_lsb(raw: NDArray[np.uint8], bits: int, count: int) -> NDArray[np.uin
 def scale_to_full_range(
     values: NDArray[np.uint8] | NDArray[np.uint16], bits: int
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """8 bits as they are; more on 16, the top value at 65535 and 0 at 0 (the high bits repeat below)."""
+    """Keep 8 bits; scale more to 16, with 0 at 0 and the top value at 65535 (the high bits repeat below)."""
     if bits <= 8 or bits == 16:
         return values
     wide = values.astype(np.uint16)
@@ -129,7 +129,7 @@ def scale_to_full_range(
 
 
 def demosaic(plane: NDArray[np.uint8] | NDArray[np.uint16], pattern: str) -> Image:
-    """(H, W, 3) RGB of a (H, W) colour mosaic that begins with the 2×2 ``pattern``, by bilinear interpolation."""
+    """Return RGB (H, W, 3) of a colour mosaic (H, W) with the 2×2 ``pattern``, by bilinear interpolation."""
     import cv2
 
     return cv2.cvtColor(plane, getattr(cv2, f"COLOR_Bayer{pattern}2RGB"))  # pyright: ignore[reportReturnType]

@@ -1,4 +1,4 @@
-"""The core camera's counter → where the belt is."""
+"""The belt's position from the core camera's encoder counter."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from beltscape.sources.genicam.settings import EncoderSettings
 
 
 class BeltCounter:
-    """Counts that begin again after some bits → a position that goes on.
+    """Unwraps the counts of a counter of limited width to a continuous position.
 
-    The first position is the count itself: a camera that kept its power goes on where it was when the program
-    stopped, as long as its counter has not begun again meanwhile.
+    The first position is the count itself: a camera that stays powered continues where it was when the program
+    stopped, unless its counter has wrapped meanwhile.
     """
 
     def __init__(self, settings: EncoderSettings) -> None:
@@ -20,11 +20,11 @@ class BeltCounter:
         self._reopened = False
 
     def on_reopened(self) -> None:
-        """The camera was opened again: it may have lost power, and its count with it."""
+        """Handle that the camera was opened again: it may have lost power, and its count with it."""
         self._reopened = True
 
     def position_mm(self, count: int) -> float:
-        """Where the belt is at the next image's count; the belt may also go back a little."""
+        """Return the belt's position at the next image's count; the belt may also roll back a little."""
         count %= self._range
         if self._last is None:
             self._counts = count
@@ -38,5 +38,5 @@ class BeltCounter:
         assert self._last is not None
         forward = (count - self._last) % self._range
         if self._reopened and count < self._last and self._mm > 0:
-            return count  # it began at 0; how far the belt went without power is not known
+            return count  # the counter restarted at 0; travel without power is unknown
         return forward - self._range if forward >= self._range // 2 else forward

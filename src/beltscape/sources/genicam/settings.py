@@ -1,4 +1,4 @@
-"""The [cameras] table of project.toml."""
+"""Settings of the [cameras] table of project.toml."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ PixelFormat = Literal[
     "BayerBG12Packed", "BayerRG12p", "BayerGR12p", "BayerGB12p", "BayerBG12p", "BayerRG16", "BayerGR16",
     "BayerGB16", "BayerBG16",
 ]  # fmt: skip
-"""GenICam's names of the pixel formats that are understood."""
+"""GenICam's names of the supported pixel formats."""
 
 WINDOW_SHARE = 0.4
-"""Images within this share of the shortest time between instants may be of one instant."""
+"""Images within this share of the shortest time between instants may belong to one instant."""
 
 
 class CameraOverrides(BaseModel):
-    """What one camera has of its own; what is not given is that of all."""
+    """Settings of one camera that override those of all cameras."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -30,9 +30,9 @@ class CameraOverrides(BaseModel):
     gain_db: float | None = Field(None, ge=-24, le=60)
     """Gain."""
     pixel_format: PixelFormat | None = None
-    """What it sends."""
+    """Pixel format that it sends."""
     offset_px: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] = (0, 0)
-    """Left and upper edge of the part of the sensor that is read; the rig says its size."""
+    """Left and upper edge of the part of the sensor that is read; its size is the rig's."""
 
 
 class EncoderSettings(BaseModel):
@@ -41,16 +41,16 @@ class EncoderSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     mm_per_count: float = Field(allow_inf_nan=False)
-    """Travel of the belt for a count; negative where the count falls as the belt goes forward."""
+    """Travel of the belt per count; negative if the count falls as the belt moves forward."""
     chunk: Name | None = None
     """Chunk sent with every image, such as "CounterValue": the count when that image was taken."""
     feature: Name | None = None
     """Feature read right after every image, such as "CounterValue": late by some milliseconds of travel."""
     bits: int = Field(32, ge=8, le=64)
-    """Bits after which the counter begins again."""
+    """Width of the counter in bits."""
 
     @model_validator(mode="after")
-    def _one_way(self) -> EncoderSettings:
+    def _check(self) -> EncoderSettings:
         if (self.chunk is None) == (self.feature is None):
             raise ValueError('give either chunk or feature, such as chunk = "CounterValue"')
         if self.mm_per_count == 0:
@@ -59,49 +59,49 @@ class EncoderSettings(BaseModel):
 
 
 class CamerasSettings(BaseModel):
-    """The cameras of a running system."""
+    """Settings of ``[cameras]``: the cameras of a running system."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     devices: dict[Name, Name] = Field(min_length=1)
     """Name of the camera in the rig → its device id, address or serial number."""
     own: dict[Name, CameraOverrides] = {}
-    """Name of the camera in the rig → what it has of its own."""
+    """Name of the camera in the rig → its own settings."""
     exposure_us: float | None = Field(None, gt=0, le=1e7)
-    """Exposure time; not given: as the camera stands."""
+    """Exposure time; not given: the camera's present one."""
     gain_db: float | None = Field(None, ge=-24, le=60)
-    """Gain; not given: as the camera stands."""
+    """Gain; not given: the camera's present one."""
     pixel_format: PixelFormat = "Mono8"
-    """What the cameras send."""
+    """Pixel format that the cameras send."""
     trigger: Literal["software", "line", "free"] = "software"
-    """software: this program calls each camera; line: a pulse on a wire to all; free: each by its own clock."""
+    """software: this program triggers each camera; line: a pulse on a wire to all; free: each by its own clock."""
     frames_per_s: float = Field(10.0, gt=0, le=1000)
-    """software, free: frames a second; line: the most that may come in a second."""
+    """software, free: frames per second; line: the highest rate of the pulses."""
     trigger_line: Name = "Line1"
     """Input of the trigger pulse."""
     trigger_activation: Literal["RisingEdge", "FallingEdge", "AnyEdge", "LevelHigh", "LevelLow"] = (
         "RisingEdge"
     )
-    """What of the pulse triggers."""
+    """Part of the pulse that triggers."""
     clocks: Literal["own", "ptp"] = "own"
-    """own: each camera's clock is learned from its images' arrival; ptp: the cameras share one (IEEE 1588)."""
+    """own: each camera's clock is estimated from its images' arrival; ptp: the cameras share one (IEEE 1588)."""
     allowed_skew_ms: float = Field(2.0, gt=0)
-    """An image farther from the others of its instant is left out."""
+    """An image farther from the others of its instant is skipped."""
     frame_timeout_ms: float = Field(300.0, ge=20, le=1000)
-    """An instant waits this long for its last image; a camera that let it pass is not waited for any more."""
+    """An instant waits this long for its last image; a camera that misses it is not waited for until it returns."""
     packet_size: int | None = Field(None, ge=576, le=65535)
-    """Bytes of a network packet; not given: the largest that comes through."""
+    """Bytes of a network packet; not given: the largest that the network transmits."""
     packet_delay_ns: int = Field(0, ge=0)
-    """Pause of a camera between packets: it keeps cameras on one cable from drowning each other."""
+    """Pause of a camera between packets, which prevents packet loss between cameras on one cable."""
     buffers: int = Field(12, ge=3, le=200)
-    """Images of each camera that fit between network and program."""
+    """Number of image buffers of each camera."""
     socket_buffer_bytes: int | None = Field(None, ge=65536)
-    """Of each camera's socket; not given: as large as an image, as far as the system allows."""
+    """Buffer of each camera's socket; not given: as large as an image, as far as the system allows."""
     encoder: EncoderSettings | None = None
-    """The belt's encoder, where the core camera counts it."""
+    """The belt's encoder, if the core camera counts it."""
 
     @model_validator(mode="after")
-    def _fits(self) -> CamerasSettings:
+    def _check(self) -> CamerasSettings:
         for name in self.own:
             if name not in self.devices:
                 raise ValueError(
@@ -118,21 +118,21 @@ class CamerasSettings(BaseModel):
         return self
 
     def exposure_of(self, camera: str) -> float | None:
-        """Exposure time of a camera in µs."""
+        """Return the exposure time of a camera in µs."""
         own = self.own.get(camera)
         return self.exposure_us if own is None or own.exposure_us is None else own.exposure_us
 
     def gain_of(self, camera: str) -> float | None:
-        """Gain of a camera in dB."""
+        """Return the gain of a camera in dB."""
         own = self.own.get(camera)
         return self.gain_db if own is None or own.gain_db is None else own.gain_db
 
     def format_of(self, camera: str) -> PixelFormat:
-        """Pixel format of a camera."""
+        """Return the pixel format of a camera."""
         own = self.own.get(camera)
         return self.pixel_format if own is None or own.pixel_format is None else own.pixel_format
 
     def offset_of(self, camera: str) -> tuple[int, int]:
-        """Left and upper edge of the part of the sensor that is read."""
+        """Return the left and upper edge of the part of the sensor that is read."""
         own = self.own.get(camera)
         return (0, 0) if own is None else own.offset_px

@@ -1,4 +1,4 @@
-"""The vocabulary of matching: a camera's image, the images of an instant, the rules, what was seen."""
+"""Types of the matching: a camera's image, the images of an instant, the rules, a camera's statistics."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ Payload = TypeVar("Payload")
 
 @dataclass(frozen=True, slots=True)
 class CameraImage(Generic[Payload]):
-    """One camera's image, as it came."""
+    """One image of one camera as received."""
 
     camera: str
     frame_id: int
-    """The camera's count: 1 to 65535 and again from 1, or 64 bits; begins anew when the camera is opened."""
+    """The camera's count: 1 to 65535 and again from 1, or 64 bits; it begins anew when the camera is opened."""
     camera_ns: int
-    """The camera's own clock when it was taken."""
+    """Camera's own clock at the exposure."""
     arrival_ns: int
-    """Host's monotonic clock when its first packet came."""
+    """Host's monotonic clock at its first packet."""
     payload: Payload
 
 
@@ -27,52 +27,52 @@ class MatchedInstant(Generic[Payload]):
     """The images of one instant."""
 
     time_ns: int
-    """Host's monotonic clock at the instant; grows from one to the next."""
+    """Host's monotonic clock at the instant; increasing."""
     shots: dict[str, CameraImage[Payload]]
-    """By camera; those without an image are absent."""
+    """By camera; cameras without an image are absent."""
 
 
 @dataclass(frozen=True, slots=True)
 class MatchingRules:
-    """How images are matched."""
+    """Rules by which images are matched."""
 
     window_ns: int
-    """Images this near to the first of an instant may be of it; less than half the time between instants."""
+    """Images this near to the first of an instant may belong to it; less than half the time between instants."""
     skew_ns: int
-    """Images farther from the middle one are left out."""
+    """Images farther from the median one are skipped."""
     timeout_ns: int
     """An instant waits this long for its last image."""
     clocks: Literal["own", "ptp"] = "own"
     """ptp: the cameras share one clock."""
     common_pulse: bool = False
-    """One pulse on a wire triggers all: what stays between two clocks is their error, not skew."""
+    """Whether one pulse on a wire triggers all: a constant difference of two clocks is then their error, not skew."""
     start_ns: int = 0
-    """So long the first camera waits for the others at the start."""
+    """Time for which the first camera waits for the others at the start."""
 
 
 @dataclass(slots=True)
 class CameraStatistics:
-    """What was seen of one camera."""
+    """Statistics of one camera's images."""
 
     taken: int = 0
-    """Images that came whole, duplicates not counted."""
+    """Complete images, without duplicates."""
     missed: int = 0
-    """Instants that were given out without it."""
+    """Instants that were completed without it."""
     late: int = 0
-    """Images that came after their instant was given out."""
+    """Images that arrived after their instant was completed."""
     duplicates: int = 0
-    """Images that came again."""
+    """Images that arrived again."""
     skipped: int = 0
-    """Images that its count says were lost on the way."""
+    """Images that are missing by its count."""
     skewed: int = 0
-    """Images left out because they were too far from the others."""
+    """Images skipped because they were too far from the others."""
     skew_ns: int | None = None
-    """How far its last image was from the core's; before the core's: negative."""
+    """Time from the core's image to this camera's last one; negative if before it."""
     out_of_skew: int = 0
-    """Images in a row that were left out for that."""
+    """Number of its latest images in a row that were skipped for that."""
     unsynchronised: bool = False
-    """Whether its clock is not the one the others share."""
+    """Whether its clock differs from the shared one."""
     silent: bool = False
-    """Whether an instant waited for it in vain and nothing has come since."""
+    """Whether an instant timed out waiting for it and no image has arrived since."""
     has_clock: bool = False
-    """Whether its clock is known since it was opened."""
+    """Whether its clock has been estimated since it was opened."""

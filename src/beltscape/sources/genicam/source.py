@@ -1,4 +1,4 @@
-"""Cameras as a live source."""
+"""GenICam cameras as a live source of frame sets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from beltscape.sources.genicam.settings import WINDOW_SHARE, CamerasSettings
 from beltscape.sources.genicam.shots import CameraImage, MatchedInstant, MatchingRules
 
 READY = 16
-"""Frame sets that wait to be fetched; beyond, the oldest are dropped."""
+"""Longest queue of frame sets; beyond it the oldest are dropped."""
 START_S = 2.0
 """At the start the first camera waits this long for the others."""
 CLOSE_S = 3.0
@@ -39,7 +39,7 @@ class CountedImage:
 
 
 class GenicamSource:
-    """Frame sets of cameras that are triggered, matched, watched and opened again by themselves."""
+    """Source of frame sets from cameras, which it opens, triggers, matches, monitors and reopens."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class GenicamSource:
         sizes_px: Mapping[str, tuple[int, int]] | None,
         opener: Opener,
     ) -> None:
-        """``opener``: camera → it opened, or InputError where it cannot be."""
+        """Start the cameras; ``opener`` opens one by name or raises InputError."""
         self._settings = settings
         self._core = core
         self._sizes_px = sizes_px or {}
@@ -60,7 +60,7 @@ class GenicamSource:
         self._number = 0
         self._closed = False
         self.overrun = 0
-        """Frame sets dropped since the start because nobody fetched them."""
+        """Frame sets dropped since the start because the queue was full."""
         pace = (
             TriggerPace(time.monotonic(), 1 / settings.frames_per_s)
             if settings.trigger == "software"
@@ -75,11 +75,11 @@ class GenicamSource:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras it should have."""
+        """Names of the cameras in the settings."""
         return tuple(self._settings.devices)
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """Frame sets as they come, until it is closed; what is not fetched in time is dropped, oldest first."""
+        """Yield frame sets until the source is closed; if they are not fetched in time, the oldest are dropped."""
         while True:
             with self._lock:
                 while not self._ready and not self._closed:
@@ -128,7 +128,7 @@ class GenicamSource:
         return decode_image(raw.data, raw.code, raw.size_px)
 
     def _collect(self) -> None:
-        for matched in self._matcher.due(time.monotonic_ns()):
+        for matched in self._matcher.pop_due(time.monotonic_ns()):
             self._ready.append(self._frame_set(matched))
             if len(self._ready) > READY:
                 self._ready.popleft()
@@ -144,15 +144,17 @@ class GenicamSource:
         return FrameSet(f"{self._number:08d}", images, matched.time_ns, position_mm)
 
     def _is_overdue(self, name: str, silence_s: float) -> bool:
-        """Whether a camera without an image for that long is to be opened anew."""
-        if self._settings.trigger == "line":  # the belt may stand: only the others tell whether a pulse came
+        """Return whether a camera without an image for that time must be reopened."""
+        if (
+            self._settings.trigger == "line"
+        ):  # the belt may stand: only other cameras show whether a pulse came
             with self._lock:
                 statistics = self._matcher.statistics(name)
                 return silence_s > REOPEN_AFTER_S and statistics.silent and statistics.has_clock
         return silence_s > max(REOPEN_AFTER_S, 2 * silence_limit_s(self._settings))
 
     def health(self) -> Mapping[str, CameraHealth]:
-        """How every camera does, at any time, from any thread."""
+        """Return the state of every camera; from any thread, at any time."""
         now_s = time.monotonic()
         with self._lock:
             return {name: self._health(name, now_s) for name in self.cameras}
@@ -167,7 +169,7 @@ class GenicamSource:
         )
 
     def close(self) -> None:
-        """Stop; the iteration ends. A camera that does not answer is left to end by itself."""
+        """Stop the source; the iteration ends. A camera that does not answer is closed later by its own thread."""
         with self._lock:
             self._closed = True
             self._lock.notify_all()
@@ -192,10 +194,10 @@ def _rules(settings: CamerasSettings) -> MatchingRules:
 def open_cameras(
     settings: CamerasSettings, core: str, sizes_px: Mapping[str, tuple[int, int]] | None = None
 ) -> GenicamSource:
-    """Start the cameras of ``settings``; those that are not there are looked for as long as it runs.
+    """Start the cameras of ``settings``; absent ones are searched for as long as the source runs.
 
     ``core`` is the rig's core camera; ``sizes_px`` the (width, height) that each camera's images must have.
-    SettingsError where Aravis is not installed or a camera of ``sizes_px`` has no device.
+    SettingsError if Aravis is not installed or a camera of ``sizes_px`` has no device.
     """
     from beltscape.sources.genicam.aravis import load_aravis
     from beltscape.sources.genicam.device import Device

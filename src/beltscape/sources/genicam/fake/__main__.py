@@ -1,4 +1,4 @@
-"""``python -m beltscape.sources.genicam.fake CAPTURE [--frames-per-s 10]``: a capture's cameras, simulated."""
+"""Command ``python -m beltscape.sources.genicam.fake CAPTURE [--frames-per-s 10]``: simulate a capture's cameras."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STOP = (signal.SIGINT, signal.SIGTERM)
 
 
 def main(words: Sequence[str]) -> int:
-    """Serve until interrupted; 2 where it cannot."""
+    """Run simulated cameras until interrupted; return the exit code, 2 on an error."""
     try:
         return (
             serve_camera(Path(words[1]), words[2], words[3]) if words[:1] == ["one"] else serve_capture(words)
@@ -36,7 +36,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def serve_capture(words: Sequence[str]) -> int:
-    """The cameras of a capture."""
+    """Run all cameras of a capture, each in a process of its own."""
     parser = argparse.ArgumentParser(prog="python -m beltscape.sources.genicam.fake", description=__doc__)
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png")
     parser.add_argument(
@@ -44,16 +44,14 @@ def serve_capture(words: Sequence[str]) -> int:
     )
     parser.add_argument("--mm-per-count", type=float, default=0.01, help="of the encoder (default: 0.01)")
     arguments = parser.parse_args(words)
-    signal.pthread_sigmask(signal.SIG_BLOCK, STOP)  # they are waited for
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP)  # sigwait below receives them
     pictures, counts, per_round = read_pictures(arguments.capture, arguments.mm_per_count)
     with tempfile.TemporaryDirectory() as folder:
         bench = SimulatedCameras(Path(folder), pictures, arguments.frames_per_s, counts, per_round)
         add_addresses(bench.devices.values())
         with bench:
             print(
-                project_tables(
-                    bench, arguments.frames_per_s, arguments.mm_per_count if has_encoder else None
-                ),
+                project_tables(bench, arguments.frames_per_s, arguments.mm_per_count if counts else None),
                 flush=True,
             )
             signal.sigwait(STOP)
@@ -61,10 +59,10 @@ def serve_capture(words: Sequence[str]) -> int:
 
 
 def project_tables(bench: SimulatedCameras, frames_per_s: float, mm_per_count: float | None) -> str:
-    """The tables of project.toml that fit these cameras.
+    """Return the tables of project.toml for these cameras.
 
     All clocks are this machine's, and its loopback interface has large packets. The cameras are processes that a
-    busy machine holds up, so both the limit of skew and the alarm's are wider than for real ones.
+    busy machine delays, so the limits of skew, also the alarm's, are wider than for real cameras.
     """
     skew_ms = f"{_SKEW * 1e3 / frames_per_s:.4g}"
     lines = [
@@ -83,21 +81,21 @@ def project_tables(bench: SimulatedCameras, frames_per_s: float, mm_per_count: f
 
 
 def serve_camera(folder: Path, name: str, address: str) -> int:
-    """One camera of a bench, in this process."""
+    """Run one camera in this process."""
     camera = FakeCamera(address, name, _picture_function(folder, name))
     print("listening", flush=True)
-    sys.stdin.buffer.read()  # ends with the program that started it, however that ends
+    sys.stdin.buffer.read()  # returns when the parent process ends, for whatever reason
     camera.close()
     return 0
 
 
 def _picture_function(folder: Path, name: str) -> Callable[[int], tuple[Image, int]]:
-    told = json.loads((folder / "bench.json").read_text())
-    album, counts, per_round = read_album(folder / f"{name}.npy"), told["counts"], told["round"]
-    instants = InstantCounter(folder / "instants", told["period_s"])
+    parameters = json.loads((folder / "bench.json").read_text())
+    album, counts, per_round = read_album(folder / f"{name}.npy"), parameters["counts"], parameters["round"]
+    instants = InstantCounter(folder / "instants", parameters["period_s"])
 
     def picture(camera_ns: int) -> tuple[Image, int]:
-        rounds, index = divmod(instants.of(camera_ns), len(album))
+        rounds, index = divmod(instants.number_at(camera_ns), len(album))
         return album[index], counts[index] + rounds * per_round
 
     return picture

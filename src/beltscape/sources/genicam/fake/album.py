@@ -1,4 +1,4 @@
-"""The pictures of one simulated camera, as a file that a new process opens at once."""
+"""The images of one simulated camera in a memory-mapped file, which a new process opens at once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.core.frames import Image
 
 
 def write_album(path: Path, images: Sequence[Image]) -> None:
-    """Write pictures of one size and type."""
+    """Write images of one size and type."""
     first = images[0]
     album = np.lib.format.open_memmap(path, "w+", first.dtype, (len(images), *first.shape))
     for index, image in enumerate(images):
@@ -25,12 +25,12 @@ def write_album(path: Path, images: Sequence[Image]) -> None:
 
 
 def read_album(path: Path) -> Image:
-    """(n, H, W) or (n, H, W, 3) pictures; they are read from the disk when they are shown."""
+    """Return the images (n, H, W) or (n, H, W, 3), read from the disk on access."""
     return np.load(path, mmap_mode="r")
 
 
 def pixel_format(image: Image) -> str:
-    """GenICam's name of the format that shows a picture as it is."""
+    """Return GenICam's name of the format that transmits an image unchanged."""
     if image.ndim == 3:
         return "RGB8"
     return "Mono8" if image.dtype == np.uint8 else "Mono16"

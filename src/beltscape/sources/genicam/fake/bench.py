@@ -1,4 +1,4 @@
-"""Several simulated cameras, each a process that can be killed and started again."""
+"""Several simulated cameras, each in a process that can be killed and started again."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ FIRST_ADDRESS = 11
 
 
 class SimulatedCameras:
-    """Cameras that show the pictures they are given, over and over, a picture for each instant.
+    """Cameras that send given images cyclically, one for each instant.
 
-    All show the same number at one instant, also one that was killed and comes back. The loopback interface needs
-    their addresses (``network.add_addresses``).
+    All send the image of the same number at one instant, also a camera that was restarted. The loopback interface
+    needs their addresses (``network.add_addresses``).
     """
 
     def __init__(
@@ -32,12 +32,12 @@ class SimulatedCameras:
         counts: Sequence[int] | None = None,
         counts_per_round: int = 0,
     ) -> None:
-        """``folder`` holds what they need, for as long as they run; ``frames_per_s``: their triggers' exact rate.
+        """``folder`` holds their files while they run; ``frames_per_s``: their triggers' exact rate.
 
-        ``counts``: the belt's count at each picture; with each round through them ``counts_per_round`` is added.
+        ``counts``: the belt's count at each image; ``counts_per_round`` is added with each cycle through the images.
         """
         self.devices = {name: f"127.0.0.{FIRST_ADDRESS + i}" for i, name in enumerate(pictures)}
-        """Camera → address, as [cameras] devices wants it."""
+        """Camera → address, as in [cameras] devices."""
         self.sizes_px = {name: (images[0].shape[1], images[0].shape[0]) for name, images in pictures.items()}
         """Camera → width, height."""
         self.formats = {name: pixel_format(images[0]) for name, images in pictures.items()}
@@ -48,15 +48,15 @@ class SimulatedCameras:
         for name, images in pictures.items():
             write_album(folder / f"{name}.npy", images)
         count = len(next(iter(pictures.values())))
-        told = {
+        parameters = {
             "period_s": 1 / frames_per_s,
             "counts": list(counts or [0] * count),
             "round": counts_per_round,
         }
-        (folder / "bench.json").write_text(json.dumps(told))
+        (folder / "bench.json").write_text(json.dumps(parameters))
 
     def start(self, *names: str) -> None:
-        """Start cameras, all without a name; they are there when it returns."""
+        """Start the named cameras, or all; they run when the call returns."""
         new = {}
         for name in names or self.devices:
             self.kill(name)
@@ -71,7 +71,7 @@ class SimulatedCameras:
                 raise InputError(f"{self.devices[name]}: the simulated camera {name} did not start")
 
     def kill(self, name: str) -> None:
-        """Kill a camera at once."""
+        """Kill a camera's process."""
         process = self._running.pop(name, None)
         if process is not None:
             process.kill()

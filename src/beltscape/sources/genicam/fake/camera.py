@@ -1,4 +1,4 @@
-"""One simulated camera that shows given pictures."""
+"""One simulated camera that sends given images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.core.frames import Image
 from beltscape.sources.genicam.aravis import load_aravis
 
 COUNTER = "TestRegister"
-"""The feature in which a simulated camera shows the belt's count: its spare register."""
+"""The feature in which a simulated camera gives the belt's count: its spare register."""
 COUNTER_ADDRESS = 0x1F0
 LIBRARY = "libaravis-0.8.so.0"
 
@@ -23,17 +23,19 @@ _Fill = ctypes.CFUNCTYPE(
 
 
 class FakeCamera:
-    """Listens on an address of this machine until the process ends or ``close``."""
+    """A camera that answers on an address of this machine until ``close`` or the end of the process."""
 
     def __init__(self, address: str, serial: str, picture: Callable[[int], tuple[Image, int]]) -> None:
-        """``picture``: camera time in ns → the image, as its pixel format has it, and the belt's count.
+        """``picture``: camera time in ns → the image in its pixel format, and the belt's count.
 
-        InputError where nothing can listen on the address.
+        InputError if the address cannot be opened.
         """
-        load_aravis()  # says what to install
+        load_aravis()  # raises an error with the packages to install
         self._lib = _library()
         self._picture = picture
-        self._fill = _Fill(self._fill_buffer)  # kept: the library calls it for as long as the camera is there
+        self._fill = _Fill(
+            self._fill_buffer
+        )  # the reference keeps the callback alive while the library uses it
         self._camera = self._lib.arv_gv_fake_camera_new(address.encode(), serial.encode())
         if not self._lib.arv_gv_fake_camera_is_running(self._camera):
             raise InputError(

@@ -1,4 +1,4 @@
-"""A capture's pictures and the belt's counts at them."""
+"""The images of a capture with the belt's counts, for simulated cameras."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from beltscape.files.tables.encoder_csv import read_encoder
 
 
 def read_pictures(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Image]], list[int], int]:
-    """Camera → pictures of the frames that all have; the belt's counts at them, counts of a whole round.
+    """Return each camera's images of the common frames, the belt's counts at them, and the counts of one cycle.
 
-    The counts are empty where the capture has no encoder.csv. InputError: no frame that all cameras have.
+    The counts are empty without an encoder.csv. InputError if no frame has images of all cameras.
     """
     capture = read_capture(folder)
     frames = [f for f in capture.frames if all(f in files for files in capture.files.values())]
@@ -24,17 +24,17 @@ def read_pictures(folder: Path, mm_per_count: float) -> tuple[dict[str, list[Ima
     counts = _counts(folder / "encoder.csv", frames, mm_per_count)
     if len(counts) < 2:
         return pictures, [], 0
-    # from the last picture on to the first one the belt goes as far as between two others
+    # from the last image to the first one the belt travels as far as between two others on average
     return pictures, counts, counts[-1] - counts[0] + round((counts[-1] - counts[0]) / (len(counts) - 1))
 
 
 def _read_uniform(files: list[Path]) -> list[Image]:
-    """A camera's pictures, of one size and pixel format, as a camera sends them; grey where one of them is.
+    """Read a camera's images, which must have one size and pixel format; all become grey if one of them is.
 
     Raises
     ------
     InputError
-        When one differs from the first; it names the file.
+        When one differs from the first; the error names the file.
     """
     images = [read_image(path) for path in files]
     if any(image.ndim == 2 for image in images):
@@ -46,7 +46,8 @@ def _read_uniform(files: list[Path]) -> list[Image]:
     for path, image in zip(files, images, strict=True):
         if image.shape != first.shape or image.dtype != first.dtype:
             raise InputError(
-                f"{path}: {_describe_format(image)}, but {files[0]} is {_describe_format(first)}; a camera sends images of one form"
+                f"{path}: {_describe_format(image)}, but {files[0]} is {_describe_format(first)}; "
+                "a camera sends images of one form"
             )
     return images
 

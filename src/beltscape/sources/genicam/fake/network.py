@@ -15,14 +15,14 @@ CLONE_NEWNET = 0x40000000
 
 
 def add_addresses(addresses: Iterable[str]) -> None:
-    """Give addresses to the loopback interface; OutputError where the rights are missing. Twice does no harm."""
+    """Add addresses to the loopback interface, unless it has them; OutputError if the rights are missing."""
     _ip("link", "set", "lo", "up")
     present = subprocess.run(
         ["ip", "-o", "addr", "show", "dev", "lo"], capture_output=True, text=True, check=False
     )
     for address in addresses:
         if f"{address}/8" not in present.stdout:
-            # a label of its own: Aravis takes interfaces by their names
+            # a label of its own: Aravis identifies interfaces by their names
             _ip("addr", "add", f"{address}/8", "dev", "lo", "label", f"lo:{address.rpartition('.')[2]}")
 
 
@@ -36,9 +36,9 @@ def _ip(*arguments: str) -> None:
 
 @contextmanager
 def own_network(addresses: Iterable[str]) -> Iterator[None]:
-    """Within it, this thread, those it starts and their programs have a network of their own with ``addresses``.
+    """Give this thread, the threads it starts and their programs a network of their own with ``addresses``.
 
-    OutputError where the rights are missing.
+    OutputError if the rights are missing.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     here = os.open("/proc/thread-self/ns/net", os.O_RDONLY)

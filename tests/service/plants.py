@@ -11,7 +11,7 @@ from fastapi import FastAPI
 
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.app import create_app
-from beltscape.service.hub import LiveState
+from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

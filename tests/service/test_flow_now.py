@@ -6,7 +6,7 @@ import pytest
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, Standing
-from beltscape.service.shown.flow import FlowAverage
+from beltscape.service.view_models.flow import FlowAverage
 
 
 def record(

@@ -8,11 +8,11 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from beltscape.service.access.identity.roles import User
-from beltscape.service.hub import LiveState
-from beltscape.service.live import SentState, collect_messages
+from beltscape.service.live_state import LiveState
+from beltscape.service.live_stream import SentState, collect_messages
 from beltscape.service.server import serve
 from beltscape.service.settings import WebSettings
-from beltscape.service.shown.belt import UNKNOWN, decode_heights
+from beltscape.service.view_models.belt import UNKNOWN, decode_heights
 from service.feeder import Plant, Sums, heights
 from service.plants import works
 

@@ -15,8 +15,8 @@ from beltscape.core.belt.ledger_entries import STANDINGS
 from beltscape.core.live import AlarmState, CameraState, Severity
 from beltscape.service.access.identity.roles import ROLES
 from beltscape.service.settings import Language
-from beltscape.service.shown.flow import Trend
 from beltscape.service.static import FOLDER
+from beltscape.service.view_models.flow import Trend
 
 TEXTS: dict[str, dict[str, str]] = json.loads((FOLDER / "texts.json").read_text(encoding="utf-8"))
 SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "script").glob("*.js"))}

@@ -7,13 +7,13 @@ from fastapi.responses import FileResponse
 
 from beltscape import __version__
 from beltscape.core.live import Controls
-from beltscape.service import live, metrics
+from beltscape.service import live_stream, metrics
 from beltscape.service.access import Access, install_access
 from beltscape.service.api import controls as controls_api
 from beltscape.service.api import export, pictures, state
 from beltscape.service.api import history as history_api
 from beltscape.service.api.common import AppContext
-from beltscape.service.hub import LiveState
+from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.service.static import FOLDER, make_static_files
 from beltscape.sinks.historian import Historian
@@ -35,7 +35,7 @@ def create_app(
     context = AppContext(live_state, history, controls, settings)
     for module in (state, pictures, controls_api, history_api, export, metrics):
         app.include_router(module.make_router(context))
-    live.add_live_route(app, context)
+    live_stream.add_live_route(app, context)
     app.mount("/page", make_static_files(), name="page")
 
     @app.get("/", include_in_schema=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.live.check import list_checks, is_running
+from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import check_listening
@@ -39,7 +39,7 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
 
 def _page_line(project: Project[ProjectSettings]) -> str:
     web = project.settings.web
-    if is_running(project.place(project.settings.data)):
+    if is_running(project.resolve(project.settings.data)):
         return f"{web.host} port {web.port}, not tried while a run uses it"
     check_listening(web)
     return f"{web.host} port {web.port}, {'TLS' if web.tls_certificate else 'without TLS'}"

@@ -13,8 +13,8 @@ from beltscape import __version__
 from beltscape.core.live import CameraState
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, describe_refusals
-from beltscape.service.hub import LiveState, Snapshot
-from beltscape.service.shown.durations import BOUNDS_S
+from beltscape.service.live_state import LiveState, Snapshot
+from beltscape.service.view_models.durations import BOUNDS_S
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 Sample = tuple[str, Mapping[str, str], float]

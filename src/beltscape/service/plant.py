@@ -18,8 +18,8 @@ from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
 from beltscape.service.access.tls import read_expiry
 from beltscape.service.app import create_app
-from beltscape.service.hub import LiveState
 from beltscape.service.lifecycle import log_address
+from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import RunningServer, check_listening, serve

@@ -22,7 +22,7 @@ def open_project(path: Path) -> Project[ProjectSettings]:
     project = read_project(path, ProjectSettings)
     web = project.settings.web
     files = {key: getattr(web, key) for key in ("tls_certificate", "tls_key")}
-    paths = {key: file and project.place(file) for key, file in files.items()}
+    paths = {key: file and project.resolve(file) for key, file in files.items()}
     settings = project.settings.model_copy(update={"web": web.model_copy(update=paths)})
     return Project(project.path, settings)
 
@@ -42,7 +42,7 @@ def substitute_capture(project: Project[ProjectSettings], capture: Path | None) 
     own = settings.capture
     if capture is None and own is None:
         raise InputError(f"{project.path}: has no [capture]; name one with --capture")
-    folder = project.place(own.folder) if capture is None and own is not None else capture
+    folder = project.resolve(own.folder) if capture is None and own is not None else capture
     rate = None if own is None else own.frames_per_s
     replayed = CaptureSettings(folder=(folder or Path()).resolve(), frames_per_s=rate, loop=False)
     update: dict[str, object] = {"cameras": None, "capture": replayed}

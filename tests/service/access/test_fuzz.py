@@ -19,7 +19,7 @@ from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.identity.roles import ROLES, User
 from beltscape.service.access.identity.sessions import derive_page_token
 from beltscape.service.app import create_app
-from beltscape.service.hub import LiveState
+from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

@@ -10,7 +10,7 @@ from fastapi import HTTPException, Path, Query
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from beltscape.core.live import Controls
-from beltscape.service.hub import LiveState
+from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, HTTPException, Response
 
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, CameraName, describe_refusals
-from beltscape.service.shown.picture import MEDIA_TYPE
+from beltscape.service.view_models.picture import MEDIA_TYPE
 
 
 def make_router(context: AppContext) -> APIRouter:

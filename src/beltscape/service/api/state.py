@@ -11,9 +11,9 @@ from beltscape.core.belt.ledger_entries import Standing, Totals
 from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
-from beltscape.service.hub import Snapshot
+from beltscape.service.live_state import Snapshot
 from beltscape.service.settings import Language
-from beltscape.service.shown.flow import Trend
+from beltscape.service.view_models.flow import Trend
 
 
 class FlowOut(ResponseModel):

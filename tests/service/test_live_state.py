@@ -9,9 +9,9 @@ import numpy as np
 from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import CameraHealth, FrameEvent
-from beltscape.service.hub import LiveState
+from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.service.shown.picture import convert_to_8_bit, encode_thumbnail
+from beltscape.service.view_models.picture import convert_to_8_bit, encode_thumbnail
 from service.feeder import CAMERAS, Plant, Sums
 
 
@@ -88,7 +88,7 @@ def test_a_picture_is_made_once_and_small(monkeypatch):
     live_state, _, _ = fed(2, picture_px=100)
     made = []
     monkeypatch.setattr(
-        "beltscape.service.hub.encode_thumbnail", lambda *a: made.append(1) or encode_thumbnail(*a)
+        "beltscape.service.live_state.encode_thumbnail", lambda *a: made.append(1) or encode_thumbnail(*a)
     )
     first = live_state.get_picture("cam2")
     assert first is live_state.get_picture("cam2") and made == [1]

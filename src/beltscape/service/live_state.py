@@ -14,10 +14,10 @@ from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.frames import Image
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 from beltscape.service.settings import WebSettings
-from beltscape.service.shown.belt import BeltRows, BeltWindow
-from beltscape.service.shown.durations import DurationHistogram
-from beltscape.service.shown.flow import CurrentFlow, FlowAverage
-from beltscape.service.shown.picture import Picture, encode_thumbnail
+from beltscape.service.view_models.belt import BeltRows, BeltWindow
+from beltscape.service.view_models.durations import DurationHistogram
+from beltscape.service.view_models.flow import CurrentFlow, FlowAverage
+from beltscape.service.view_models.picture import Picture, encode_thumbnail
 
 _RECORDS, _POINTS, _NOTES, _CAMERAS = 600, 3600, 50, 64
 _POINT_S = 0.25

@@ -1,11 +1,12 @@
-"""Fit the networks that fill holes and mend brinks (measure/holes) to simulated captures with truth.
+"""Fit the networks for holes and for edge fattening (measure/holes) to simulated captures with known truth.
 
     python tools/fit_holes.py FOLDER LIST [held-out]
 
 LIST is a text file with a line for each capture: GROUP CAPTURE FRAME EMPTY EMPTY_FRAME. CAPTURE and EMPTY (the same
 kind of belt, empty) are what ``beltscape simulate`` wrote, the FRAMEs what ``beltscape reconstruct`` made of them.
-Groups should hold all captures of one heap or module. holes.json and brinks.json are written into FOLDER. With
-"held-out" each group is measured by networks that have not seen it, and nothing is written: the figures that count.
+Groups should hold all captures of one heap or module. holes.json and edge_fattening.json are written into FOLDER.
+With "held-out" each group is measured by networks fitted to the other groups, and nothing is written: these figures
+count.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.pose import Pose
 from beltscape.files.reconstruction import read_frame
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.measure.holes.edge_fattening import brinks
-from beltscape.measure.holes.fill import fill_holes, hole_view
+from beltscape.measure.holes.edge_fattening import find_edge_fattening
+from beltscape.measure.holes.fill import compute_hole_inputs, fill_holes
 from beltscape.measure.network import LOG_VARIANCE, Network
 from beltscape.measure.surface import Grid
 from beltscape.measure.volume.box import Box
@@ -35,9 +36,9 @@ from beltscape.measure.volume.uncertainty import compute_volume_sigma
 
 INSIDE = Schedule((16, 8), epochs=6, batch=1024, decay=1e-5, first=0.1)
 BESIDE = Schedule((12,), epochs=8, batch=512, decay=1e-4, first=0.1)
-CELLS = {"holes": 10_000, "brinks": 4_000}
+CELLS = {"holes": 10_000, "edge_fattening": 4_000}
 """Cells of a capture to learn from."""
-MOST = {"holes": 5.0, "brinks": 1.2}
+MOST = {"holes": 5.0, "edge_fattening": 1.2}
 """Targets count up to here."""
 SPREAD = 0.1
 """Weight of the spread's likelihood beside the mean's square."""
@@ -109,15 +110,17 @@ def lessons(load: Load, truth_mm: np.ndarray, cell_mm: float) -> dict[str, Lesso
     """What some hole cells between rims see and where they truly are, and the same of brinks."""
     rng = np.random.default_rng(1)
     hole = ~np.isfinite(load.height_mm)
-    view = hole_view(load.height_mm, load.measured & hole, cell_mm, load.ray_slope, np.nonzero(hole))
-    use = chosen(view.look.between & np.isfinite(truth_mm[hole]), "holes", rng)
-    scale = view.ahead.scale_mm[use]
-    inside = Lesson(view.features[use], (truth_mm[hole] - view.ahead.base_mm)[use] / scale, scale)
-    edge = brinks(load.height_mm, load.ray_slope, cell_mm)
-    high = load.height_mm[edge.place] - truth_mm[edge.place]
-    use = chosen(np.isfinite(high), "brinks", rng)
+    view = compute_hole_inputs(
+        load.height_mm, load.measured & hole, cell_mm, load.ray_slope, np.nonzero(hole)
+    )
+    use = chosen(view.profiles.is_between_rims & np.isfinite(truth_mm[hole]), "holes", rng)
+    scale = view.surface.scale_mm[use]
+    inside = Lesson(view.features[use], (truth_mm[hole] - view.surface.base_mm)[use] / scale, scale)
+    edge = find_edge_fattening(load.height_mm, load.ray_slope, cell_mm)
+    high = load.height_mm[edge.cells] - truth_mm[edge.cells]
+    use = chosen(np.isfinite(high), "edge_fattening", rng)
     drop = edge.drop_mm[use]
-    return {"holes": inside, "brinks": Lesson(edge.features[use], high[use] / drop, drop)}
+    return {"holes": inside, "edge_fattening": Lesson(edge.features[use], high[use] / drop, drop)}
 
 
 def smooth_lessons(rng: np.random.Generator) -> dict[str, Lesson]:
@@ -136,9 +139,9 @@ def smooth_lessons(rng: np.random.Generator) -> dict[str, Lesson]:
     if rng.random() < 0.3:  # pixels that fail one by one
         hole |= rng.random(shape) < rng.uniform(0.02, 0.3)
     noise = 10 ** rng.uniform(-2.5, -0.5) * rng.standard_normal(shape)
-    lean = np.full((2, *shape), rng.uniform(-0.4, 0.4, 2)[:, None, None])
+    ray_slope = np.full((2, *shape), rng.uniform(-0.4, 0.4, 2)[:, None, None])
     measured = np.where(hole, np.nan, truth + noise)
-    load = Load(Grid((0.0, 0.0), 1.0, shape), measured, measured, measured, ~hole, lean, windowed=False)
+    load = Load(Grid((0.0, 0.0), 1.0, shape), measured, measured, measured, ~hole, ray_slope, windowed=False)
     return lessons(load, truth, 1.0)
 
 
@@ -212,7 +215,7 @@ def side_by_side(members: list[Layers]) -> tuple[tuple[np.ndarray, np.ndarray], 
 
 def networks(samples: list[Sample]) -> tuple[Network, Network]:
     """For holes and for brinks."""
-    return fit(samples, "holes", INSIDE), fit(samples, "brinks", BESIDE)
+    return fit(samples, "holes", INSIDE), fit(samples, "edge_fattening", BESIDE)
 
 
 def report(one: Sample, by: tuple[Network, Network]) -> tuple[float, float]:
@@ -255,7 +258,7 @@ def main(out: str, captures: str, what: str = "") -> None:
     rows = [line.split() for line in Path(captures).read_text().splitlines() if line.strip()]
     samples = [sample(row[0], *(Path(part) for part in row[1:])) for row in rows]
     if what != "held-out":
-        for name, network in zip(("holes", "brinks"), networks(samples), strict=True):
+        for name, network in zip(("holes", "edge_fattening"), networks(samples), strict=True):
             text = json.dumps(network.to_document(), separators=(",", ":")) + "\n"
             (Path(out) / f"{name}.json").write_text(text, encoding="utf-8")
         return

@@ -27,7 +27,7 @@ def test_it_does_its_sums() -> None:
     )
 
 
-@pytest.mark.parametrize("name", ["holes", "brinks", "lumps"])
+@pytest.mark.parametrize("name", ["holes", "edge_fattening", "lumps"])
 def test_shipped_ones_come_through_their_documents(name: str) -> None:
     found = load_network(name)
     document = found.to_document()

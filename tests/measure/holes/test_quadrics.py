@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.measure.holes.quadrics import quadrics
+from beltscape.measure.holes.quadrics import fit_quadrics
 
 Y, X = np.mgrid[-40.0:40.0, -300.0:-220.0]
 
@@ -24,23 +24,23 @@ def test_a_quadratic_is_found_again_from_any_of_its_cells(
     hole = np.random.default_rng(seed).random(X.shape) < 0.5
     inner = np.zeros(hole.shape, bool)
     inner[10:-10, 10:-10] = hole[10:-10, 10:-10]
-    found = quadrics(np.where(hole, np.nan, field), np.nonzero(inner), (side,))
+    found = fit_quadrics(np.where(hole, np.nan, field), np.nonzero(inner), (side,))
     relief = np.ptp(field) + 1
     np.testing.assert_allclose(found.value_mm[0], field[inner], atol=1e-3 * relief)
-    assert found.miss_mm.max() < 2e-3 * relief
+    assert found.rms_mm.max() < 2e-3 * relief
     assert (found.leverage > 0.5).all()
 
 
 def test_what_does_not_follow_one_misses_it_by_its_noise() -> None:
     field = 0.3 * np.random.default_rng(0).standard_normal(X.shape)
-    found = quadrics(field, (np.array([40]), np.array([40])), (51,))
-    assert found.miss_mm[0, 0] == pytest.approx(0.3, rel=0.05)
+    found = fit_quadrics(field, (np.array([40]), np.array([40])), (51,))
+    assert found.rms_mm[0, 0] == pytest.approx(0.3, rel=0.05)
     assert found.value_mm[0, 0] == pytest.approx(0, abs=0.05)
 
 
 def test_cells_along_a_line_or_far_off_carry_none() -> None:
     line = np.where(Y == 3, 1.0, np.nan)
     place = (np.array([40, 45]), np.array([40, 40]))
-    assert np.isnan(quadrics(line, place, (25,)).value_mm).all()
+    assert np.isnan(fit_quadrics(line, place, (25,)).value_mm).all()
     far = np.where(X < -270, 1.0, np.nan)
-    assert np.isnan(quadrics(far, (np.array([40]), np.array([42])), (25,)).value_mm).all()
+    assert np.isnan(fit_quadrics(far, (np.array([40]), np.array([42])), (25,)).value_mm).all()

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.measure.holes.rims import gradients, lines_through, lowest_through
+from beltscape.measure.holes.rims import find_lowest_line, fit_gradients, trace_lines
 
 X, Y = np.meshgrid(np.arange(-60.0, 60.0), np.arange(-60.0, 60.0))
 LEVEL = np.zeros((2, *X.shape))
@@ -17,8 +17,8 @@ def test_the_floor_at_the_ends_of_a_slot_between_walls_is_found(turn_deg: float)
     walls = (across > 6) & (np.abs(along) < 25)
     hole = (across <= 6) & (np.abs(along) < 25)
     field = np.where(hole, np.nan, np.where(walls, 80.0, 10.0))
-    lines = lines_through(field, np.nonzero(hole), gradients(field, 1.0), LEVEL, 1.0)
-    lowest = lowest_through(lines, field, np.nonzero(hole), 1.0)
+    lines = trace_lines(field, np.nonzero(hole), fit_gradients(field, 1.0), LEVEL, 1.0)
+    lowest = find_lowest_line(lines, field, np.nonzero(hole), 1.0)
     middle = (across < 2)[hole] & (np.abs(along) < 15)[hole]
     np.testing.assert_array_equal(lowest.upper_mm[middle], 10)
     assert (lowest.gap_mm[middle] > 40).all()
@@ -28,7 +28,7 @@ def test_the_floor_at_the_ends_of_a_slot_between_walls_is_found(turn_deg: float)
 def test_where_no_line_meets_two_rims_there_is_none() -> None:
     hole = X > 20
     field = np.where(hole, np.nan, 5.0)
-    lines = lines_through(field, np.nonzero(hole), gradients(field, 1.0), LEVEL, 1.0)
-    lowest = lowest_through(lines, field, np.nonzero(hole), 1.0)
+    lines = trace_lines(field, np.nonzero(hole), fit_gradients(field, 1.0), LEVEL, 1.0)
+    lowest = find_lowest_line(lines, field, np.nonzero(hole), 1.0)
     assert np.isinf(lowest.upper_mm).all()
     assert np.isnan(lowest.nearer).all()

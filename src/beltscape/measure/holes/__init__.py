@@ -1,1 +1,1 @@
-"""Places that no camera measured, told by what is measured about them."""
+"""Occlusion holes: heights predicted for cells that no camera measured, from the cells around them."""

@@ -12,9 +12,13 @@ from scipy import ndimage
 
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
-from beltscape.stereo.multiview.confidence.message_passing import addresses, near, rounds
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare
-from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.confidence.message_passing import (
+    assign_addresses,
+    load_message_rounds,
+    neighbour_addresses,
+)
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare_frame
+from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.propagation import OCCLUDER_PX, offsets
 from beltscape.stereo.multiview.selection.gain import difference_variance
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -124,7 +128,7 @@ def _slow(call: Call, case: Case, planes: int) -> str:
 
 def _case(scene: Scene) -> Case:
     names = scene.rig.auxiliaries
-    prepared = prepare(scene.rig, scene.frame, names, 1, load(), 0)
+    prepared = prepare_frame(scene.rig, scene.frame, names, 1, load(), 0)
     s = (1 / (scene.true_depth_mm * grid_unit(scene.rig, names, 1))).astype(np.float32)
     s = np.where(np.isfinite(s), s, np.float32(np.nanmedian(s)))
     slope_v, slope_u = (ndimage.median_filter(x, 3).clip(-1, 1) for x in np.gradient(s))
@@ -147,9 +151,9 @@ def _calls(case: Case) -> dict[str, Call]:
     rivals = native.candidate_surfaces(s, slope_u, slope_v, trusted, *doubtful, reach=8, separation=1.0)
     light = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
     light |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
-    belief, around_one = fitted("belief"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
+    belief, around_one = load_network("belief"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
     evidence = [s] * len(belief.names)
-    hear, (said, heard, kept) = rounds()[0], _messages(~trusted)
+    hear, (said, heard, kept) = load_message_rounds()[0], _messages(~trusted)
     depth = np.median(s) / s
     holed, place, turn = _holed(depth)
     return {
@@ -204,10 +208,10 @@ def _doubtful(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]
 
 def _messages(asked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What pixels and others say, whom each of those hears, and what it keeps."""
-    words, count = rounds()[0].others.shape[1], np.count_nonzero(asked)
-    state = np.random.default_rng(4).normal(size=(len(fitted("scrutiny").layers[-1]), count))
-    said = np.hstack([rounds()[0].others.T, state[:words]])
-    heard = near(addresses(asked, ~asked), asked, 1)
+    words, count = load_message_rounds()[0].others.shape[1], np.count_nonzero(asked)
+    state = np.random.default_rng(4).normal(size=(len(load_network("scrutiny").layers[-1]), count))
+    said = np.hstack([load_message_rounds()[0].others.T, state[:words]])
+    heard = neighbour_addresses(assign_addresses(asked, ~asked), asked, 1)
     return said.astype(np.float32), heard, state[words:].astype(np.float32)
 
 

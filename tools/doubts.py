@@ -17,11 +17,15 @@ import numpy as np
 
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import closer_look
-from beltscape.stereo.multiview.confidence.message_passing import ASKED, addresses, near
-from beltscape.stereo.multiview.confidence.refiner import Scrutiny, doubtful, sure
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.confidence.estimate import refined_features
+from beltscape.stereo.multiview.confidence.message_passing import (
+    FIRST_UNCERTAIN,
+    assign_addresses,
+    neighbour_addresses,
+)
+from beltscape.stereo.multiview.confidence.refiner import RefinementInputs, mask_accepted, mask_uncertain
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from lessons import Lesson, lessons
 from samples import Truth, matcher_of, true, unit_of
@@ -60,9 +64,9 @@ def tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
         match = matcher_of(lesson, settings).match(lesson.frame, lesson.names, Silent())
         if match.contested is None:
             continue
-        scale = windows(match.prepared.core.shape[1]).scale
-        found, scrutiny = closer_look(match, match.contested, scale, load(), 0)
-        logit, _ = fitted("belief").answers(found.planes, load(), 0)
+        scale = windows_for(match.prepared.core.shape[1]).scale
+        found, scrutiny = refined_features(match, match.contested, scale, load(), 0)
+        logit, _ = load_network("belief").answers(found.planes, load(), 0)
         truth, unit = true(lesson, 1), unit_of(lesson, settings)
         weight = np.where(truth.scene, 1, BESIDE * truth.beside) * (found.seen > 0)
         doubts = Doubts(lesson, scrutiny, logit, truth, unit, weight.astype(np.float32))
@@ -74,7 +78,7 @@ class Doubts:
     """Of a lesson."""
 
     lesson: Lesson
-    scrutiny: Scrutiny
+    scrutiny: RefinementInputs
     logit: np.ndarray
     truth: Truth
     unit: float
@@ -83,7 +87,7 @@ class Doubts:
     def tiles(self) -> Iterator[tuple[tuple[str, ...], Tile]]:
         """Some, until there are enough doubtful pixels."""
         scale = self.scrutiny.surroundings.scale
-        asked = doubtful(self.logit) & np.isfinite(self.scrutiny.surface.s)
+        asked = mask_uncertain(self.logit) & np.isfinite(self.scrutiny.surface.s)
         side, margin = round(TILE_PX * scale), MARGIN_PX * self.scrutiny.surroundings.step
         corners = [(v, u) for v in range(0, asked.shape[0], side) for u in range(0, asked.shape[1], side)]
         taken = 0
@@ -110,7 +114,7 @@ class Doubts:
         alien = np.full_like(off, np.inf)
         return tuple(shown), Tile(
             np.concatenate(list(shown.values())).T.astype(np.float16),
-            near(addresses(asked, sure(self.logit)), asked, around.step),
+            neighbour_addresses(assign_addresses(asked, mask_accepted(self.logit)), asked, around.step),
             (alien if self.lesson.alien else off).astype(np.float32),
             (depth * depth * self.unit * around.scale).astype(np.float32),
             weight[at],
@@ -123,7 +127,7 @@ def joined(some: list[Tile]) -> Tile:
     from_where = np.cumsum([0, *(len(each.off_px) for each in some)])
     parts = {name: [getattr(each, name) for each in some] for name in FIELDS}
     parts["near"] = [
-        np.where(each.near >= ASKED, each.near + start, each.near)
+        np.where(each.near >= FIRST_UNCERTAIN, each.near + start, each.near)
         for each, start in zip(some, from_where, strict=False)
     ]
     return Tile(

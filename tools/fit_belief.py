@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 import beltscape
 from adam import Schedule, Slopes, fitted
-from beltscape.stereo.multiview.networks import fitted as shipped
+from beltscape.stereo.multiview.networks import load_network
 from samples import Sample, contests, pixels
 
 GROSS_MM = 4.0
@@ -184,7 +184,7 @@ def fit_pixels(found: list[Sample], what: str) -> None:
 
 def fit_sigma(found: list[Sample]) -> None:
     """Of what ``belief`` tells sigma alone: the logit stays as it is, whatever evidence there is besides."""
-    names, kept = found[0].names, shipped("belief")
+    names, kept = found[0].names, load_network("belief")
     x = np.concatenate([sample.evidence for sample in found])
     columns = [names.index(name) for name in kept.names]
     limits = limits_of(x)

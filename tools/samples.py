@@ -13,14 +13,18 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import interior_pixels
 from beltscape.kernels import load
 from beltscape.kernels.candidates import Candidates
-from beltscape.stereo.multiview.confidence.estimate import closer_look, first_look, impressed
+from beltscape.stereo.multiview.confidence.estimate import (
+    initial_features,
+    refined_features,
+    with_initial_confidence,
+)
 from beltscape.stereo.multiview.frame.frame import grid_unit
-from beltscape.stereo.multiview.frame.pixels import Place
-from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.frame.pixels import Pixels
+from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.selection.candidates import DOUBTFUL, Arena
+from beltscape.stereo.multiview.selection.candidates import UNCERTAIN, CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import Match
+from beltscape.stereo.multiview.state import MatcherState
 from lessons import Lesson, lessons
 
 ALONG_MM = 240.0
@@ -73,10 +77,10 @@ def pixels(folders: list[Path], what: str) -> Iterator[Sample]:
         print(folder, file=sys.stderr, flush=True)
 
 
-def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings) -> Sample:
+def _sample(match: MatcherState, lesson: Lesson, settings: MultiviewSettings) -> Sample:
     step = settings.step(lesson.rig.core_camera.size_px[0])
     truth, surface = true(lesson, step), match.refined.surface
-    scale = windows(match.prepared.core.shape[1]).scale
+    scale = windows_for(match.prepared.core.shape[1]).scale
     at, evidence = _shown(match, truth, scale)
     # of the pixel whose truth is taken, off its block's centre
     aside = (step // 2 - (step - 1) / 2) / step
@@ -95,18 +99,18 @@ def _sample(match: Match, lesson: Lesson, settings: MultiviewSettings) -> Sample
     )
 
 
-def _shown(match: Match, truth: Truth, scale: float) -> tuple[Place, dict[str, np.ndarray]]:
+def _shown(match: MatcherState, truth: Truth, scale: float) -> tuple[Pixels, dict[str, np.ndarray]]:
     """Some pixels, and the evidence of them by name."""
     kernels = load()
     if match.contested is None:
-        found = first_look(match, scale, kernels, 0)
+        found = initial_features(match, scale, kernels, 0)
     else:
-        found, _ = closer_look(match, match.contested, scale, kernels, 0)
+        found, _ = refined_features(match, match.contested, scale, kernels, 0)
     at = _some(truth, np.isfinite(match.refined.surface.s) & (found.seen > 0))
     return at, {name: plane[at] for name, plane in found.planes.items()}
 
 
-def _some(truth: Truth, asked: np.ndarray) -> Place:
+def _some(truth: Truth, asked: np.ndarray) -> Pixels:
     """Of a scene's pixels that are asked, and of those beside it."""
     rng = np.random.default_rng(0)
     wanted = ((truth.scene, SAMPLES), (truth.beside, SAMPLES // 3))
@@ -119,13 +123,13 @@ class Contest:
     """What a match's doubtful pixels compete in, and what is true."""
 
     lesson: Lesson
-    arena: Arena
+    arena: CandidateSelector
     truth: Truth
     unit: float
     share: float
     """Of them that is taken."""
 
-    def taken(self) -> Iterator[tuple[Place, Candidates, dict[str, np.ndarray], np.ndarray]]:
+    def taken(self) -> Iterator[tuple[Pixels, Candidates, dict[str, np.ndarray], np.ndarray]]:
         """Some pixels at a time, their rivals, these' evidence, and how far off they are in px of scale 1 (9, N)."""
         rng = np.random.default_rng(0)
         for rows, columns in self.arena.doubtful():
@@ -146,11 +150,11 @@ def contests(folders: list[Path]) -> Iterator[Contest]:
             settings = MultiviewSettings.preset(lesson.preset)
             matcher = matcher_of(lesson, settings)
             match = matcher.approach(lesson.frame, lesson.names)
-            scale = windows(match.prepared.core.shape[1]).scale
-            planes = impressed(first_look(match, scale, kernels, 0), scale, kernels, 0)
+            scale = windows_for(match.prepared.core.shape[1]).scale
+            planes = with_initial_confidence(initial_features(match, scale, kernels, 0), scale, kernels, 0)
             truth = true(lesson, 1)
-            share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < DOUBTFUL)).sum()))
-            arena = Arena.of(match.refined.surface, planes, match.prepared, scale, kernels, 0)
+            share = DOUBTS / max(1, int((truth.scene & (planes["impression"] < UNCERTAIN)).sum()))
+            arena = CandidateSelector.of(match.refined.surface, planes, match.prepared, scale, kernels, 0)
             yield Contest(lesson, arena, truth, unit_of(lesson, settings), share)
         print(folder, file=sys.stderr, flush=True)
 

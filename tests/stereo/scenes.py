@@ -17,8 +17,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare
-from beltscape.stereo.multiview.frame.inverse_depth import nearness_unit
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
+from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Origin (3,) and rays (H, W, 3) → (H, W) how many rays' lengths away it is hit; inf where it is not."""
@@ -137,8 +137,8 @@ def scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed: int 
     images = {
         name: in_bits(i, np.uint16) for name, i in pictures(rig, solids, noise=noise, seed=seed).items()
     }
-    unit = nearness_unit(rig, rig.auxiliaries)
-    prepared = prepare(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1)
+    unit = inverse_depth_scale(rig, rig.auxiliaries)
+    prepared = prepare_frame(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1)
     return Scene(rig, prepared, (1 / (depth_mm(rig, solids) * unit)).astype(np.float32), unit)
 
 

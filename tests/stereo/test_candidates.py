@@ -7,18 +7,18 @@ import pytest
 from scenes import Scene, inner, patch, plane, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.features import light_evidence
-from beltscape.stereo.multiview.confidence.refined_features import impression_evidence
-from beltscape.stereo.multiview.frame.surface import Surface, steps, with_slopes
-from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.confidence.features import image_features
+from beltscape.stereo.multiview.confidence.refined_features import initial_confidence_features
+from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps, fit_slopes
+from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import (
-    ABOUT,
-    DOUBTFUL,
+    PIXEL_FEATURES,
+    RELIABLE,
     SAME_PX,
-    TRUSTED,
-    Arena,
-    Contested,
-    contest,
+    UNCERTAIN,
+    CandidateSelector,
+    Selection,
+    select_candidates,
 )
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
@@ -27,7 +27,7 @@ FAR_OFF_PX = 12.0
 
 def beside_steps(made: Scene) -> np.ndarray:
     """(H, W) pixels whose surface is anybody's guess."""
-    return steps(made.s) & inner(made.s.shape, 6)
+    return detect_depth_steps(made.s) & inner(made.s.shape, 6)
 
 
 def confused(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:
@@ -35,21 +35,27 @@ def confused(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:
     rng = np.random.default_rng(3)
     wrong = beside_steps(made) & (rng.random(made.s.shape) < share)
     s = np.where(wrong, made.s + FAR_OFF_PX, made.s).astype(np.float32)
-    slopes = with_slopes(made.s, load(), 1)
+    slopes = fit_slopes(made.s, load(), 1)
     return Surface(s, slopes.slope_u, slopes.slope_v), wrong
 
 
 def planes_of(made: Scene, impression: np.ndarray) -> dict[str, np.ndarray]:
-    """What `ABOUT` names, of a surface that fits nowhere in particular."""
+    """What `PIXEL_FEATURES` names, of a surface that fits nowhere in particular."""
     none = np.zeros(made.s.shape, np.float32)
-    given = dict.fromkeys(ABOUT, none) | {"cost": none + 0.02, "log sigma": none - 3, "margin": none + 0.05}
-    return given | dict(light_evidence(made.prepared, 1.0)) | dict(impression_evidence(impression, 1.0))
+    given = dict.fromkeys(PIXEL_FEATURES, none) | {
+        "cost": none + 0.02,
+        "log sigma": none - 3,
+        "margin": none + 0.05,
+    }
+    return (
+        given | dict(image_features(made.prepared, 1.0)) | dict(initial_confidence_features(impression, 1.0))
+    )
 
 
-def held(made: Scene, surface: Surface) -> tuple[Contested, np.ndarray]:
+def held(made: Scene, surface: Surface) -> tuple[Selection, np.ndarray]:
     doubt = beside_steps(made)
     impression = np.where(doubt, -0.5, 6.0).astype(np.float32)
-    return contest(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1), doubt
+    return select_candidates(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1), doubt
 
 
 def test_most_pixels_that_were_far_off_find_their_surface():
@@ -78,11 +84,11 @@ def test_only_doubtful_pixels_within_reach_of_trusted_ones_change():
     for field in ("s", "slope_u", "slope_v"):
         before, after = getattr(surface, field), getattr(won.surface, field)
         assert before[~doubt].tobytes() == after[~doubt].tobytes()
-    nobody = np.full(made.s.shape, TRUSTED - 1, np.float32)
-    left = contest(surface, planes_of(made, nobody), made.prepared, 1.0, load(), 1)
+    nobody = np.full(made.s.shape, RELIABLE - 1, np.float32)
+    left = select_candidates(surface, planes_of(made, nobody), made.prepared, 1.0, load(), 1)
     assert left.surface.s.tobytes() == surface.s.tobytes()
-    everybody = np.full(made.s.shape, DOUBTFUL + 1, np.float32)
-    left = contest(surface, planes_of(made, everybody), made.prepared, 1.0, load(), 1)
+    everybody = np.full(made.s.shape, UNCERTAIN + 1, np.float32)
+    left = select_candidates(surface, planes_of(made, everybody), made.prepared, 1.0, load(), 1)
     assert left.surface.s.tobytes() == surface.s.tobytes()
 
 
@@ -90,10 +96,10 @@ def test_a_pixel_without_a_surface_gets_one():
     made = scene(plane(), noise=1.0)
     hole = np.zeros(made.s.shape, bool)
     hole[50:54, 60:64] = True
-    slopes = with_slopes(made.s, load(), 1)
+    slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(np.where(hole, np.nan, made.s).astype(np.float32), slopes.slope_u, slopes.slope_v)
     impression = np.where(hole, -5.0, 6.0).astype(np.float32)
-    won = contest(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    won = select_candidates(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
     np.testing.assert_allclose(won.surface.s[hole], made.s[hole], atol=0.1)
 
 
@@ -103,7 +109,7 @@ def test_any_number_of_threads_gives_the_same_bytes(threads):
     surface, _ = confused(made)
     impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
     planes = planes_of(made, impression)
-    one, many = (contest(surface, planes, made.prepared, 1.0, load(), n) for n in (1, threads))
+    one, many = (select_candidates(surface, planes, made.prepared, 1.0, load(), n) for n in (1, threads))
     assert one.surface.s.tobytes() == many.surface.s.tobytes()
     assert one.impression.tobytes() == many.impression.tobytes()
 
@@ -112,7 +118,7 @@ def test_rivals_are_told_apart_by_finite_evidence():
     made = scene(*STEP, noise=1.0)
     surface, _ = confused(made)
     impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    arena = Arena.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    arena = CandidateSelector.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
     assert arena.doubtful()
     for at in arena.doubtful():
         rivals, evidence = arena.look(at)
@@ -127,7 +133,7 @@ def test_finalists_say_something_else_and_their_duel_is_all_that_is_weighed():
     made = scene(*STEP, noise=1.0)
     surface, _ = confused(made)
     impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    arena = Arena.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    arena = CandidateSelector.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
     at = arena.doubtful()[0]
     rivals, evidence = arena.look(at)
     first, second, score = arena.finalists(rivals, evidence)
@@ -137,7 +143,7 @@ def test_finalists_say_something_else_and_their_duel_is_all_that_is_weighed():
     assert (np.abs(rivals.s[first, pixel] - rivals.s[second, pixel])[met] > SAME_PX).all()
     assert (score[second, pixel][met] <= score[first, pixel][met]).all()
     both = arena.duel(at, rivals, {**evidence, "score": score}, met, (first[met], second[met]))
-    assert set(both) == set(fitted("duel").names)
+    assert set(both) == set(load_network("duel").names)
     for name, values in both.items():
         assert values.shape == (1, len(met)), name
         assert np.isfinite(values).all(), name
@@ -146,10 +152,10 @@ def test_finalists_say_something_else_and_their_duel_is_all_that_is_weighed():
 
 def test_who_has_no_opponent_wins():
     made = scene(plane(), noise=1.0)
-    slopes = with_slopes(made.s, load(), 1)
+    slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(made.s, slopes.slope_u, slopes.slope_v)
     impression = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
-    arena = Arena.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
+    arena = CandidateSelector.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
     at = arena.doubtful()[0]
     rivals, evidence = arena.look(at)
     first, second, score = arena.finalists(rivals, evidence)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.stereo.multiview.frame.defocus import as_blurred_as, core_blur_px
+from beltscape.stereo.multiview.frame.defocus import estimate_defocus, match_defocus
 from strategies import seeds
 
 
@@ -29,20 +29,20 @@ def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
 @given(seeds, st.floats(1.8, 3.2))
 def test_the_blur_is_told(seed, sigma_px):
     core = blurred(dots(seed, 0), sigma_px)
-    assert core_blur_px(core, [dots(seed + i) for i in (1, 2, 3)]) == pytest.approx(sigma_px, abs=0.5)
+    assert estimate_defocus(core, [dots(seed + i) for i in (1, 2, 3)]) == pytest.approx(sigma_px, abs=0.5)
 
 
 @settings(max_examples=10)
 @given(seeds)
 def test_sound_frames_and_blurred_auxiliaries_stay_as_they_are(seed):
     levels = {"core": dots(seed), "a": dots(seed + 1), "b": blurred(dots(seed + 2), 2.5), "c": dots(seed + 3)}
-    after = as_blurred_as("core", levels)
+    after = match_defocus("core", levels)
     assert all(after[name] is levels[name] for name in levels)
 
 
 def test_only_the_auxiliaries_are_blurred_and_not_beyond_the_core():
     levels = {"core": blurred(dots(1, 0), 3.0), "a": dots(2), "b": dots(3)}
-    after = as_blurred_as("core", levels)
+    after = match_defocus("core", levels)
     assert after["core"] is levels["core"]
     for name in ("a", "b"):
         assert after["core"].std() < after[name].std() < levels[name].std()
@@ -50,5 +50,5 @@ def test_only_the_auxiliaries_are_blurred_and_not_beyond_the_core():
 
 @pytest.mark.parametrize("image", [np.zeros((40, 60), np.float32), np.full((5, 7), 90, np.float32)])
 def test_images_without_texture_are_left_alone_or_blurred_without_harm(image):
-    after = as_blurred_as("core", {"core": image, "a": image.copy()})
+    after = match_defocus("core", {"core": image, "a": image.copy()})
     assert all(np.isfinite(level).all() for level in after.values())

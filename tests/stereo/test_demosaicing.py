@@ -10,8 +10,8 @@ from scenes import in_bits, pictures, plane, ring, scene
 from beltscape.core.frames import FrameSet
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, phase_ratio
-from beltscape.stereo.multiview.frame.frame import prepare
-from beltscape.stereo.multiview.frame.photometry import grey_levels
+from beltscape.stereo.multiview.frame.frame import prepare_frame
+from beltscape.stereo.multiview.frame.photometry import compute_grey_levels
 
 METHODS = {
     "bilinear": cv2.COLOR_BayerRGGB2RGB,
@@ -28,7 +28,7 @@ def textured(noise: float, dot_px: float = 1.3) -> np.ndarray:
 
 
 def level(image: np.ndarray) -> np.ndarray:
-    return grey_levels({"cam0": image}, "cam0")["cam0"]
+    return compute_grey_levels({"cam0": image}, "cam0")["cam0"]
 
 
 def jpeg(image: np.ndarray, quality: int) -> np.ndarray:
@@ -78,5 +78,5 @@ def test_a_prepared_frame_knows_it():
         name: cv2.cvtColor(in_bits(image), cv2.COLOR_BayerRGGB2RGB)
         for name, image in pictures(rig, (plane(),), noise=1.0).items()
     }
-    assert prepare(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1).noise.demosaiced
+    assert prepare_frame(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1).noise.demosaiced
     assert not scene(plane(), noise=1.0).prepared.noise.demosaiced

@@ -10,54 +10,60 @@ import pytest
 from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import Verdict, closer_look, first_look, impressed, judge
-from beltscape.stereo.multiview.confidence.features import agreement_evidence, light_evidence, shape_evidence
-from beltscape.stereo.multiview.frame.surface import with_slopes
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.confidence.estimate import (
+    DepthEstimate,
+    estimate_depth,
+    initial_features,
+    refined_features,
+    with_initial_confidence,
+)
+from beltscape.stereo.multiview.confidence.features import agreement_features, image_features, shape_features
+from beltscape.stereo.multiview.frame.surface import fit_slopes
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.least_squares import refine
 from beltscape.stereo.multiview.optimisation.propagation import propagate
-from beltscape.stereo.multiview.selection.candidates import Arena, Contested
+from beltscape.stereo.multiview.selection.candidates import CandidateSelector, Selection
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import Match
+from beltscape.stereo.multiview.state import MatcherState
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
-def stages(made, s: np.ndarray) -> Match:
+def stages(made, s: np.ndarray) -> MatcherState:
     """One propagation and refinement, as the matcher's last round."""
-    size, prepared = windows(s.shape[1]), made.prepared
-    chosen = propagate(with_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5), load(), 1)
+    size, prepared = windows_for(s.shape[1]), made.prepared
+    chosen = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5), load(), 1)
     refined = refine(chosen.surface, prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
-    light, none = dict(light_evidence(prepared, size.scale)), np.zeros(s.shape, bool)
-    return Match(prepared, chosen, refined, light, none, None)
+    light, none = dict(image_features(prepared, size.scale)), np.zeros(s.shape, bool)
+    return MatcherState(prepared, chosen, refined, light, none, None)
 
 
-def looked_at_again(match: Match) -> Match:
+def looked_at_again(match: MatcherState) -> MatcherState:
     """With the impression of a first look."""
-    scale = windows(match.prepared.core.shape[1]).scale
-    planes = impressed(first_look(match, scale, load(), 1), scale, load(), 1)
-    arena = Arena.of(match.refined.surface, planes, match.prepared, scale, load(), 1)
-    contested = Contested(match.refined.surface, planes["impression"], arena.likeness.brightness)
+    scale = windows_for(match.prepared.core.shape[1]).scale
+    planes = with_initial_confidence(initial_features(match, scale, load(), 1), scale, load(), 1)
+    arena = CandidateSelector.of(match.refined.surface, planes, match.prepared, scale, load(), 1)
+    contested = Selection(match.refined.surface, planes["impression"], arena.likeness.brightness)
     return replace(match, contested=contested)
 
 
 LOOKS = pytest.mark.parametrize("again", [False, True], ids=["at a glance", "looked at again"])
 
 
-def verdict(made, s: np.ndarray, again: bool) -> tuple[Verdict, np.ndarray]:
+def verdict(made, s: np.ndarray, again: bool) -> tuple[DepthEstimate, np.ndarray]:
     """And the surface that was judged."""
     match = stages(made, s)
     if again:
         match = looked_at_again(match)
-    return judge(match, windows(s.shape[1]).scale, load(), 1), match.refined.surface.s
+    return estimate_depth(match, windows_for(s.shape[1]).scale, load(), 1), match.refined.surface.s
 
 
-def surface_planes(match: Match, scale: float) -> dict[str, np.ndarray]:
+def surface_planes(match: MatcherState, scale: float) -> dict[str, np.ndarray]:
     """Where every auxiliary sees everything."""
     seen = np.ones(match.prepared.core.shape, np.uint8)
-    agreement = agreement_evidence(match.chosen, match.refined, 4, seen, scale)
-    return dict(agreement) | dict(shape_evidence(match.chosen, match.refined, scale))
+    agreement = agreement_features(match.chosen, match.refined, 4, seen, scale)
+    return dict(agreement) | dict(shape_features(match.chosen, match.refined, scale))
 
 
 def views_by_rays(made, solids) -> np.ndarray:
@@ -79,14 +85,14 @@ def views_by_rays(made, solids) -> np.ndarray:
 @LOOKS
 def test_every_weight_is_of_some_evidence(again):
     match = looked_at_again(stages(made := scene(*STEP, noise=1.0), made.s))
-    scale = windows(made.s.shape[1]).scale
+    scale = windows_for(made.s.shape[1]).scale
     assert match.contested is not None
     if again:
-        found = closer_look(match, match.contested, scale, load(), 1)[0].planes
-        assert set(fitted("belief").names) <= found.keys()
+        found = refined_features(match, match.contested, scale, load(), 1)[0].planes
+        assert set(load_network("belief").names) <= found.keys()
     else:
-        found = first_look(match, scale, load(), 1).planes
-        assert {*fitted("impression").names, *fitted("glance").names} <= found.keys()
+        found = initial_features(match, scale, load(), 1).planes
+        assert {*load_network("impression").names, *load_network("glance").names} <= found.keys()
     for name, value in found.items():
         assert np.isfinite(value).all(), name
         assert value.shape == made.s.shape
@@ -97,7 +103,7 @@ def test_every_weight_is_of_some_evidence(again):
     [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 48), ("duel", 2)],
 )
 def test_the_weights_that_ship_fit_each_other(name, answers):
-    belief = fitted(name)
+    belief = load_network(name)
     n = len(belief.names)
     assert len(set(belief.names)) == n
     assert (belief.limits[0] <= belief.limits[1]).all()
@@ -114,7 +120,7 @@ def test_relief_and_light_are_what_their_names_say():
     shaded[40:70, 50:80] *= 0.3
     prepared = replace(made.prepared, core=shaded)
     match = stages(made, made.s)
-    found = dict(light_evidence(prepared, 1.0)) | surface_planes(match, 1.0)
+    found = dict(image_features(prepared, 1.0)) | surface_planes(match, 1.0)
     shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
     assert np.median(found["light within 11"][shadow]) < np.median(found["light within 11"][rest]) - 0.1
     assert np.median(found["contrast within 11"][shadow]) < np.median(found["contrast within 11"][rest]) - 0.5
@@ -207,9 +213,9 @@ def test_even_shading_is_not_believed_but_a_discs_rim_is(again):
     disc = (u - 90) ** 2 + (v - 50) ** 2 < 8**2
     blind = replace(match, prepared=replace(made.prepared, core=core))
     inside = shaded & (u > 60 + 12) & inner(core.shape, 6)
-    assert (judge(match, 1.0, load(), 1).confidence[inside] > 0.5).mean() > 0.9
-    assert (judge(blind, 1.0, load(), 1).confidence[inside] == 0).all()
-    kept = judge(replace(blind, continued=disc), 1.0, load(), 1).confidence
+    assert (estimate_depth(match, 1.0, load(), 1).confidence[inside] > 0.5).mean() > 0.9
+    assert (estimate_depth(blind, 1.0, load(), 1).confidence[inside] == 0).all()
+    kept = estimate_depth(replace(blind, continued=disc), 1.0, load(), 1).confidence
     assert (kept[inside & ~disc] == 0).all()
     assert (kept[disc] > 0).all()
 

@@ -11,7 +11,7 @@ from scenes import DEPTH_MM, DOT_PX, brightness, cast, depth_mm, in_bits, inner,
 from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import Noise, grid_unit, prepare, reduced
+from beltscape.stereo.multiview.frame.frame import Noise, downsample, grid_unit, prepare_frame
 
 SLANTED = (plane(DEPTH_MM, 0.25, -0.15),)
 
@@ -21,7 +21,9 @@ def prepared_plane(step: int, size_px: tuple[int, int], noise: float = 0.0):
     images = pictures(rig, SLANTED, noise=noise, dot_px=DOT_PX * step)
     frame_set = FrameSet("000", {name: in_bits(image) for name, image in images.items()})
     s = 1 / (depth_mm(rig, SLANTED) * grid_unit(rig, rig.auxiliaries, step))
-    return prepare(rig, frame_set, rig.auxiliaries, step, load(), 1), reduced(s.astype(np.float32), step)
+    return prepare_frame(rig, frame_set, rig.auxiliaries, step, load(), 1), downsample(
+        s.astype(np.float32), step
+    )
 
 
 def misfit(prepared, s: np.ndarray, i: int) -> float:
@@ -50,7 +52,7 @@ def test_the_core_is_straightened_and_nan_where_it_did_not_look():
     bulging = replace(rig.core_camera, distortion=np.array([0.35, 0, 0, 0, 0]))  # its corners lie outside
     rig = replace(ring((0,)), cameras={"cam0": bulging, "cam1": bulging})
     images = pictures(rig, SLANTED)
-    prepared = prepare(
+    prepared = prepare_frame(
         rig, FrameSet("000", {n: in_bits(i) for n, i in images.items()}), ("cam1",), 1, load(), 1
     )
     dot_mm = DOT_PX * DEPTH_MM / bulging.focal_px[0]
@@ -66,7 +68,7 @@ def test_noise_is_that_of_the_averaged_levels(step):
     rig = ring((0,))
     rng = np.random.default_rng(1)
     even = FrameSet("000", {n: in_bits(90 + rng.normal(0, 4, (100, 120))) for n in rig.cameras})
-    prepared = prepare(rig, even, ("cam1",), step, load(), 1)
+    prepared = prepare_frame(rig, even, ("cam1",), step, load(), 1)
     assert prepared.noise.levels == pytest.approx(np.nanvar(prepared.images[0]), rel=0.25)
 
 
@@ -78,7 +80,7 @@ def test_strong_texture_raises_the_floor_under_weak_texture():
 
 def test_blocks_are_means_and_what_did_not_look_is_black():
     level = np.arange(35, dtype=np.float32).reshape(5, 7)
-    found = reduced(level, 2)
+    found = downsample(level, 2)
     np.testing.assert_allclose(found, level[:4, :6].reshape(2, 2, 3, 2).mean(axis=(1, 3)))
     level[0, 0] = np.nan
-    assert reduced(level, 1)[0, 0] == 0
+    assert downsample(level, 1)[0, 0] == 0

@@ -9,17 +9,17 @@ import pytest
 from scenes import Scene, inner, patch, plane, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import thinned_view
-from beltscape.stereo.multiview.frame.visibility import seen_through
-from beltscape.stereo.multiview.selection.gain import difference_variance, gains
+from beltscape.stereo.multiview.frame.frame import subsample_projection
+from beltscape.stereo.multiview.frame.visibility import compute_visibility
+from beltscape.stereo.multiview.selection.gain import difference_variance, estimate_gain_maps
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
 def told(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
     prepared = made.prepared
-    _, buffers = seen_through(made.s, prepared.views, prepared.sizes, load(), 1)
-    return gains(made.s, np.full(made.s.shape, cost), prepared, buffers, 1.0, load(), 1)
+    _, buffers = compute_visibility(made.s, prepared.views, prepared.sizes, load(), 1)
+    return estimate_gain_maps(made.s, np.full(made.s.shape, cost), prepared, buffers, 1.0, load(), 1)
 
 
 def with_levels(made: Scene, factor: np.ndarray) -> Scene:
@@ -67,7 +67,7 @@ def test_a_thinned_view_is_the_view_of_every_fourth_pixel():
     view, coefficients = made.prepared.views[1], made.prepared.coefficients[1]
     whole, _ = load().warp(made.s, view, coefficients)
     thin = np.ascontiguousarray(made.s[2::4, 2::4])
-    found, _ = load().warp(thin, thinned_view(view, 4), coefficients)
+    found, _ = load().warp(thin, subsample_projection(view, 4), coefficients)
     np.testing.assert_allclose(found, whole[2::4, 2::4], atol=0.05)
 
 

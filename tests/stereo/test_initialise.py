@@ -8,7 +8,7 @@ from scenes import Scene, inner, patch, plane, ring, scene
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.initialisation import initialise as start
-from beltscape.stereo.multiview.initialisation.initialise import Sweeps, first_surface
+from beltscape.stereo.multiview.initialisation.initialise import SweepGrid, initialise_inverse_depth
 
 RIG = ring(size_px=(360, 300))
 SOLIDS = plane(740), patch(640, (-150, 60), (-120, 120))
@@ -17,8 +17,8 @@ NEAR_FAR_MM = 620.0, 780.0
 
 def started(made: Scene, near_far_mm: tuple[float, float], moved: np.ndarray | None = None) -> np.ndarray:
     near, far = near_far_mm
-    sweeps = Sweeps(made.rig, made.auxiliaries, 1, 1, 1.0, made.unit)
-    return first_surface(
+    sweeps = SweepGrid(made.rig, made.auxiliaries, 1, 1, 1.0, made.unit)
+    return initialise_inverse_depth(
         moved, made.prepared, (1 / (far * made.unit), 1 / (near * made.unit)), sweeps, load(), 1
     )
 
@@ -37,8 +37,8 @@ def swept(monkeypatch) -> list[tuple[float, float]]:
         spans.append(nearness)
         return original(prepared, nearness, *more)
 
-    original = start.sweep
-    monkeypatch.setattr(start, "sweep", spy)
+    original = start.sweep_planes
+    monkeypatch.setattr(start, "sweep_planes", spy)
     return spans
 
 

@@ -10,9 +10,9 @@ from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene, 
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise
-from beltscape.stereo.multiview.frame.surface import with_slopes
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.optimisation.least_squares import Refined, refine
+from beltscape.stereo.multiview.frame.surface import fit_slopes
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
 
 SHAPES = {
     "plane": (plane(),),
@@ -26,14 +26,16 @@ RIGS = {
 }
 
 
-def refined_from(made, s: np.ndarray, tolerances=(2.0, 2.0, 1.0, 0.5), noise: Noise | None = None) -> Refined:
-    size = windows(s.shape[1])
+def refined_from(
+    made, s: np.ndarray, tolerances=(2.0, 2.0, 1.0, 0.5), noise: Noise | None = None
+) -> RefinementResult:
+    size = windows_for(s.shape[1])
     prepared = made.prepared if noise is None else replace(made.prepared, noise=noise)
-    start = with_slopes(s.astype(np.float32), load(), 1)
+    start = fit_slopes(s.astype(np.float32), load(), 1)
     return refine(start, prepared, tolerances, size.wide, size.levels_px, load(), 1)
 
 
-def seen_by_all(made, refined: Refined, margin_px: int = 8) -> np.ndarray:
+def seen_by_all(made, refined: RefinementResult, margin_px: int = 8) -> np.ndarray:
     return (refined.used == len(made.auxiliaries)) & inner(made.s.shape, margin_px)
 
 

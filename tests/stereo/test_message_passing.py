@@ -9,17 +9,17 @@ from hypothesis import strategies as st
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.message_passing import (
-    ASKED,
-    LOST,
+    ACCEPTED,
+    FIRST_UNCERTAIN,
     OFFSETS,
-    SURE,
-    Round,
-    addresses,
-    heard,
-    near,
-    rounds,
+    REJECTED,
+    MessageRound,
+    assign_addresses,
+    load_message_rounds,
+    neighbour_addresses,
+    pass_messages,
 )
-from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.networks import load_network
 from strategies import seeds
 
 SAID, KEPT = 3, 2
@@ -34,20 +34,22 @@ def masks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return kind == 0, kind == 1
 
 
-def a_round(rng: np.random.Generator, answers: int) -> Round:
+def a_round(rng: np.random.Generator, answers: int) -> MessageRound:
     """Some network."""
     inputs = len(OFFSETS) * SAID + KEPT
     layers = rng.normal(0, 0.3, (4, inputs + 1)), rng.normal(0, 0.3, (answers, 5))
     others = rng.normal(size=(2, SAID)).astype(np.float32)
-    return Round(others, tuple(layer.astype(np.float32) for layer in layers))
+    return MessageRound(others, tuple(layer.astype(np.float32) for layer in layers))
 
 
-def some_rounds(rng: np.random.Generator) -> list[Round]:
+def some_rounds(rng: np.random.Generator) -> list[MessageRound]:
     """Two that add to the state, and one that answers."""
     return [a_round(rng, SAID + KEPT), a_round(rng, SAID + KEPT), a_round(rng, 3)]
 
 
-def by_pixel(state: np.ndarray, asked: np.ndarray, sure: np.ndarray, step: int, each: Round) -> np.ndarray:
+def by_pixel(
+    state: np.ndarray, asked: np.ndarray, sure: np.ndarray, step: int, each: MessageRound
+) -> np.ndarray:
     """What a round answers, a pixel at a time."""
     at = {tuple(place): i for i, place in enumerate(np.argwhere(asked))}
     found = []
@@ -68,34 +70,34 @@ def test_a_round_hears_the_eight_around_and_itself(seed, step):
     asked, sure = masks(rng)
     state = rng.normal(size=(SAID + KEPT, asked.sum())).astype(np.float32)
     each = a_round(rng, 3)
-    found = each.answers(state, near(addresses(asked, sure), asked, step), load(), 1)
+    found = each.answers(state, neighbour_addresses(assign_addresses(asked, sure), asked, step), load(), 1)
     np.testing.assert_allclose(found, by_pixel(state, asked, sure, step, each), rtol=1e-4, atol=1e-4)
 
 
 @given(seeds)
 def test_addresses_count_the_asked_row_by_row(seed):
     asked, sure = masks(np.random.default_rng(seed))
-    found = addresses(asked, sure)
-    assert found[asked].tolist() == list(range(ASKED, ASKED + asked.sum()))
-    assert (found[~asked] == np.where(sure, SURE, LOST)[~asked]).all()
+    found = assign_addresses(asked, sure)
+    assert found[asked].tolist() == list(range(FIRST_UNCERTAIN, FIRST_UNCERTAIN + asked.sum()))
+    assert (found[~asked] == np.where(sure, ACCEPTED, REJECTED)[~asked]).all()
 
 
 def test_three_rounds_reach_three_pixels():
     rng = np.random.default_rng(5)
     asked = np.ones((1, 30), bool)
-    around = near(addresses(asked, ~asked), asked, 1)
+    around = neighbour_addresses(assign_addresses(asked, ~asked), asked, 1)
     state = rng.normal(size=(SAID + KEPT, 30)).astype(np.float32)
     moved = state.copy()
     moved[:, 12] += 1
     through = some_rounds(rng)
-    before, after = (heard(x.copy(), around, through, load(), 1) for x in (state, moved))
+    before, after = (pass_messages(x.copy(), around, through, load(), 1) for x in (state, moved))
     assert np.flatnonzero((before != after).any(axis=0)).tolist() == list(range(9, 16))
 
 
 def test_states_are_added_to_until_the_last_round_answers():
     rng = np.random.default_rng(6)
     asked, sure = masks(rng)
-    around = near(addresses(asked, sure), asked, 1)
+    around = neighbour_addresses(assign_addresses(asked, sure), asked, 1)
     state = rng.normal(size=(SAID + KEPT, asked.sum())).astype(np.float32)
     through = some_rounds(rng)
     expected = state
@@ -103,7 +105,7 @@ def test_states_are_added_to_until_the_last_round_answers():
         expected = expected + by_pixel(expected, asked, sure, 1, each)
     expected = by_pixel(expected, asked, sure, 1, through[2])
     np.testing.assert_allclose(
-        heard(state.copy(), around, through, load(), 1), expected, rtol=1e-3, atol=1e-3
+        pass_messages(state.copy(), around, through, load(), 1), expected, rtol=1e-3, atol=1e-3
     )
 
 
@@ -111,16 +113,18 @@ def test_states_are_added_to_until_the_last_round_answers():
 def test_any_number_of_threads_gives_the_same_bytes(threads):
     rng = np.random.default_rng(7)
     asked = rng.random((120, 150)) < 0.8
-    around = near(addresses(asked, ~asked), asked, 2)
+    around = neighbour_addresses(assign_addresses(asked, ~asked), asked, 2)
     state = rng.normal(size=(SAID + KEPT, asked.sum())).astype(np.float32)
     through = some_rounds(rng)
-    one, many = (heard(state.copy(), around, through, load(), n) for n in (1, threads))
+    one, many = (pass_messages(state.copy(), around, through, load(), n) for n in (1, threads))
     assert one.tobytes() == many.tobytes()
 
 
 def test_rounds_that_ship_fit_each_other():
-    state, said = len(fitted("scrutiny").layers[-1]), rounds()[0].others.shape[1]
-    for each in rounds():
+    state, said = len(load_network("scrutiny").layers[-1]), load_message_rounds()[0].others.shape[1]
+    for each in load_message_rounds():
         assert each.others.shape == (2, said)
         assert each.layers[0].shape[1] == len(OFFSETS) * said + state - said + 1
-    assert [len(each.layers[-1]) for each in rounds()] == [state] * (len(rounds()) - 1) + [3]
+    assert [len(each.layers[-1]) for each in load_message_rounds()] == [state] * (
+        len(load_message_rounds()) - 1
+    ) + [3]

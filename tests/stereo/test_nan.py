@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.multiview.frame.nan import known
+from beltscape.stereo.multiview.frame.nan import fill_nan
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -15,7 +15,7 @@ def test_nan_becomes_what_it_is_told_to_and_the_rest_stays(dtype, strided):
     plane[1, 2] = plane[3, 5] = np.nan
     given = plane[:, ::2] if strided else plane
     before = given.copy()
-    found = known(given, -1.5)
+    found = fill_nan(given, -1.5)
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, np.where(np.isnan(before), -1.5, before))
     np.testing.assert_array_equal(given, before)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.selection.neighbourhood import Surroundings, picked
+from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 
 SHAPE = (20, 30)
 AT = (np.array([9, 10, 0]), np.array([12, 15, 29]))
@@ -22,7 +22,7 @@ def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("scale", "spread"), [(0.5, 1), (1.0, 1), (1.8, 2)])
 def test_each_name_is_of_its_neighbour(scale, spread):
     s, impression, core = planes()
-    around = Surroundings.of(s, impression, core, 2, scale, load())
+    around = Neighbourhood.of(s, impression, core, 2, scale, load())
     about, slope = around.about(AT), np.array([0.2, -0.1, 0.3], np.float32)
     relief = around.relief(AT, s[AT], slope, 2 * slope)
     assert len(about) == 2 * len(relief) == 48
@@ -38,7 +38,7 @@ def test_each_name_is_of_its_neighbour(scale, spread):
 def test_beyond_the_edge_its_pixels_stand_in_and_gaps_say_nothing():
     s, impression, core = planes(1)
     s[10, 16] = core[10, 16] = np.nan
-    around = Surroundings.of(s, impression, core, 2, 1.0, load())
+    around = Neighbourhood.of(s, impression, core, 2, 1.0, load())
     flat = np.zeros(3, np.float32)
     about, relief = around.about(AT), around.relief(AT, s[AT], flat, flat)
     assert about["impression at +2 -2"][2] == impression[0, 29]
@@ -48,14 +48,14 @@ def test_beyond_the_edge_its_pixels_stand_in_and_gaps_say_nothing():
 
 def test_pixels_are_picked_by_name():
     s, impression, _ = planes(2)
-    found = picked({"a": s, "b": impression}, AT, load())
+    found = sample_planes({"a": s, "b": impression}, AT, load())
     np.testing.assert_array_equal(found["a"], s[AT])
     np.testing.assert_array_equal(found["b"], impression[AT])
 
 
 @pytest.mark.parametrize(("reach", "count"), [(1, 8), (2, 24)])
 def test_they_reach_as_far_as_asked(reach, count):
-    around = Surroundings.of(*planes(3), reach, 1.0, load())
+    around = Neighbourhood.of(*planes(3), reach, 1.0, load())
     names = [name.split()[2:] for name in around.relief(AT, *np.zeros((3, 3), np.float32))]
     assert len(names) == count
     assert max(abs(int(px)) for name in names for px in name) == reach

@@ -11,7 +11,7 @@ from raycast import speckle
 
 from beltscape.stereo.multiview.frame.photometry import (
     WINDOW_PX,
-    grey_levels,
+    compute_grey_levels,
     local_mean,
     local_variance,
     noise_variance,
@@ -26,7 +26,7 @@ PATTERN = np.rint(speckle()[:160, :200]).astype(np.uint8)
 def test_all_cameras_get_the_cores_contrast(darker, brighter):
     gains = {"core": 1.0, "a": darker, "b": brighter}
     images = {name: np.rint(PATTERN * (257 * gain)).astype(np.uint16) for name, gain in gains.items()}
-    levels = grey_levels(images, "core")
+    levels = compute_grey_levels(images, "core")
     np.testing.assert_allclose(levels["core"], PATTERN, rtol=1e-6)
     for level in levels.values():
         assert level.std() == pytest.approx(PATTERN.std(), rel=1e-4)
@@ -35,7 +35,7 @@ def test_all_cameras_get_the_cores_contrast(darker, brighter):
 
 def test_a_camera_that_is_almost_dark_is_no_more_than_doubled_and_a_black_one_left_alone():
     images = {"core": PATTERN, "dim": PATTERN // 5, "black": np.zeros_like(PATTERN)}
-    levels = grey_levels(images, "core")
+    levels = compute_grey_levels(images, "core")
     np.testing.assert_array_equal(levels["dim"], 2.0 * (PATTERN // 5))
     assert not levels["black"].any()
 
@@ -45,7 +45,7 @@ def test_a_camera_that_is_almost_dark_is_no_more_than_doubled_and_a_black_one_le
 )
 def test_channels_count_by_their_contrast(shares, weights):
     image = np.stack([np.rint(PATTERN * share) for share in shares], axis=-1).astype(np.uint8)
-    found = grey_levels({"core": image}, "core")["core"]
+    found = compute_grey_levels({"core": image}, "core")["core"]
     np.testing.assert_allclose(found, image @ np.array(weights), atol=0.5)
 
 
@@ -54,7 +54,7 @@ def test_a_pattern_in_one_channel_is_seen_through_noise_in_the_others():
     image = 60 + rng.normal(0, 6, (*PATTERN.shape, 3))
     image[..., 1] += PATTERN
     image = np.clip(image, 0, 255).astype(np.uint8)
-    level = grey_levels({"core": image}, "core")["core"]
+    level = compute_grey_levels({"core": image}, "core")["core"]
 
     def likeness(one):
         return np.corrcoef(one.ravel(), PATTERN.ravel())[0, 1]
@@ -68,14 +68,14 @@ def test_sixteen_bits_give_the_levels_of_eight(channels):
     eight = PATTERN if channels == 1 else np.stack([PATTERN, PATTERN // 2, 255 - PATTERN], axis=-1)
     images = {"core": eight, "a": (eight * 0.8).astype(np.uint8)}
     deep = {name: image.astype(np.uint16) * 257 for name, image in images.items()}
-    first, second = grey_levels(images, "core"), grey_levels(deep, "core")
+    first, second = compute_grey_levels(images, "core"), compute_grey_levels(deep, "core")
     for name in images:
         assert first[name].dtype == np.float32
         np.testing.assert_allclose(second[name], first[name], rtol=1e-5, atol=1e-3)
 
 
 def test_colour_beside_grey_is_compared_by_contrast_too():
-    levels = grey_levels({"core": np.repeat(PATTERN[..., None], 3, axis=-1), "a": PATTERN}, "core")
+    levels = compute_grey_levels({"core": np.repeat(PATTERN[..., None], 3, axis=-1), "a": PATTERN}, "core")
     np.testing.assert_allclose(levels["a"], levels["core"], rtol=1e-4, atol=1e-3)
 
 

@@ -8,14 +8,14 @@ import pytest
 from scenes import DEPTH_MM, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.surface import with_slopes
-from beltscape.stereo.multiview.optimisation.propagation import Propagated, offsets, propagate
+from beltscape.stereo.multiview.frame.surface import fit_slopes
+from beltscape.stereo.multiview.optimisation.propagation import PropagationResult, offsets, propagate
 
 DISTANCES = (2, 5)
 
 
-def propagated(made, s: np.ndarray, rounds: int = 1) -> Propagated:
-    surface = with_slopes(s.astype(np.float32), load(), 1)
+def propagated(made, s: np.ndarray, rounds: int = 1) -> PropagationResult:
+    surface = fit_slopes(s.astype(np.float32), load(), 1)
     for _ in range(rounds):
         chosen = propagate(surface, made.prepared, DISTANCES, load(), 1)
         surface = chosen.surface
@@ -69,7 +69,7 @@ def test_what_is_chosen_is_cheaper_than_what_was_there():
 def test_only_active_pixels_change_whatever_memory_holds(column):
     """About column 126 the kernels begin a new tile, at 112 and 128 a new block."""
     made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(size_px=(160, 100)), noise=1.0)
-    surface, prepared, kernels = with_slopes(made.s, load(), 1), made.prepared, load()
+    surface, prepared, kernels = fit_slopes(made.s, load(), 1), made.prepared, load()
     sizes = [image.shape[::-1] for image in prepared.images]
     buffers = kernels.inverse_depth_buffers(made.s, prepared.views, sizes, threads=1)
     active = np.zeros(made.s.shape, np.uint8)

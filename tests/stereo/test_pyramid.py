@@ -15,9 +15,9 @@ from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.stereo.multiview import pyramid as approach
 from beltscape.stereo.multiview import settings as multiview_settings
-from beltscape.stereo.multiview.frame.frame import halved, prepare
+from beltscape.stereo.multiview.frame.frame import halve_frame, prepare_frame
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.pyramid import Way, _changed, _enlarged
+from beltscape.stereo.multiview.pyramid import PyramidSolver, _changed, _enlarged
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from strategies import seeds
@@ -33,8 +33,8 @@ def two_grids(monkeypatch):
     monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 60)
 
 
-def way(made, settings=SETTINGS, tell=lambda: None) -> Way:
-    return Way(made.rig, made.auxiliaries, RANGE, settings, None, load(), tell)
+def way(made, settings=SETTINGS, tell=lambda: None) -> PyramidSolver:
+    return PyramidSolver(made.rig, made.auxiliaries, RANGE, settings, None, load(), tell)
 
 
 @given(seeds, st.integers(1, 9), st.integers(1, 9), st.booleans(), st.booleans())
@@ -59,9 +59,9 @@ def test_a_plane_enlarged_is_the_same_plane(seed, height, width, odd_rows, odd_c
 @pytest.mark.parametrize("size_px", [(120, 100), (121, 99)])
 def test_a_frame_halved_is_the_frame_prepared_in_blocks(size_px):
     made = scene(*STEP, rig=ring(size_px=size_px), noise=1.0)
-    half = halved(made.prepared, made.rig, made.auxiliaries, 1, load(), 1)
+    half = halve_frame(made.prepared, made.rig, made.auxiliaries, 1, load(), 1)
     images = {name: in_bits(image, np.uint16) for name, image in pictures(made.rig, STEP, noise=1.0).items()}
-    whole = prepare(made.rig, FrameSet("000", images), made.auxiliaries, 2, load(), 1)
+    whole = prepare_frame(made.rig, FrameSet("000", images), made.auxiliaries, 2, load(), 1)
     assert half.core.shape == whole.core.shape
     assert half.views.tobytes() == whole.views.tobytes()
     for one, other in zip(
@@ -77,7 +77,7 @@ def test_a_block_that_is_not_all_seen_is_not_seen():
     made = scene(plane())
     core = made.prepared.core.copy()
     core[10:13, 20] = np.nan
-    half = halved(replace(made.prepared, core=core), made.rig, made.auxiliaries, 1, load(), 1)
+    half = halve_frame(replace(made.prepared, core=core), made.rig, made.auxiliaries, 1, load(), 1)
     missing = np.zeros(half.core.shape, bool)
     missing[5:7, 10] = True
     np.testing.assert_array_equal(

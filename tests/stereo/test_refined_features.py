@@ -8,28 +8,30 @@ from scenes import Scene, away_from_steps, inner, patch, plane, scene
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.refined_features import (
-    BEYOND_DOUBT,
-    impression_evidence,
-    levels_evidence,
-    trusted_evidence,
+    PHOTOMETRIC_LIMIT,
+    initial_confidence_features,
+    photometric_features,
+    reliability_features,
 )
-from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
-from beltscape.stereo.multiview.frame.visibility import seen_through
-from beltscape.stereo.multiview.selection.gain import brightness
-from beltscape.stereo.multiview.selection.photoconsistency import Likeness
+from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
+from beltscape.stereo.multiview.frame.visibility import compute_visibility
+from beltscape.stereo.multiview.selection.gain import estimate_gain
+from beltscape.stereo.multiview.selection.photoconsistency import PhotoConsistencyModel
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 
 
 def looked(made: Scene, s: np.ndarray, impression: np.ndarray) -> dict[str, np.ndarray]:
     """Evidence of a surface with the true slopes."""
-    slopes = with_slopes(made.s, load(), 1)
+    slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(s.astype(np.float32), slopes.slope_u, slopes.slope_v)
     prepared = made.prepared
-    _, buffers = seen_through(surface.s, prepared.views, prepared.sizes, load(), 1)
-    light = brightness(surface.s, np.full(s.shape, 0.02), prepared, buffers, 1.0, load(), 1)
-    levels = levels_evidence(surface, impression, Likeness(prepared, light, buffers, load()), 1)
-    return dict(levels) | dict(trusted_evidence(surface, impression, 1.0))
+    _, buffers = compute_visibility(surface.s, prepared.views, prepared.sizes, load(), 1)
+    light = estimate_gain(surface.s, np.full(s.shape, 0.02), prepared, buffers, 1.0, load(), 1)
+    levels = photometric_features(
+        surface, impression, PhotoConsistencyModel(prepared, light, buffers, load()), 1
+    )
+    return dict(levels) | dict(reliability_features(surface, impression, 1.0))
 
 
 def test_the_levels_are_alike_where_the_surface_is_right():
@@ -46,7 +48,7 @@ def test_the_levels_are_alike_where_the_surface_is_right():
 
 def test_nobody_asks_the_levels_where_there_is_no_doubt():
     made = scene(plane(), noise=1.0)
-    sure = np.full(made.s.shape, BEYOND_DOUBT + 1, np.float32)
+    sure = np.full(made.s.shape, PHOTOMETRIC_LIMIT + 1, np.float32)
     found = looked(made, made.s, sure)
     for name in ("point most", "cross mean", "seen by"):
         assert np.ptp(found[name][1:]) == 0
@@ -85,8 +87,8 @@ def test_nobody_trusted_says_nothing_that_is_not_finite():
 def test_impressions_are_those_of_the_surroundings():
     impression = np.zeros((40, 50), np.float32)
     impression[20, 25] = 7
-    found = dict(impression_evidence(impression, 1.0))
+    found = dict(initial_confidence_features(impression, 1.0))
     assert found["impression within 3"][21, 26] == pytest.approx(7 / 9)
     assert found["impression within 7"][23, 28] == pytest.approx(7 / 49)
     assert found["worst impression within 3"][20, 25] == 0
-    np.testing.assert_array_equal(dict(impression_evidence(100 + impression, 1.0))["impression"], 8)
+    np.testing.assert_array_equal(dict(initial_confidence_features(100 + impression, 1.0))["impression"], 8)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scenes import Scene, away_from_steps, inner, scene
-from test_judge import STEP, looked_at_again, stages
+from test_estimate import STEP, looked_at_again, stages
 
 import beltscape
 from beltscape.core.frames import FrameSet
@@ -16,32 +16,34 @@ from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import closer_look
+from beltscape.stereo.multiview.confidence.estimate import refined_features
 from beltscape.stereo.multiview.confidence.refiner import (
     MOST_PX,
     TRIED_PX,
-    Scrutiny,
-    Told,
-    doubtful,
-    scrutinised,
+    Prediction,
+    RefinementInputs,
+    mask_uncertain,
+    refine_uncertain_pixels,
 )
 from beltscape.stereo.multiview.frame.frame import grid_unit
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.networks import fitted
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 
-def looked_at(made: Scene, s: np.ndarray) -> tuple[Scrutiny, Told]:
+def looked_at(made: Scene, s: np.ndarray) -> tuple[RefinementInputs, Prediction]:
     """What a surface is scrutinised by, and what is thought of it before."""
     match = looked_at_again(stages(made, s))
     assert match.contested is not None
-    found, scrutiny = closer_look(match, match.contested, 1.0, load(), 1)
-    return scrutiny, Told(match.refined.surface.s, *fitted("belief").answers(found.planes, load(), 1))
+    found, scrutiny = refined_features(match, match.contested, 1.0, load(), 1)
+    return scrutiny, Prediction(
+        match.refined.surface.s, *load_network("belief").answers(found.planes, load(), 1)
+    )
 
 
 @pytest.fixture(scope="module")
-def looked() -> tuple[Scrutiny, Told, np.ndarray]:
+def looked() -> tuple[RefinementInputs, Prediction, np.ndarray]:
     """A step, a tenth of it wrong by much before; and the truth."""
     made = scene(*STEP, noise=1.0)
     rng = np.random.default_rng(4)
@@ -51,17 +53,17 @@ def looked() -> tuple[Scrutiny, Told, np.ndarray]:
 
 def test_it_asks_for_what_it_is_shown(looked):
     scrutiny, thought, _ = looked
-    at = np.nonzero(doubtful(thought.logit))
+    at = np.nonzero(mask_uncertain(thought.logit))
     shown = scrutiny.look(at, thought.logit[at])
-    assert set(fitted("scrutiny").names) == set(shown)
+    assert set(load_network("scrutiny").names) == set(shown)
     for name, values in shown.items():
         assert np.isfinite(values).all(), name
 
 
 def test_only_doubtful_pixels_are_told_anew(looked):
     scrutiny, thought, _ = looked
-    found = scrutinised(thought, scrutiny, 1)
-    asked = doubtful(thought.logit)
+    found = refine_uncertain_pixels(thought, scrutiny, 1)
+    asked = mask_uncertain(thought.logit)
     assert asked.any()
     assert (thought.logit[~asked] < 0).any()
     assert (thought.logit[~asked] > 0).any()
@@ -73,8 +75,8 @@ def test_only_doubtful_pixels_are_told_anew(looked):
 
 def test_right_ones_are_believed_more_than_wrong_ones(looked):
     scrutiny, thought, true = looked
-    found = scrutinised(thought, scrutiny, 1)
-    asked = doubtful(thought.logit) & inner(true.shape, 6)
+    found = refine_uncertain_pixels(thought, scrutiny, 1)
+    asked = mask_uncertain(thought.logit) & inner(true.shape, 6)
     off = np.abs(found.s - true)
     right, wrong = found.logit[asked & (off < 0.5)], found.logit[asked & (off > 3)]
     assert len(wrong) > 20
@@ -91,11 +93,11 @@ def test_what_planes_cut_is_put_back():
     matcher = MultiviewReconstructor(rig, (520, 800), MultiviewSettings())
     match = matcher.match(FrameSet("000", images), rig.auxiliaries, Silent())
     assert match.contested is not None
-    found, scrutiny = closer_look(match, match.contested, windows(true_mm.shape[1]).scale, load(), 0)
-    thought = Told(match.refined.surface.s, *fitted("belief").answers(found.planes, load(), 0))
-    s = scrutinised(thought, scrutiny, 0).s
+    found, scrutiny = refined_features(match, match.contested, windows_for(true_mm.shape[1]).scale, load(), 0)
+    thought = Prediction(match.refined.surface.s, *load_network("belief").answers(found.planes, load(), 0))
+    s = refine_uncertain_pixels(thought, scrutiny, 0).s
     true = 1 / (true_mm * grid_unit(rig, rig.auxiliaries, 1))
-    asked = doubtful(thought.logit) & (thought.logit > 0) & np.isfinite(true)
+    asked = mask_uncertain(thought.logit) & (thought.logit > 0) & np.isfinite(true)
     before, after = (np.abs(x - true)[asked] for x in (thought.s, s))
     assert asked.sum() > 5000
     for least, gain in ((0.1, 0.005), (0.3, 0.01), (0.7, 0.005)):
@@ -117,7 +119,9 @@ def test_images_are_less_alike_where_a_surface_is_not(looked):
 def test_any_number_of_threads_gives_the_same_bytes(looked, threads):
     scrutiny, thought, _ = looked
     for many, one in zip(
-        scrutinised(thought, scrutiny, threads), scrutinised(thought, scrutiny, 1), strict=True
+        refine_uncertain_pixels(thought, scrutiny, threads),
+        refine_uncertain_pixels(thought, scrutiny, 1),
+        strict=True,
     ):
         assert many.tobytes() == one.tobytes()
 
@@ -125,5 +129,5 @@ def test_any_number_of_threads_gives_the_same_bytes(looked, threads):
 def test_nobody_doubtful_is_nobody_asked(looked):
     scrutiny, thought, _ = looked
     sure = thought._replace(logit=np.full_like(thought.logit, 9.0))
-    for new, old in zip(scrutinised(sure, scrutiny, 1), sure, strict=True):
+    for new, old in zip(refine_uncertain_pixels(sure, scrutiny, 1), sure, strict=True):
         assert new.tobytes() == old.tobytes()

@@ -9,25 +9,29 @@ import pytest
 from scenes import plane, scene, sphere
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.roughness import unevenness_evidence
-from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.optimisation.least_squares import Refined, refine
+from beltscape.stereo.multiview.confidence.roughness import roughness_features
+from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
 
 SHAPE = (120, 160)
 
 
-def even(s: np.ndarray | None = None, **fields: np.ndarray) -> Refined:
+def even(s: np.ndarray | None = None, **fields: np.ndarray) -> RefinementResult:
     """A surface whose windows agree, with one variance."""
     s = np.full(SHAPE, 200, np.float32) if s is None else s.astype(np.float32)
     none = np.zeros(s.shape, np.float32)
-    made = Refined(Surface(s, none, none), none + 1e-4, none, np.full(s.shape, 4, np.uint8), none + 50)
+    made = RefinementResult(
+        Surface(s, none, none), none + 1e-4, none, np.full(s.shape, 4, np.uint8), none + 50
+    )
     return replace(made, **fields)
 
 
-def told(refined: Refined, turn: np.ndarray | None = None, scale: float = 1.0) -> dict[str, np.ndarray]:
+def told(
+    refined: RefinementResult, turn: np.ndarray | None = None, scale: float = 1.0
+) -> dict[str, np.ndarray]:
     turn = np.full(refined.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
-    return dict(unevenness_evidence(refined, turn, scale))
+    return dict(roughness_features(refined, turn, scale))
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
@@ -77,8 +81,8 @@ def test_a_surface_rounder_than_the_windows_shows():
     shown = []
     for solids in ((plane(),), (sphere(660, 60), plane(800))):
         made = scene(*solids, noise=1.0)
-        size = windows(made.s.shape[1])
-        surface = with_slopes(made.s.astype(np.float32), load(), 1)
+        size = windows_for(made.s.shape[1])
+        surface = fit_slopes(made.s.astype(np.float32), load(), 1)
         refined = refine(surface, made.prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
         middle = tuple(side // 2 for side in made.s.shape)
         shown.append(told(refined, scale=size.scale)["disagreement within 15"][middle])

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.surface import Surface, finer, with_slopes
+from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsample_surface
 from strategies import seeds
 
 slopes = st.floats(-0.25, 0.25)
@@ -18,7 +18,7 @@ V, U = np.indices((30, 40)).astype(np.float32)
 @given(slopes, slopes, st.floats(5, 60))
 def test_a_planes_slopes_are_found_up_to_its_border(slope_u, slope_v, s0):
     s = (s0 + slope_u * U + slope_v * V).astype(np.float32)
-    surface = with_slopes(s, load(), 1)
+    surface = fit_slopes(s, load(), 1)
     np.testing.assert_array_equal(surface.s, s)
     np.testing.assert_allclose(surface.slope_u, slope_u, atol=0.03)
     np.testing.assert_allclose(surface.slope_v, slope_v, atol=0.03)
@@ -27,7 +27,7 @@ def test_a_planes_slopes_are_found_up_to_its_border(slope_u, slope_v, s0):
 def test_at_a_step_each_side_keeps_its_own_slopes():
     left = U < 18
     s = np.where(left, 40 + 0.2 * U, 30 - 0.1 * V).astype(np.float32)
-    surface = with_slopes(s, load(), 1)
+    surface = fit_slopes(s, load(), 1)
     np.testing.assert_allclose(surface.slope_u, np.where(left, 0.2, 0), atol=0.03)
     np.testing.assert_allclose(surface.slope_v, np.where(left, 0, -0.1), atol=0.03)
 
@@ -35,7 +35,7 @@ def test_at_a_step_each_side_keeps_its_own_slopes():
 def test_a_hole_has_no_slopes_and_spoils_none():
     s = (20 + 0.15 * U).astype(np.float32)
     hole = (np.hypot(U - 20, V - 15) < 4) | (np.random.default_rng(1).random(s.shape) < 0.1)
-    surface = with_slopes(np.where(hole, np.float32(np.nan), s), load(), 1)
+    surface = fit_slopes(np.where(hole, np.float32(np.nan), s), load(), 1)
     assert np.array_equal(np.isnan(surface.slope_u), hole)
     np.testing.assert_allclose(surface.slope_u[~hole], 0.15, atol=0.02)
     np.testing.assert_allclose(surface.slope_v[~hole], 0, atol=0.02)
@@ -45,7 +45,7 @@ def test_a_hole_has_no_slopes_and_spoils_none():
 def test_finer_blocks_are_planes_whose_mean_is_theirs(seed, step, height, width):
     rng = np.random.default_rng(seed)
     surface = Surface(*rng.normal(0, 1, (3, height, width)).astype(np.float32))
-    fine = finer(surface, step)
+    fine = upsample_surface(surface, step)
     assert fine.shape == (step * height, step * width)
     blocks = fine.reshape(height, step, width, step)
     np.testing.assert_allclose(blocks.mean(axis=(1, 3)), surface.s, atol=1e-5)

@@ -26,9 +26,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import grid_unit, prepare
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, moved_nearness
-from beltscape.stereo.multiview.initialisation.unmeasured_regions import missing_blocks
+from beltscape.stereo.multiview.frame.frame import grid_unit, prepare_frame
+from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
+from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
@@ -48,7 +48,7 @@ def moved(solids: tuple[Solid, ...], motion_mm) -> tuple[Solid, ...]:
     return tuple(lambda origin, rays, solid=solid: solid(origin - shift, rays) for solid in solids)
 
 
-def known(depth: np.ndarray) -> DepthMap:
+def as_depth_map(depth: np.ndarray) -> DepthMap:
     """A map that measures this depth."""
     there = np.isfinite(depth)
     sigma = np.where(there, 0.1, np.nan).astype(np.float32)
@@ -59,11 +59,11 @@ def prior_of(solids: tuple[Solid, ...], motion_mm, unseen: tuple[slice, slice] |
     depth = depth_mm(RIG, solids)
     if unseen is not None:
         depth[unseen] = np.nan
-    return Prior(known(depth), np.array(motion_mm, float))
+    return Prior(as_depth_map(depth), np.array(motion_mm, float))
 
 
 def nearness(prior: Prior, now: Scene) -> np.ndarray:
-    return moved_nearness(prior, RIG, now.prepared, now.unit, 1, load(), 1)
+    return predict_inverse_depth(prior, RIG, now.prepared, now.unit, 1, load(), 1)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -96,8 +96,11 @@ def test_it_is_what_it_was_when_nothing_moved():
 def test_on_a_coarser_grid_it_counts_that_grids_pixels():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
     frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, moved(solids, motion_mm)).items()})
-    prepared, unit = prepare(RIG, frames, RIG.auxiliaries, 2, load(), 1), grid_unit(RIG, RIG.auxiliaries, 2)
-    s = moved_nearness(prior_of(solids, motion_mm), RIG, prepared, unit, 2, load(), 1)
+    prepared, unit = (
+        prepare_frame(RIG, frames, RIG.auxiliaries, 2, load(), 1),
+        grid_unit(RIG, RIG.auxiliaries, 2),
+    )
+    s = predict_inverse_depth(prior_of(solids, motion_mm), RIG, prepared, unit, 2, load(), 1)
     true = 1 / (depth_mm(RIG, moved(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit)
     assert s.shape == (100, 120)
     assert np.isfinite(s).mean() > 0.85
@@ -139,7 +142,7 @@ def test_a_motion_that_is_off_by_pixels_does_not_fit_as_a_whole(shape, wrong_mm)
     s = nearness(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.7 * right
     swept = np.zeros(s.shape, bool)
-    for block in itertools.chain(*missing_blocks(s, 2)):
+    for block in itertools.chain(*find_unmeasured_blocks(s, 2)):
         swept[block] = True
     assert swept.mean() > 0.8
 

@@ -10,8 +10,8 @@ from scenes import DEPTH_MM, Scene, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
-from beltscape.stereo.multiview.optimisation.textureless import continued_discs
+from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
+from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
 
 SIZE_PX = (160, 140)
 MIDDLE_PX = (80, 70)
@@ -28,8 +28,10 @@ _DARK = {1.0: 70, 0.5: 110}
 
 
 def fill(surface, prepared, scale):
-    """`continued_discs` where nothing is known of what is evenly bright, and as much of everything else."""
-    found, where = continued_discs(surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale)
+    """`fill_textureless_discs` where nothing is known of what is evenly bright, and as much of everything else."""
+    found, where = fill_textureless_discs(
+        surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale
+    )
     np.testing.assert_array_equal(found.s[~where], surface.s[~where])
     return found
 
@@ -54,7 +56,7 @@ def corrupted(made: Scene, where: np.ndarray) -> Surface:
     rng = np.random.default_rng(5)
     s = made.s + rng.normal(0, 0.02, made.s.shape)
     s[where] += 1 + rng.normal(0, 0.7, int(where.sum()))
-    return with_slopes(s.astype(np.float32), load(), 1)
+    return fit_slopes(s.astype(np.float32), load(), 1)
 
 
 def same_bytes(a: Surface, b: Surface, where: np.ndarray | slice = slice(None)) -> bool:
@@ -130,7 +132,7 @@ def test_a_disc_astride_a_step_is_left_as_it_was(shift_px, scale):
 def test_a_disc_without_a_rim_is_left_as_it_was():
     made = before(*SMOOTH["plane"])
     marker = disc(RADIUS_PX)
-    alone = with_slopes(np.where(marker, made.s, np.nan).astype(np.float32), load(), 1)
+    alone = fit_slopes(np.where(marker, made.s, np.nan).astype(np.float32), load(), 1)
     assert same_bytes(fill(alone, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0), alone)
 
 

@@ -9,20 +9,20 @@ import pytest
 from scenes import Scene, away_from_steps, inner, plane, scene, sphere
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.surface import Surface, with_slopes
-from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
+from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.optimisation.least_squares import refine
-from beltscape.stereo.multiview.optimisation.twicing import sharpened
+from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
 
-SIZE = replace(windows(1224), levels_px=4)
+SIZE = replace(windows_for(1224), levels_px=4)
 """Windows that flatten the small scenes."""
 BALL = (sphere(660, 250), plane(900))
 
 
 def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface, Surface]:
-    surface = with_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
+    surface = fit_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
     refined = refine(surface, made.prepared, (0.7, 0.4), SIZE.firm, SIZE.levels_px, load(), 1).surface
-    return refined, sharpened(refined, made.prepared, 0.4, SIZE, load(), 1)
+    return refined, apply_twicing(refined, made.prepared, 0.4, SIZE, load(), 1)
 
 
 def on_top(made: Scene) -> np.ndarray:

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.stereo.multiview.initialisation.unmeasured_regions import missing_blocks
+from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
 
 
 def covered(s: np.ndarray, align: int) -> np.ndarray:
     """(H, W) bool: in a block."""
     there = np.zeros(s.shape, bool)
-    for blocks in missing_blocks(s, align):
+    for blocks in find_unmeasured_blocks(s, align):
         for block in blocks:
             there[block] = True
     return there
@@ -23,11 +23,11 @@ def covered(s: np.ndarray, align: int) -> np.ndarray:
 
 def test_when_nothing_is_known_the_whole_image_is_a_strip():
     whole = [(slice(0, 200), slice(0, 240))]
-    assert missing_blocks(np.full((200, 240), np.nan, np.float32), 3) == (whole, [])
+    assert find_unmeasured_blocks(np.full((200, 240), np.nan, np.float32), 3) == (whole, [])
 
 
 def test_when_all_is_known_nothing_is_missing():
-    assert missing_blocks(np.ones((200, 240), np.float32), 2) == ([], [])
+    assert find_unmeasured_blocks(np.ones((200, 240), np.float32), 2) == ([], [])
 
 
 @pytest.mark.parametrize("align", [1, 2, 3])
@@ -39,7 +39,7 @@ def test_what_came_into_view_is_a_strip(side, align):
         "top": (slice(0, 60), slice(None)), "bottom": (slice(240, 300), slice(None)),
     }[side]  # fmt: skip
     s[strip] = np.nan
-    strips, holes = missing_blocks(s, align)
+    strips, holes = find_unmeasured_blocks(s, align)
     assert (len(strips), holes) == (1, [])
     there = covered(s, align)
     assert there[strip].all()
@@ -52,7 +52,7 @@ def test_holes_do_not_widen_a_strip():
     holes = [(slice(40, 130), slice(60, 140)), (slice(150, 230), slice(400, 520))]
     for hole in holes:
         s[hole] = np.nan
-    strips, boxes = missing_blocks(s, 2)
+    strips, boxes = find_unmeasured_blocks(s, 2)
     assert len(strips) == 1
     assert len(boxes) == 2
     there = covered(s, 2)
@@ -67,7 +67,7 @@ def test_a_hole_that_touches_the_strip_is_a_hole():
     s = np.ones((512, 612), np.float32)
     s[420:] = np.nan
     s[200:420, 300:400] = np.nan
-    strips, holes = missing_blocks(s, 2)
+    strips, holes = find_unmeasured_blocks(s, 2)
     (strip,), (hole,) = strips, holes
     assert strip[1] == slice(0, 612)
     assert hole[1].stop - hole[1].start < 250
@@ -77,7 +77,7 @@ def test_lone_gaps_are_left_to_their_neighbours():
     s = np.ones((200, 240), np.float32)
     s[np.random.default_rng(2).random(s.shape) < 0.2] = np.nan
     s[90:110, 100:130] = np.nan
-    assert missing_blocks(s, 2) == ([], [])
+    assert find_unmeasured_blocks(s, 2) == ([], [])
 
 
 SIDE = st.integers(1, 300)
@@ -89,7 +89,7 @@ FIRST = st.integers(0, 299)
 def test_blocks_are_never_empty_and_hold_what_is_missing(height, width, align, top, left, size):
     s = np.ones((height, width), np.float32)
     s[top : top + size, left : left + size] = np.nan
-    for rows, columns in itertools.chain(*missing_blocks(s, align)):
+    for rows, columns in itertools.chain(*find_unmeasured_blocks(s, align)):
         for part, whole in ((rows, height), (columns, width)):
             assert part.start % align == 0
             assert 0 <= part.start < part.stop <= whole

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from beltscape.kernels.arrays import WINDOW_LIMIT
 from beltscape.kernels.local_fit import fit_windows
-from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.multiview.frame.windows import windows_for
 
 widths = st.integers(1, 20_000)
 
 
 @given(widths)
 def test_the_kernels_take_them(width_px):
-    size = windows(width_px)
+    size = windows_for(width_px)
     for radii in (size.narrow, size.firm, size.wide):
         assert fit_windows(radii)
     assert size.narrow[-1] < size.firm[-1] < size.wide[-1] or size.firm[-1][0] == WINDOW_LIMIT
@@ -23,7 +23,7 @@ def test_the_kernels_take_them(width_px):
 
 @given(widths, widths)
 def test_a_wider_grid_has_no_smaller_windows(a, b):
-    small, large = windows(min(a, b)), windows(max(a, b))
+    small, large = windows_for(min(a, b)), windows_for(max(a, b))
     assert small.scale <= large.scale
     assert small.levels_px <= large.levels_px
     for name in ("narrow", "firm", "wide"):

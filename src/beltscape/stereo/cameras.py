@@ -7,7 +7,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 
 
-def known_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
+def check_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
     """The wanted auxiliaries, all of the rig by default, or ReconstructionError when one is not in it."""
     for name in wanted or ():
         if name not in rig.auxiliaries:

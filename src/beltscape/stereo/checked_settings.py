@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 
 from beltscape.core.errors import SettingsError
-from beltscape.files.documents.toml_text import first_problem
+from beltscape.files.documents.toml_text import describe_first_error
 
 
 class CheckedSettings(BaseModel):
@@ -24,7 +24,7 @@ class CheckedSettings(BaseModel):
         try:
             return handler(values)
         except ValidationError as error:
-            raise SettingsError(f"{cls.__name__}: {first_problem(cls, error)}") from error
+            raise SettingsError(f"{cls.__name__}: {describe_first_error(cls, error)}") from error
 
     def checked(self) -> Self:
         """Return the same settings, validated anew: ``model_copy(update=…)`` does not validate."""

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import view_rows
-from beltscape.stereo.multiview.frame.inverse_depth import nearness_unit
-from beltscape.stereo.multiview.frame.visibility import seen_by
+from beltscape.stereo.multiview.frame.frame import packed_projections
+from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from beltscape.stereo.multiview.frame.visibility import count_visible_views
 
 
 def never_seen(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) -> NDArray[np.bool_]:
@@ -19,7 +19,7 @@ def never_seen(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) 
     the core does not see hides nothing, so that a few pixels too many count as seen.
     """
     names = rig.auxiliaries
-    unit = nearness_unit(rig, names)
+    unit = inverse_depth_scale(rig, names)
     s = (1 / (np.asarray(true_depth_mm, np.float64) * unit)).astype(np.float32)
     sizes = [rig.cameras[name].size_px for name in names]
-    return np.isfinite(s) & (seen_by(s, view_rows(rig, names, unit, 1), sizes, kernels) == 0)
+    return np.isfinite(s) & (count_visible_views(s, packed_projections(rig, names, unit, 1), sizes, kernels) == 0)

@@ -17,7 +17,7 @@ Array = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class FeatureNetwork:
     """A perceptron's weights, in its evidence's own units."""
 
     names: tuple[str, ...]
@@ -37,7 +37,7 @@ class Belief:
 
 
 @cache
-def fitted(name: str) -> Belief:
+def load_network(name: str) -> FeatureNetwork:
     """Weights that ship: what tools/fit_belief.py and fit_scrutiny.py made of simulated frames with known truth.
 
     ``glance`` and ``belief`` answer with the logit of the confidence and the logarithm of sigma in px of s,
@@ -45,7 +45,7 @@ def fitted(name: str) -> Belief:
     two, ``scrutiny`` with a state (`beltscape.stereo.multiview.confidence.message_passing`).
     """
     kept = json.loads((files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8"))
-    return Belief(tuple(kept["names"]), _array(kept["limits"]), tuple(map(_array, kept["layers"])))
+    return FeatureNetwork(tuple(kept["names"]), _array(kept["limits"]), tuple(map(_array, kept["layers"])))
 
 
 def _array(rows: Sequence[Sequence[float]]) -> Array:

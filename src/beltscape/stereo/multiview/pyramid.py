@@ -13,15 +13,15 @@ import numpy as np
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, halved
-from beltscape.stereo.multiview.frame.surface import Surface, finer, with_slopes
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.initialisation.initialise import Sweeps, first_surface
-from beltscape.stereo.multiview.initialisation.plane_sweep import enlarged
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, moved_nearness
-from beltscape.stereo.multiview.optimisation.least_squares import Refined, refine
-from beltscape.stereo.multiview.optimisation.noise import measured_noise
-from beltscape.stereo.multiview.optimisation.propagation import Propagated, propagate
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, halve_frame
+from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsample_surface
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.initialisation.initialise import SweepGrid, initialise_inverse_depth
+from beltscape.stereo.multiview.initialisation.plane_sweep import enlarge_blocks
+from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
+from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
+from beltscape.stereo.multiview.optimisation.noise import estimate_noise
+from beltscape.stereo.multiview.optimisation.propagation import PropagationResult, propagate
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 _FIRST_PX = 2.0, 2.0
@@ -31,7 +31,7 @@ _CHANGED_PX, _SETTLED = 0.5, 0.003
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class PyramidSolver:
     """What one frame's surface is approached by."""
 
     rig: Rig
@@ -50,13 +50,13 @@ class Way:
         """
         coarser = self.settings.halves(prepared.core.shape[1])
         surface = self._from_half(prepared, step) if coarser else self._swept(prepared, step)
-        noise = measured_noise(surface, prepared, self.kernels, self.settings.threads)
+        noise = estimate_noise(surface, prepared, self.kernels, self.settings.threads)
         return surface, replace(prepared, noise=noise)
 
-    def rounds(self, surface: Surface, prepared: PreparedFrame) -> tuple[Propagated, Refined]:
+    def rounds(self, surface: Surface, prepared: PreparedFrame) -> tuple[PropagationResult, RefinementResult]:
         """Rounds of propagation, each refined, until hardly anything changes: the last one."""
         settings, kernels, threads = self.settings, self.kernels, self.settings.threads
-        size = windows(prepared.core.shape[1])
+        size = windows_for(prepared.core.shape[1])
         distances = settings.offsets_px(size.scale)
         for turn in range(settings.rounds):
             alternating = turn if settings.rounds > 1 else None
@@ -70,7 +70,7 @@ class Way:
 
     def _from_half(self, prepared: PreparedFrame, step: int) -> Surface:
         """That of the grid half as fine, every block a plane."""
-        half = halved(prepared, self.rig, self.auxiliaries, step, self.kernels, self.settings.threads)
+        half = halve_frame(prepared, self.rig, self.auxiliaries, step, self.kernels, self.settings.threads)
         _, refined = self.rounds(*self.begun(half, 2 * step))
         return _enlarged(refined.surface, prepared.core.shape)
 
@@ -81,15 +81,19 @@ class Way:
         near, far = self.depth_range_mm
         moved = None
         if self.prior is not None:
-            moved = moved_nearness(self.prior, self.rig, prepared, unit, step, kernels, threads)
+            moved = predict_inverse_depth(self.prior, self.rig, prepared, unit, step, kernels, threads)
         shrink = settings.shrink(prepared.core.shape[1])
-        sweeps = Sweeps(self.rig, self.auxiliaries, step, shrink, settings.plane_step_px, unit)
-        s = first_surface(moved, prepared, (1 / (far * unit), 1 / (near * unit)), sweeps, kernels, threads)
+        sweeps = SweepGrid(self.rig, self.auxiliaries, step, shrink, settings.plane_step_px, unit)
+        s = initialise_inverse_depth(
+            moved, prepared, (1 / (far * unit), 1 / (near * unit)), sweeps, kernels, threads
+        )
         self.tell()
-        return self._refined(with_slopes(s, kernels, threads), prepared, _FIRST_PX).surface
+        return self._refined(fit_slopes(s, kernels, threads), prepared, _FIRST_PX).surface
 
-    def _refined(self, surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]) -> Refined:
-        size = windows(prepared.core.shape[1])
+    def _refined(
+        self, surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]
+    ) -> RefinementResult:
+        size = windows_for(prepared.core.shape[1])
         return refine(
             surface, prepared, tolerances, size.narrow, size.levels_px, self.kernels, self.settings.threads
         )
@@ -103,7 +107,7 @@ def _changed(before: Surface, after: Surface) -> float:
 def _enlarged(surface: Surface, shape: tuple[int, ...]) -> Surface:
     """On a grid twice as fine, whose last row or column no block may hold; s counts that grid's pixels."""
     return Surface(
-        enlarged(2 * finer(surface, 2), 1, shape),
-        enlarged(surface.slope_u, 2, shape),
-        enlarged(surface.slope_v, 2, shape),
+        enlarge_blocks(2 * upsample_surface(surface, 2), 1, shape),
+        enlarge_blocks(surface.slope_u, 2, shape),
+        enlarge_blocks(surface.slope_v, 2, shape),
     )

@@ -16,22 +16,27 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.cameras import known_auxiliaries, usable_auxiliaries
-from beltscape.stereo.multiview.confidence.estimate import Verdict, first_look, impressed, judge
-from beltscape.stereo.multiview.confidence.features import light_evidence
-from beltscape.stereo.multiview.confidence.refined_features import impression_evidence
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare
-from beltscape.stereo.multiview.frame.parallel import both
-from beltscape.stereo.multiview.frame.surface import Surface, finer
-from beltscape.stereo.multiview.frame.windows import windows
+from beltscape.stereo.cameras import check_auxiliaries, usable_auxiliaries
+from beltscape.stereo.multiview.confidence.estimate import (
+    DepthEstimate,
+    estimate_depth,
+    initial_features,
+    with_initial_confidence,
+)
+from beltscape.stereo.multiview.confidence.features import image_features
+from beltscape.stereo.multiview.confidence.refined_features import initial_confidence_features
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare_frame
+from beltscape.stereo.multiview.frame.parallel import run_pair
+from beltscape.stereo.multiview.frame.surface import Surface, upsample_surface
+from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
-from beltscape.stereo.multiview.optimisation.least_squares import Refined, refine
-from beltscape.stereo.multiview.optimisation.textureless import continued_discs
-from beltscape.stereo.multiview.optimisation.twicing import sharpened
-from beltscape.stereo.multiview.pyramid import Way
-from beltscape.stereo.multiview.selection.candidates import Contested, contest
+from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
+from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
+from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
+from beltscape.stereo.multiview.pyramid import PyramidSolver
+from beltscape.stereo.multiview.selection.candidates import Selection, select_candidates
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import Match
+from beltscape.stereo.multiview.state import MatcherState
 
 Number = TypeVar("Number", bound=np.number)
 
@@ -56,7 +61,7 @@ class MultiviewReconstructor:
             When one of them is not in the rig, or a value does not fit.
         """
         require_depth_range(depth_range_mm)
-        names = known_auxiliaries(rig, auxiliaries)
+        names = check_auxiliaries(rig, auxiliaries)
         settings = settings.checked()
         self.rig = rig
         self.depth_range_mm = depth_range_mm
@@ -78,8 +83,8 @@ class MultiviewReconstructor:
         names = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         unit = grid_unit(self.rig, names, self._step)
         match = self.match(frame_set, names, reporter, prior)
-        scale = windows(match.prepared.core.shape[1]).scale
-        verdict = judge(match, scale, self._kernels, self.settings.threads)
+        scale = windows_for(match.prepared.core.shape[1]).scale
+        verdict = estimate_depth(match, scale, self._kernels, self.settings.threads)
         return _depth_map(
             replace(match.refined.surface, s=verdict.s),
             verdict,
@@ -91,17 +96,17 @@ class MultiviewReconstructor:
 
     def match(
         self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
-    ) -> Match:
+    ) -> MatcherState:
         """The surface of one frame before it is judged; told of in steps."""
         threads = self.settings.threads
         grids = self.settings.grids(self.rig.core_camera.size_px[0])
         tell = _Steps(reporter, frame_set.frame, grids + 3)
         before = self.approach(frame_set, names, tell, prior)
         chosen, refined, prepared = before.chosen, before.refined, before.prepared
-        size = windows(prepared.core.shape[1])
-        contested, discs = both(
+        size = windows_for(prepared.core.shape[1])
+        contested, discs = run_pair(
             lambda: self._looked_at_again(before, size.scale),
-            lambda: continued_discs(refined.surface, refined.information, prepared, size.scale),
+            lambda: fill_textureless_discs(refined.surface, refined.information, prepared, size.scale),
             threads,
         )
         tell()
@@ -110,12 +115,12 @@ class MultiviewReconstructor:
             surface = contested.surface.where(discs.inside, discs.surface)
         refined = self._finished(surface, prepared)
         tell()
-        return Match(prepared, chosen, refined, before.light, discs.inside, contested)
+        return MatcherState(prepared, chosen, refined, before.light, discs.inside, contested)
 
-    def _finished(self, surface: Surface, prepared: PreparedFrame) -> Refined:
+    def _finished(self, surface: Surface, prepared: PreparedFrame) -> RefinementResult:
         """The surface after the last iterations."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        size = windows(prepared.core.shape[1])
+        size = windows_for(prepared.core.shape[1])
         *before, last = settings.final_px
         if before:
             surface = refine(
@@ -124,18 +129,24 @@ class MultiviewReconstructor:
         refined = refine(surface, prepared, (last,), size.wide, size.levels_px, kernels, threads)
         if not settings.sharpen:
             return refined
-        return replace(refined, surface=sharpened(refined.surface, prepared, last, size, kernels, threads))
+        return replace(
+            refined, surface=apply_twicing(refined.surface, prepared, last, size, kernels, threads)
+        )
 
-    def _looked_at_again(self, before: Match, scale: float) -> Contested | None:
+    def _looked_at_again(self, before: MatcherState, scale: float) -> Selection | None:
         """The surface after closer looks at doubtful pixels; None without any."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
         if not settings.contests:
             return None
-        planes = impressed(first_look(before, scale, kernels, threads), scale, kernels, threads)
-        contested = contest(before.refined.surface, planes, before.prepared, scale, kernels, threads)
+        planes = with_initial_confidence(
+            initial_features(before, scale, kernels, threads), scale, kernels, threads
+        )
+        contested = select_candidates(
+            before.refined.surface, planes, before.prepared, scale, kernels, threads
+        )
         for _ in range(settings.contests - 1):
-            planes = planes | dict(impression_evidence(contested.impression, scale))
-            contested = contest(contested.surface, planes, before.prepared, scale, kernels, threads)
+            planes = planes | dict(initial_confidence_features(contested.impression, scale))
+            contested = select_candidates(contested.surface, planes, before.prepared, scale, kernels, threads)
         return contested
 
     def approach(
@@ -144,20 +155,20 @@ class MultiviewReconstructor:
         names: tuple[str, ...],
         tell: Callable[[], None] = lambda: None,
         prior: Prior | None = None,
-    ) -> Match:
+    ) -> MatcherState:
         """The surface after the rounds of propagation, before doubtful pixels are looked at again."""
         settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        way = Way(self.rig, names, self.depth_range_mm, settings, prior, kernels, tell)
+        way = PyramidSolver(self.rig, names, self.depth_range_mm, settings, prior, kernels, tell)
         surface, prepared = way.begun(
-            prepare(self.rig, frame_set, names, self._step, kernels, threads), self._step
+            prepare_frame(self.rig, frame_set, names, self._step, kernels, threads), self._step
         )
-        scale = windows(prepared.core.shape[1]).scale
-        (chosen, refined), light = both(
+        scale = windows_for(prepared.core.shape[1]).scale
+        (chosen, refined), light = run_pair(
             lambda: way.rounds(surface, prepared),
-            lambda: dict(light_evidence(prepared, scale)),
+            lambda: dict(image_features(prepared, scale)),
             threads,
         )
-        return Match(prepared, chosen, refined, light, np.zeros(surface.s.shape, bool), None)
+        return MatcherState(prepared, chosen, refined, light, np.zeros(surface.s.shape, bool), None)
 
 
 class _Steps:
@@ -173,14 +184,14 @@ class _Steps:
 
 def _depth_map(
     surface: Surface,
-    verdict: Verdict,
+    verdict: DepthEstimate,
     unit: float,
     step: int,
     least_confidence: float,
     size_px: tuple[int, int],
 ) -> DepthMap:
     """Depth of the believed pixels on the core's full grid."""
-    s = finer(surface, step)
+    s = upsample_surface(surface, step)
     sigma, confidence, views = (
         _repeated(x, step) for x in (verdict.sigma, verdict.confidence, verdict.views)
     )

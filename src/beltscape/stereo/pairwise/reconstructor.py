@@ -14,7 +14,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.stereo.cameras import known_auxiliaries, usable_auxiliaries
+from beltscape.stereo.cameras import check_auxiliaries, usable_auxiliaries
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.pairwise.contrast import square_root
 from beltscape.stereo.pairwise.fusion import fuse
@@ -42,7 +42,7 @@ class PairwiseReconstructor:
             When there is no auxiliary, one is not in the rig, or a pair cannot be rectified.
         """
         require_depth_range(depth_range_mm)
-        names = known_auxiliaries(rig, auxiliaries)
+        names = check_auxiliaries(rig, auxiliaries)
         settings = settings.checked()
         self.rig = rig
         self.depth_range_mm = depth_range_mm

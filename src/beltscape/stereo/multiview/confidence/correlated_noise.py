@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, tile_side, view_disagreement
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.state import Match
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.state import MatcherState
 
 Array = NDArray[np.floating]
 
@@ -35,20 +35,20 @@ _ALONE = 2.2
 """Inflation of demosaiced images where a single auxiliary cannot disagree: the median of frames with four."""
 
 
-def inflate_sigma(sigma: Array, match: Match, kernels: Kernels, threads: int) -> Array:
+def inflate_sigma(sigma: Array, match: MatcherState, kernels: Kernels, threads: int) -> Array:
     """Return sigma (H, W), px, with the excess variance of correlated noise added to it.
 
     The excess is a multiple of the least squares' variance, or of sigma's square where that is less: what sigma
     holds besides noise, at edges and on rough material, is not inflated. Without an excess sigma is returned as is.
     """
     prepared, refined = match.prepared, match.refined
-    size = windows(prepared.core.shape[1])
+    size = windows_for(prepared.core.shape[1])
     inflation = view_disagreement(refined.surface, prepared, size, kernels, threads)
     excess, log_information = _excess(inflation, demosaiced=prepared.noise.demosaiced)
     if not excess.any():
         return sigma
     by_place = _by_information(excess, log_information, refined.information, tile_side(size.scale))
-    share = np.minimum(known(refined.variance) / np.square(sigma), 1)
+    share = np.minimum(fill_nan(refined.variance) / np.square(sigma), 1)
     return np.asarray(sigma * np.sqrt(1 + by_place * share), np.float32)
 
 
@@ -72,6 +72,6 @@ def _by_information(
     """Return (H, W) values that depend on the information (H, W) around a pixel, interpolated between tiles."""
     height, width = information.shape
     tiles = max(1, width // side), max(1, height // side)
-    around = cv2.resize(known(information), tiles, interpolation=cv2.INTER_AREA)
+    around = cv2.resize(fill_nan(information), tiles, interpolation=cv2.INTER_AREA)
     found = np.interp(np.log(np.maximum(around, 1e-9)), log_information, values).astype(np.float32)
     return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)

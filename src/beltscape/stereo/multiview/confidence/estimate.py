@@ -11,23 +11,27 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.confidence.correlated_noise import inflate_sigma
-from beltscape.stereo.multiview.confidence.features import agreement_evidence, shape_evidence
+from beltscape.stereo.multiview.confidence.features import agreement_features, shape_features
 from beltscape.stereo.multiview.confidence.refined_features import (
-    impression_evidence,
-    levels_evidence,
-    trusted_evidence,
+    initial_confidence_features,
+    photometric_features,
+    reliability_features,
 )
-from beltscape.stereo.multiview.confidence.refiner import Scrutiny, Told, scrutinised
-from beltscape.stereo.multiview.confidence.roughness import unevenness_evidence
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.parallel import both, side_by_side
+from beltscape.stereo.multiview.confidence.refiner import (
+    Prediction,
+    RefinementInputs,
+    refine_uncertain_pixels,
+)
+from beltscape.stereo.multiview.confidence.roughness import roughness_features
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.parallel import run_pair, run_parallel
 from beltscape.stereo.multiview.frame.photometry import texture_over_noise
-from beltscape.stereo.multiview.frame.visibility import seen_by, seen_through
-from beltscape.stereo.multiview.frame.windows import window
-from beltscape.stereo.multiview.networks import fitted
-from beltscape.stereo.multiview.selection.candidates import Contested
-from beltscape.stereo.multiview.selection.photoconsistency import Likeness
-from beltscape.stereo.multiview.state import Match
+from beltscape.stereo.multiview.frame.visibility import compute_visibility, count_visible_views
+from beltscape.stereo.multiview.frame.windows import scaled_window
+from beltscape.stereo.multiview.networks import load_network
+from beltscape.stereo.multiview.selection.candidates import Selection
+from beltscape.stereo.multiview.selection.photoconsistency import PhotoConsistencyModel
+from beltscape.stereo.multiview.state import MatcherState
 
 Array = NDArray[np.floating]
 
@@ -40,7 +44,7 @@ CONTRADICTION = 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verdict:
+class DepthEstimate:
     """Per pixel of the matcher's grid."""
 
     s: Array
@@ -54,7 +58,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class PixelFeatures:
     """Everything that speaks for and against a refined surface's pixels."""
 
     planes: dict[str, Array]
@@ -63,66 +67,68 @@ class Evidence:
     """(H, W) how many auxiliaries see the surface."""
 
 
-def first_look(match: Match, scale: float, kernels: Kernels, threads: int) -> Evidence:
+def initial_features(match: MatcherState, scale: float, kernels: Kernels, threads: int) -> PixelFeatures:
     """What the matching itself says; windows grow with ``scale``."""
     prepared, surface = match.prepared, match.refined.surface
-    seen = seen_by(surface.s, prepared.views, prepared.sizes, kernels, threads)
-    return Evidence(_joined(_of_the_surface(match, seen, scale), threads) | match.light, seen)
+    seen = count_visible_views(surface.s, prepared.views, prepared.sizes, kernels, threads)
+    return PixelFeatures(_joined(_of_the_surface(match, seen, scale), threads) | match.light, seen)
 
 
-def impressed(first: Evidence, scale: float, kernels: Kernels, threads: int) -> dict[str, Array]:
+def with_initial_confidence(
+    first: PixelFeatures, scale: float, kernels: Kernels, threads: int
+) -> dict[str, Array]:
     """A first look's planes (H, W) by name, with the impression that they make."""
-    (impression,) = fitted("impression").answers(first.planes, kernels, threads)
-    return first.planes | dict(impression_evidence(impression, scale))
+    (impression,) = load_network("impression").answers(first.planes, kernels, threads)
+    return first.planes | dict(initial_confidence_features(impression, scale))
 
 
-def closer_look(
-    match: Match, contested: Contested, scale: float, kernels: Kernels, threads: int
-) -> tuple[Evidence, Scrutiny]:
+def refined_features(
+    match: MatcherState, contested: Selection, scale: float, kernels: Kernels, threads: int
+) -> tuple[PixelFeatures, RefinementInputs]:
     """Also what the levels themselves say, and the impression of the state before; and a scrutiny by all of it."""
     prepared, surface, impression = match.prepared, match.refined.surface, contested.impression
-    seen, buffers = seen_through(surface.s, prepared.views, prepared.sizes, kernels, threads)
-    likeness = Likeness(prepared, contested.brightness, buffers, kernels)
+    seen, buffers = compute_visibility(surface.s, prepared.views, prepared.sizes, kernels, threads)
+    likeness = PhotoConsistencyModel(prepared, contested.brightness, buffers, kernels)
     parts = [
-        lambda: levels_evidence(surface, impression, likeness, threads),
-        lambda: trusted_evidence(surface, impression, scale),
-        lambda: impression_evidence(impression, scale),
+        lambda: photometric_features(surface, impression, likeness, threads),
+        lambda: reliability_features(surface, impression, scale),
+        lambda: initial_confidence_features(impression, scale),
     ]
     planes = _joined([*_of_the_surface(match, seen, scale), *parts], threads) | match.light
-    planes |= dict(unevenness_evidence(match.refined, planes["turn"], scale))
-    return Evidence(planes, seen), Scrutiny.of(planes, surface, likeness, scale)
+    planes |= dict(roughness_features(match.refined, planes["turn"], scale))
+    return PixelFeatures(planes, seen), RefinementInputs.of(planes, surface, likeness, scale)
 
 
 Part = Callable[[], Iterator[tuple[str, Array]]]
 
 
-def _of_the_surface(match: Match, seen: NDArray[np.uint8], scale: float) -> list[Part]:
+def _of_the_surface(match: MatcherState, seen: NDArray[np.uint8], scale: float) -> list[Part]:
     auxiliaries = len(match.prepared.images)
     return [
-        lambda: shape_evidence(match.chosen, match.refined, scale),
-        lambda: agreement_evidence(match.chosen, match.refined, auxiliaries, seen, scale),
+        lambda: shape_features(match.chosen, match.refined, scale),
+        lambda: agreement_features(match.chosen, match.refined, auxiliaries, seen, scale),
     ]
 
 
 def _joined(parts: list[Part], threads: int) -> dict[str, Array]:
     """All parts' planes by name."""
-    found = side_by_side([lambda part=part: dict(part()) for part in parts], threads)
+    found = run_parallel([lambda part=part: dict(part()) for part in parts], threads)
     return {name: plane for planes in found for name, plane in planes.items()}
 
 
-def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict:
+def estimate_depth(match: MatcherState, scale: float, kernels: Kernels, threads: int) -> DepthEstimate:
     """Sigma and confidence of a surface, on a grid ``scale`` times finer than `windows` tells sizes for.
 
     Both are a small network's answers to what the evidence lists, fitted to simulated frames with known truth
     (docs/matching.md): confidence to what is right, sigma to the median error. Where no pixel was looked at again
     the first look is the last. Those frames have white noise; correlated noise adds to sigma afterwards.
     """
-    (told, seen), textured = both(
+    (told, seen), textured = run_pair(
         lambda: _thought(match, scale, kernels, threads), lambda: _said(match, scale), threads
     )
     confidence = 1 / (1 + np.exp(-told.logit))
     trusted = np.isfinite(told.s) & (seen > 0) & textured
-    return Verdict(
+    return DepthEstimate(
         s=told.s,
         sigma=inflate_sigma(np.exp(told.log_sigma), match, kernels, threads),
         confidence=np.where(trusted, confidence, 0).astype(np.float32),
@@ -130,23 +136,27 @@ def judge(match: Match, scale: float, kernels: Kernels, threads: int) -> Verdict
     )
 
 
-def _thought(match: Match, scale: float, kernels: Kernels, threads: int) -> tuple[Told, NDArray[np.uint8]]:
+def _thought(
+    match: MatcherState, scale: float, kernels: Kernels, threads: int
+) -> tuple[Prediction, NDArray[np.uint8]]:
     """What the networks tell of all pixels, and (H, W) how many auxiliaries see them."""
     s = match.refined.surface.s
     if match.contested is None:
-        found = first_look(match, scale, kernels, threads)
-        return Told(s, *fitted("glance").answers(found.planes, kernels, threads)), found.seen
-    found, scrutiny = closer_look(match, match.contested, scale, kernels, threads)
-    thought = Told(s, *fitted("belief").answers(found.planes, kernels, threads))
-    return scrutinised(thought, scrutiny, threads), found.seen
+        found = initial_features(match, scale, kernels, threads)
+        return Prediction(s, *load_network("glance").answers(found.planes, kernels, threads)), found.seen
+    found, scrutiny = refined_features(match, match.contested, scale, kernels, threads)
+    thought = Prediction(s, *load_network("belief").answers(found.planes, kernels, threads))
+    return refine_uncertain_pixels(thought, scrutiny, threads), found.seen
 
 
-def _said(match: Match, scale: float) -> NDArray[np.bool_]:
+def _said(match: MatcherState, scale: float) -> NDArray[np.bool_]:
     """(H, W) where the images say anything: texture above the noise, or a disc's rim, and not that nothing fits."""
     prepared = match.prepared
-    texture = texture_over_noise(known(prepared.core), prepared.noise.levels, window(TEXTURE_PX, scale)[0])
+    texture = texture_over_noise(
+        fill_nan(prepared.core), prepared.noise.levels, scaled_window(TEXTURE_PX, scale)[0]
+    )
     textured = cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE
     contradicted = (match.refined.used == 0) & (
-        cv2.blur(known(match.chosen.cost, 1.0), (7, 7)) > CONTRADICTION
+        cv2.blur(fill_nan(match.chosen.cost, 1.0), (7, 7)) > CONTRADICTION
     )
     return np.isfinite(prepared.core) & (textured | match.continued) & ~contradicted

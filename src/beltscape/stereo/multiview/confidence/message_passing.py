@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 
-LOST, SURE, ASKED = 0, 1, 2
-"""Addresses: pixels that are not asked have no state of their own; those that are count from `ASKED` on."""
+REJECTED, ACCEPTED, FIRST_UNCERTAIN = 0, 1, 2
+"""Addresses: pixels that are not asked have no state of their own; those that are count from `FIRST_UNCERTAIN` on."""
 OFFSETS = tuple((du, dv) for dv, du in product((-1, 0, 1), repeat=2))
 """Whom a pixel hears, itself among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Round:
+class MessageRound:
     """What states become of messages."""
 
     others: NDArray[np.float32]
@@ -47,20 +47,22 @@ class Round:
 
 
 @cache
-def rounds() -> tuple[Round, ...]:
+def load_message_rounds() -> tuple[MessageRound, ...]:
     """Those that ship: what tools/fit_scrutiny.py made of simulated frames with known truth."""
     kept = json.loads((files("beltscape") / "data" / "messages.json").read_text(encoding="utf-8"))
-    return tuple(Round(_array(each["others"]), tuple(map(_array, each["layers"]))) for each in kept["rounds"])
+    return tuple(
+        MessageRound(_array(each["others"]), tuple(map(_array, each["layers"]))) for each in kept["rounds"]
+    )
 
 
-def addresses(asked: NDArray[np.bool_], sure: NDArray[np.bool_]) -> NDArray[np.int32]:
+def assign_addresses(asked: NDArray[np.bool_], sure: NDArray[np.bool_]) -> NDArray[np.int32]:
     """(H, W) of those that are asked, row by row, and of the others: sure or lost."""
-    found = np.where(sure, SURE, LOST).astype(np.int32)
-    found[asked] = np.arange(ASKED, ASKED + np.count_nonzero(asked), dtype=np.int32)
+    found = np.where(sure, ACCEPTED, REJECTED).astype(np.int32)
+    found[asked] = np.arange(FIRST_UNCERTAIN, FIRST_UNCERTAIN + np.count_nonzero(asked), dtype=np.int32)
     return found
 
 
-def near(address: NDArray[np.int32], asked: NDArray[np.bool_], step: int) -> NDArray[np.int32]:
+def neighbour_addresses(address: NDArray[np.int32], asked: NDArray[np.bool_], step: int) -> NDArray[np.int32]:
     """(9, N) addresses of whom the asked pixels hear, ``step`` px apart; beyond an edge is the edge's pixel."""
     rows, columns = np.nonzero(asked)
     height, width = address.shape
@@ -70,10 +72,10 @@ def near(address: NDArray[np.int32], asked: NDArray[np.bool_], step: int) -> NDA
     ])  # fmt: skip
 
 
-def heard(
+def pass_messages(
     state: NDArray[np.float32],
     around: NDArray[np.int32],
-    through: Sequence[Round],
+    through: Sequence[MessageRound],
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:

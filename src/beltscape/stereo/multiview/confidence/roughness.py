@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.surface import steps
-from beltscape.stereo.multiview.frame.windows import window
-from beltscape.stereo.multiview.optimisation.least_squares import Refined
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.surface import detect_depth_steps
+from beltscape.stereo.multiview.frame.windows import scaled_window
+from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult
 
 Array = NDArray[np.floating]
 
@@ -27,25 +27,26 @@ _TILE_PX = 4
 _LEAST_SHARE, _LEAST = 1e-3, 0.01
 
 
-def unevenness_evidence(refined: Refined, turn: Array, scale: float) -> Iterator[tuple[str, Array]]:
+def roughness_features(refined: RefinementResult, turn: Array, scale: float) -> Iterator[tuple[str, Array]]:
     """Planes (H, W) by name: means over what lies off steps, where a view agrees; windows grow with ``scale``.
 
     Of how far the fit's windows disagree, of the variance with which they were content, and of ``turn`` (H, W), by
     how much the planes turn (`beltscape.stereo.multiview.confidence.features`). Disagreement is told as a logarithm, as the others are.
     """
     step = cv2.dilate(
-        steps(known(refined.surface.s)).astype(np.uint8), np.ones(window(_STEP_PX, scale), np.uint8)
+        detect_depth_steps(fill_nan(refined.surface.s)).astype(np.uint8),
+        np.ones(scaled_window(_STEP_PX, scale), np.uint8),
     )
     counts = ((refined.used > 0) & (step == 0)).astype(np.float32)
-    disagreement = counts * known(refined.disagreement)
+    disagreement = counts * fill_nan(refined.disagreement)
     for window_px in _NEAR_PX:
-        side = window(window_px, scale)
+        side = scaled_window(window_px, scale)
         told = _mean(cv2.blur(disagreement, side), cv2.blur(counts, side))
         yield f"disagreement within {window_px}", np.log(told + np.float32(_LEAST))
-    variance = 0.5 * np.log(np.clip(known(refined.variance, 1.0), 1e-8, 4.0))
+    variance = 0.5 * np.log(np.clip(fill_nan(refined.variance, 1.0), 1e-8, 4.0))
     tiles = [_tiles(plane, scale) for plane in (counts, disagreement, counts * turn, counts * variance)]
     for window_px in _WIDE_PX:
-        share, apart, *others = (cv2.blur(plane, window(window_px / _TILE_PX, 1)) for plane in tiles)
+        share, apart, *others = (cv2.blur(plane, scaled_window(window_px / _TILE_PX, 1)) for plane in tiles)
         means = [np.log(_mean(apart, share) + np.float32(_LEAST)), *(_mean(plane, share) for plane in others)]
         for name, plane in zip(("disagreement", "turn", "log sigma"), means, strict=True):
             yield f"{name} within {window_px}", cv2.resize(plane, counts.shape[::-1])

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, cut_view
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.surface import Surface, steps
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, crop_projection
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
 from beltscape.stereo.multiview.frame.windows import Windows
 
 Array = NDArray[np.floating]
@@ -80,15 +80,15 @@ def _tile_sums(
     """Sum information and pull over the tiles of a band, each (views, tile rows, tile columns)."""
     band, noise = np.ascontiguousarray(s[rows]), prepared.noise
     core = np.ascontiguousarray(prepared.core[rows])
-    smooth = ~steps(known(band))
+    smooth = ~detect_depth_steps(fill_nan(band))
     sums = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         found = kernels.normal_equations(
-            band, core, [coefficients], cut_view(view, 0, rows.start)[None], window=size.levels_px,
+            band, core, [coefficients], crop_projection(view, 0, rows.start)[None], window=size.levels_px,
             floor=noise.floor, noise_variance=noise.levels, model_variance=noise.model, threads=threads,
         )  # fmt: skip
         inner = slice(size.levels_px, len(band) - size.levels_px)
-        planes = (known(found.information) * smooth, known(found.pull) * smooth)
+        planes = (fill_nan(found.information) * smooth, fill_nan(found.pull) * smooth)
         sums.append([_summed(plane[inner], tile_side(size.scale)) for plane in planes])
     information, pull = (np.stack(values) for values in zip(*sums, strict=True))
     return information, pull

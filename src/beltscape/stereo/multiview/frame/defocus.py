@@ -22,13 +22,15 @@ _ROWS = 160
 """Of the image's middle are looked at."""
 
 
-def as_blurred_as(core: str, levels: Mapping[str, Level]) -> dict[str, Level]:
+def match_defocus(core: str, levels: Mapping[str, Level]) -> dict[str, Level]:
     """Levels (H, W) by camera, the others blurred where ``core`` is out of focus beside them; else as they are."""
-    blur_px = _SHARE * core_blur_px(levels[core], [level for name, level in levels.items() if name != core])
+    blur_px = _SHARE * estimate_defocus(
+        levels[core], [level for name, level in levels.items() if name != core]
+    )
     return {name: level if name == core else _blurred(level, blur_px) for name, level in levels.items()}
 
 
-def core_blur_px(core: Level, others: list[Level]) -> float:
+def estimate_defocus(core: Level, others: list[Level]) -> float:
     """Sigma of the Gaussian that makes the others, by their median, no sharper than the core.
 
     0 where less than 1.5 px would do, 4 where more is needed.

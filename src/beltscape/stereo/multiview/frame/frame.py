@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.defocus import as_blurred_as
+from beltscape.stereo.multiview.frame.defocus import match_defocus
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced
-from beltscape.stereo.multiview.frame.inverse_depth import nearness_unit, view_row
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.photometry import grey_levels, local_variance, noise_variance
+from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale, packed_projection
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.photometry import compute_grey_levels, local_variance, noise_variance
 
 _FLOOR = 2.7, 0.003
 """Texture is weak below so many noise variances, plus a share of the strongest texture's variance."""
@@ -65,20 +65,22 @@ class PreparedFrame:
         return [(image.shape[1], image.shape[0]) for image in self.images]
 
 
-def prepare(
+def prepare_frame(
     rig: Rig, frame_set: FrameSet, auxiliaries: tuple[str, ...], step: int, kernels: Kernels, threads: int
 ) -> PreparedFrame:
     """A frame for matching; ``step`` averages blocks of so many pixels, s counts pixels of that grid."""
     used = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
-    levels = grey_levels(used, rig.core)
+    levels = compute_grey_levels(used, rig.core)
     raw, demosaiced = noise_variance(levels[rig.core]), are_demosaiced(levels.values())
-    levels = as_blurred_as(rig.core, {name: reduced(level, step) for name, level in levels.items()})
+    levels = match_defocus(rig.core, {name: downsample(level, step) for name, level in levels.items()})
     core = levels[rig.core]
     noise = Noise(raw / step**2, _MODEL_VARIANCE, _strongest_texture(core), demosaiced)
     unit = grid_unit(rig, auxiliaries, step)
     own = kernels.spline_coefficients(core, threads=threads)
     nowhere = np.zeros_like(core)
-    straight, _ = kernels.warp(nowhere, view_row(rig, rig.core, unit, step, step), own, threads=threads)
+    straight, _ = kernels.warp(
+        nowhere, packed_projection(rig, rig.core, unit, step, step), own, threads=threads
+    )
     return PreparedFrame(
         core=np.asarray(straight, np.float32),
         images=tuple(levels[name] for name in auxiliaries),
@@ -86,23 +88,23 @@ def prepare(
             np.asarray(kernels.spline_coefficients(levels[name], threads=threads), np.float32)
             for name in auxiliaries
         ),
-        views=view_rows(rig, auxiliaries, unit, step),
+        views=packed_projections(rig, auxiliaries, unit, step),
         noise=noise,
     )
 
 
-def halved(
+def halve_frame(
     prepared: PreparedFrame, rig: Rig, auxiliaries: tuple[str, ...], step: int, kernels: Kernels, threads: int
 ) -> PreparedFrame:
     """A frame prepared in blocks of ``step``, in blocks of twice that."""
-    core, *images = (reduced(level, 2) for level in (prepared.core, *prepared.images))
-    looked = reduced(np.isfinite(prepared.core).astype(np.float32), 2)
+    core, *images = (downsample(level, 2) for level in (prepared.core, *prepared.images))
+    looked = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
     twice = 2 * step
     return PreparedFrame(
         core=np.where(looked < 1, np.float32(np.nan), core),
         images=tuple(images),
         coefficients=tuple(kernels.spline_coefficients(image, threads=threads) for image in images),
-        views=view_rows(rig, auxiliaries, grid_unit(rig, auxiliaries, twice), twice),
+        views=packed_projections(rig, auxiliaries, grid_unit(rig, auxiliaries, twice), twice),
         noise=replace(
             prepared.noise,
             levels=prepared.noise.levels / 4,
@@ -118,22 +120,22 @@ def _strongest_texture(core: NDArray[np.float32]) -> float:
 
 def grid_unit(rig: Rig, auxiliaries: tuple[str, ...], step: int) -> float:
     """1/mm per step of s, where s counts pixels of the grid averaged in blocks of ``step``."""
-    return nearness_unit(rig, auxiliaries) * step
+    return inverse_depth_scale(rig, auxiliaries) * step
 
 
-def view_rows(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
+def packed_projections(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
     """(n, 21) how the auxiliaries, averaged in blocks, see the core's grid averaged alike."""
-    return np.stack([view_row(rig, name, unit, step, step) for name in auxiliaries])
+    return np.stack([packed_projection(rig, name, unit, step, step) for name in auxiliaries])
 
 
-def cut_view(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[np.float32]:
+def crop_projection(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[np.float32]:
     """(21,) the view of the grid whose pixel (0, 0) is (first_u, first_v) of the old one."""
     direction = view[:9].astype(np.float64).reshape(3, 3).copy()
     direction[:, 2] += first_u * direction[:, 0] + first_v * direction[:, 1]
     return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
 
 
-def thinned_view(view: NDArray[np.float32], every: int) -> NDArray[np.float32]:
+def subsample_projection(view: NDArray[np.float32], every: int) -> NDArray[np.float32]:
     """(21,) the view of the grid that has every so-manieth row and column, from the half of that on."""
     direction = view[:9].astype(np.float64).reshape(3, 3).copy()
     direction[:, 2] += every // 2 * (direction[:, 0] + direction[:, 1])
@@ -141,10 +143,10 @@ def thinned_view(view: NDArray[np.float32], every: int) -> NDArray[np.float32]:
     return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
 
 
-def reduced(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
+def downsample(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     """Levels averaged in whole blocks of ``step``; what did not look is black."""
     height, width = level.shape[0] // step, level.shape[1] // step
-    cut = known(level[: height * step, : width * step])
+    cut = fill_nan(level[: height * step, : width * step])
     if step == 1:
         return cut
     return np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_AREA), np.float32)

@@ -1,6 +1,6 @@
 """Nearness s: inverse depth in steps of about a pixel, and the rows by which kernels project it.
 
-s is 1/Z over a rig's `nearness_unit`, on the core's undistorted grid; native/view.hpp has the projection.
+s is 1/Z over a rig's `inverse_depth_scale`, on the core's undistorted grid; native/view.hpp has the projection.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ ON_AXIS = 0.1
 """Share of a baseline across the core's axis below which its whole length counts."""
 
 
-def nearness_unit(rig: Rig, auxiliaries: Iterable[str]) -> float:
+def inverse_depth_scale(rig: Rig, auxiliaries: Iterable[str]) -> float:
     """1/mm per step of s: a step moves a point before the core by about a pixel in the mean auxiliary.
 
     1 over the core's mean focal length (px) and the mean length (mm) of the baselines across the core's optical
@@ -32,7 +32,9 @@ def _across(center_mm: NDArray[np.float64]) -> float:
     return across if across > ON_AXIS * whole else whole
 
 
-def view_row(rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int = 1) -> NDArray[np.float32]:
+def packed_projection(
+    rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int = 1
+) -> NDArray[np.float32]:
     """(21,) float32: how a camera sees the core's pixels by their nearness in steps of ``unit`` (1/mm).
 
     ``core_step`` and ``aux_step`` are for images averaged in blocks of so many pixels. The core itself sees its
@@ -45,7 +47,7 @@ def view_row(rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int
     return np.concatenate([direction.ravel(), shift, focal, center, camera.distortion]).astype(np.float32)
 
 
-def displaced_row(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
+def displaced_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
     """(21,) float32: the core's own pinhole, in blocks of ``step``, that sees everything displaced by ``shift``.
 
     ``shift`` (3,) is in mm times the grid's unit.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def known(plane: NDArray[np.floating], otherwise: float = 0.0) -> NDArray[np.float32]:
+def fill_nan(plane: NDArray[np.floating], otherwise: float = 0.0) -> NDArray[np.float32]:
     """A copy, ``otherwise`` where it is NaN; some ten times faster than `numpy.nan_to_num`."""
     filled = np.array(plane, np.float32, order="C")
     cv2.patchNaNs(filled, otherwise)

@@ -11,7 +11,7 @@ Result = TypeVar("Result")
 Other = TypeVar("Other")
 
 
-def side_by_side(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
+def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
     """The jobs' results in their order; each job is on its own, so the number of threads changes nothing."""
     threads = min(threads or os.cpu_count() or 1, len(jobs))
     if threads < 2:
@@ -20,7 +20,7 @@ def side_by_side(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
         return list(pool.map(lambda job: job(), jobs))
 
 
-def both(one: Callable[[], Result], other: Callable[[], Other], threads: int) -> tuple[Result, Other]:
+def run_pair(one: Callable[[], Result], other: Callable[[], Other], threads: int) -> tuple[Result, Other]:
     """The results of two jobs of different kinds; each is on its own, and may use all threads itself."""
     if (threads or os.cpu_count() or 1) < 2:
         return one(), other()

@@ -25,7 +25,7 @@ _BRIGHTEST = 8.0
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
-def grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDArray[np.float32]]:
+def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDArray[np.float32]]:
     """(H, W) float32 levels of every camera in 8-bit counts, with the core's contrast.
 
     Colour channels are weighted by their contrast over all cameras, which for noise alike in all of them is the best

@@ -34,13 +34,13 @@ class Surface:
         )
 
 
-def steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
+def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
     """(H, W) where finite s makes a depth step: it ranges by more than `STEP_PX` within 5 × 5 pixels."""
     window = np.ones((5, 5), np.uint8)
     return cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
 
 
-def finer(surface: Surface, step: int) -> NDArray[np.float32]:
+def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:
     """(step · H, step · W) blocks as planes, at their pixels' centres, in the blocks' px: no mixing over steps."""
     if step == 1:
         return surface.s
@@ -57,7 +57,7 @@ def finer(surface: Surface, step: int) -> NDArray[np.float32]:
 _RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 2.0
 
 
-def with_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:
+def fit_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:
     """The surface through s, its slopes fitted over the neighbours that lie about as far."""
     fit = kernels.local_fit(
         np.ones_like(s), none := np.zeros_like(s), s, none, none, radii=((_RADIUS, _SIGMA),), tolerance=_TOLERANCE,

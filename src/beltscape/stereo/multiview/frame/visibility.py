@@ -13,7 +13,7 @@ OCCLUDER_PX = 2.0
 """How much nearer (px of disparity) something must lie in front of a pixel to hide it: more than a slope does."""
 
 
-def seen_by(
+def count_visible_views(
     s: NDArray[np.floating],
     views: NDArray[np.float32],
     sizes: Sequence[tuple[int, int]],
@@ -24,10 +24,10 @@ def seen_by(
 
     ``views`` (n, 21) are how they see the grid, ``sizes`` their images' (width, height).
     """
-    return seen_through(s, views, sizes, kernels, threads)[0]
+    return compute_visibility(s, views, sizes, kernels, threads)[0]
 
 
-def seen_through(
+def compute_visibility(
     s: NDArray[np.floating],
     views: NDArray[np.float32],
     sizes: Sequence[tuple[int, int]],

@@ -36,14 +36,14 @@ class Windows:
     """Of distances in px, 1 for images as wide as the paper's, halved."""
 
 
-def windows(width_px: int) -> Windows:
+def windows_for(width_px: int) -> Windows:
     """Windows for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
     radii = (_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
     return Windows(*radii, max(3, round(_LEVELS_PX * scale)), scale)
 
 
-def window(window_px: float, scale: float) -> tuple[int, int]:
+def scaled_window(window_px: float, scale: float) -> tuple[int, int]:
     """An odd window on a grid ``scale`` times finer than the one it is told for."""
     side = 2 * int(window_px * scale / 2) + 1
     return side, side

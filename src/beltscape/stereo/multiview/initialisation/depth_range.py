@@ -10,8 +10,8 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.cameras import usable_auxiliaries
-from beltscape.stereo.multiview.frame.frame import grid_unit, prepare
-from beltscape.stereo.multiview.initialisation.reliable_matches import clear_surface, span_of
+from beltscape.stereo.multiview.frame.frame import grid_unit, prepare_frame
+from beltscape.stereo.multiview.initialisation.reliable_matches import find_reliable_matches, robust_range
 
 PLANE_STEP_PX = 0.5
 """Distance of the planes in pixels of the small images."""
@@ -42,12 +42,12 @@ def find_depth_range(
     near, far = search_range(rig, names)
     kernels = load()
     step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
-    prepared = prepare(rig, frame_set, names, step, kernels, threads)
+    prepared = prepare_frame(rig, frame_set, names, step, kernels, threads)
     unit = grid_unit(rig, names, step)
     span = 1 / (far * unit), 1 / (near * unit)
-    surface = clear_surface(prepared, span, PLANE_STEP_PX, kernels, threads)
+    surface = find_reliable_matches(prepared, span, PLANE_STEP_PX, kernels, threads)
     reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
-    found = span_of(surface)
+    found = robust_range(surface)
     if found is None:
         raise ReconstructionError(
             f"frame {frame_set.frame}: no surface found between {near:.0f} and {far:.0f} mm; is the "

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, cut_view, reduced, view_rows
+from beltscape.stereo.multiview.frame.frame import (
+    PreparedFrame,
+    crop_projection,
+    downsample,
+    packed_projections,
+)
 
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 _LEAST_PLANES = 4
@@ -18,7 +23,7 @@ Block = tuple[slice, slice]
 """Rows and columns of a grid."""
 
 
-def shrunk(
+def shrink_frame(
     rig: Rig, auxiliaries: tuple[str, ...], prepared: PreparedFrame, *, step: int, shrink: int, unit: float
 ) -> PreparedFrame:
     """All images ``shrink`` times smaller; the splines are still those of the large ones.
@@ -27,20 +32,20 @@ def shrunk(
     """
     return replace(
         prepared,
-        core=reduced(prepared.core, shrink),
-        images=tuple(reduced(image, shrink) for image in prepared.images),
-        views=view_rows(rig, auxiliaries, unit, step * shrink),
+        core=downsample(prepared.core, shrink),
+        images=tuple(downsample(image, shrink) for image in prepared.images),
+        views=packed_projections(rig, auxiliaries, unit, step * shrink),
     )
 
 
-def cut(prepared: PreparedFrame, block: Block) -> PreparedFrame:
+def crop_frame(prepared: PreparedFrame, block: Block) -> PreparedFrame:
     """The same with a block of the core's grid only."""
     rows, columns = block
-    views = np.stack([cut_view(row, columns.start, rows.start) for row in prepared.views])
+    views = np.stack([crop_projection(row, columns.start, rows.start) for row in prepared.views])
     return replace(prepared, core=np.ascontiguousarray(prepared.core[block]), views=views)
 
 
-def sweep(
+def sweep_planes(
     prepared: PreparedFrame, nearness: tuple[float, float], plane: float, kernels: Kernels, threads: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(H, W) nearness s of the first surface, and the margin by which its plane won.
@@ -58,7 +63,7 @@ def sweep(
     return (far + plane * index).astype(np.float32), margin
 
 
-def enlarged(small: NDArray[np.floating], shrink: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+def enlarge_blocks(small: NDArray[np.floating], shrink: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """(H, W) every value over its block: steps of depth stay steps; a rest at the far ends is the last's."""
     full = np.repeat(np.repeat(small.astype(np.float32), shrink, axis=0), shrink, axis=1)
     missing = [(0, whole - have) for whole, have in zip(shape, full.shape, strict=True)]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.initialisation.plane_sweep import sweep
-from beltscape.stereo.multiview.optimisation.least_squares import equations
+from beltscape.stereo.multiview.initialisation.plane_sweep import sweep_planes
+from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
 _CLEAR = 0.1
 """Margin of the aggregated dissimilarity by which a plane must win to count."""
@@ -25,21 +25,21 @@ _MARGIN = (0.06, 0.03)
 _ENOUGH_PX = 200
 
 
-def clear_surface(
+def find_reliable_matches(
     prepared: PreparedFrame, nearness: tuple[float, float], plane: float, kernels: Kernels, threads: int
 ) -> NDArray[np.float32]:
     """(N,) nearness s of the pixels whose surface stands out clearly among planes ``plane`` apart.
 
     They win by a margin, an auxiliary agrees with them by least squares too, and they lie on patches.
     """
-    s, margin = sweep(prepared, nearness, plane, kernels, threads)
+    s, margin = sweep_planes(prepared, nearness, plane, kernels, threads)
     agreed = (margin >= _CLEAR) & _agreed(s, prepared, kernels, threads)
     if agreed.any():
         agreed &= _common(float(np.median(s[agreed])), prepared, kernels, threads)
     return s[_on_patches((s - nearness[0]) / plane, agreed)]
 
 
-def span_of(surface: NDArray[np.float32]) -> tuple[float, float] | None:
+def robust_range(surface: NDArray[np.float32]) -> tuple[float, float] | None:
     """(far, near) nearness about the pixels (N,) of a surface, with margins; None when they are too few."""
     if len(surface) < _ENOUGH_PX:
         return None
@@ -51,7 +51,7 @@ def _agreed(
     s: NDArray[np.float32], prepared: PreparedFrame, kernels: Kernels, threads: int
 ) -> NDArray[np.bool_]:
     """Where an auxiliary sees what the core sees."""
-    _, _, used = equations(s, prepared, _WINDOW_PX, _MISFIT_VARIANCE, kernels, threads)
+    _, _, used = form_normal_equations(s, prepared, _WINDOW_PX, _MISFIT_VARIANCE, kernels, threads)
     return used > 0
 
 

@@ -11,10 +11,10 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.inverse_depth import displaced_row
-from beltscape.stereo.multiview.frame.windows import windows
-from beltscape.stereo.multiview.initialisation.unmeasured_regions import share_about
-from beltscape.stereo.multiview.optimisation.least_squares import equations
+from beltscape.stereo.multiview.frame.inverse_depth import displaced_projection
+from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.initialisation.unmeasured_regions import local_share
+from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
 _FIT_VARIANCE = 0.05
 """Of normalised levels: a surface that is off by half a pixel still fits."""
@@ -32,7 +32,7 @@ class Prior:
     """(3,) displacement of the material since then, in the core camera's frame."""
 
 
-def moved_nearness(
+def predict_inverse_depth(
     prior: Prior, rig: Rig, prepared: PreparedFrame, unit: float, step: int, kernels: Kernels, threads: int
 ) -> NDArray[np.float32]:
     """(H, W) nearness s on the prepared grid where the moved surface, by and large, fits the images; NaN elsewhere.
@@ -44,10 +44,12 @@ def moved_nearness(
     depth = prior.depth.depth_mm[step // 2 : height * step : step, step // 2 : width * step : step]
     with np.errstate(divide="ignore", invalid="ignore"):
         before = (1 / (depth * unit)).astype(np.float32)
-    view = displaced_row(rig, prior.motion_mm * unit, step)
+    view = displaced_projection(rig, prior.motion_mm * unit, step)
     (buffer,) = kernels.inverse_depth_buffers(before, view[None], [(width, height)], threads=threads)
     s = np.where(buffer > 0, buffer, np.nan).astype(np.float32)
-    _, _, used = equations(s, prepared, windows(width).levels_px, _FIT_VARIANCE, kernels, threads)
+    _, _, used = form_normal_equations(
+        s, prepared, windows_for(width).levels_px, _FIT_VARIANCE, kernels, threads
+    )
     agreed = used >= min(2, len(prepared.images))
     fits = np.where(agreed, s, np.nan).astype(np.float32)
-    return np.where(share_about(agreed) > _MOST, s, fits)
+    return np.where(local_share(agreed) > _MOST, s, fits)

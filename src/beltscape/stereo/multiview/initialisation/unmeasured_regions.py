@@ -16,7 +16,7 @@ _MOST = 0.8
 """Where blocks cover so much, all is swept at once."""
 
 
-def missing_blocks(s: NDArray[np.float32], align: int) -> tuple[list[Block], list[Block]]:
+def find_unmeasured_blocks(s: NDArray[np.float32], align: int) -> tuple[list[Block], list[Block]]:
     """Blocks about the pixels without a surface: strips that have come into view, and holes between what is known.
 
     Strips are whole rows or columns, from an edge on, of which most is missing. Blocks begin at multiples of
@@ -24,7 +24,7 @@ def missing_blocks(s: NDArray[np.float32], align: int) -> tuple[list[Block], lis
     do not count: their neighbours are all there is to fill them with. One strip, of all, where most is missing.
     """
     tile = align * -(-_AROUND_PX // align)
-    missing = share_about(~np.isfinite(s)) > _MISSING
+    missing = local_share(~np.isfinite(s)) > _MISSING
     strips = _strips(missing, tile)
     for strip in strips:
         missing[strip] = False
@@ -34,7 +34,7 @@ def missing_blocks(s: NDArray[np.float32], align: int) -> tuple[list[Block], lis
     return strips, holes
 
 
-def share_about(of: NDArray[np.bool_]) -> NDArray[np.float32]:
+def local_share(of: NDArray[np.bool_]) -> NDArray[np.float32]:
     """(H, W) of the pixels about each; the image's edge goes on as it is, so that strips along it count."""
     window = (_LONE_PX, _LONE_PX)
     return np.asarray(cv2.blur(of.astype(np.float32), window, borderType=cv2.BORDER_REPLICATE), np.float32)

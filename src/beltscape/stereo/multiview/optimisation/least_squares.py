@@ -20,7 +20,7 @@ from beltscape.stereo.multiview.frame.windows import Radii
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Refined:
+class RefinementResult:
     """A refined surface and how well the images determine it."""
 
     surface: Surface
@@ -34,7 +34,7 @@ class Refined:
     """(H, W) of this pixel alone, 1/px²."""
 
 
-def equations(
+def form_normal_equations(
     s: NDArray[np.float32],
     prepared: PreparedFrame,
     levels_px: int,
@@ -57,14 +57,14 @@ def refine(
     levels_px: int,
     kernels: Kernels,
     threads: int,
-) -> Refined:
+) -> RefinementResult:
     """One iteration per tolerance (px): how far a neighbour may lie off the pixel's plane and still count.
 
     ``radii`` are the fit's windows, ``levels_px`` the radius of the one in which levels are normalised.
     """
     fit = used = information = None
     for tolerance in tolerances:
-        information, pull, used = equations(
+        information, pull, used = form_normal_equations(
             surface.s, prepared, levels_px, prepared.noise.model, kernels, threads
         )
         fit = kernels.local_fit(
@@ -74,4 +74,4 @@ def refine(
         surface = Surface(fit.s, fit.slope_u, fit.slope_v)
     if fit is None or used is None or information is None:
         raise ValueError("refine needs at least one tolerance")
-    return Refined(surface, fit.variance, fit.disagreement, used, information)
+    return RefinementResult(surface, fit.variance, fit.disagreement, used, information)

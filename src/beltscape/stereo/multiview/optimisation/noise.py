@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame, cut_view
-from beltscape.stereo.multiview.frame.nan import known
+from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame, crop_projection
+from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.photometry import local_moments
 from beltscape.stereo.multiview.frame.surface import Surface
 
@@ -31,7 +31,7 @@ _SCALE = (1 / 16, 64.0)
 """The residuals do not change the guess by more: the surface may be wrong."""
 
 
-def measured_noise(surface: Surface, prepared: PreparedFrame, kernels: Kernels, threads: int) -> Noise:
+def estimate_noise(surface: Surface, prepared: PreparedFrame, kernels: Kernels, threads: int) -> Noise:
     """The prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
     guess = prepared.noise
     misfits = []
@@ -48,13 +48,13 @@ def _misfits(s: Array, prepared: PreparedFrame, first: int, kernels: Kernels, th
     """Per view, squared residual over its expected variance where the texture of a band is above its median."""
     rows = slice(first, first + _ROWS)
     noise = prepared.noise
-    core = known(prepared.core[rows])
+    core = fill_nan(prepared.core[rows])
     own, own_variance = _normalised(core, noise.floor)
     textured = np.isfinite(prepared.core[rows]) & (own_variance >= np.median(own_variance))
     band = np.ascontiguousarray(s[rows])
     misfits = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
-        value, _ = kernels.warp(band, cut_view(view, 0, first), coefficients, threads=threads)
+        value, _ = kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=threads)
         seen = np.isfinite(value)
         other, variance = _normalised(np.where(seen, value, core).astype(np.float32), noise.floor)
         expected = np.float32(noise.levels) * (1 / own_variance + 1 / variance) + np.float32(noise.model)

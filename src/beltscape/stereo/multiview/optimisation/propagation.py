@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.surface import Surface, steps
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Propagated:
+class PropagationResult:
     """The surface of the chosen candidates, and how clear the choice was."""
 
     surface: Surface
@@ -49,22 +49,22 @@ def propagate(
     kernels: Kernels,
     threads: int,
     turn: int | None = None,
-) -> Propagated:
+) -> PropagationResult:
     """One round: shifted, slope-extrapolated copies of the surface compete where the views see them.
 
     They come from all directions at every distance, or, with a ``turn``, from half of these in alternation.
     """
     buffers = kernels.inverse_depth_buffers(surface.s, prepared.views, prepared.sizes, threads=threads)
-    active = near_steps(surface.s, reach_px=max(1, min(distances_px) // 2))
+    active = mask_near_steps(surface.s, reach_px=max(1, min(distances_px) // 2))
     chosen = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
         offsets=offsets(distances_px, turn), floor=prepared.noise.floor, tolerance=OCCLUDER_PX, active=active,
         threads=threads,
     )  # fmt: skip
-    return Propagated(Surface(chosen.s, chosen.slope_u, chosen.slope_v), chosen.cost, chosen.margin)
+    return PropagationResult(Surface(chosen.s, chosen.slope_u, chosen.slope_v), chosen.cost, chosen.margin)
 
 
-def near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
+def mask_near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
     """(H, W) 1 where a depth step is within reach: elsewhere all candidates are the same surface."""
-    step = steps(known(s)).astype(np.uint8)
+    step = detect_depth_steps(fill_nan(s)).astype(np.uint8)
     return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import known
+from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
 
 Array = NDArray[np.floating]
@@ -39,7 +39,7 @@ _RIDGE = 1e-9
 """Of the fit's moments: a ring cut down to a line still has a quadratic."""
 
 
-class Discs(NamedTuple):
+class FilledDiscs(NamedTuple):
     """Evenly lit discs, continued from their rims."""
 
     surface: Surface
@@ -48,12 +48,14 @@ class Discs(NamedTuple):
     """(H, W) where they are."""
 
 
-def continued_discs(surface: Surface, information: Array, prepared: PreparedFrame, scale: float) -> Discs:
+def fill_textureless_discs(
+    surface: Surface, information: Array, prepared: PreparedFrame, scale: float
+) -> FilledDiscs:
     """The evenly lit discs of a surface whose rims are smooth.
 
     ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
     """
-    discs = _even_patches(known(prepared.core), scale)
+    discs = _even_patches(fill_nan(prepared.core), scale)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
     continued = np.zeros(s.shape, bool)
@@ -75,7 +77,7 @@ def continued_discs(surface: Surface, information: Array, prepared: PreparedFram
             value, du, dv = fit
             s[rows, columns][inside], continued[rows, columns][inside] = value[inside], True
             slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
-    return Discs(Surface(s, slope_u, slope_v), continued)
+    return FilledDiscs(Surface(s, slope_u, slope_v), continued)
 
 
 def _ranked(values: Array, share: float) -> float:

@@ -12,10 +12,10 @@ import numpy as np
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import known
+from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.frame.windows import Windows, window
-from beltscape.stereo.multiview.optimisation.least_squares import equations
+from beltscape.stereo.multiview.frame.windows import Windows, scaled_window
+from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
 _AROUND_PX = 7
 """Window in which what is left is compared with its variance."""
@@ -23,14 +23,14 @@ _MOST_PX = 0.1
 """More than that is no flattening."""
 
 
-def sharpened(
+def apply_twicing(
     surface: Surface, prepared: PreparedFrame, tolerance: float, size: Windows, kernels: Kernels, threads: int
 ) -> Surface:
     """The refined surface with what windows have taken off it; NaN stays.
 
     ``tolerance`` is in px, as that of `beltscape.stereo.multiview.optimisation.least_squares.refine`.
     """
-    information, pull, _ = equations(
+    information, pull, _ = form_normal_equations(
         surface.s, prepared, size.levels_px, prepared.noise.model, kernels, threads
     )
     fit = kernels.local_fit(
@@ -38,9 +38,9 @@ def sharpened(
         flatten=0.0, threads=threads,
     )  # fmt: skip
     left = fit.s - surface.s
-    side = window(_AROUND_PX, size.scale)
-    energy = cv2.blur(np.minimum(known(left) ** 2, _MOST_PX**2), side)
-    noise = cv2.blur(np.minimum(known(fit.variance), _MOST_PX**2), side)
+    side = scaled_window(_AROUND_PX, size.scale)
+    energy = cv2.blur(np.minimum(fill_nan(left) ** 2, _MOST_PX**2), side)
+    noise = cv2.blur(np.minimum(fill_nan(fit.variance), _MOST_PX**2), side)
     share = np.maximum(1 - noise / np.maximum(energy, np.float32(1e-12)), 0)
     return Surface(
         surface.s + share * left,

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame, thinned_view
-from beltscape.stereo.multiview.frame.nan import known
-from beltscape.stereo.multiview.frame.parallel import side_by_side
+from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame, subsample_projection
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 
 Array = NDArray[np.floating]
@@ -35,7 +35,7 @@ _NOISE, _LEVEL, _SLOPE = 3.0, 0.05, 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Brightness:
+class PhotometricGain:
     """What levels are compared by."""
 
     gains: list[NDArray[np.float32]]
@@ -44,7 +44,7 @@ class Brightness:
     """(H, W) levels²."""
 
 
-def brightness(
+def estimate_gain(
     s: Array,
     cost: Array,
     prepared: PreparedFrame,
@@ -52,15 +52,15 @@ def brightness(
     scale: float,
     kernels: Kernels,
     threads: int,
-) -> Brightness:
+) -> PhotometricGain:
     """The auxiliaries' gains and the variance of differences, told by a surface s (H, W) and what fits it."""
-    return Brightness(
-        gains(s, cost, prepared, buffers, scale, kernels, threads),
+    return PhotometricGain(
+        estimate_gain_maps(s, cost, prepared, buffers, scale, kernels, threads),
         difference_variance(prepared.core, prepared.noise),
     )
 
 
-def gains(
+def estimate_gain_maps(
     s: Array,
     cost: Array,
     prepared: PreparedFrame,
@@ -76,15 +76,15 @@ def gains(
     """
     inside = (slice(_EVERY // 2, None, _EVERY), slice(_EVERY // 2, None, _EVERY))
     thin, core = np.ascontiguousarray(s[inside], np.float32), prepared.core[inside]
-    alike = (_ALIKE / (_ALIKE + known(cost[inside], 1.0))) ** 2 * np.isfinite(core)
+    alike = (_ALIKE / (_ALIKE + fill_nan(cost[inside], 1.0))) ** 2 * np.isfinite(core)
     side = 2 * int(_WINDOW * scale / 2) + 1
 
     def one(view: Array, coefficients: Array, buffer: Array) -> NDArray[np.float32]:
-        row = thinned_view(view, _EVERY)
+        row = subsample_projection(view, _EVERY)
         level, _ = kernels.warp(thin, row, coefficients, threads=1)
         seen = kernels.visible(thin, row, buffer, OCCLUDER_PX, threads=1)
         weight = np.where(np.isfinite(level) & (seen > 0), alike, 0)
-        level, own = known(level), known(core)
+        level, own = fill_nan(level), fill_nan(core)
         cross, square = (np.asarray(weight * level * x, np.float32) for x in (own, level))
         total = float(square.sum())
         whole = float(cross.sum()) / total if total > 0 else 1.0
@@ -94,12 +94,12 @@ def gains(
         return np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
     views = zip(prepared.views, prepared.coefficients, buffers, strict=True)
-    return side_by_side([partial(one, *view) for view in views], threads)
+    return run_parallel([partial(one, *view) for view in views], threads)
 
 
 def difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
     """(H, W) variance, levels², of the difference between the core's levels and an auxiliary's of the same point."""
-    level = known(core)
+    level = fill_nan(core)
     across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)
     variance = cv2.accumulateSquare(down, variance)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 from beltscape.kernels.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.pixels import Place
+from beltscape.stereo.multiview.frame.pixels import Pixels
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
-from beltscape.stereo.multiview.selection.gain import Brightness
+from beltscape.stereo.multiview.selection.gain import PhotometricGain
 
 Array = NDArray[np.floating]
 
@@ -22,16 +22,16 @@ _ROUND = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Likeness:
+class PhotoConsistencyModel:
     """What surfaces are compared by."""
 
     prepared: PreparedFrame
-    brightness: Brightness
+    brightness: PhotometricGain
     buffers: Sequence[Array]
     """n of (h, w): how near to each auxiliary what hides others lies."""
     kernels: Kernels
 
-    def of(self, at: Place, s: Array, slope_u: Array, slope_v: Array, threads: int = 1) -> PhotoConsistency:
+    def of(self, at: Pixels, s: Array, slope_u: Array, slope_v: Array, threads: int = 1) -> PhotoConsistency:
         """Of n surfaces (n, N) at each of N pixels."""
         prepared = self.prepared
         return self.kernels.photo_consistency(
@@ -41,7 +41,7 @@ class Likeness:
         )  # fmt: skip
 
 
-def likeness_evidence(like: PhotoConsistency, auxiliaries: int) -> Iterator[tuple[str, Array]]:
+def photo_consistency_features(like: PhotoConsistency, auxiliaries: int) -> Iterator[tuple[str, Array]]:
     """What the levels say of surfaces: differences by their logarithm, and who sees them."""
     for name, plane in zip(PhotoConsistency._fields[:-1], like[:-1], strict=True):
         yield name.replace("_", " "), np.log(plane + np.float32(_ROUND))

@@ -66,3 +66,12 @@ def test_steps_through_the_matcher_name_its_modules():
         for name in re.findall(r"`([\w/]+)`", step):
             parts = [MATCHER, *(path for path in MATCHER.iterdir() if path.is_dir())]
             assert any(has_module(folder, name) for folder in parts), name
+
+
+def test_classes_of_the_glossary_exist():
+    names = {
+        span for _, span in read_spans(page_text("docs/glossary.md")) if re.fullmatch(r"([A-Z][a-z]+)+", span)
+    }
+    code = "\n".join(path.read_text() for path in PACKAGES.rglob("*.py"))
+    assert len(names) > 10
+    assert [name for name in sorted(names) if not re.search(rf"^class {name}\b", code, re.M)] == []

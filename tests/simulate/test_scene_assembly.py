@@ -171,7 +171,7 @@ def test_a_belt_may_run_backwards_or_stand():
 
 @pytest.mark.parametrize("speed", [1e-3, 1e-320])
 def test_a_belt_that_crawls_wants_to_know_how_many_frames(speed):
-    with pytest.raises(InputError, match="say with frames how many"):
+    with pytest.raises(InputError, match="give the number of frames"):
         _ = moving(speed_mm_s=speed).frame_count
     assert SimulatedScene(tiny("belt_moving", frames=3, motion={"speed_mm_s": speed})).frame_count == 3
 

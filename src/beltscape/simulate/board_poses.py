@@ -1,4 +1,4 @@
-"""How a board is held before the cameras."""
+"""Poses of a calibration board in front of the cameras."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from beltscape.target.board import Board, corner_points_mm
 def sample_board_poses(
     spec: BoardSpec, board: Board, station: Station, count: int, seed: int
 ) -> tuple[Pose, ...]:
-    """world_from_board of ``count`` poses, spread over the core's view, over depths and over tilts to all sides.
+    """Return world_from_board of ``count`` poses, spread over the core's view, over depths and over tilts.
 
-    Places and depths follow a Halton-like sequence, tilts the golden angle: a few frames are spread as well as many.
+    Positions and depths follow a Halton-like sequence, tilts the golden angle: few frames are spread as well as many.
     """
     rng = np.random.default_rng([seed, 3])
     corners = corner_points_mm(board)
@@ -28,8 +28,8 @@ def sample_board_poses(
         depth = spec.depth_mm[0] + w * (spec.depth_mm[1] - spec.depth_mm[0])
         pixel = (np.array([u, v]) - 0.5) * spec.reach * np.array(camera.size_px)
         center = np.append(pixel / camera.focal_px, 1.0) * depth
-        around, lean = 2.399963 * i, np.deg2rad(spec.tilt_deg) * np.sqrt((i % 5 + rng.random()) / 5)
-        tilt = Pose.of([lean * np.cos(around), lean * np.sin(around), 0.0], np.zeros(3))
+        azimuth, angle = 2.399963 * i, np.deg2rad(spec.tilt_deg) * np.sqrt((i % 5 + rng.random()) / 5)
+        tilt = Pose.of([angle * np.cos(azimuth), angle * np.sin(azimuth), 0.0], np.zeros(3))
         roll = Pose.of([0.0, 0.0, rng.uniform(-0.6, 0.6) + np.pi / 2 * (i % 4 == 3)], np.zeros(3))
         rotation = tilt.rotation @ roll.rotation
         core_from_board = Pose(rotation, center - rotation @ middle)

@@ -1,4 +1,4 @@
-"""The cameras and the projector of a scenario, as they stand over the belt."""
+"""The cameras and the projector of a scenario at their poses above the belt."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from beltscape.target.speckle.pattern_json import read_pattern
 Array = NDArray[np.float64]
 
 DOWN = np.diag([1.0, -1.0, -1.0])
-"""Rotation of a camera that looks straight down, its rows across the belt."""
-FOCAL, CENTER, PLACE_MM, TURN = 0.004, 0.01, 5.0, np.deg2rad(0.7)
+"""Rotation of a camera that looks vertically down, its rows across the belt."""
+FOCAL_SCATTER, CENTER_SCATTER, POSITION_SCATTER_MM, ROTATION_SCATTER = 0.004, 0.01, 5.0, np.deg2rad(0.7)
 """Standard deviations at a scatter of 1."""
-DISTORTION = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
+DISTORTION_SCATTER = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
 
 
 def make_station(spec: RigSpec) -> Station:
-    """The true rig, and where it stands.
+    """Return the true rig and its pose.
 
     Raises
     ------
     InputError
-        When ``spec.file`` cannot be read.
+        If ``spec.file`` cannot be read.
     """
     core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
     if spec.file is not None:
-        given = read_rig(spec.file)
-        cameras = {name: scale_camera(camera, spec.image_scale) for name, camera in given.cameras.items()}
-        return Station(Rig(given.core, cameras, given.cam_from_core), core_from_world)
+        rig = read_rig(spec.file)
+        cameras = {name: scale_camera(camera, spec.image_scale) for name, camera in rig.cameras.items()}
+        return Station(Rig(rig.core, cameras, rig.cam_from_core), core_from_world)
     rng = np.random.default_rng([spec.seed, 1])
     count = spec.auxiliaries + 1
     cameras = {f"cam{i}": _make_camera(f"cam{i}", spec, rng) for i in range(count)}
     from_world = [
-        _perturb(_aim(place, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng)
-        for place in _camera_positions(spec)
+        _perturb(_aim(position, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng)
+        for position in _camera_positions(spec)
     ]
     core_from_world = from_world[0]
     poses = {f"cam{i}": pose @ core_from_world.inverse() for i, pose in enumerate(from_world)}
@@ -56,12 +56,12 @@ def make_station(spec: RigSpec) -> Station:
 
 
 def make_projector(spec: ProjectorSpec) -> Projector:
-    """The projector with its pattern.
+    """Return the projector with its pattern.
 
     Raises
     ------
     InputError, SettingsError
-        When the pattern cannot be read or made.
+        If the pattern cannot be read or generated.
     """
     pattern = _load_pattern(spec)
     width, height = pattern.size_px
@@ -92,34 +92,34 @@ def _load_pattern(spec: ProjectorSpec) -> Pattern:
 
 def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
     size = np.array(spec.size_px)
-    across = 1000 * spec.focal_mm / spec.pitch_um * (1 + spec.scatter * FOCAL * rng.normal())
-    focal = across * np.array(
-        [1.0, 1 + spec.scatter * FOCAL / 10 * rng.normal()]
-    )  # pixels are all but square
-    center = (size - 1) / 2 + spec.scatter * CENTER * size[0] * rng.normal(size=2)
-    distortion = np.array(spec.distortion) + spec.scatter * DISTORTION * rng.normal(size=5)
+    focal_x = 1000 * spec.focal_mm / spec.pitch_um * (1 + spec.scatter * FOCAL_SCATTER * rng.normal())
+    focal = focal_x * np.array(
+        [1.0, 1 + spec.scatter * FOCAL_SCATTER / 10 * rng.normal()]
+    )  # pixels are nearly square
+    center = (size - 1) / 2 + spec.scatter * CENTER_SCATTER * size[0] * rng.normal(size=2)
+    distortion = np.array(spec.distortion) + spec.scatter * DISTORTION_SCATTER * rng.normal(size=5)
     return scale_camera(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
 
 
 def _camera_positions(spec: RigSpec) -> list[Array]:
-    """(3,) of each camera, the core first."""
+    """Return (3,) positions of the cameras, the core first."""
     angles = np.deg2rad(spec.first_deg) + 2 * np.pi * np.arange(spec.auxiliaries) / spec.auxiliaries
-    around = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
-    return [np.array([0.0, 0.0, spec.height_mm]) + place for place in (np.zeros(3), *around)]
+    offsets = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
+    return [np.array([0.0, 0.0, spec.height_mm]) + offset for offset in (np.zeros(3), *offsets)]
 
 
-def _aim(place: Array, at: Array) -> Pose:
-    """cam_from_world of a camera that looks straight down, turned by the shortest way towards a spot."""
-    down, wanted = np.array([0.0, 0.0, -1.0]), (at - place) / np.linalg.norm(at - place)
-    axis = np.cross(down, wanted)
+def _aim(position: Array, target: Array) -> Pose:
+    """Return cam_from_world of a camera that looks vertically down, rotated by the shortest way towards a point."""
+    down, direction = np.array([0.0, 0.0, -1.0]), (target - position) / np.linalg.norm(target - position)
+    axis = np.cross(down, direction)
     sine = float(np.linalg.norm(axis))
-    turn = axis / sine * np.arctan2(sine, float(down @ wanted)) if sine > 0 else axis
-    rotation = DOWN @ Pose.of(turn, np.zeros(3)).rotation.T
-    return Pose(rotation, -rotation @ place)
+    rotation_vector = axis / sine * np.arctan2(sine, float(down @ direction)) if sine > 0 else axis
+    rotation = DOWN @ Pose.of(rotation_vector, np.zeros(3)).rotation.T
+    return Pose(rotation, -rotation @ position)
 
 
 def _perturb(pose: Pose, scatter: float, rng: np.random.Generator) -> Pose:
-    """Mounted a little off."""
-    turn = Pose.of(scatter * TURN * rng.normal(size=3), np.zeros(3)).rotation
-    center = pose.center_mm + scatter * PLACE_MM * rng.normal(size=3)
-    return Pose(turn @ pose.rotation, -turn @ pose.rotation @ center)
+    """Return the pose with random errors of mounting."""
+    rotation = Pose.of(scatter * ROTATION_SCATTER * rng.normal(size=3), np.zeros(3)).rotation
+    center = pose.center_mm + scatter * POSITION_SCATTER_MM * rng.normal(size=3)
+    return Pose(rotation @ pose.rotation, -rotation @ pose.rotation @ center)

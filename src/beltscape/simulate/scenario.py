@@ -1,4 +1,4 @@
-"""What is to be simulated, as a scene's TOML file says it; the defaults are the paper's laboratory."""
+"""A scenario: the description of a simulated scene in its TOML file; the defaults are the paper's laboratory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KINDS = {
     "belt_loaded": "a heap of rocks on the belt",
     "belt_moving": "the heap passing by, with encoder.csv",
 }
-"""Scenes by kind."""
+"""Description of each kind of scene."""
 
 
 class _Part(BaseModel):
@@ -35,21 +35,21 @@ class _Part(BaseModel):
 
 
 class RigSpec(_Part):
-    """The cameras: the paper's (Table 1), the core straight above the belt and the others around it, or one's own."""
+    """The cameras: those of the paper (Table 1), the core above the belt and the others around it, or a given rig."""
 
     seed: Seed = 1
-    """Of how the lenses turned out and the cameras were mounted: another seed, another plant."""
+    """Seed of the deviations of lenses and mounting: another seed gives another plant."""
     file: Path | None = None
-    """rig.json of the true rig, as planned or calibrated; None: built from the rest."""
+    """rig.json of the true rig, planned or calibrated; None: built from the other keys."""
     height_mm: Length = 744.0
-    """Of the core over the belt's level middle."""
+    """Height of the core above the belt's level middle."""
     auxiliaries: Annotated[int, Field(ge=1, le=16)] = 4
     baseline_mm: Length = 300.0
-    """From the core to each auxiliary, level."""
+    """Horizontal distance from the core to each auxiliary."""
     first_deg: Angle = 0.0
     """Direction of the first auxiliary, from across the belt towards along it."""
     aim_mm: Place = 60.0
-    """Height over the belt of the spot that all look at."""
+    """Height above the belt of the point at which all cameras are aimed."""
     size_px: tuple[Annotated[int, Field(ge=64, le=20_000)], Annotated[int, Field(ge=64, le=20_000)]] = (
         2448,
         2048,
@@ -57,22 +57,23 @@ class RigSpec(_Part):
     pitch_um: Annotated[float, Field(ge=0.5, le=50)] = 3.45
     focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
     scale: Annotated[float, Field(gt=0.02, le=1)] | None = None
-    """Of the images to the sensor: 0.5 averages 2 × 2 pixels. None: 0.5, and 1 where the rig comes from a file."""
+    """Scale of the images to the sensor: 0.5 averages 2 × 2 pixels. None: 0.5, or 1 for a rig from a file."""
     distortion: tuple[Place, Place, Place, Place, Place] = (-0.08, 0.1, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2, k3 on average."""
     scatter: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """How differently lenses turn out and cameras are mounted. 0: as drawn; 1: with standard deviations of 0.4 % of
-    the focal length, 1 % of the width for the principal point, 5 mm and 0.7° of mounting."""
+    """Factor on the deviations of lenses and mounting. 0: nominal; 1: standard deviations of 0.4 % of the focal
+    length, 1 % of the width for the principal point, 5 mm and 0.7° of mounting.
+    """
 
     @model_validator(mode="after")
-    def _looks_down(self) -> RigSpec:
+    def _check_aim(self) -> RigSpec:
         if self.aim_mm >= self.height_mm:
             raise ValueError(f"aim_mm = {self.aim_mm:g}: must be below height_mm = {self.height_mm:g}")
         return self
 
     @property
     def image_scale(self) -> float:
-        """`scale`, told or not."""
+        """Return `scale`, or its default where it is None."""
         return self.scale or (0.5 if self.file is None else 1.0)
 
 
@@ -80,33 +81,33 @@ class ProjectorSpec(_Part):
     """The projector beside the core."""
 
     position_mm: tuple[Place, Place, Place] = (50.0, -50.0, 757.0)
-    """In the world: x across, y along, z over the belt's level middle."""
+    """In the world: x across, y along, z above the belt's level middle."""
     covers_mm: Length = 960.0
-    """Width of its picture on the level middle; it aims at the origin."""
+    """Width of its picture on the level middle; the projector is aimed at the origin."""
     size_px: tuple[Annotated[int, Field(ge=64, le=8192)], Annotated[int, Field(ge=64, le=8192)]] = (
         1920,
         1200,
     )
     pattern: Path | Literal["paper", "fine", "dense"] = "paper"
-    """A preset of ``target pattern``, or its pattern.json."""
+    """A preset of ``target pattern``, or the path of a pattern.json."""
     seed: Seed = 1
-    """Of a preset's dots."""
+    """Seed of a preset's dots."""
     power: Annotated[float, Field(ge=0, le=1e4)] = 10.0
-    """Irradiance of a white pixel on a surface facing it at 1000 mm, in units of the hall's light."""
+    """Irradiance of a white pixel on a surface facing it at 1000 mm, in units of the ambient light."""
     blur_px: Annotated[float, Field(ge=0, le=20)] = 0.7
-    """Of its lens, in its own pixels."""
+    """Blur of its lens, in the projector's pixels."""
     gamma: Annotated[float, Field(ge=1, le=4)] = 2.2
-    """Light follows the pattern's pixel values to this power."""
+    """Light is the pixel value of the pattern to this power."""
 
     @model_validator(mode="after")
-    def _over_the_belt(self) -> ProjectorSpec:
+    def _check_position(self) -> ProjectorSpec:
         if self.position_mm[2] <= 0:
             raise ValueError(f"position_mm = {list(self.position_mm)}: z must be over the belt, above 0")
         return self
 
 
 class ModuleSpec(_Part):
-    """Where the module lies."""
+    """The position of the module."""
 
     file: Path | None = None
     """module.toml; None: the paper's module."""
@@ -117,41 +118,41 @@ class ModuleSpec(_Part):
 
 
 class BoardSpec(_Part):
-    """The board and how it is held; every frame another pose."""
+    """The board and its poses, one for each frame."""
 
     file: Path | None = None
     """board.toml; None: ChArUco 11 × 8, squares of 34 mm."""
     depth_mm: tuple[Length, Length] = (560.0, 760.0)
-    """Of its middle from the core."""
+    """Range of the depth of its centre in the core camera."""
     tilt_deg: Annotated[float, Field(ge=0, le=75)] = 32.0
-    """At most."""
+    """Maximum tilt."""
     reach: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """How far its middle goes towards the edges of the core's view, as a share."""
+    """Maximum displacement of its centre towards the edges of the core's view, as a share."""
 
 
 class MotionSpec(_Part):
-    """The belt's motion; matters for belt_moving."""
+    """The motion of the belt; used by belt_moving."""
 
     speed_mm_s: Annotated[float, Field(ge=-1e5, le=1e5)] = 1000.0
-    """Towards +y; negative: towards −y."""
+    """Towards +y; a negative speed is towards −y."""
     frames_per_s: Annotated[float, Field(gt=0, le=1e5)] = 5.0
     exposure_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
-    """Motion blur of an exposure as long; 0: none, as with a flash."""
+    """Exposure time that blurs the moving load; 0: none, as with a flash."""
     start_mm: Place | None = None
-    """Where the heap's middle is in the first frame; None: it comes into view."""
+    """Position of the heap's centre in the first frame; None: the heap is about to enter the view."""
     encoder_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
-    """What the encoder says over what the belt does."""
+    """The encoder's travel over the belt's travel."""
 
 
 class TofSpec(_Part):
-    """A time-of-flight camera straight above the belt."""
+    """A time-of-flight camera vertically above the belt."""
 
     height_mm: Length = 744.0
     camera: TofSettings = TofSettings()
 
 
 class Faults(_Part):
-    """What goes wrong."""
+    """Faults of the plant."""
 
     dead_projector: bool = False
     dirt: tuple[Dirt, ...] = ()
@@ -165,17 +166,17 @@ class Scenario(_Part):
 
     kind: Literal["calibration", "module", "belt_empty", "belt_loaded", "belt_moving"]
     seed: Seed = 1
-    """Of what differs by chance from capture to capture: noise, heap, how the board is held; not the plant itself."""
+    """Seed of what differs from capture to capture: noise, heap, poses of the board; not of the plant."""
     frames: Annotated[int, Field(ge=1, le=100_000)] | None = None
-    """None: 24 of a calibration, of a moving belt until the heap has passed, else 1."""
+    """None: 24 for a calibration, until the heap has passed for a moving belt, else 1."""
     speckle: bool = True
-    """Whether the projector is on; never in a calibration."""
+    """Whether the projector is on; it is always off in a calibration."""
     colour: bool | None = None
-    """RGB images; None: where the projector is on."""
+    """Whether images are RGB; None: where the projector is on."""
     auto_exposure: bool = True
-    """Expose so that the core's first image is as bright as its range bears; else as ``sensor`` says."""
+    """Whether the exposure makes the core's first image as bright as possible; else ``sensor`` sets it."""
     gain_spread: Annotated[float, Field(ge=0, lt=1)] = 0.05
-    """Brightness differs from camera to camera by up to this share."""
+    """Maximum relative deviation of brightness from camera to camera."""
     ambient: Annotated[float, Field(ge=0, le=1e4)] = 1.0
     rig: RigSpec = RigSpec()
     optics: Optics = Optics()
@@ -191,7 +192,7 @@ class Scenario(_Part):
     render: RenderSettings = RenderSettings()
 
     @model_validator(mode="after")
-    def _in_order(self) -> Scenario:
+    def _check_order(self) -> Scenario:
         if self.board.depth_mm[0] >= self.board.depth_mm[1]:
             raise ValueError(
                 f"board.depth_mm = {list(self.board.depth_mm)}: the first must be the smaller one"
@@ -200,5 +201,5 @@ class Scenario(_Part):
 
     @property
     def is_lit(self) -> bool:
-        """Whether the projector's pattern is on the scene."""
+        """Return whether the projector's pattern is on the scene."""
         return self.speckle and self.kind != "calibration" and not self.faults.dead_projector

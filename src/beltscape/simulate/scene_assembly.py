@@ -1,4 +1,4 @@
-"""A scenario made ready: what stands where in every frame, and the images that the cameras take of it."""
+"""A simulated scene: the objects of a scenario in every frame, and the images that the cameras take of them."""
 
 from __future__ import annotations
 
@@ -28,109 +28,109 @@ from beltscape.target.board import Board, read_board
 from beltscape.target.module import Module, read_module
 
 BOARD_VIEWS = 24
-"""Of a calibration board."""
+"""Default number of views of a calibration board."""
 MAX_FRAMES = 100_000
-"""Frames, as bounded for `Scenario.frames`."""
+"""Maximum number of frames, as for `Scenario.frames`."""
 EXPOSURE_QUANTILE, EXPOSURE_SHARE = 0.998, 0.85
 """Auto exposure puts this quantile of the core's first image at this share of the full well."""
 
 
 @dataclass(frozen=True)
 class SimulatedScene:
-    """All of it is made when first needed, and the same for the same scenario."""
+    """A scenario with its objects, each made on first use; the same scenario gives the same objects."""
 
     scenario: Scenario
 
     @cached_property
     def station(self) -> Station:
-        """The rig as it was calibrated: the truth."""
+        """Return the rig as it was calibrated: the truth."""
         return make_station(self.scenario.rig)
 
     @cached_property
     def current_station(self) -> Station:
-        """The rig as it stands now, knocked cameras knocked."""
-        now = self.station
+        """Return the rig at the time of the capture, with the moved cameras at their new poses."""
+        current = self.station
         if self.scenario.kind != "calibration":
             for fault in self.scenario.faults.moved_camera:
-                now = fault.apply(now)
-        return now
+                current = fault.apply(current)
+        return current
 
     @cached_property
     def projector(self) -> Projector | None:
-        """None where it is off."""
+        """Return the projector; None where it is off."""
         return make_projector(self.scenario.projector) if self.scenario.is_lit else None
 
     @cached_property
     def belt(self) -> tuple[Solid, Solid]:
-        """Belt and floor."""
+        """Return belt and floor."""
         return make_belt_solids(self.scenario.belt)
 
     @cached_property
     def heap(self) -> Heap | None:
-        """Where the scene has one; the same on the still and on the moving belt."""
-        loaded = self.scenario.kind in ("belt_loaded", "belt_moving")
+        """Return the heap of a loaded belt; it is the same on the still and on the moving belt."""
+        has_heap = self.scenario.kind in ("belt_loaded", "belt_moving")
         settings = self.scenario.heap
-        drawn = settings.model_copy(update={"seed": settings.seed + self.scenario.seed})
-        return make_heap(drawn, self.scenario.belt) if loaded else None
+        seeded = settings.model_copy(update={"seed": settings.seed + self.scenario.seed})
+        return make_heap(seeded, self.scenario.belt) if has_heap else None
 
     @cached_property
     def module(self) -> Module | None:
-        """Where the scene has one."""
+        """Return the module of a scene with a module."""
         return read_module(self.module_file) if self.scenario.kind == "module" else None
 
     @property
     def module_file(self) -> Path:
-        """module.toml."""
+        """Return the path of module.toml."""
         return self.scenario.module.file or Path(str(files("beltscape") / "data" / "module.toml"))
 
     @cached_property
     def world_from_module(self) -> Pose | None:
-        """Where the module lies."""
-        lies = self.scenario.module
-        return place_module(self.module, lies.x_mm, lies.y_mm, lies.turn_deg) if self.module else None
+        """Return the pose of the module."""
+        spec = self.scenario.module
+        return place_module(self.module, spec.x_mm, spec.y_mm, spec.turn_deg) if self.module else None
 
     @cached_property
     def board(self) -> Board | None:
-        """Where the scene has one."""
-        given = self.scenario.board.file or Path(str(files("beltscape") / "data" / "board.toml"))
-        return read_board(given) if self.scenario.kind == "calibration" else None
+        """Return the board of a calibration."""
+        file = self.scenario.board.file or Path(str(files("beltscape") / "data" / "board.toml"))
+        return read_board(file) if self.scenario.kind == "calibration" else None
 
     @cached_property
     def world_from_board(self) -> tuple[Pose, ...]:
-        """By frame, and then again from the first; none without a board."""
+        """Return the board's poses by frame; after the last the first follows again. Empty without a board."""
         if self.board is None:
             return ()
         seed = self.scenario.seed
         return sample_board_poses(self.scenario.board, self.board, self.station, self.frame_count, seed)
 
     def frame_name(self, frame: int) -> str:
-        """Of a frame."""
+        """Return the name of a frame."""
         return f"{frame:03d}"
 
     def frame_seed(self, frame: int) -> int:
-        """Of what differs by chance in a frame's light."""
+        """Return the seed of a frame's rendering."""
         return self.scenario.seed * 100_003 + frame
 
     def time_s(self, frame: int) -> float:
-        """When a frame is taken."""
+        """Return the time at which a frame is taken."""
         return frame / self.scenario.motion.frames_per_s
 
     def belt_position_mm(self, frame: int) -> float:
-        """How far the belt has moved, towards +y, since the first frame."""
+        """Return the travel of the belt towards +y since the first frame."""
         return self.scenario.motion.speed_mm_s * self.time_s(frame) if self._moves else 0.0
 
     def heap_position_mm(self, frame: int) -> float:
-        """Where the heap's middle is; once out of view, it comes again."""
+        """Return the position of the heap's centre; once out of view it enters again."""
         if not self._moves:
             return 0.0
         start, far = self.scenario.motion.start_mm, self._far_mm
-        way = 1 if self.scenario.motion.speed_mm_s >= 0 else -1
-        first = -far if start is None else way * start
-        return float(way * ((first + way * self.belt_position_mm(frame) + far) % (2 * far) - far))
+        direction = 1 if self.scenario.motion.speed_mm_s >= 0 else -1
+        first = -far if start is None else direction * start
+        return float(direction * ((first + direction * self.belt_position_mm(frame) + far) % (2 * far) - far))
 
     @cached_property
     def frame_count(self) -> int:
-        """Number of frames of a capture; InputError where the heap takes too many to pass."""
+        """Return the number of frames of a capture; InputError where the heap takes too many to pass."""
         if self.scenario.frames is not None:
             return self.scenario.frames
         if self.scenario.kind == "calibration":
@@ -140,24 +140,24 @@ class SimulatedScene:
             return 1
         if 2 * self._far_mm > MAX_FRAMES * step:
             raise InputError(
-                f"motion.speed_mm_s = {self.scenario.motion.speed_mm_s:g}: the heap takes more than {MAX_FRAMES} frames "
-                "to pass; say with frames how many to take"
+                f"motion.speed_mm_s = {self.scenario.motion.speed_mm_s:g}: the heap takes more than "
+                f"{MAX_FRAMES} frames to pass; give the number of frames with frames"
             )
         return int(np.ceil(2 * self._far_mm / step))
 
     def world_at(self, frame: int) -> World:
-        """What stands where in a frame."""
+        """Return the world at the time of a frame."""
         return World(self._solids_at(frame), self.projector, self.scenario.ambient)
 
     def render_frame(self, frame: int) -> FrameSet:
-        """The images of a frame, without those that a fault keeps back."""
-        there = self.delivering_cameras(frame)
-        light = self._render_light(frame, there)
-        images = {name: self._expose(name, frame, light[name]) for name in there}
+        """Return the images of a frame, without those of cameras that do not deliver it."""
+        cameras = self.delivering_cameras(frame)
+        light = self._render_light(frame, cameras)
+        images = {name: self._expose(name, frame, light[name]) for name in cameras}
         return FrameSet(self.frame_name(frame), images, time_ns=round(self.time_s(frame) * 1e9))
 
     def delivering_cameras(self, frame: int) -> list[str]:
-        """Cameras that deliver a frame."""
+        """Return the cameras that deliver a frame."""
         faults = self.scenario.faults.missing_frames
         return [
             name for name in self.station.rig.cameras if all(fault.delivers(name, frame) for fault in faults)
@@ -169,18 +169,18 @@ class SimulatedScene:
 
     @cached_property
     def _far_mm(self) -> float:
-        """How far off the heap's middle is when its end leaves the core's view of the belt's level middle."""
+        """Return the distance of the heap's centre at which its end leaves the core's view of the level middle."""
         camera = self.station.rig.core_camera
         view = camera.size_px[1] / 2 / camera.focal_px[1] * self.station.core_from_world.center_mm[2]
         return float(max(abs(end) for end in self.scenario.heap.fines.along_mm) + view)
 
     def _solids_at(self, frame: int) -> tuple[Solid, ...]:
-        if self.board is not None:  # calibrated before there is a belt below
+        if self.board is not None:  # the calibration takes place without the belt
             pose = self.world_from_board[frame % self.frame_count]
             return (self.belt[1], make_board_solid(self.board, pose))
         if self.module is not None and self.world_from_module is not None:
-            lies = self.scenario.module
-            return (*self.belt, *make_module_solids(self.module, self.world_from_module, lies.reflectance))
+            spec = self.scenario.module
+            return (*self.belt, *make_module_solids(self.module, self.world_from_module, spec.reflectance))
         if self.heap is not None:
             return (*self.belt, *shift_solids(self.heap.solids, self.heap_position_mm(frame)))
         return self.belt
@@ -201,9 +201,9 @@ class SimulatedScene:
         return light
 
     def _expose(self, name: str, frame: int, light: np.ndarray) -> Image:
-        # not the amplifier's gain: with a smaller one a saturated pixel would not give the largest number
-        seen = self._sensor.electrons_at_1 * self._sensitivity[name]
-        sensor = self._sensor.model_copy(update={"electrons_at_1": seen})
+        # not the amplifier's gain: with a smaller gain a saturated pixel would not reach the largest value
+        electrons = self._sensor.electrons_at_1 * self._sensitivity[name]
+        sensor = self._sensor.model_copy(update={"electrons_at_1": electrons})
         for fault in self.scenario.faults.over_exposure:
             sensor = fault.apply(sensor) if fault.camera == name else sensor
         image = expose(light, sensor, make_noise_seed(self.scenario.seed, name, self.frame_name(frame)))
@@ -216,7 +216,7 @@ class SimulatedScene:
 
     @cached_property
     def _sensor(self) -> Sensor:
-        """As given, its colours and its exposure chosen where that is left to us."""
+        """Return the sensor with colour and exposure chosen where the scenario leaves them open."""
         scenario, sensor = self.scenario, self.scenario.sensor
         colour = scenario.colour if scenario.colour is not None else scenario.is_lit
         if colour and sensor.colour == "grey":
@@ -224,20 +224,20 @@ class SimulatedScene:
         if not scenario.auto_exposure:
             return sensor
         core = self.station.rig.core
-        quick = RenderSettings(oversample=1, passes=1, ambient_samples=1, engine=scenario.render.engine)
+        sampling = RenderSettings(oversample=1, passes=1, ambient_samples=1, engine=scenario.render.engine)
         middle = self._brightest_frame
         light = render(
-            self.world_at(middle), self.station, {core: scenario.optics}, quick, seed=scenario.seed
+            self.world_at(middle), self.station, {core: scenario.optics}, sampling, seed=scenario.seed
         )[core]
-        seen = light.mean(axis=-1) if sensor.colour == "grey" else light
-        full = max(float(np.quantile(seen, EXPOSURE_QUANTILE)), 1e-6)
+        irradiance = light.mean(axis=-1) if sensor.colour == "grey" else light
+        bright = max(float(np.quantile(irradiance, EXPOSURE_QUANTILE)), 1e-6)
         return sensor.model_copy(
-            update={"electrons_at_1": EXPOSURE_SHARE * sensor.full_well_e / full / sensor.gain}
+            update={"electrons_at_1": EXPOSURE_SHARE * sensor.full_well_e / bright / sensor.gain}
         )
 
     @property
     def _brightest_frame(self) -> int:
-        """The first, or the one with the heap nearest to the middle."""
+        """Return the first frame, or on a moving belt the one with the heap nearest to the rig."""
         if not self._moves:
             return 0
         return min(range(min(self.frame_count, 10_000)), key=lambda i: abs(self.heap_position_mm(i)))

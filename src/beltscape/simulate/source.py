@@ -1,4 +1,4 @@
-"""The simulated plant as a camera: frame sets one after the other, as many as one takes."""
+"""The simulated plant as a frame source: frame sets one after another, as many as requested."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from beltscape.simulate.scene_assembly import SimulatedScene
 
 
 class SimulatedSource:
-    """A `FrameSource` of a scenario; endless unless told how many frames.
+    """A `FrameSource` of a scenario; endless unless the number of frames is given.
 
-    On a moving belt the heap comes by again and again, a piece of empty belt in between; a calibration's board is
-    held as in its capture, from the first pose again after the last.
+    On a moving belt the heap passes again and again, with a piece of empty belt in between; a calibration repeats the
+    poses of its board.
     """
 
     def __init__(self, scenario: Scenario, *, frames: int | None = None) -> None:
@@ -24,7 +24,7 @@ class SimulatedSource:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the cameras."""
+        """Return the names of the cameras."""
         return tuple(self.scene.station.rig.cameras)
 
     def __len__(self) -> int:

@@ -21,27 +21,29 @@ class Mesh:
     """(F, 3) vertex indices, counter-clockwise seen from outside."""
 
     def transform(self, to_from_mesh: Pose) -> Mesh:
-        """The same mesh in another frame."""
+        """Return the mesh in another frame."""
         return Mesh(to_from_mesh.apply(self.vertices_mm), self.faces)
 
     @property
     def volume_mm3(self) -> float:
-        """Enclosed volume of a closed mesh, by the divergence theorem: Σ a·(b × c)/6."""
-        # about the middle: far from the origin the products would lose digits
+        """Return the enclosed volume of a closed mesh, by the divergence theorem: Σ a·(b × c)/6."""
+        # relative to the mean vertex: far from the origin the products would lose digits
         a, b, c = np.moveaxis((self.vertices_mm - self.vertices_mm.mean(axis=0))[self.faces], 1, 0)
         return float((a * np.cross(b, c)).sum() / 6)
 
     @property
     def is_closed(self) -> bool:
-        """Whether every edge is passed once in each direction: closed, and oriented the same all over."""
+        """Whether every edge occurs once in each direction: closed, and consistently oriented."""
         edges = np.concatenate([self.faces[:, [i, (i + 1) % 3]] for i in range(3)])
         size = int(self.faces.max()) + 1
-        forth, back = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
-        return np.unique(forth).size == forth.size and bool(np.array_equal(np.sort(forth), np.sort(back)))
+        forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
+        return np.unique(forward).size == forward.size and bool(
+            np.array_equal(np.sort(forward), np.sort(backward))
+        )
 
 
 def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one; vertices and faces keep their order."""
+    """Return several meshes as one; vertices and faces keep their order."""
     starts = np.cumsum([0, *(len(mesh.vertices_mm) for mesh in meshes[:-1])])
     return Mesh(
         np.concatenate([mesh.vertices_mm for mesh in meshes]),
@@ -50,7 +52,7 @@ def join_meshes(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def make_box(size_mm: Sequence[float]) -> Mesh:
-    """Cuboid about the origin in x and y, standing on z = 0."""
+    """Return a cuboid centred on the origin in x and y, standing on z = 0."""
     half_x, half_y, height = size_mm[0] / 2, size_mm[1] / 2, size_mm[2]
     outline = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
     vertices = np.concatenate([np.column_stack([outline, np.full(4, z)]) for z in (0.0, height)])
@@ -59,9 +61,9 @@ def make_box(size_mm: Sequence[float]) -> Mesh:
 
 
 def make_cylinder(radius_mm: float, height_mm: float, tolerance_mm: float = 0.002) -> Mesh:
-    """Upright cylinder about the z axis, standing on z = 0.
+    """Return an upright cylinder about the z axis, standing on z = 0.
 
-    A regular prism of the cylinder's own volume; its side leaves the round one by at most ``tolerance_mm``.
+    It is a regular prism of the exact volume; its side deviates from the round one by at most ``tolerance_mm``.
     """
     count = max(12, int(np.ceil(np.pi / np.arccos(1 - min(tolerance_mm / radius_mm, 0.5)))))
     angle = 2 * np.pi * np.arange(count) / count
@@ -80,9 +82,9 @@ def make_cylinder(radius_mm: float, height_mm: float, tolerance_mm: float = 0.00
 
 
 def make_sphere(radius_mm: float, tolerance_mm: float = 0.002) -> Mesh:
-    """Sphere about the origin: an icosahedron, divided until it leaves the sphere by at most ``tolerance_mm``.
+    """Return a sphere about the origin: an icosahedron subdivided until it deviates by at most ``tolerance_mm``.
 
-    It has the sphere's own volume, so that vertices lie a little outside, the middles of faces a little inside.
+    It has the exact volume, so that vertices lie slightly outside the sphere and centres of faces slightly inside.
     """
     mesh = make_icosahedron()
     while True:
@@ -96,7 +98,7 @@ def make_sphere(radius_mm: float, tolerance_mm: float = 0.002) -> Mesh:
 
 
 def make_icosahedron() -> Mesh:
-    """Regular icosahedron with its vertices on the unit sphere."""
+    """Return a regular icosahedron with its vertices on the unit sphere."""
     golden = (1 + np.sqrt(5)) / 2
     rings = np.array([[0, y, z] for y in (-1.0, 1.0) for z in (-golden, golden)])
     vertices = np.concatenate([np.roll(rings, shift, axis=1) for shift in range(3)])
@@ -115,7 +117,7 @@ def make_icosahedron() -> Mesh:
 
 
 def subdivide(mesh: Mesh) -> Mesh:
-    """Every triangle cut into four at the middles of its edges; the shape stays."""
+    """Split every triangle into four at the middles of its edges; the shape stays the same."""
     edges = np.sort(np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
     unique, index = np.unique(edges, axis=0, return_inverse=True)
     middles = mesh.vertices_mm[unique].mean(axis=1)
@@ -129,14 +131,14 @@ def subdivide(mesh: Mesh) -> Mesh:
 
 
 def extrude(outline_mm: NDArray[np.float64], along_mm: NDArray[np.float64]) -> Mesh:
-    """Closed bar along y: a cross-section of x, z, upper side first from left to right, then the lower back.
+    """Extrude a cross-section of x, z along y into a closed bar.
 
     Parameters
     ----------
     outline_mm
         (2·K, 2) x, z: K points of the upper side from small to large x, then the K below them, backwards.
     along_mm
-        (N,) where along y a section stands, rising.
+        (N,) y of each section, ascending.
     """
     count = len(outline_mm)
     k, n = count // 2, len(along_mm)
@@ -157,12 +159,12 @@ def extrude(outline_mm: NDArray[np.float64], along_mm: NDArray[np.float64]) -> M
 def triangulate_height_field(
     x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], height_mm: NDArray[np.float64]
 ) -> Mesh:
-    """Open surface over a grid, its outside up.
+    """Triangulate a height map into an open surface with its outside up.
 
     Parameters
     ----------
     x_mm, y_mm
-        (Nx,), (Ny,), rising.
+        (Nx,), (Ny,), ascending.
     height_mm
         (Ny, Nx) z at the nodes; each cell is split from its first to its last corner.
     """
@@ -174,5 +176,5 @@ def triangulate_height_field(
 
 
 def _split(quads: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(2·N, 3) triangles of quadrilaterals (N, 4), split from the first to the third corner."""
+    """Return (2·N, 3) triangles of quadrilaterals (N, 4), split from the first to the third corner."""
     return np.stack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)

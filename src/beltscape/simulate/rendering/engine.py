@@ -1,4 +1,4 @@
-"""Mitsuba's engines: `scalar` is always there; `llvm` compiles the scene and needs LLVM 19 or later."""
+"""Mitsuba's engines: `scalar` is always available; `llvm` compiles the scene and needs LLVM 19 or later."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def load_mitsuba(engine: Engine) -> Any:
     Raises
     ------
     SettingsError
-        If LLVM is asked for and is not there.
+        If `llvm` is requested and LLVM is not installed.
     """
     import mitsuba as mi
 
@@ -27,20 +27,20 @@ def load_mitsuba(engine: Engine) -> Any:
 
 
 def resolve_engine(engine: Engine) -> Literal["scalar", "llvm"]:
-    """Return the engine that renders; ``auto`` is `llvm` where it is installed, else `scalar`.
+    """Return the engine that renders; ``auto`` is `llvm` where LLVM is installed, else `scalar`.
 
     Raises
     ------
     SettingsError
-        If LLVM is asked for and is not there.
+        If `llvm` is requested and LLVM is not installed.
     """
     if engine == "scalar":
         return "scalar"
     version = _llvm_version()
     if engine == "llvm" and version < _OLDEST_LLVM:
-        found = f"finds LLVM {version}" if version >= 0 else "finds none"
+        installed = f"finds LLVM {version}" if version >= 0 else "finds none"
         raise SettingsError(
-            f"the engine llvm needs LLVM's shared library, version {_OLDEST_LLVM} or later, and {found}; "
+            f"the engine llvm needs LLVM's shared library, version {_OLDEST_LLVM} or later, and {installed}; "
             "install it, set DRJIT_LIBLLVM_PATH, or choose scalar"
         )
     return "llvm" if version >= _OLDEST_LLVM else "scalar"
@@ -50,9 +50,9 @@ def _llvm_version() -> int:
     """Return the major version of the LLVM that Dr.Jit finds, -1 where it finds none."""
     import drjit
 
-    before = drjit.log_level()
+    previous_level = drjit.log_level()
     drjit.set_log_level(drjit.LogLevel.Disable)  # a missing LLVM is no error here
     try:
         return int(drjit.detail.llvm_version()[0])
     finally:
-        drjit.set_log_level(before)
+        drjit.set_log_level(previous_level)

@@ -1,4 +1,4 @@
-"""A world ready to be looked at, and how its colours, its light and its highlights make one picture."""
+"""A world as Mitsuba scenes: colours, light and highlights are rendered separately and combined into one picture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beltscape.simulate.rendering.view import ViewRenderer
 
 
 class LitScene:
-    """A world as Mitsuba scenes, each built when first needed."""
+    """A world as Mitsuba scenes, each built on first use."""
 
     def __init__(self, mi: Any, world: World, *, texture_filter: str) -> None:
         self._mi, self._world, self._filter = mi, world, texture_filter
@@ -25,26 +25,26 @@ class LitScene:
     def render_paths(
         self, view: ViewRenderer, pinholes: list[Pinhole], bounces: int
     ) -> list[NDArray[np.float32]]:
-        """Each pinhole's picture (h, w, 3) along random paths: with noise."""
+        """Render each pinhole's picture (h, w, 3) by path tracing, with noise."""
         return [view.render_paths(self._real, pinhole, bounces) for pinhole in pinholes]
 
     def render_direct(
         self, view: ViewRenderer, pinholes: list[Pinhole], coarse: Pinhole, ambient_samples: int
     ) -> list[NDArray[np.float32]]:
-        """Each pinhole's picture (h, w, 3) of direct light; the hall's light, which is smooth, at ``coarse``."""
-        hall = _smooth(view.render_ambient(self._white, coarse, ambient_samples))
-        gloss = (
+        """Render each pinhole's picture (h, w, 3) of direct light; ambient light is rendered at ``coarse``."""
+        ambient = _smooth(view.render_ambient(self._white, coarse, ambient_samples))
+        highlights = (
             view.render_ambient(self._highlights, coarse, ambient_samples)[..., :3] if self._glossy else None
         )
         pictures = []
         for pinhole in pinholes:
-            light = _resample(hall, coarse, pinhole)
-            extra = _resample(gloss, coarse, pinhole) if gloss is not None else np.float32(0)
+            irradiance = _resample(ambient, coarse, pinhole)
+            specular = _resample(highlights, coarse, pinhole) if highlights is not None else np.float32(0)
             if self._world.projector is not None:
-                light = light + view.render_projector(self._white, pinhole)
+                irradiance = irradiance + view.render_projector(self._white, pinhole)
                 if self._glossy:
-                    extra = extra + view.render_projector(self._highlights, pinhole)
-            pictures.append(view.render_emission(self._emissive, pinhole) * light + extra)
+                    specular = specular + view.render_projector(self._highlights, pinhole)
+            pictures.append(view.render_emission(self._emissive, pinhole) * irradiance + specular)
         return pictures
 
     @cached_property
@@ -69,16 +69,16 @@ class LitScene:
         return self._mi.load_dict({"type": "scene", **lights, **solids})
 
 
-def _smooth(hall: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w, 4) light and the share of surface in each pixel → (h, w, 3) light on the surface, noise smoothed."""
+def _smooth(ambient: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (h, w, 3) smoothed light on surfaces from (h, w, 4) light and the share of surface in each pixel."""
     import cv2
 
-    smooth = cv2.GaussianBlur(hall, (0, 0), 1.0)
+    smooth = cv2.GaussianBlur(ambient, (0, 0), 1.0)
     return np.asarray(smooth[..., :3] / np.maximum(smooth[..., 3:], np.float32(1e-6)), np.float32)
 
 
 def _resample(picture: NDArray[np.float32], source: Pinhole, target: Pinhole) -> NDArray[np.float32]:
-    """A coarse pinhole's picture on another's pixels, as if all lay in the plane in focus."""
+    """Resample a coarse pinhole's picture onto another's pixels, as if the scene lay in the plane in focus."""
     import cv2
 
     middle = np.zeros(1)

@@ -1,4 +1,7 @@
-"""Light as Mitsuba emitters: the diffuse light of the hall and the projector.
+"""Light as Mitsuba emitters: the diffuse ambient light of the hall and the projector.
+
+A white diffuse surface in the open yields 1 under ambient light of 1, and `Projector.power` at 1000 mm under a
+white pixel.
 
 A white diffuse surface in the open gives 1 under ambient light of 1, and `Projector.power` at 1000 mm under a
 white pixel.
@@ -17,12 +20,12 @@ from beltscape.simulate.geometry.world import Projector, World
 
 
 def make_emitters(mi: Any, world: World) -> dict[str, Any]:
-    """Entries of a scene dictionary."""
+    """Return entries of a scene dictionary."""
     entries: dict[str, Any] = {}
     if world.projector is not None:
         entries["projector"] = _make_projector(mi, world.projector)
-    # Without weight no ray is aimed at the hall's light, only reflected into it: no noise where nothing is in
-    # its way, and every aimed ray is left to the projector. Alone it must have some weight.
+    # Without sampling weight no ray is aimed at the ambient light, only reflected into it: there is no noise where
+    # nothing occludes it, and all aimed rays sample the projector. As the only emitter it needs a weight.
     entries["hall"] = {
         "type": "constant",
         "radiance": float(world.ambient),
@@ -32,7 +35,7 @@ def make_emitters(mi: Any, world: World) -> dict[str, Any]:
 
 
 def device_to_world(mi: Any, device_from_world: Pose) -> Any:
-    """Mitsuba's transform of a camera or projector: its x axis points left and its y axis up, z along the view."""
+    """Return Mitsuba's transform of a camera or projector: x points left, y up, z along the view."""
     matrix = np.eye(4)
     matrix[:3, :3] = device_from_world.rotation.T * [-1.0, -1.0, 1.0]
     matrix[:3, 3] = device_from_world.center_mm
@@ -44,13 +47,13 @@ def _make_projector(mi: Any, projector: Projector) -> dict[str, Any]:
     width, height = camera.size_px
     if np.any(camera.distortion):
         raise InputError(
-            f"projector {camera.name}: its lens is taken to be free of distortion; set it to zero"
+            f"projector {camera.name}: its lens is assumed to be free of distortion; set it to zero"
         )
     if projector.pattern.shape != (height, width, 3):
         raise InputError(
             f"projector {camera.name}: the pattern's shape is {projector.pattern.shape}, not ({height}, {width}, 3)"
         )
-    # One black texel around: outside the frame the nearest texel is repeated.
+    # a border of one black texel, because the nearest texel is repeated outside the frame
     texture = np.pad(np.float32(projector.pattern), ((1, 1), (1, 1), (0, 0)))
     half_width, to_uv = _symmetric_frustum(camera.focal_px, camera.center_px, (width + 2, height + 2))
     return {
@@ -58,7 +61,7 @@ def _make_projector(mi: Any, projector: Projector) -> dict[str, Any]:
         "to_world": device_to_world(mi, projector.projector_from_world),
         "fov": float(np.rad2deg(2 * np.arctan(half_width))),
         "fov_axis": "x",
-        # irradiance at 1 mm, of which Mitsuba takes π times, as radiance takes 1/π of it from a white surface
+        # irradiance at 1 mm; Mitsuba multiplies by π, and a white surface reflects 1/π of it as radiance
         "scale": float(projector.power) * 1000.0**2,
         "irradiance": {
             "type": "bitmap",
@@ -74,7 +77,7 @@ def _make_projector(mi: Any, projector: Projector) -> dict[str, Any]:
 def _symmetric_frustum(
     focal_px: NDArray[np.float64], center_px: NDArray[np.float64], size_px: tuple[int, int]
 ) -> tuple[float, NDArray[np.float64]]:
-    """Half width x/z of the symmetric frustum Mitsuba knows, and (3, 3) its uv → the uv of the bordered pattern."""
+    """Return the half width x/z of Mitsuba's symmetric frustum, and (3, 3) its uv → uv of the bordered pattern."""
     size = np.array(size_px, dtype=np.float64)
     center = center_px + 1.5  # from the outer corner of the border
     reach = np.maximum(center, size - center) / focal_px

@@ -1,5 +1,9 @@
 """Solids as Mitsuba shapes.
 
+Light on a diffuse surface is its colour times the incident light, so the two are rendered separately: the colours as
+emission, which needs no light paths, and the light on white surfaces. Highlights of glossy surfaces are a third
+appearance. Only for light between surfaces are all three combined in the "real" appearance.
+
 Light on a diffuse surface is its colour times what falls on it, so the two are looked at apart: the colours as if
 surfaces shone by themselves, which takes no light paths, and the light on surfaces that are white. Highlights of
 glossy surfaces are a third look. Only where light is to go from surface to surface are they real in one.
@@ -17,13 +21,13 @@ from beltscape.core.errors import InputError
 from beltscape.simulate.geometry.world import Solid
 
 Appearance = Literal["real", "emissive", "white", "highlights"]
-_ROUGHNESS = 0.2  # of the glossy share, Mitsuba's alpha: satin, a highlight some 20° wide
+_ROUGHNESS = 0.2  # Mitsuba's alpha of the glossy share: satin, a highlight about 20° wide
 
 
 def make_shapes(
     mi: Any, solids: Sequence[Solid], appearance: Appearance, *, texture_filter: str
 ) -> dict[str, Any]:
-    """Entries of a scene dictionary. Plain solids of one gloss become one mesh, coloured face by face."""
+    """Return entries of a scene dictionary. Untextured solids of equal gloss become one mesh, coloured by face."""
     plain: dict[float, list[Solid]] = {}
     entries: dict[str, Any] = {}
     for index, solid in enumerate(solids):
@@ -45,7 +49,7 @@ def _check(solid: Solid) -> None:
     if not np.isfinite(solid.vertices_mm).all():
         raise InputError(f"solid {solid.name}: a vertex is not finite")
     if solid.faces.min() < 0 or solid.faces.max() >= len(solid.vertices_mm):
-        raise InputError(f"solid {solid.name}: a face names a vertex that is not there")
+        raise InputError(f"solid {solid.name}: a face refers to a vertex that does not exist")
 
 
 def _make_plain_mesh(mi: Any, group: list[Solid], appearance: Appearance, gloss: float) -> Any:
@@ -76,7 +80,7 @@ def _make_textured_mesh(mi: Any, solid: Solid, appearance: Appearance, texture_f
 
 
 def _surface_parts(appearance: Appearance, colours: dict[str, Any], gloss: float) -> dict[str, Any]:
-    """Parts of a shape. Surfaces have two sides, as open meshes are lit from below too; shining ones have one."""
+    """Return the parts of a shape. Surfaces are two-sided (open meshes are lit from below too); emissive ones not."""
     if appearance == "emissive":
         return {"emitter": {"type": "area", "radiance": colours}}
     if appearance == "white":

@@ -1,4 +1,4 @@
-"""A moving belt: what stands at other places while the shutter is open."""
+"""A moving belt: the world at the instants of an exposure, and the image averaged over them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings, render
 
 _STEP_PX = 0.3
+"""Largest motion from instant to instant, px."""
 
 
 def shift_labelled(world: World, along_mm: float, labels: Collection[int] = (Label.MATERIAL,)) -> World:
-    """The world with its solids of these labels moved along the belt; the projector stays."""
+    """Return the world with its solids of these labels shifted along the belt; the projector stays."""
     carried = tuple(solid.shift(along_mm) if solid.label in labels else solid for solid in world.solids)
     return replace(world, solids=carried)
 
@@ -25,7 +26,7 @@ def shift_labelled(world: World, along_mm: float, labels: Collection[int] = (Lab
 def sample_exposure(
     world: World, station: Station, travel_mm: float, labels: Collection[int] = (Label.MATERIAL,)
 ) -> list[World]:
-    """The world at as many instants of an exposure as keep each step on the belt below 0.3 px.
+    """Return the world at the instants of an exposure, as many as keep each step on the belt below 0.3 px.
 
     ``world`` is the middle of the exposure, in which the belt travels ``travel_mm``.
     """
@@ -45,10 +46,10 @@ def render_exposure(
     *,
     seed: int = 0,
 ) -> dict[str, NDArray[np.float32]]:
-    """Mean light of several instants, as `render` gives it for one.
+    """Return the mean light of several instants, in the form of `render`.
 
-    The settings' samples are shared out among the instants, so that an exposure costs little more light paths than
-    a still.
+    The settings' samples are divided among the instants, so that an exposure needs hardly more light paths than a
+    still image.
     """
     settings = settings or RenderSettings()
     shared = _split_samples(settings, len(worlds))
@@ -62,7 +63,7 @@ def render_exposure(
 
 
 def _split_samples(settings: RenderSettings, count: int) -> RenderSettings:
-    """What each of so many instants takes, to come to the settings' samples together."""
+    """Return the settings of each of ``count`` instants, which together have the settings' samples."""
     samples = settings.passes * settings.oversample**2 / count
     oversample = settings.oversample if samples >= settings.oversample**2 else 1
     return settings.model_copy(

@@ -1,5 +1,8 @@
 """A camera's lens: from pictures of ideal pinholes to the light on each pixel of the real camera.
 
+Distortion is exact: every pixel has its own grid of sub-samples, each undistorted to its position in the pinholes'
+fine pictures and weighted by the lens's blur and the pixel's area.
+
 Distortion is exact: every pixel gathers its own grid of sub-samples, each undistorted to where the pinholes' fine
 pictures have it; the lens's blur and the pixel's own area weigh them.
 """
@@ -17,25 +20,25 @@ from beltscape.core.camera import Camera
 from beltscape.simulate.rendering.pinhole import Pinhole, make_pinholes
 
 _NODE_PX = 8.0
-_BAND_ROWS = 128  # of pixels developed at once, which bounds the memory
+_BAND_ROWS = 128  # rows of pixels integrated at once, which bounds the memory
 
 
 class Optics(BaseModel):
-    """What a lens does besides its distortion."""
+    """Properties of a lens besides its distortion."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     psf_sigma_px: Annotated[float, Field(ge=0, le=5)] = 0.6
-    """Gaussian blur of the lens in focus; the pixel's own area comes on top."""
+    """Gaussian blur of the lens in focus; the pixel's area adds to it."""
     aperture_mm: Annotated[float, Field(ge=0, le=50)] = 0.0
     """Diameter of the entrance pupil (focal length over f-number); 0: everything is in focus."""
     focus_mm: Annotated[float, Field(gt=0, le=1e5)] = 750.0
-    """Depth of the plane in focus; matters only with an aperture."""
+    """Depth of the plane in focus; it matters only with an aperture."""
     falloff: Annotated[float, Field(ge=0, le=8)] = 0.0
-    """Vignetting as this power of the cosine of the field angle; 4 is a simple lens."""
+    """Vignetting, as this power of the cosine of the field angle; 4 is a simple lens."""
 
 
 class Lens:
-    """One camera's lens, made ready for any number of pictures.
+    """One camera's lens, prepared for any number of pictures.
 
     Parameters
     ----------
@@ -54,17 +57,17 @@ class Lens:
         self._reach = self._margin + 0.5
 
     def make_pinholes(self, count: int) -> list[Pinhole]:
-        """What to render, to be averaged by `integrate_pixels`; InputError where distortion folds inside the image."""
+        """Return the pinholes for `integrate_pixels`; InputError where distortion folds inside the image."""
         return self._make_pinholes(count, self.oversample, self.optics.aperture_mm)
 
     def make_coarse_pinhole(self) -> Pinhole:
-        """A pinhole of the camera's own resolution, covering what the others cover."""
+        """Return a pinhole of the camera's own resolution that covers the same view as the others."""
         return self._make_pinholes(1, 1, 0.0)[0]
 
     def integrate_pixels(
         self, pinholes: list[Pinhole], pictures: list[NDArray[np.float32]]
     ) -> NDArray[np.float32]:
-        """The pinholes' pictures (h, w, 3) → light on the camera's pixels, (H, W, 3) float32."""
+        """Return the light on the camera's pixels, (H, W, 3) float32, from the pinholes' pictures (h, w, 3)."""
         import cv2
 
         bands = []
@@ -86,9 +89,9 @@ class Lens:
         return make_pinholes(self.camera, oversample, count, self._reach, aperture_mm, self.optics.focus_mm)
 
     def _ideal_bands(self) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-        """First row of a band of pixels, and x/z and y/z of all its sub-samples, margin included.
+        """Yield for each band of pixels its first row, and x/z and y/z of all its sub-samples, margin included.
 
-        A quintic spline through exactly undistorted nodes; it is good to 1e-9 px.
+        A quintic spline interpolates exactly undistorted nodes; it is accurate to 1e-9 px.
         """
         from scipy.interpolate import RectBivariateSpline
 
@@ -103,12 +106,12 @@ class Lens:
             yield first, splines[0](rows, columns), splines[1](rows, columns)
 
     def _sub_pixels(self, first: int, end: int) -> NDArray[np.float64]:
-        """Centres of the sub-pixels of pixels first … end - 1 and of the margin on both sides."""
+        """Return the centres of the sub-pixels of pixels first … end - 1 and of the margin on both sides."""
         n, margin = self.oversample, self._margin
         return first - margin - 0.5 + (np.arange((end - first + 2 * margin) * n) + 0.5) / n
 
     def _integrate_band(self, light: NDArray[np.float32], first: int) -> NDArray[np.float32]:
-        """Light on sub-samples of a band → on its pixels."""
+        """Return the light on the pixels of a band from the light on its sub-samples."""
         import cv2
 
         n, kernel = self.oversample, self._kernel
@@ -125,10 +128,10 @@ class Lens:
 
 
 def _kernel(sigma_px: float, n: int) -> NDArray[np.float64]:
-    """Weights of sub-samples about a pixel's centre: the pixel's area blurred by the lens.
+    """Return the weights of sub-samples about a pixel's centre: the pixel's area blurred by the lens.
 
-    Interpolation between the pinholes' pixels blurs by a variance of 1/6 of a sub-pixel squared already; the
-    Gaussian has only the rest to do.
+    Interpolation between the pinholes' pixels already blurs by a variance of 1/6 of a sub-pixel squared; the Gaussian
+    adds only the remainder.
     """
     from scipy.special import ndtr
 

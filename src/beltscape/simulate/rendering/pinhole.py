@@ -1,4 +1,4 @@
-"""The ideal pinholes that are rendered for one camera: finer than its pixels, and covering all that it sees."""
+"""The ideal pinholes that are rendered for one camera: finer than its pixels, covering its whole image."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from beltscape.core.errors import InputError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pinhole:
-    """A pinhole without distortion on the axis of a camera."""
+    """A pinhole without distortion on the optical axis of a camera."""
 
     focal_px: float
     film_px: tuple[int, int]
     """(width, height) of the film, centred on the axis."""
     crop_px: tuple[int, int, int, int]
-    """Left, top, width, height of the rendered part."""
+    """Left, top, width, height of the rendered part of the film."""
     shift_px: tuple[float, float] = (0.0, 0.0)
-    """By how much the axis lies to the right of and below the film's centre."""
+    """Offset of the axis to the right of and below the film's centre."""
     lens_mm: tuple[float, float] = (0.0, 0.0)
-    """Where in the lens the hole is: x, y in the camera's frame."""
+    """Position of the hole in the lens: x, y in the camera frame."""
     focus_mm: float = 1.0
-    """Depth at which all holes of the lens agree."""
+    """Depth at which the images of all holes of the lens coincide."""
 
     @property
     def fov_deg(self) -> float:
-        """Full angle across the film's width."""
+        """Return the full angle across the film's width."""
         return float(np.rad2deg(2 * np.arctan(self.film_px[0] / 2 / self.focal_px)))
 
     def project(
         self, x: NDArray[np.float64], y: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x/z and y/z through the lens's centre → columns and rows of the rendered part, 0 at pixel centres."""
+        """Return columns and rows (0 at the first pixel centre) for x/z and y/z through the lens's centre."""
         columns, rows = (
             (ideal - lens / self.focus_mm) * self.focal_px + film / 2 - 0.5 - crop + shift
             for ideal, lens, film, crop, shift in zip(
@@ -49,19 +49,19 @@ class Pinhole:
 def make_pinholes(
     camera: Camera, oversample: int, count: int, margin_px: float, aperture_mm: float, focus_mm: float
 ) -> list[Pinhole]:
-    """``count`` pinholes whose pixel centres interleave, spread over the lens's aperture.
+    """Return ``count`` pinholes whose pixel centres interleave, spread over the lens's aperture.
 
     Parameters
     ----------
     oversample
-        Their pixels per pixel of the camera, on its axis.
+        Pixels of a pinhole per pixel of the camera, on its axis.
     margin_px
-        How far they reach beyond the camera's image.
+        Margin beyond the camera's image.
 
     Raises
     ------
     InputError
-        If the camera's distortion cannot be undone within the image and its margin.
+        If the camera's distortion cannot be inverted within the image and its margin.
     """
     focal = oversample * float(camera.focal_px.mean())
     border = _undistort_border(camera, margin_px)
@@ -80,10 +80,10 @@ def make_pinholes(
 
 
 def _interleaved_offsets(count: int) -> list[tuple[float, float]]:
-    """Offsets within ±0.5: a lattice, so that edges of any direction are met at evenly spaced places.
+    """Return offsets within ±0.5 on a lattice, so that edges of any direction are sampled at even distances.
 
-    The rank-1 lattice whose generator is next to the golden section; Fibonacci numbers are best. In the order that
-    spreads neighbours in the list as well: motion takes one after the other.
+    It is the rank-1 lattice whose generator is nearest to the golden section; Fibonacci numbers are best. The order
+    also spreads consecutive offsets, because a moving scene takes them one after another.
     """
     coprime = [step for step in range(1, count + 1) if gcd(step, count) == 1]
     step = min(coprime, key=lambda s: abs(s - count * 0.618034))
@@ -94,13 +94,13 @@ def _interleaved_offsets(count: int) -> list[tuple[float, float]]:
 
 
 def _min_squared_distance(count: int, generator: tuple[int, ...]) -> float:
-    """Smallest distance between points of the periodic lattice of multiples of a generator."""
+    """Return the smallest squared distance between points of the periodic lattice of multiples of a generator."""
     points = np.outer(np.arange(1, count), generator) % count
     return float((np.minimum(points, count - points) ** 2).sum(axis=1).min(initial=count**2))
 
 
 def _spread_over_disc(count: int, aperture_mm: float) -> list[tuple[float, float]]:
-    """Points evenly over a disc (Vogel's spiral)."""
+    """Return points spread evenly over a disc (Vogel's spiral)."""
     k = np.arange(count)
     radius, angle = aperture_mm / 2 * np.sqrt((k + 0.5) / count), k * np.pi * (3 - np.sqrt(5))
     points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
@@ -109,7 +109,7 @@ def _spread_over_disc(count: int, aperture_mm: float) -> list[tuple[float, float
 
 
 def _undistort_border(camera: Camera, margin_px: float) -> NDArray[np.float64]:
-    """(N, 2) x/z, y/z along the border of the image and its margin."""
+    """Return (N, 2) x/z, y/z along the border of the image and its margin."""
     width, height = camera.size_px
     u, v = np.arange(-margin_px, width + margin_px), np.arange(-margin_px, height + margin_px)
     sides = [np.column_stack([u, np.full_like(u, at)]) for at in (v[0], v[-1])]

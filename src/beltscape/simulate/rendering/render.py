@@ -1,4 +1,4 @@
-"""A world as its cameras see it: the light on every pixel, before any sensor."""
+"""Rendering of a world for its cameras: the light on every pixel, before any sensor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from beltscape.simulate.rendering.view import ViewRenderer
 
 
 class RenderSettings(BaseModel):
-    """How carefully is rendered."""
+    """Sampling of the rendering."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     oversample: Annotated[int, Field(ge=1, le=8)] = 2
@@ -27,14 +27,15 @@ class RenderSettings(BaseModel):
     passes: Annotated[int, Field(ge=1, le=256)] = 3
     """Interleaved sets of such sub-samples; Fibonacci numbers (2, 3, 5, 8, 13) interleave best."""
     ambient_samples: Annotated[int, Field(ge=1, le=256)] = 4
-    """Rays per pixel that find out how much of the hall's light arrives; rounded up to a square."""
+    """Rays per pixel that sample the ambient light; rounded up to a square."""
     bounces: Annotated[int, Field(ge=0, le=8)] = 0
-    """How often light may go from surface to surface before it reaches a camera: 0 is direct light only, without
-    noise in the projector's light; more is sampled at random and wants many passes."""
+    """Maximum number of reflections from surface to surface before the light reaches a camera. 0 is direct light
+    only, without noise in the projector's light; more are sampled at random and need many passes.
+    """
     texture_filter: Literal["nearest", "bilinear"] = "nearest"
-    """Of solids' textures: sharp texels, or blended ones."""
+    """Filter of solids' textures: sharp texels, or interpolated ones."""
     engine: Engine = "scalar"
-    """The same scene gives the same bytes on every machine by one engine; `auto` takes what a machine has."""
+    """One engine gives the same bytes for the same scene on every machine; `auto` chooses by the machine."""
 
 
 def render(
@@ -46,31 +47,29 @@ def render(
     seed: int = 0,
     share: tuple[int, int] = (0, 1),
 ) -> dict[str, NDArray[np.float32]]:
-    """Light per camera, (H, W, 3) float32 linear RGB; 1 is a white surface under ambient light of 1.
+    """Return the light per camera, (H, W, 3) float32 linear RGB; 1 is a white surface under ambient light of 1.
 
     Parameters
     ----------
     world
-        What is seen, and the light.
+        The solids and the light.
     station
         The cameras.
     optics
-        By camera name; a camera that is not named is not rendered.
+        By camera name; a camera without optics is not rendered.
     settings
-        How carefully.
+        The sampling.
     seed
-        Of the light paths: take another for every frame. The result is the same for any number of threads.
-
+        Of the light paths: each frame needs its own. The result is the same for any number of threads.
     share
-        (index, count): of so many pictures that will be averaged this is that one, so that their sub-samples
-        interleave.
+        (index, count): this is picture ``index`` of ``count`` that are averaged; their sub-samples interleave.
 
     Raises
     ------
     InputError
         If a solid, the projector or a camera cannot be rendered.
     SettingsError
-        If the engine is not there.
+        If the engine is not installed.
     """
     settings = settings or RenderSettings()
     for name in optics:
@@ -81,8 +80,8 @@ def render(
     mi = load_mitsuba(settings.engine)
     scene = LitScene(mi, world, texture_filter=settings.texture_filter)
     images = {}
-    for name, its_optics in optics.items():
-        lens = Lens(station.rig.cameras[name], its_optics, settings.oversample)
+    for name, camera_optics in optics.items():
+        lens = Lens(station.rig.cameras[name], camera_optics, settings.oversample)
         seeds = np.random.default_rng([seed, crc32(name.encode())])
         view = ViewRenderer(mi, station.cam_from_world(name), seeds)
         index, count = share

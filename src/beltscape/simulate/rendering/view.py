@@ -1,4 +1,4 @@
-"""What a pinhole sees of a Mitsuba scene."""
+"""Rendering of Mitsuba scenes from the pose of one camera."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.core.pose import Pose
 from beltscape.simulate.rendering.mitsuba_light import device_to_world
 from beltscape.simulate.rendering.pinhole import Pinhole
 
-# a fixed block, because Mitsuba seeds each block and would fit its size to the number of threads
+# a fixed block size: Mitsuba seeds each block and would otherwise choose the size by the number of threads
 _FIXED_BLOCKS = {"hide_emitters": True, "block_size": 32}
 _EMISSION = {"type": "path", "max_depth": 1, "block_size": 32}
 _PROJECTOR = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, **_FIXED_BLOCKS}
@@ -22,31 +22,31 @@ _ONE_RANDOM = {"type": "independent", "sample_count": 1}
 
 
 class ViewRenderer:
-    """A place from which scenes are looked at.
+    """Renders scenes from the pose of one camera.
 
-    A picture is (h, w, 3) float32 linear RGB. Where each pixel takes one sample no order of adding matters.
+    A picture is (h, w, 3) float32 linear RGB. With one sample per pixel the order of summation does not matter.
     """
 
     def __init__(self, mi: Any, cam_from_world: Pose, seeds: np.random.Generator) -> None:
         self._mi, self._pose, self._seeds = mi, cam_from_world, seeds
 
     def render_emission(self, scene: Any, pinhole: Pinhole) -> NDArray[np.float32]:
-        """What shines by itself, in the very centre of each pixel: without noise."""
+        """Render emitted light at the exact centre of each pixel, without noise."""
         return self._render(scene, pinhole, _EMISSION, _PIXEL_CENTRE)
 
     def render_projector(self, scene: Any, pinhole: Pinhole) -> NDArray[np.float32]:
-        """The projector's light that comes back at once, in the very centre of each pixel: without noise."""
+        """Render the projector's light reflected once, at the exact centre of each pixel, without noise."""
         return self._render(scene, pinhole, _PROJECTOR, _PIXEL_CENTRE)
 
     def render_ambient(self, scene: Any, pinhole: Pinhole, samples: int) -> NDArray[np.float32]:
-        """The hall's light that comes back at once, from so many rays per pixel.
+        """Render the ambient light reflected once, from ``samples`` rays per pixel.
 
-        (h, w, 4), the last being the share of the pixel where there is a surface.
+        (h, w, 4); the last channel is the share of the pixel that shows a surface.
         """
         return self._render(scene, pinhole, _AMBIENT, _multijitter(samples), alpha=True)
 
     def render_paths(self, scene: Any, pinhole: Pinhole, bounces: int) -> NDArray[np.float32]:
-        """All light, along random paths."""
+        """Render all light by random paths."""
         path = {"type": "path", "max_depth": bounces + 2, "rr_depth": 1000, **_FIXED_BLOCKS}
         return self._render(scene, pinhole, path, _ONE_RANDOM)
 

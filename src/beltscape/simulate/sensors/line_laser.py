@@ -1,15 +1,15 @@
 """A line laser and the core camera over a moving belt: the image of the line, profile by profile.
 
-Rays fill the laser's fan, along the line and over its thickness. Where one meets the scene first is lit; where the
-camera sees that place, unhidden, it lands in the image through the lens's distortion and blur, as bright as surface
-and angle make it. Photon and read noise come from the camera's sensor; the hall's light is taken to be filtered out.
+Rays fill the laser's fan, along the line and over its thickness. The first surface point on each ray is lit; where
+the camera sees that point, it is projected through the lens's distortion and blur, as bright as surface and angle
+make it. Photon and read noise come from the camera's sensor; ambient light is assumed to be filtered out.
 
-Laser light on a rough surface is coherent: speckle moves the line's middle by a standard deviation of
+Laser light on a rough surface is coherent: speckle shifts the line's centre by a standard deviation of
 
     δx = C · λ / (2π · sin u),
 
-C the contrast of the speckle, λ the wavelength, sin u the lens's aperture as the surface sees it (Dorsch, Häusler &
-Herrmann, Applied Optics 33(7), 1994, 1306-1314, doi:10.1364/AO.33.001306); it is drawn anew for each column.
+C the contrast of the speckle, λ the wavelength, sin u the lens's aperture seen from the surface (Dorsch, Häusler &
+Herrmann, Applied Optics 33(7), 1994, 1306-1314, doi:10.1364/AO.33.001306); it is drawn independently per column.
 """
 
 from __future__ import annotations
@@ -37,42 +37,42 @@ Array = NDArray[np.float64]
 Length = Annotated[float, Field(gt=0, le=1e5)]
 
 _BLUR_PX = 3
-"""Pixels on each side to which the lens spreads a point."""
+"""Radius of the square of pixels over which the lens spreads a point."""
 _EXPOSED_ON = 9
-"""Profiles from which the exposure is chosen."""
+"""Number of profiles from which the exposure is chosen."""
 _BRIGHT = 0.98
-"""Quantile of their columns' brightest pixels that just fits."""
+"""Quantile of these columns' brightest pixels that the exposure places just below saturation."""
 
 
 class LaserSettings(BaseModel):
-    """The laser, and how the camera sees it."""
+    """The laser and its image in the camera."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     offset_mm: Length = 300.0
-    """Of the laser from the core along the belt, as high as it: the baseline. The line lies below the core."""
+    """Distance of the laser from the core along the belt, at the core's height: the baseline."""
     fan_deg: Annotated[float, Field(gt=1, lt=150)] = 75.0
     thickness_mm: Annotated[float, Field(ge=0, le=20)] = 1.0
-    """Of the line at 1/e² of its brightness, on the belt."""
+    """Thickness of the line on the belt, at 1/e² of its brightness."""
     step_mm: Length = 1.0
-    """Belt from profile to profile: 1000 profiles a second at 1 m/s."""
+    """Belt travel from profile to profile: 1000 profiles a second at 1 m/s."""
     wavelength_nm: Annotated[float, Field(gt=100, le=3000)] = 660.0
     aperture_mm: Length = 2.0
-    """Of the camera's lens: 8 mm at f/4."""
+    """Aperture of the camera's lens: 8 mm at f/4."""
     speckle_contrast: Annotated[float, Field(ge=0, le=1)] = 0.5
     rays_per_px: Annotated[int, Field(ge=1, le=16)] = 2
-    """Along the line."""
+    """Rays per pixel along the line."""
     sheets: Annotated[int, Field(ge=1, le=15)] = 5
-    """Over its thickness."""
+    """Rays over the thickness of the line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laser:
-    """A plane of light in the world while the belt's position is 0; it goes through a line across the belt."""
+    """A plane of light in the world at belt position 0; it contains a line across the belt."""
 
     eye_mm: Array
-    """(3,) where it comes from."""
+    """(3,) position of the laser."""
     normal: Array
-    """(3,) of the plane."""
+    """(3,) normal of the plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,16 +80,16 @@ class LineImage:
     """One image of the line."""
 
     along_mm: float
-    """Belt position: the scene's world y at which the sensor's own y = 0 stands."""
+    """Belt position: the scene's world y at the sensor's own y = 0."""
     first_row: int
     image: NDArray[np.uint8]
-    """(h, W) rows first_row … of the camera's image: its region of interest."""
+    """(h, W) rows first_row … of the camera's image: the region of interest."""
     drift_px: Array
-    """(W,) what speckle adds to the line's middle, px; known to nobody but the simulator."""
+    """(W,) shift of the line's centre by speckle, px; the simulator's truth."""
 
 
 def make_laser(settings: LaserSettings, height_mm: float) -> Laser:
-    """A laser as high as the core, its plane through the x axis of the belt's level middle."""
+    """Return a laser at the core's height, its plane through the x axis of the belt's level middle."""
     eye = np.array([0.0, settings.offset_mm, height_mm])
     normal = np.cross([1.0, 0.0, 0.0], eye)
     return Laser(eye, normal / np.linalg.norm(normal))
@@ -106,16 +106,16 @@ def render_line_images(
     blur_px: float,
     seed: int = 0,
 ) -> Iterator[LineImage]:
-    """The images that the core camera takes while the belt carries the scene past it, every ``step_mm``.
+    """Yield the images of the core camera while the belt carries the scene past it, every ``step_mm``.
 
     Raises
     ------
     InputError
-        When the camera sees nothing of the line.
+        If the line is not in the camera's image.
     """
     scanner = _Scanner(world, station, laser, settings, blur_px)
-    places = positions_mm(along_mm, settings.step_mm)
-    probes = [scanner.light(float(y)) for y in places[:: max(1, len(places) // _EXPOSED_ON)]]
+    positions = positions_mm(along_mm, settings.step_mm)
+    probes = [scanner.light(float(y)) for y in positions[:: max(1, len(positions) // _EXPOSED_ON)]]
     peaks = np.concatenate([light.max(axis=0) for light in probes])
     peaks = peaks[peaks > 0]
     if not peaks.size:
@@ -123,26 +123,26 @@ def render_line_images(
     electrons = EXPOSURE_SHARE * sensor.full_well_e / float(np.quantile(peaks, _BRIGHT)) / sensor.gain
     exposed = sensor.model_copy(update={"colour": "grey", "bits": 8, "electrons_at_1": electrons})
     rows = np.flatnonzero(np.max([light.max(axis=1) for light in probes], axis=0) > 0)
-    spare = 4 * _BLUR_PX + scanner.camera.size_px[1] // 50
-    first, last = max(0, rows[0] - spare), min(scanner.camera.size_px[1], rows[-1] + 1 + spare)
+    margin = 4 * _BLUR_PX + scanner.camera.size_px[1] // 50
+    first, last = max(0, rows[0] - margin), min(scanner.camera.size_px[1], rows[-1] + 1 + margin)
     rng = np.random.default_rng([seed, 1])
-    drift = speckle_sigma_px(settings, scanner.camera, float(station.core_from_world.center_mm[2]))
-    for index, y in enumerate(places):
+    speckle_sigma = speckle_sigma_px(settings, scanner.camera, float(station.core_from_world.center_mm[2]))
+    for index, y in enumerate(positions):
         light = scanner.light(float(y))[first:last].astype(np.float32)
         image = expose(light[..., None], exposed, [seed, 2, index])
-        wander = rng.normal(scale=drift, size=scanner.camera.size_px[0])
-        yield LineImage(float(y), int(first), image.astype(np.uint8), wander)
+        shift = rng.normal(scale=speckle_sigma, size=scanner.camera.size_px[0])
+        yield LineImage(float(y), int(first), image.astype(np.uint8), shift)
 
 
 def speckle_sigma_px(settings: LaserSettings, camera: Camera, distance_mm: float) -> float:
-    """Standard deviation of the line's middle by speckle, px of the image."""
+    """Return the standard deviation of the line's centre by speckle, px of the image."""
     sine = settings.aperture_mm / 2 / distance_mm
     on_surface = settings.speckle_contrast * settings.wavelength_nm * 1e-6 / (2 * np.pi * sine)
     return float(on_surface * camera.focal_px[1] / distance_mm)
 
 
 class _Scanner:
-    """What stays the same from profile to profile."""
+    """The parts of a scan that do not change from profile to profile."""
 
     def __init__(
         self, world: World, station: Station, laser: Laser, settings: LaserSettings, blur_px: float
@@ -153,34 +153,41 @@ class _Scanner:
         self._directions, self._power = _make_fan(laser, settings, self.camera.size_px[0])
 
     def light(self, along_mm: float) -> Array:
-        """(H, W) light of the line, in units of its own."""
-        carried = np.array([0.0, along_mm, 0.0])
-        eye = self._laser.eye_mm + carried
-        pose = Pose(self._pose.rotation, self._pose.translation_mm - self._pose.rotation @ carried)
+        """Return (H, W) light of the line, in arbitrary units."""
+        travel = np.array([0.0, along_mm, 0.0])
+        eye = self._laser.eye_mm + travel
+        pose = Pose(self._pose.rotation, self._pose.translation_mm - self._pose.rotation @ travel)
         hits = self._scene.cast(eye, self._directions)
-        met = np.flatnonzero(hits.face >= 0)
-        points = eye + hits.distance[met, None] * self._directions[met]
+        hit_rays = np.flatnonzero(hits.face >= 0)
+        points = eye + hits.distance[hit_rays, None] * self._directions[hit_rays]
         inside = is_in_image(self.camera, pose, points)
-        met, points = met[inside], points[inside]
-        face = hits.face[met]
+        hit_rays, points = hit_rays[inside], points[inside]
+        face = hits.face[hit_rays]
         normals = self._scene.face_normals(face)
-        seen = self._scene.is_visible_from(points, normals, pose.center_mm)
-        met, points, face, normals = met[seen], points[seen], face[seen], normals[seen]
-        way = pose.center_mm - points
-        far = np.linalg.norm(way, axis=1)
-        back = (normals * way).sum(axis=1) / far**3  # what a matt surface sends into the lens
-        bright = reflectance_at(self._scene, self._world.solids, face, points)
+        is_visible = self._scene.is_visible_from(points, normals, pose.center_mm)
+        hit_rays, points, face, normals = (
+            hit_rays[is_visible],
+            points[is_visible],
+            face[is_visible],
+            normals[is_visible],
+        )
+        to_camera = pose.center_mm - points
+        distance = np.linalg.norm(to_camera, axis=1)
+        form_factor = (normals * to_camera).sum(axis=1) / distance**3  # light of a matt surface into the lens
+        reflectance = reflectance_at(self._scene, self._world.solids, face, points)
         pixels = self.camera.project(pose.apply(points))
-        return _blur_points(pixels, self._power[met] * bright * back, self.camera.size_px, self._blur_px)
+        return _blur_points(
+            pixels, self._power[hit_rays] * reflectance * form_factor, self.camera.size_px, self._blur_px
+        )
 
 
 def _make_fan(laser: Laser, settings: LaserSettings, width_px: int) -> tuple[Array, Array]:
-    """(R, 3) directions of the fan's rays, over its thickness too, and (R,) the light that each carries."""
+    """Return (R, 3) directions of the fan's rays, over its thickness too, and (R,) the light of each."""
     half = np.deg2rad(settings.fan_deg) / 2
     angles = np.linspace(-half, half, settings.rays_per_px * width_px)
     down = -laser.eye_mm / np.linalg.norm(laser.eye_mm)
     middle = np.cos(angles)[:, None] * down + np.sin(angles)[:, None] * np.array([1.0, 0.0, 0.0])
-    sigma = settings.thickness_mm / 4 / np.linalg.norm(laser.eye_mm)  # 1/e² lies at two standard deviations
+    sigma = settings.thickness_mm / 4 / np.linalg.norm(laser.eye_mm)  # 1/e² is at two standard deviations
     tilts = np.linspace(-2, 2, settings.sheets) if settings.sheets > 1 else np.zeros(1)
     sheets = [middle + tilt * sigma * laser.normal for tilt in tilts]
     power = np.exp(-(tilts**2) / 2)
@@ -188,7 +195,7 @@ def _make_fan(laser: Laser, settings: LaserSettings, width_px: int) -> tuple[Arr
 
 
 def _blur_points(pixels: Array, light: Array, size_px: tuple[int, int], sigma_px: float) -> Array:
-    """(H, W) image of points at pixels (N, 2), each blurred by the lens and gathered by the pixels' areas."""
+    """Return (H, W) image of points at pixels (N, 2), each blurred by the lens and integrated over the pixels."""
     from scipy.special import ndtr
 
     width, height = size_px

@@ -1,4 +1,4 @@
-"""What sensors that measure profile by profile have in common: a belt that carries the scene past them."""
+"""Profile scans: the result of sensors that measure profile by profile while the belt carries the scene past them."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProfileScan:
-    """Profiles one after the other, each at its own place of the belt as the encoder tells it."""
+    """Profiles one after another, each at its own position of the belt by the encoder."""
 
     points_mm: Array
-    """(P, C, 3) in the scene's world, as it stood when the belt's position was 0; NaN: not measured."""
+    """(P, C, 3) in the scene's world at belt position 0; NaN: not measured."""
     sigma_mm: Array
-    """(P, C) one standard deviation of the height, as predicted; NaN as the points."""
+    """(P, C) predicted standard deviation of the height; NaN as the points."""
     step_mm: float
-    """From profile to profile, along the belt."""
+    """Distance of consecutive profiles along the belt."""
 
 
 def positions_mm(along_mm: tuple[float, float], step_mm: float) -> Array:
-    """(P,) places along the belt, from end to end."""
+    """Return (P,) positions along the belt, from end to end."""
     first, last = along_mm
     return np.arange(first, last + step_mm / 2, step_mm)

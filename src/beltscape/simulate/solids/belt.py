@@ -1,4 +1,4 @@
-"""The empty belt: a three-roll trough of black rubber, and the floor below it."""
+"""The empty belt as a solid: a three-roll trough of black rubber, and the floor below it."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ _SAG_STEP_MM = 20.0
 
 
 class BeltSettings(BaseModel):
-    """A belt on sets of three idlers: a flat middle and a wing to each side, z = 0 in the middle under the rig."""
+    """The belt on sets of three idlers: a level middle and a wing on each side. z = 0 is the middle under the rig."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     flat_mm: Millimetres = 300.0
-    """Width between the foldlines, as if the folds were sharp."""
+    """Distance between the fold lines, measured as if the folds were sharp."""
     wing_deg: Annotated[float, Field(ge=0, le=75)] = 25.0
     """Angle of the wings to the horizontal."""
     width_mm: Millimetres = 800.0
-    """Of the belt along its surface."""
+    """Width of the belt, measured along its surface."""
     fold_radius_mm: Annotated[float, Field(ge=0, le=1000)] = 40.0
-    """Of the surface where it bends from the middle roll to the wings; made smaller where it has no room."""
+    """Radius of the bend between the middle roll and the wings; reduced where there is no room for it."""
     thickness_mm: Millimetres = 12.0
     length_mm: Millimetres = 1600.0
-    """Piece of belt that is there, half of it to each side of the rig."""
+    """Length of the modelled piece of belt; half of it lies on each side of the rig."""
     misaligned_mm: Annotated[float, Field(ge=-500, le=500)] = 0.0
-    """How far the belt runs off to +x on its idlers: one edge climbs, the trough stays."""
+    """Lateral misalignment of the belt towards +x on its idlers: one edge climbs, the trough stays."""
     sag_mm: Annotated[float, Field(ge=0, le=100)] = 0.0
-    """How far the belt hangs through halfway between two sets of idlers."""
+    """Sag of the belt halfway between two sets of idlers."""
     idler_pitch_mm: Millimetres = 1200.0
-    """Distance between sets of idlers; one stands under the rig."""
+    """Distance between sets of idlers; one set stands under the rig."""
     floor_mm: Millimetres = 700.0
-    """Height of the belt's middle over the floor."""
+    """Height of the belt's middle above the floor."""
     reflectance: Reflectance = 0.05
-    """Black rubber."""
+    """Diffuse reflectance of the belt (black rubber)."""
     floor_reflectance: Reflectance = 0.2
 
     @model_validator(mode="after")
-    def _has_wings(self) -> BeltSettings:
+    def _check_wings(self) -> BeltSettings:
         if self._wing_mm(-1) <= 0 or self._wing_mm(1) <= 0:
             raise ValueError(
                 f"width_mm = {self.width_mm:g} leaves no wing beside flat_mm = {self.flat_mm:g} "
@@ -54,35 +54,35 @@ class BeltSettings(BaseModel):
         return self
 
     def _wing_mm(self, side: int) -> float:
-        """Length of a wing along sharp folds."""
+        """Return the length of a wing, measured along sharp folds."""
         return (self.width_mm - self.flat_mm) / 2 + side * self.misaligned_mm
 
     @property
     def section_mm(self) -> NDArray[np.float64]:
-        """(K, 2) x, z of the belt's upper side under the rig, from left to right: the belt IS this polygon."""
+        """Return (K, 2) x, z of the belt's upper side under the rig, from left to right, exactly as in the mesh."""
         angle, half = np.deg2rad(self.wing_deg), self.flat_mm / 2
-        # a fold of radius r begins r·tan(angle/2) before the foldline, and must end on the shorter wing
+        # a fold of radius r begins r·tan(angle/2) before the fold line and must end on the shorter wing
         room = 0.9 * min(half, self._wing_mm(-1), self._wing_mm(1))
         cut = min(self.fold_radius_mm * np.tan(angle / 2), room)
         if cut > 0:
             radius = cut / np.tan(angle / 2)
-            turn = np.linspace(0, angle, int(np.ceil(angle / _ARC_STEP)) + 1)
-            fold = np.column_stack([half - cut + radius * np.sin(turn), radius * (1 - np.cos(turn))])
-            saved = 2 * cut - radius * angle  # the arc is shorter than the corner
+            angles = np.linspace(0, angle, int(np.ceil(angle / _ARC_STEP)) + 1)
+            fold = np.column_stack([half - cut + radius * np.sin(angles), radius * (1 - np.cos(angles))])
+            shortening = 2 * cut - radius * angle  # the arc is shorter than the sharp corner
         else:
-            fold, saved = np.array([[half, 0.0]]), 0.0
+            fold, shortening = np.array([[half, 0.0]]), 0.0
         wing = np.array([np.cos(angle), np.sin(angle)])
-        left, right = ([half, 0] + wing * (self._wing_mm(side) + saved) for side in (-1, 1))
+        left, right = ([half, 0] + wing * (self._wing_mm(side) + shortening) for side in (-1, 1))
         return np.concatenate([np.array([left, *fold[::-1]]) * [-1, 1], fold, [right]])
 
     @property
     def half_width_mm(self) -> tuple[float, float]:
-        """Where the belt's edges are: −x of the left one, x of the right one."""
+        """Return the positions of the belt's edges: −x of the left one, x of the right one."""
         section = self.section_mm
         return -float(section[0, 0]), float(section[-1, 0])
 
     def height_at(self, x_mm: ArrayLike, y_mm: ArrayLike = 0.0) -> NDArray[np.float64]:
-        """Height of the upper side at x, y (broadcast), mm, exactly the mesh's; NaN beside the belt."""
+        """Return the height of the upper side at x, y (broadcast), mm, equal to the mesh's; NaN beside the belt."""
         x, y = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(y_mm, float))
         section, along = self.section_mm, self._along_mm
         z = np.interp(x, section[:, 0], section[:, 1], left=np.nan, right=np.nan)
@@ -90,31 +90,33 @@ class BeltSettings(BaseModel):
 
     @property
     def _along_mm(self) -> NDArray[np.float64]:
-        """(N,) y of the sections that the mesh is made of."""
+        """Return (N,) y of the mesh's cross-sections."""
         half = self.length_mm / 2
         if self.sag_mm == 0:
             return np.array([-half, half])
         return np.linspace(-half, half, int(np.ceil(self.length_mm / _SAG_STEP_MM)) + 1)
 
     def _sag(self, y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How deep the belt hangs at y: smooth, 0 at the idlers."""
+        """Return the depth of the sag at y: smooth, 0 at the idlers."""
         return self.sag_mm * np.sin(np.pi * y_mm / self.idler_pitch_mm) ** 2
 
 
 def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
-    """The belt, a closed slab whose upper side is `BeltSettings.height_at`, and the floor, a rectangle."""
+    """Return the belt, a closed slab with the upper side `BeltSettings.height_at`, and the floor, a rectangle."""
     top, along = settings.section_mm, settings._along_mm
     step = np.gradient(top, axis=0)
     down = np.column_stack([step[:, 1], -step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
     down[[0, -1]] = [
         0.0,
         -1 / np.cos(np.deg2rad(settings.wing_deg)),
-    ]  # cut upright: from above one sees no edge
+    ]  # cut vertically: the edge is invisible from above
     mesh = extrude(np.concatenate([top, (top + settings.thickness_mm * down)[::-1]]), along)
     sections = np.arange(len(mesh.vertices_mm)) // (2 * len(top))
-    hanging = mesh.vertices_mm - np.outer(settings._sag(along)[sections], [0, 0, 1])
-    belt = Solid("belt", Label.BELT, hanging, mesh.faces, (settings.reflectance,) * 3)
+    vertices = mesh.vertices_mm - np.outer(settings._sag(along)[sections], [0, 0, 1])
+    belt = Solid("belt", Label.BELT, vertices, mesh.faces, (settings.reflectance,) * 3)
     reach = np.array([-3.0, 3.0]) * max(settings.width_mm, settings.length_mm)
-    ground = triangulate_height_field(reach, reach, np.full((2, 2), -settings.floor_mm))
-    floor = Solid("floor", Label.FLOOR, ground.vertices_mm, ground.faces, (settings.floor_reflectance,) * 3)
+    floor_mesh = triangulate_height_field(reach, reach, np.full((2, 2), -settings.floor_mm))
+    floor = Solid(
+        "floor", Label.FLOOR, floor_mesh.vertices_mm, floor_mesh.faces, (settings.floor_reflectance,) * 3
+    )
     return belt, floor

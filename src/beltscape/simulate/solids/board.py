@@ -1,4 +1,4 @@
-"""A calibration board as a thin printed plate."""
+"""A calibration board as a thin plate with a printed texture."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from beltscape.target.printing.print_board import black_squares
 WHITE, BLACK = 0.8, 0.04
 """Reflectance of paper and of ink."""
 _TEXELS = (64, 200)
-"""Texels per square: at least, and at most for the sake of bits that end on whole texels."""
+"""Texels per square: the minimum, and the maximum that aligns marker bits with whole texels."""
 
 
 def make_board_solid(
     board: Board, world_from_board: Pose, *, margin_mm: float | None = None, thickness_mm: float = 3.0
 ) -> Solid:
-    """The board where it stands; its printed side is z = 0 of the board's frame and looks to its −z.
+    """Return the board at its pose; the printed side is z = 0 of the board's frame and faces −z.
 
-    The board's frame is OpenCV's: x to the right and y down on the print, z into the plate, away from who looks at
-    it. Corner (i, j) of the print lies exactly where `corner_points_mm` has it. The margin is white (black where
-    the board is inverted), one square wide unless given, rounded up to whole texels; back and sides are like it.
+    The board's frame is OpenCV's: x to the right and y down on the print, z into the plate, away from the viewer.
+    Corner (i, j) of the print lies exactly where `corner_points_mm` puts it. The margin is white (black where the
+    board is inverted), one square wide unless given, rounded up to whole texels; back and sides have its colour.
 
     Raises
     ------
     SettingsError
-        for a board in OpenCV's legacy arrangement, which is not drawn.
+        If the board has OpenCV's legacy arrangement, which is not simulated.
     """
     texture, texel_mm, margin_mm = _print_texture(board, board.square_mm if margin_mm is None else margin_mm)
     height, width = texture.shape[:2]
@@ -42,7 +42,7 @@ def make_board_solid(
     columns, rows = board.grid
     middle = np.array([columns + 1, rows + 1]) * board.square_mm / 2
     on_board = plate.vertices_mm + np.array([*middle, 0.0])
-    # the printed face has vertices of its own: the others show the margin's first texel
+    # the printed face has separate vertices: the other faces show the margin's first texel
     printed = (on_board[plate.faces][:, :, 2] == 0).all(axis=1)
     vertices = np.concatenate([on_board, on_board])
     faces = np.where(printed[:, None], plate.faces, plate.faces + len(on_board))
@@ -61,7 +61,7 @@ def make_board_solid(
 
 @lru_cache(maxsize=4)
 def _print_texture(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
-    """(h, w, 3) reflectance of the printed side, the edge of a texel, the margin in whole texels, mm."""
+    """Return (h, w, 3) reflectance of the printed side, the edge of a texel, and the margin in whole texels, mm."""
     legacy, inverted = getattr(board, "legacy", None), getattr(board, "inverted", None)
     if legacy:
         raise SettingsError("legacy = true: a legacy board is not simulated; set legacy = false")
@@ -81,7 +81,7 @@ def _print_texture(board: Board, margin_mm: float) -> tuple[NDArray[np.float32],
 
 
 def _covered_shares(count: int, start: float, length: float) -> NDArray[np.float64]:
-    """(count,) share of each texel that [start, start + length] covers: edges between texels keep their place."""
+    """Return (count,) share of each texel covered by [start, start + length]; edges between texels stay exact."""
     edges = np.arange(count + 1.0)
     within = np.clip(edges, start, start + length)
     covered = np.diff(within)
@@ -89,7 +89,7 @@ def _covered_shares(count: int, start: float, length: float) -> NDArray[np.float
 
 
 def _texels_per_square(board: Board) -> int:
-    """As many that squares, and where it can be had marker bits too, end on whole texels."""
+    """Return a number of texels for which squares, and where possible marker bits, end on whole texels."""
     low, high = _TEXELS
     if not isinstance(board, CharucoBoard):
         return low

@@ -1,4 +1,4 @@
-"""Rocks that fall onto a height map: each comes to rest on what lies below it."""
+"""Deposition of rocks on a height map: each rock falls vertically and stops on what lies below it."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from beltscape.simulate.solids.fines import HeightField
 from beltscape.simulate.solids.rocks import Rock
 
 RASTER_MM = 1.0
-"""Cell of the height map."""
+"""Cell size of the height map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprint:
-    """A rock's lower and upper side on the raster, its centroid at the middle of the raster and at height 0."""
+    """The lower and upper side of a rock on the raster; its centroid is at the central cell and at height 0."""
 
     bottom_mm: NDArray[np.float64]
-    """(2·h + 1, 2·w + 1); inf beside the rock."""
+    """(2·h + 1, 2·w + 1) lower side; inf beside the rock."""
     top_mm: NDArray[np.float64]
-    """The same of the upper side; -inf beside the rock."""
+    """(2·h + 1, 2·w + 1) upper side; -inf beside the rock."""
     height_mm: float
-    """From its lowest to its highest point."""
+    """From the lowest to the highest point."""
 
     @property
     def reach(self) -> tuple[int, int]:
-        """(h, w): rows and columns to each side of the middle."""
+        """Return (h, w): rows and columns on each side of the central cell."""
         rows, columns = self.bottom_mm.shape
         return rows // 2, columns // 2
 
     def window(self, row: int, column: int) -> tuple[slice, slice]:
-        """What it covers of a map when its middle is there."""
+        """Return the slices of a map that the rock covers when its centre is at a cell."""
         rows, columns = self.reach
         return slice(row - rows, row + rows + 1), slice(column - columns, column + columns + 1)
 
@@ -51,38 +51,40 @@ def deposit_rocks(
     candidates: int,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """(N, 3) where the rocks' centroids come to rest, falling in this order.
+    """Return (N, 3) final positions of the centroids of rocks that fall in the given order.
 
-    Of ``candidates`` places on the fines (or, where there are none, on the belt) a rock stays where it lies lowest
-    over them. It sinks into the fines by ``bedding`` of its height, but not into the belt or rocks below it.
+    Of ``candidates`` random cells with fines (or of the belt, where there are no fines) the rock is placed where it
+    lies lowest above the fines. It sinks into the fines by ``bedding`` of its height, not into belt or rocks.
 
     Raises
     ------
     SettingsError
-        where the belt or the fines are too small for the largest rock.
+        If the belt or the fines are too small for the largest rock.
     """
-    prints = rasterise_rocks(rocks)
+    footprints = rasterise_rocks(rocks)
     maps = _HeightMaps(fines, belt)
-    margins = np.max([rock.reach for rock in prints], axis=0, initial=0) if prints else np.zeros(2, int)
-    spots = maps.candidate_cells(int(margins[0]), int(margins[1]))
-    if prints and not len(spots):
+    margins = (
+        np.max([rock.reach for rock in footprints], axis=0, initial=0) if footprints else np.zeros(2, int)
+    )
+    cells = maps.candidate_cells(int(margins[0]), int(margins[1]))
+    if footprints and not len(cells):
         raise SettingsError(
             f"no place for rocks of {max(rock.size_mm for rock in rocks):.0f} mm: widen the belt or make them smaller"
         )
-    at = np.empty((len(prints), 3))
-    for i, rock in enumerate(prints):
-        tries = spots[rng.integers(len(spots), size=candidates)].tolist()
-        rests = [maps.rest_height_mm(rock, row, column, bedding) for row, column in tries]
-        rises = [z - maps.fines_mm[row, column] for z, (row, column) in zip(rests, tries, strict=True)]
-        best = int(np.argmin(rises))  # in a hollow rather than on top of others
-        row, column = tries[best]
-        maps.add(rock, row, column, rests[best])
-        at[i] = maps.x_mm[column], maps.y_mm[row], rests[best]
-    return at
+    centers = np.empty((len(footprints), 3))
+    for i, rock in enumerate(footprints):
+        tried = cells[rng.integers(len(cells), size=candidates)].tolist()
+        heights = [maps.rest_height_mm(rock, row, column, bedding) for row, column in tried]
+        rises = [z - maps.fines_mm[row, column] for z, (row, column) in zip(heights, tried, strict=True)]
+        best = int(np.argmin(rises))  # hollows are filled first
+        row, column = tried[best]
+        maps.add(rock, row, column, heights[best])
+        centers[i] = maps.x_mm[column], maps.y_mm[row], heights[best]
+    return centers
 
 
 def rasterise_rocks(rocks: Sequence[Rock]) -> list[Footprint]:
-    """Every rock on the raster: all are laid out side by side and looked at from below and from above."""
+    """Return the footprint of every rock; all are laid out side by side and ray-cast from below and from above."""
     if not rocks:
         return []
     reach = [np.ceil(np.abs(rock.mesh.vertices_mm[:, :2]).max(axis=0)).astype(int)[::-1] for rock in rocks]
@@ -99,14 +101,14 @@ def rasterise_rocks(rocks: Sequence[Rock]) -> list[Footprint]:
     )
     grids = [np.indices((2 * h + 1, 2 * w + 1)).reshape(2, -1)[::-1].T - [w, h] for h, w in reach]
     ends = np.cumsum([len(grid) for grid in grids])[:-1]
-    eyes = np.concatenate(
+    origins = np.concatenate(
         [grid * RASTER_MM + middle[:2] for grid, middle in zip(grids, middles, strict=True)]
     )
     sides = []
-    for sign in (1.0, -1.0):  # up from below, then down from above
-        start = np.column_stack([eyes, np.full(len(eyes), -sign * pitch)])
-        way = np.tile([0.0, 0.0, sign], (len(eyes), 1))
-        sides.append(np.split(sign * (scene.cast(start, way).distance - pitch), ends))
+    for sign in (1.0, -1.0):  # rays upwards, then downwards
+        start = np.column_stack([origins, np.full(len(origins), -sign * pitch)])
+        directions = np.tile([0.0, 0.0, sign], (len(origins), 1))
+        sides.append(np.split(sign * (scene.cast(start, directions).distance - pitch), ends))
     return [
         Footprint(
             bottom.reshape(2 * h + 1, 2 * w + 1),
@@ -118,7 +120,7 @@ def rasterise_rocks(rocks: Sequence[Rock]) -> list[Footprint]:
 
 
 class _HeightMaps:
-    """Height maps on the raster: belt, fines, and the tops of the rocks so far, -inf where there are none."""
+    """Height maps on the raster: belt, fines, and the tops of the rocks so far (-inf where there are none)."""
 
     def __init__(self, fines: HeightField, belt: BeltSettings) -> None:
         left, right = belt.half_width_mm
@@ -130,20 +132,20 @@ class _HeightMaps:
         self.rocks_mm = np.full(self.fines_mm.shape, -np.inf)
 
     def candidate_cells(self, rows: int, columns: int) -> NDArray[np.int64]:
-        """(K, 2) row and column of places so far from the edge: with fines, or without any all of the belt."""
-        there = self.fines_mm > self.belt_mm
-        inner = np.zeros(there.shape, bool)
-        inner[rows : len(self.y_mm) - rows, columns : len(self.x_mm) - columns] = True
-        return np.argwhere(inner & there if there.any() else inner)
+        """Return (K, 2) row and column of cells off the edge that have fines; without any fines all such cells."""
+        has_fines = self.fines_mm > self.belt_mm
+        is_inner = np.zeros(has_fines.shape, bool)
+        is_inner[rows : len(self.y_mm) - rows, columns : len(self.x_mm) - columns] = True
+        return np.argwhere(is_inner & has_fines if has_fines.any() else is_inner)
 
     def rest_height_mm(self, rock: Footprint, row: int, column: int, bedding: float) -> float:
-        """Height at which a rock's centroid stops when it falls there."""
+        """Return the height at which the centroid of a rock comes to rest at a cell."""
         window = rock.window(row, column)
-        hard = np.maximum(self.belt_mm[window], self.rocks_mm[window])
-        below = np.maximum(hard, self.fines_mm[window] - bedding * rock.height_mm)
-        return float((below - rock.bottom_mm).max())
+        solid = np.maximum(self.belt_mm[window], self.rocks_mm[window])
+        support = np.maximum(solid, self.fines_mm[window] - bedding * rock.height_mm)
+        return float((support - rock.bottom_mm).max())
 
     def add(self, rock: Footprint, row: int, column: int, height: float) -> None:
-        """Leave a rock there."""
+        """Add a rock to the map of tops."""
         tops = self.rocks_mm[rock.window(row, column)]
         np.maximum(tops, rock.top_mm + height, out=tops)

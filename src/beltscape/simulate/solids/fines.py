@@ -1,4 +1,4 @@
-"""The fines of a heap: a height field on the belt, nowhere steeper than the angle of repose."""
+"""The fines of a heap: a height field on the belt whose slopes stay below the angle of repose."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beltscape.simulate.solids.belt import BeltSettings
 
 Millimetres = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 _HIDDEN_MM = 2.0
-"""How far under the belt the field runs where there are no fines: it cuts through the belt along a clean line."""
+"""Depth of the field below the belt where there are no fines, so that it intersects the belt along a clean line."""
 
 
 class FinesSettings(BaseModel):
@@ -22,25 +22,25 @@ class FinesSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     crown_mm: Annotated[float, Field(ge=0, le=2000)] = 80.0
-    """Height of the ridge over the flat belt."""
+    """Height of the ridge above the level middle of the belt."""
     crown_x_mm: Annotated[float, Field(ge=-2000, le=2000)] = 0.0
-    """Where across the belt it runs."""
+    """Lateral position of the ridge."""
     surcharge_deg: Annotated[float, Field(ge=0, le=60)] = 15.0
-    """Slope of its flanks while the belt runs."""
+    """Slope of the flanks while the belt runs."""
     repose_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
-    """No slope from node to node is steeper, but for the grain."""
+    """Angle of repose: the largest slope from node to node, apart from the grain."""
     waves_mm: Annotated[float, Field(ge=0, le=500)] = 6.0
     """Standard deviation of hills and hollows."""
     wavelength_mm: Millimetres = 120.0
-    """About their distance."""
+    """Approximate distance between hills."""
     grain_mm: Annotated[float, Field(ge=0, le=20)] = 0.4
-    """Standard deviation of the height from node to node, on top of slopes and hills."""
+    """Standard deviation of the height from node to node, added to slopes and hills."""
     along_mm: tuple[float, float] = (-600.0, 600.0)
-    """From where to where along the belt the ridge runs; it ends in slopes of the angle of repose."""
+    """Start and end of the ridge along the belt; its ends slope at the angle of repose."""
     cell_mm: Annotated[float, Field(ge=0.5, le=50)] = 3.0
 
     @model_validator(mode="after")
-    def _in_order(self) -> FinesSettings:
+    def _check_order(self) -> FinesSettings:
         if not self.along_mm[0] < self.along_mm[1]:
             raise ValueError(f"along_mm = {list(self.along_mm)}: the first must be smaller than the second")
         return self
@@ -48,7 +48,7 @@ class FinesSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightField:
-    """A surface over a grid, triangulated as `shapes.height_field` does it."""
+    """A surface over a grid, triangulated as by `triangulate_height_field`."""
 
     x_mm: NDArray[np.float64]
     """(Nx,) evenly spaced."""
@@ -58,7 +58,7 @@ class HeightField:
     """(Ny, Nx)."""
 
     def height_at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Height of the triangles at places (broadcast), mm; -inf beside the field."""
+        """Return the height of the triangles at x, y (broadcast), mm; -inf beside the field."""
         x, y = np.broadcast_arrays(x_mm, y_mm)
         u = (x - self.x_mm[0]) / (self.x_mm[1] - self.x_mm[0])
         v = (y - self.y_mm[0]) / (self.y_mm[1] - self.y_mm[0])
@@ -67,14 +67,16 @@ class HeightField:
         i = np.clip(u.astype(int), 0, columns - 2)
         j = np.clip(v.astype(int), 0, rows - 2)
         u, v, z = u - i, v - j, self.height_mm
-        corner = np.where(u >= v, z[j, i + 1], z[j + 1, i])  # which of the cell's two triangles
+        corner = np.where(
+            u >= v, z[j, i + 1], z[j + 1, i]
+        )  # the corner of the triangle that contains the point
         high, low = np.maximum(u, v), np.minimum(u, v)
         height = z[j, i] + high * (corner - z[j, i]) + low * (z[j + 1, i + 1] - corner)
         return np.where(inside, height, -np.inf)
 
 
 def make_fines(settings: FinesSettings, belt: BeltSettings, rng: np.random.Generator) -> HeightField:
-    """The fines over the whole belt; where there are none, the field runs just below the belt."""
+    """Return the fines over the whole belt; where there are none, the field runs just below the belt."""
     from scipy.ndimage import gaussian_filter
 
     left, right = belt.half_width_mm
@@ -88,7 +90,7 @@ def make_fines(settings: FinesSettings, belt: BeltSettings, rng: np.random.Gener
     top = settings.crown_mm - np.tan(np.deg2rad(settings.surcharge_deg)) * aside - slope * beyond[:, None]
     waves = gaussian_filter(rng.normal(size=top.shape), settings.wavelength_mm / 4 / settings.cell_mm)
     top += settings.waves_mm * waves / max(float(waves.std()), 1e-12)
-    top[:, [0, -1]] = ground[:, [0, -1]] - _HIDDEN_MM  # what lies beyond the edge would have fallen off
+    top[:, [0, -1]] = ground[:, [0, -1]] - _HIDDEN_MM  # material beyond the edge falls off
     below = ground - _HIDDEN_MM
     top = limit_slope(np.maximum(top, below), x[1] - x[0], y[1] - y[0], slope, below)
     grains = settings.grain_mm * rng.normal(size=top.shape)
@@ -98,26 +100,31 @@ def make_fines(settings: FinesSettings, belt: BeltSettings, rng: np.random.Gener
 def limit_slope(
     height_mm: NDArray[np.float64], dx_mm: float, dy_mm: float, slope: float, ground_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(Ny, Nx) the highest surface below ``height_mm`` (but not below the ground) no steeper than ``slope``.
+    """Return (Ny, Nx) the highest surface that is nowhere above ``height_mm`` nor steeper than ``slope``.
 
-    Slopes are held between each node and its eight neighbours.
+    It is not lowered below the ground. Slopes are limited between each node and its eight neighbours.
     """
-    rises = {(0, 1): dx_mm, (1, 0): dy_mm, (1, 1): np.hypot(dx_mm, dy_mm), (1, -1): np.hypot(dx_mm, dy_mm)}
+    neighbours = {
+        (0, 1): dx_mm,
+        (1, 0): dy_mm,
+        (1, 1): np.hypot(dx_mm, dy_mm),
+        (1, -1): np.hypot(dx_mm, dy_mm),
+    }
     height = height_mm.copy()
     while True:
-        before = height.copy()
-        for (j, i), run in rises.items():
-            one = (slice(0, -j or None), slice(max(-i, 0), -i if i > 0 else None))
-            two = (slice(j, None), slice(max(i, 0), i if i < 0 else None))
-            np.minimum(height[one], height[two] + slope * run, out=height[one])
-            np.minimum(height[two], height[one] + slope * run, out=height[two])
+        previous = height.copy()
+        for (j, i), distance in neighbours.items():
+            first = (slice(0, -j or None), slice(max(-i, 0), -i if i > 0 else None))
+            second = (slice(j, None), slice(max(i, 0), i if i < 0 else None))
+            np.minimum(height[first], height[second] + slope * distance, out=height[first])
+            np.minimum(height[second], height[first] + slope * distance, out=height[second])
         np.maximum(height, ground_mm, out=height)  # the belt's own slope may be steeper
-        if np.array_equal(height, before):
+        if np.array_equal(height, previous):
             return height
 
 
 def make_fines_mesh(field: HeightField, belt: BeltSettings) -> Mesh:
-    """The part of the field that looks out of the belt, and the cells around it."""
+    """Return the part of the field that lies above the belt, and the cells around it."""
     whole = triangulate_height_field(field.x_mm, field.y_mm, field.height_mm)
     above = (field.height_mm > belt.height_at(field.x_mm, field.y_mm[:, None])).ravel()
     faces = whole.faces.reshape(-1, 6)  # both triangles of a cell

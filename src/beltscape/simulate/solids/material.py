@@ -1,4 +1,4 @@
-"""What fines and rocks look like: grains, reflectance_model from rock to rock, spots on their faces."""
+"""The reflectance of fines and rocks: grains, shades from rock to rock, and spots on their faces."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from beltscape.simulate.geometry.world import Label, Solid
 
 _TILES = 8
 _TILE_PX = 128
-"""A rock's texture is one of 8 × 8 tiles: a shade of its own, a texel a millimetre (more for huge rocks)."""
+"""A rock's texture is one of 8 × 8 tiles, each of one shade; a texel is a millimetre (more for very large rocks)."""
 _BORDER_PX = 2
 
 
 @dataclass(frozen=True, slots=True)
 class ReflectanceModel:
-    """Diffuse reflectance of bulk material, log-normal."""
+    """The diffuse reflectance of bulk material, log-normally distributed."""
 
     mean: float
     spread: float
     """Relative standard deviation from rock to rock, and from grain to grain of the fines."""
     mottle: float
-    """The same over a rock's faces."""
+    """Relative standard deviation over a rock's faces."""
 
     def scale_factors(self, normal: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
-        """Factors with mean 1 and this relative standard deviation, of standard normal numbers."""
+        """Return log-normal factors of mean 1 and this relative standard deviation from standard normal numbers."""
         sigma = np.sqrt(np.log1p(spread**2))
         return np.exp(sigma * normal - sigma**2 / 2)
 
     def make_texture(self, factors: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(h, w, 3) grey reflectances of factors (h, w) on the mean."""
+        """Return (h, w, 3) grey reflectances: the mean times factors (h, w)."""
         return np.repeat(np.clip(self.mean * factors, 0.005, 0.95)[..., None], 3, axis=2).astype(np.float32)
 
 
 def make_fines_solid(mesh: Mesh, reflectance_model: ReflectanceModel, rng: np.random.Generator) -> Solid:
-    """Fines with grains: one texel a millimetre, seen from above."""
+    """Return the fines with a texture of grains: one texel a millimetre, projected from above."""
     low, high = mesh.vertices_mm[:, :2].min(axis=0), mesh.vertices_mm[:, :2].max(axis=0)
     columns, rows = np.ceil(high - low).astype(int).tolist()
     texture = reflectance_model.make_texture(
@@ -54,7 +54,7 @@ def make_rocks_solid(
     reflectance_model: ReflectanceModel,
     rng: np.random.Generator,
 ) -> Solid:
-    """All rocks, moved to (N, 3), as one mesh with one texture; each rock lies on a tile of it."""
+    """Return all rocks, shifted to positions (N, 3), as one mesh; each rock has a tile of the one texture."""
     mesh = join_meshes([Mesh(one.vertices_mm + at, one.faces) for one, at in zip(meshes, at_mm, strict=True)])
     tiles = rng.integers(_TILES, size=(len(meshes), 2))
     uv = np.concatenate([_map_to_tile(one, tile) for one, tile in zip(meshes, tiles, strict=True)])
@@ -68,7 +68,7 @@ def make_rocks_solid(
 
 
 def _map_to_tile(mesh: Mesh, tile: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(V, 2) texture coordinates: looked at obliquely, so that steep faces have spots too and not stripes."""
+    """Return (V, 2) texture coordinates by an oblique projection, so that steep faces have spots and not stripes."""
     flat = mesh.vertices_mm[:, :2] + mesh.vertices_mm[:, 2:] * [0.6, 0.8]
     flat = flat - flat.min(axis=0)
     room = _TILE_PX - 2 * _BORDER_PX
@@ -77,7 +77,7 @@ def _map_to_tile(mesh: Mesh, tile: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def _draw_spots(size: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(size, size) standard normal, of spots a few texels wide, fine and coarse ones."""
+    """Draw (size, size) standard normal numbers, correlated over a few texels at two scales."""
     from scipy.ndimage import gaussian_filter
 
     layers = [gaussian_filter(rng.normal(size=(size, size)), sigma) for sigma in (0.8, 3.0)]

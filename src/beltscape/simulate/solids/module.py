@@ -1,4 +1,4 @@
-"""The calibration module as solids: a base plate, and on it cubes, spheres and cylinders."""
+"""The calibration module as solids: a base plate with cubes, spheres and cylinders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.target.module import Cube, Cylinder, Feature, Module
 def place_module(
     module: Module, x_mm: float = 0.0, y_mm: float = 0.0, turn_deg: float = 0.0, belt_mm: float = 0.0
 ) -> Pose:
-    """world_from_module of a module lying on the flat belt at height ``belt_mm``, turned about z."""
+    """Return world_from_module of a module on the level belt at height ``belt_mm``, rotated about z."""
     turn = Pose.of([0.0, 0.0, np.deg2rad(turn_deg)], np.zeros(3)).rotation
     return Pose(turn, np.array([x_mm, y_mm, belt_mm + module.base.size_mm[2]]))
 
@@ -21,13 +21,13 @@ def place_module(
 def make_module_solids(
     module: Module, world_from_module: Pose, reflectance: float = 0.55
 ) -> tuple[Solid, ...]:
-    """The base, then the features in the order of `Module.features`: labels BASE, FEATURE, FEATURE + 1 and so on.
+    """Return the base, then the features in the order of `Module.features`, labelled BASE, FEATURE, FEATURE + 1, ….
 
-    Round shapes are meshes within 0.003 mm of the true ones.
+    Round shapes are meshes within 0.003 mm of the exact ones.
     """
     base = make_box(module.base.size_mm)
-    sunk = Pose(np.eye(3), np.array([0.0, 0.0, -module.base.size_mm[2]]))
-    parts = [("base", int(Label.BASE), base.transform(sunk))]
+    below_origin = Pose(np.eye(3), np.array([0.0, 0.0, -module.base.size_mm[2]]))
+    parts = [("base", int(Label.BASE), base.transform(below_origin))]
     parts += [
         (feature.name, Label.FEATURE + i, _make_feature_mesh(feature))
         for i, feature in enumerate(module.features)
@@ -39,7 +39,7 @@ def make_module_solids(
 
 
 def _make_feature_mesh(feature: Feature) -> Mesh:
-    """A feature where it stands on the module's base."""
+    """Return a feature's mesh at its position on the module's base."""
     lift = 0.0
     if isinstance(feature, Cube):
         mesh = make_box([feature.edge_mm] * 3)

@@ -1,4 +1,4 @@
-"""How large broken rock is: size distributions by mass, and sizes drawn from them."""
+"""Size distributions of broken rock by mass, and sizes drawn from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STEPS = 4000
 
 
 class SizeSettings(BaseModel):
-    """Share of the mass that passes a sieve of width d, cut off at both ends.
+    """The share of the mass that passes a sieve of width d, truncated at both ends.
 
     Rosin–Rammler: 1 − exp(−ln 2·(d/median)ⁿ); Gaudin–Schuhmann: (d/largest)ⁿ.
     """
@@ -23,12 +23,12 @@ class SizeSettings(BaseModel):
     smallest_mm: Millimetres = 10.0
     largest_mm: Millimetres = 79.0
     median_mm: Millimetres = 50.0
-    """By mass, of the uncut Rosin–Rammler law."""
+    """Median by mass of the untruncated Rosin–Rammler law."""
     exponent: Annotated[float, Field(gt=0, le=20)] = 2.5
-    """How narrow the distribution is."""
+    """Uniformity of the distribution: a larger exponent makes it narrower."""
 
     @model_validator(mode="after")
-    def _in_order(self) -> SizeSettings:
+    def _check_order(self) -> SizeSettings:
         if self.smallest_mm >= self.largest_mm:
             raise ValueError(
                 f"smallest_mm = {self.smallest_mm:g} must be below largest_mm = {self.largest_mm:g}"
@@ -36,27 +36,25 @@ class SizeSettings(BaseModel):
         return self
 
     def share_passing(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Share of the mass of rocks no larger than sizes (N,), 0 at the smallest and 1 at the largest."""
-        ends = self._uncut(np.array([self.smallest_mm, self.largest_mm]))
+        """Return the mass share of rocks up to sizes (N,); 0 at the smallest size, 1 at the largest."""
+        ends = self._untruncated(np.array([self.smallest_mm, self.largest_mm]))
         inside = np.clip(size_mm, self.smallest_mm, self.largest_mm)
-        return (self._uncut(inside) - ends[0]) / (ends[1] - ends[0])
+        return (self._untruncated(inside) - ends[0]) / (ends[1] - ends[0])
 
-    def _uncut(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _untruncated(self, size_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         if self.law == "gaudin-schuhmann":
             return (size_mm / self.largest_mm) ** self.exponent
         return 1 - np.exp(-np.log(2) * (size_mm / self.median_mm) ** self.exponent)
 
 
 def draw_sizes(settings: SizeSettings, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(count,) sizes in mm whose mass (∝ d³) follows the law, in random order.
+    """Return (count,) sizes in mm whose mass (∝ d³) follows the law, in random order.
 
-    Drawn one from each of ``count`` equal shares of the number distribution, so that even few rocks follow it.
+    One size is drawn from each of ``count`` equal shares of the number distribution, so that few rocks follow it too.
     """
     edges = np.geomspace(settings.smallest_mm, settings.largest_mm, _STEPS + 1)
     middles = np.sqrt(edges[1:] * edges[:-1])
-    number = np.cumsum(
-        np.diff(settings.share_passing(edges)) / middles**3
-    )  # so much mass in rocks of d³ each
+    number = np.cumsum(np.diff(settings.share_passing(edges)) / middles**3)  # number of rocks: mass over d³
     share = np.concatenate([[0.0], number / number[-1]])
     quantiles = (np.arange(count) + rng.random(count)) / max(count, 1)
     return rng.permutation(np.interp(quantiles, share, edges))

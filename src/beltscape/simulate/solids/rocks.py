@@ -15,36 +15,36 @@ from beltscape.simulate.geometry.shapes import Mesh, subdivide
 _CORNERS = (13, 26)
 _WAVES = 12
 _FINE_MM = 25.0
-"""From this size on a rock's faces are cut once more, so that its roughness has the same grain."""
+"""Size from which the faces of a rock are subdivided once more, so that the roughness keeps its grain."""
 
 
 class ShapeSettings(BaseModel):
-    """What rocks look like."""
+    """The shape of rocks."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     longest: Annotated[float, Field(ge=1, le=4)] = 1.6
-    """Longest axis over the middle one, at most."""
+    """Maximum ratio of the longest to the middle axis."""
     flattest: Annotated[float, Field(gt=0.2, le=1)] = 0.6
-    """Shortest axis over the middle one, at least."""
+    """Minimum ratio of the shortest to the middle axis."""
     roughness: Annotated[float, Field(ge=0, le=0.2)] = 0.05
-    """How far the faces leave the flat ones, as a share of the radius (standard deviation)."""
+    """Standard deviation of the surface from the flat faces, as a share of the radius."""
     lean_deg: Annotated[float, Field(ge=0, le=90)] = 25.0
-    """How far a rock leans from lying on its flat side (standard deviation)."""
+    """Standard deviation of a rock's inclination to its flat side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rock:
-    """One rock about its centroid, turned as it will lie."""
+    """One rock about its centroid, in its final orientation."""
 
     mesh: Mesh
     size_mm: float
-    """Extent along its middle principal axis: about the sieve that it just passes."""
+    """Extent along the middle principal axis, approximately the sieve size that the rock just passes."""
 
 
 def make_rock(size_mm: float, settings: ShapeSettings, rng: np.random.Generator) -> Rock:
-    """Convex hull of random points on an ellipsoid, its faces cut in four and pushed in and out by smooth noise.
+    """Return a rock: the convex hull of random points on an ellipsoid, subdivided and roughened by smooth noise.
 
-    Points move along their radius only, so that the mesh stays closed and cannot cut itself.
+    Vertices move along their radius only, so that the mesh stays closed and does not intersect itself.
     """
     mesh = _make_hull(settings, rng)
     for _ in range(2 if size_mm >= _FINE_MM else 1):
@@ -58,7 +58,7 @@ def make_rock(size_mm: float, settings: ShapeSettings, rng: np.random.Generator)
 
 
 def _make_hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
-    """Convex polyhedron about its centroid, of radius about 1."""
+    """Return a convex polyhedron about its centroid, of radius about 1."""
     from scipy.spatial import ConvexHull
 
     points = rng.normal(size=(rng.integers(*_CORNERS), 3))
@@ -75,26 +75,26 @@ def _make_hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
 
 
 def _roughen(mesh: Mesh, roughness: float, rng: np.random.Generator) -> Mesh:
-    """Vertices moved along their radius by a sum of random waves; again about its centroid."""
+    """Return the mesh with vertices moved along their radius by a sum of random waves, again about its centroid."""
     waves = rng.normal(size=(_WAVES, 3))
     waves *= (rng.uniform(3, 9, _WAVES) / np.linalg.norm(waves, axis=1))[:, None]
     phase = rng.uniform(0, 2 * np.pi, _WAVES)
     noise = np.cos(mesh.vertices_mm @ waves.T + phase).sum(axis=1) * np.sqrt(2 / _WAVES)
     factor = np.clip(1 + roughness * noise, 0.3, None)
-    pushed = Mesh(mesh.vertices_mm * factor[:, None], mesh.faces)
-    return Mesh(pushed.vertices_mm - compute_centroid(pushed), mesh.faces)
+    roughened = Mesh(mesh.vertices_mm * factor[:, None], mesh.faces)
+    return Mesh(roughened.vertices_mm - compute_centroid(roughened), mesh.faces)
 
 
 def compute_centroid(mesh: Mesh) -> NDArray[np.float64]:
-    """(3,) middle of a closed mesh's volume."""
-    about = mesh.vertices_mm.mean(axis=0)
-    a, b, c = np.moveaxis((mesh.vertices_mm - about)[mesh.faces], 1, 0)
+    """Return (3,) the centroid of the volume of a closed mesh."""
+    origin = mesh.vertices_mm.mean(axis=0)
+    a, b, c = np.moveaxis((mesh.vertices_mm - origin)[mesh.faces], 1, 0)
     volumes = (a * np.cross(b, c)).sum(axis=1)
-    return about + (volumes[:, None] * (a + b + c) / 4).sum(axis=0) / volumes.sum()
+    return origin + (volumes[:, None] * (a + b + c) / 4).sum(axis=0) / volumes.sum()
 
 
 def _principal_axes(mesh: Mesh) -> NDArray[np.float64]:
-    """(3, 3) columns: axes of the volume's second moments, the longest extent first; a rotation."""
+    """Return (3, 3) columns: axes of the volume's second moments, the longest extent first; a rotation."""
     a, b, c = np.moveaxis(mesh.vertices_mm[mesh.faces], 1, 0)
     volumes = (a * np.cross(b, c)).sum(axis=1)
     # ∫ x xᵀ over a tetrahedron with a corner at the origin: V/20·(Σ p pᵀ + s sᵀ), s the sum of its corners
@@ -105,9 +105,9 @@ def _principal_axes(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def _draw_orientation(lean_deg: float, rng: np.random.Generator) -> Pose:
-    """On its flat side, leaning a little, turned anyhow about the vertical, either side up."""
-    turn, towards = rng.uniform(0, 2 * np.pi, 2)
-    lean = np.deg2rad(lean_deg) * rng.normal()
-    leaned = Pose.of(lean * np.array([np.cos(towards), np.sin(towards), 0.0]), np.zeros(3))
-    over = Pose.of([np.pi if rng.random() < 0.5 else 0.0, 0.0, 0.0], np.zeros(3))
-    return leaned @ over @ Pose.of([0.0, 0.0, turn], np.zeros(3))
+    """Draw an orientation: flat side down or up, slightly inclined, any angle about the vertical."""
+    yaw, azimuth = rng.uniform(0, 2 * np.pi, 2)
+    angle = np.deg2rad(lean_deg) * rng.normal()
+    inclination = Pose.of(angle * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]), np.zeros(3))
+    flip = Pose.of([np.pi if rng.random() < 0.5 else 0.0, 0.0, 0.0], np.zeros(3))
+    return inclination @ flip @ Pose.of([0.0, 0.0, yaw], np.zeros(3))

@@ -1,18 +1,20 @@
-"""A time-of-flight camera: what it makes of true depth, with the errors such cameras are known for.
+"""A time-of-flight camera: depth from phases, with the known errors of such cameras.
 
 Light modulated at a frequency f comes back from the distance d with the phase φ = 4πfd/c; four samples a quarter of
-a period apart give its phasor. A pixel's phasor is the sum over all light that reaches it, so that
+a period apart give its phasor. A pixel's phasor is the sum over all light that reaches it. Consequences:
 
-- noise of the phase is noise over amplitude: it grows with distance and on dark surfaces (Lange & Seitz 2001);
+- the noise of the phase is noise over amplitude: it grows with distance and on dark surfaces (Lange & Seitz 2001);
 - a pixel on a step mixes both surfaces' phasors: a *flying pixel* between them, or outside (Lefloch et al. 2013);
-- light over a second surface is late: concave corners are measured too far (`tof_multipath`; Jiménez et al. 2014);
-- light scattered in the lens adds the image's mean phasor to all pixels and draws dark ones to it (Foix et al. 2011);
+- light over a second surface arrives late: concave corners are measured too far away (`tof_multipath`; Jiménez et
+  al. 2014);
+- light scattered in the lens adds the image's mean phasor to all pixels and biases dark ones towards it (Foix et
+  al. 2011);
 - odd harmonics of the modulation alias into the four samples: *wiggling*, four cycles per range (Foix et al. 2011);
-- pixels respond unevenly to little light: an error that depends on amplitude (Fürsattel et al. 2016). How it depends
-  differs from camera to camera; here it is error · half / (half + amplitude), an empirical form of our own.
+- pixels respond nonlinearly to little light: an error that depends on amplitude (Fürsattel et al. 2016). The
+  dependence differs between cameras; here it is error · half / (half + amplitude), our own empirical form.
 
 The geometry is that of the paper's time-of-flight camera (section 3.5: 640×480, 43°×33°, 6 m). The paper states
-neither its modulation nor its noise: those defaults are an ordinary camera's, not that one's measured values.
+neither modulation nor noise: these defaults are typical of such cameras, not measured on that one.
 
 References
 ----------
@@ -39,37 +41,37 @@ from beltscape.simulate.time_of_flight.surface import TofSurface, make_surface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TofFrame:
-    """What the camera gives."""
+    """A frame of the camera."""
 
     depth_mm: NDArray[np.float32]
-    """(H, W) along the optical axis, on the camera's pinhole grid; NaN where too dark, saturated, or nothing."""
+    """(H, W) along the optical axis, on the camera's pinhole grid; NaN: too dark, saturated, or no surface."""
     amplitude_e: NDArray[np.float32]
-    """(H, W) electrons of modulation, least of the frequencies."""
+    """(H, W) electrons of modulation, the minimum over the frequencies."""
     sigma_mm: NDArray[np.float32]
-    """(H, W) one standard deviation of the depth by noise alone, as predicted; NaN as the depth."""
+    """(H, W) predicted standard deviation of the depth by noise alone; NaN as the depth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TofTruth:
-    """What stands before the camera, as rays through sub-pixels meet it: s×s of them in every pixel."""
+    """The true surfaces in front of the camera, hit by s×s rays through the sub-pixels of every pixel."""
 
     depth_mm: NDArray[np.float64]
-    """(H·s, W·s) along the optical axis; NaN: nothing."""
+    """(H·s, W·s) along the optical axis; NaN: no surface."""
     albedo: NDArray[np.float64]
-    """(H·s, W·s) diffuse, for the camera's light."""
+    """(H·s, W·s) diffuse albedo for the camera's light."""
     cosine: NDArray[np.float64] | None = None
-    """(H·s, W·s) of the angle between the ray back and the surface's normal; None: from the depth's differences."""
+    """(H·s, W·s) cosine of ray and surface normal; None: computed from the depth's differences."""
 
 
 def make_tof_camera(settings: TofSettings) -> Camera:
-    """The camera's pinhole: square enough for its two angles of view, axis in the middle."""
+    """Return the camera's pinhole with its two angles of view and the axis in the middle."""
     size = np.array(settings.size_px, np.float64)
     focal = size / 2 / np.tan(np.deg2rad(settings.angle_deg) / 2)
     return Camera("tof", settings.size_px, focal, (size - 1) / 2, np.zeros(5))
 
 
 def compute_subpixel_rays(settings: TofSettings, samples: int) -> NDArray[np.float64]:
-    """(H·s, W·s, 2) x/z, y/z of s×s rays evenly over every pixel."""
+    """Return (H·s, W·s, 2) x/z, y/z of s×s rays spread evenly over every pixel."""
     camera, (width, height) = make_tof_camera(settings), settings.size_px
     u = ((np.arange(width * samples) + 0.5) / samples - 0.5 - camera.center_px[0]) / camera.focal_px[0]
     v = ((np.arange(height * samples) + 0.5) / samples - 0.5 - camera.center_px[1]) / camera.focal_px[1]
@@ -77,12 +79,12 @@ def compute_subpixel_rays(settings: TofSettings, samples: int) -> NDArray[np.flo
 
 
 def simulate_tof_frame(truth: TofTruth, settings: TofSettings, seed: int) -> TofFrame:
-    """One frame; the same truth, settings and seed give the same bytes.
+    """Return one frame; the same truth, settings and seed give the same bytes.
 
     Raises
     ------
     InputError
-        When the arrays do not belong to each other or to the camera.
+        If the arrays do not match each other or the camera.
     """
     samples = _rays_per_pixel(truth, settings)
     rays = compute_subpixel_rays(settings, samples)
@@ -93,32 +95,32 @@ def simulate_tof_frame(truth: TofTruth, settings: TofSettings, seed: int) -> Tof
     )
     offset = _compute_offset(surface, settings)
     noise = np.sqrt((np.maximum(offset, 1e-12) + settings.read_noise_e**2) / 2)
-    drawn = rng.normal(size=(2, *phasors.shape))
-    found = phasors + noise * (drawn[0] + 1j * drawn[1])
-    amplitude = np.abs(found)
+    normal = rng.normal(size=(2, *phasors.shape))
+    measured = phasors + noise * (normal[0] + 1j * normal[1])
+    amplitude = np.abs(measured)
     sigma = distance_sigma_mm(noise, np.maximum(np.abs(phasors), 1e-12), settings.modulation_hz)
-    distance, sigma = combine_phases(np.angle(found), sigma, settings.modulation_hz)
-    least = amplitude.min(axis=0)
+    distance, sigma = combine_phases(np.angle(measured), sigma, settings.modulation_hz)
+    min_amplitude = amplitude.min(axis=0)
     distance = distance + settings.intensity_error_mm * settings.intensity_half_e / (
-        settings.intensity_half_e + least
+        settings.intensity_half_e + min_amplitude
     )
-    good = surface.hit & (least >= settings.min_amplitude_e) & (offset <= settings.full_well_e)
-    along = 1 / np.linalg.norm(surface.rays, axis=-1)
+    is_measured = surface.hit & (min_amplitude >= settings.min_amplitude_e) & (offset <= settings.full_well_e)
+    depth_per_distance = 1 / np.linalg.norm(surface.rays, axis=-1)
     return TofFrame(
-        np.where(good, distance * along, np.nan).astype(np.float32),
-        np.where(surface.hit, least, 0).astype(np.float32),
-        np.where(good, sigma * along, np.nan).astype(np.float32),
+        np.where(is_measured, distance * depth_per_distance, np.nan).astype(np.float32),
+        np.where(surface.hit, min_amplitude, 0).astype(np.float32),
+        np.where(is_measured, sigma * depth_per_distance, np.nan).astype(np.float32),
     )
 
 
 def compute_wiggling_mm(
     distance_mm: NDArray[np.float64], settings: TofSettings, frequency_hz: float
 ) -> NDArray[np.float64]:
-    """The cyclic error of one surface's distance at one frequency: what the aliased harmonics turn its phasor by."""
+    """Return the cyclic error of the distance at one frequency: the rotation of the phasor by aliased harmonics."""
     phase = 4 * np.pi * frequency_hz * np.asarray(distance_mm) / LIGHT_MM_S
     third, fifth = settings.harmonics
-    turn = np.angle(1 + third * np.exp(-4j * phase) + fifth * np.exp(4j * phase))
-    return turn * LIGHT_MM_S / (4 * np.pi * frequency_hz)
+    rotation = np.angle(1 + third * np.exp(-4j * phase) + fifth * np.exp(4j * phase))
+    return rotation * LIGHT_MM_S / (4 * np.pi * frequency_hz)
 
 
 def _rays_per_pixel(truth: TofTruth, settings: TofSettings) -> int:
@@ -140,27 +142,29 @@ def _rays_per_pixel(truth: TofTruth, settings: TofSettings) -> int:
 def _compute_phasor(
     surface: TofSurface, settings: TofSettings, frequency_hz: float
 ) -> NDArray[np.complex128]:
-    """(H, W) electrons of modulation, as four samples find them, without noise."""
+    """Return (H, W) electrons of modulation from four samples, without noise."""
     from beltscape.simulate.time_of_flight.multipath import compute_one_bounce
 
-    turn = np.exp(4j * np.pi * frequency_hz / LIGHT_MM_S * surface.distance_mm)
-    direct = surface.average_pixels(settings.amplitude_e * surface.strength * _add_harmonics(turn, settings))
+    phasor = np.exp(4j * np.pi * frequency_hz / LIGHT_MM_S * surface.distance_mm)
+    direct = surface.average_pixels(
+        settings.amplitude_e * surface.strength * _add_harmonics(phasor, settings)
+    )
     total = direct
     if settings.multipath:
-        late = settings.amplitude_e * compute_one_bounce(surface, settings, frequency_hz)
-        total = total + np.where(surface.hit, late, 0)
+        indirect = settings.amplitude_e * compute_one_bounce(surface, settings, frequency_hz)
+        total = total + np.where(surface.hit, indirect, 0)
     return settings.contrast * ((1 - settings.scatter) * total + settings.scatter * total.mean())
 
 
-def _add_harmonics(turn: NDArray[np.complex128], settings: TofSettings) -> NDArray[np.complex128]:
-    """The phasor exp(iφ) with the third and fifth harmonic, which four samples take for exp(-3iφ) and exp(5iφ)."""
+def _add_harmonics(phasor: NDArray[np.complex128], settings: TofSettings) -> NDArray[np.complex128]:
+    """Return the phasor exp(iφ) with third and fifth harmonic, which four samples alias to exp(-3iφ) and exp(5iφ)."""
     third, fifth = settings.harmonics
-    return turn + third * np.conj(turn) ** 3 + fifth * turn**5
+    return phasor + third * np.conj(phasor) ** 3 + fifth * phasor**5
 
 
 def _compute_offset(surface: TofSurface, settings: TofSettings) -> NDArray[np.float64]:
-    """(H, W) electrons of a sample, modulated or not: they make the shot noise."""
-    own = surface.average_pixels(
+    """Return (H, W) electrons of a sample, modulated or not, which cause the shot noise."""
+    direct = surface.average_pixels(
         settings.amplitude_e * surface.strength + settings.ambient_e * surface.albedo
     )
-    return (1 - settings.scatter) * own + settings.scatter * own.mean()
+    return (1 - settings.scatter) * direct + settings.scatter * direct.mean()

@@ -1,4 +1,4 @@
-"""The surfaces before a time-of-flight camera: distances, normals, and how much light comes back."""
+"""The surfaces in front of a time-of-flight camera: distances, normals, and reflected light."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TofSurface:
-    """Per sub-pixel, s×s of them in a pixel; 0 for strength where there is nothing."""
+    """The surfaces per sub-pixel, s×s in a pixel; the strength is 0 where there is no surface."""
 
     samples: int
     """s."""
     rays: Array
-    """(H, W, 3) through the pixels' centres, z = 1."""
+    """(H, W, 3) rays through the pixel centres, z = 1."""
     distance_mm: Array
-    """(H·s, W·s) straight to the surface; 0: nothing."""
+    """(H·s, W·s) distance along the ray; 0: no surface."""
     albedo: Array
     """(H·s, W·s)."""
     strength: Array
-    """(H·s, W·s) albedo · cosine / distance² in m²: light back, over that of a white surface facing it at 1 m."""
+    """(H·s, W·s) albedo · cosine / distance² in m²: light relative to a white surface facing the camera at 1 m."""
     hit: NDArray[np.bool_]
-    """(H, W) at least one of a pixel's rays meets something."""
+    """(H, W) whether at least one of a pixel's rays hits a surface."""
     points_mm: Array
-    """(H, W, 3) of one ray near each pixel's centre; NaN: nothing."""
+    """(H, W, 3) the point of one ray near each pixel's centre; NaN: no surface."""
     normals: Array
-    """(H, W, 3) there, towards the camera; NaN: unknown."""
+    """(H, W, 3) normals at these points, towards the camera; NaN: unknown."""
 
     def average_pixels(self, values: NDArray) -> NDArray:
-        """Mean over each pixel: (H·s, W·s) → (H, W)."""
+        """Return the mean over each pixel: (H·s, W·s) → (H, W)."""
         rows, columns = (n // self.samples for n in values.shape)
         return values.reshape(rows, self.samples, columns, self.samples).mean(axis=(1, 3))
 
@@ -40,18 +40,20 @@ class TofSurface:
 def make_surface(
     depth_mm: Array, albedo: Array, cosine: Array | None, rays: Array, samples: int
 ) -> TofSurface:
-    """Surfaces from true depth (H·s, W·s) along rays (H·s, W·s, 2) x/z, y/z, with s ``samples`` per pixel.
+    """Return the surfaces from true depth (H·s, W·s) along rays (H·s, W·s, 2) x/z, y/z; s ``samples`` per pixel.
 
-    Without cosines they come from the depth: each axis takes the smaller of the differences to both neighbours, so
-    that a normal does not lean over a step.
+    Without cosines these are computed from the depth: each axis uses the smaller of the differences to both
+    neighbours, so that normals at a step are not tilted.
     """
     length = np.sqrt(1 + (rays**2).sum(axis=-1))
-    met = np.isfinite(depth_mm) & (depth_mm > 0)
-    depth = np.where(met, depth_mm, np.nan)
+    is_hit = np.isfinite(depth_mm) & (depth_mm > 0)
+    depth = np.where(is_hit, depth_mm, np.nan)
     if cosine is None:
         cosine = _estimate_cosines(depth, rays, length)
-    distance = np.where(met, depth * length, 0.0)
-    back = np.where(met, albedo * np.clip(cosine, 0, 1) / np.where(met, distance / 1000, 1) ** 2, 0.0)
+    distance = np.where(is_hit, depth * length, 0.0)
+    strength = np.where(
+        is_hit, albedo * np.clip(cosine, 0, 1) / np.where(is_hit, distance / 1000, 1) ** 2, 0.0
+    )
     middle = (slice(samples // 2, None, samples),) * 2
     points = _unproject(depth[middle], rays[middle])
     rows, columns = (n // samples for n in depth_mm.shape)
@@ -60,28 +62,28 @@ def make_surface(
         samples=samples,
         rays=np.concatenate([centres, np.ones((rows, columns, 1))], axis=-1),
         distance_mm=distance,
-        albedo=np.where(met, albedo, 0.0),
-        strength=back,
-        hit=met.reshape(rows, samples, columns, samples).any(axis=(1, 3)),
+        albedo=np.where(is_hit, albedo, 0.0),
+        strength=strength,
+        hit=is_hit.reshape(rows, samples, columns, samples).any(axis=(1, 3)),
         points_mm=points,
         normals=_estimate_normals(points),
     )
 
 
 def _unproject(depth_mm: Array, rays: Array) -> Array:
-    """(H, W, 3) in the camera's frame; NaN where there is no depth."""
+    """Return (H, W, 3) points in the camera frame; NaN where there is no depth."""
     return np.concatenate([rays * depth_mm[..., None], depth_mm[..., None]], axis=-1)
 
 
 def _estimate_cosines(depth_mm: Array, rays: Array, length: Array) -> Array:
-    """(H, W) between surface normal and ray; 1 where the normal is unknown."""
+    """Return (H, W) cosines of surface normal and ray; 1 where the normal is unknown."""
     normals = _estimate_normals(_unproject(depth_mm, rays))
     cosine = -((normals[..., :2] * rays).sum(axis=-1) + normals[..., 2]) / length
     return np.where(np.isfinite(cosine), cosine, 1.0)
 
 
 def _estimate_normals(points: Array) -> Array:
-    """(H, W, 3) unit normals towards the camera; NaN where a neighbour is missing on both sides of an axis."""
+    """Return (H, W, 3) unit normals towards the camera; NaN where both neighbours on an axis are missing."""
     down, right = _smaller_difference(points, 0), _smaller_difference(points, 1)
     normal = np.cross(down, right)
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -90,9 +92,12 @@ def _estimate_normals(points: Array) -> Array:
 
 
 def _smaller_difference(points: Array, axis: int) -> Array:
-    """To the next or from the previous point along an axis, whichever is shorter; NaN where there is neither."""
+    """Return the shorter of the differences to the next and the previous point along an axis; NaN without both."""
     step = np.diff(points, axis=axis)
     missing = np.full_like(np.take(points, [0], axis=axis), np.nan)
     ahead, behind = np.concatenate([step, missing], axis), np.concatenate([missing, step], axis)
-    far, near = np.linalg.norm(ahead, axis=-1, keepdims=True), np.linalg.norm(behind, axis=-1, keepdims=True)
-    return np.where(~np.isfinite(near) | (far < near), ahead, behind)
+    ahead_length, behind_length = (
+        np.linalg.norm(ahead, axis=-1, keepdims=True),
+        np.linalg.norm(behind, axis=-1, keepdims=True),
+    )
+    return np.where(~np.isfinite(behind_length) | (ahead_length < behind_length), ahead, behind)

@@ -1,4 +1,4 @@
-"""What the core camera truly has before it: depth, labels, and who else sees each of its pixels."""
+"""The truth of the core camera: depth, labels, and the visibility of each pixel from the other devices."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from beltscape.simulate.truth.visibility import compute_pixel_rays, is_in_image
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoreView:
-    """What is before the core camera, on one of its grids of H × W pixels."""
+    """The scene in the core camera, on one of its grids of H × W pixels."""
 
     depth_mm: NDArray[np.float64]
-    """(H, W) along the optical axis, exact to 1e-6 mm; NaN where there is nothing."""
+    """(H, W) along the optical axis, exact to 1e-6 mm; NaN where there is no surface."""
     label: NDArray[np.uint8]
     """(H, W) `Label`."""
     solid: NDArray[np.int64]
-    """(H, W) index of the world's solid; -1 where there is nothing."""
+    """(H, W) index of the world's solid; -1 where there is no surface."""
     face: NDArray[np.int64]
-    """(H, W) index of the face within its solid; -1 where there is nothing."""
+    """(H, W) index of the face within its solid; -1 where there is no surface."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoreTruth(CoreView):
-    """The same, and who else sees it."""
+    """A `CoreView` with the visibility of its points from auxiliaries and projector."""
 
     seen: Mapping[str, NDArray[np.bool_]]
     """By auxiliary camera: (H, W), whether the pixel's point is in its image and not hidden."""
@@ -42,7 +42,7 @@ class CoreTruth(CoreView):
 
     @property
     def views(self) -> NDArray[np.uint8]:
-        """(H, W) how many auxiliaries see the point."""
+        """Return (H, W) the number of auxiliaries that see the point."""
         views = np.zeros(self.label.shape, np.uint8)
         for seen in self.seen.values():
             views += seen
@@ -52,9 +52,9 @@ class CoreTruth(CoreView):
 def trace_core_view(
     world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
 ) -> CoreView:
-    """Trace the core camera's undistorted pinhole grid, or (``distorted``) its image as it is taken.
+    """Trace the core camera's undistorted pinhole grid, or (``distorted``) its recorded image.
 
-    ``scene`` saves the building of the world's ray scene where there is one already.
+    ``scene`` is the world's ray scene where it exists already.
     """
     scene = scene or RayScene(world.solids)
     camera, pose = station.rig.core_camera, station.core_from_world
@@ -66,7 +66,7 @@ def trace_core_view(
 def trace_core_truth(
     world: World, station: Station, *, distorted: bool = False, scene: RayScene | None = None
 ) -> CoreTruth:
-    """`trace_core_view`, and from which auxiliaries and from the projector each of its points is in view."""
+    """Trace `CoreTruth`: the core view, and the visibility of its points from the auxiliaries and the projector."""
     scene = scene or RayScene(world.solids)
     camera, pose = station.rig.core_camera, station.core_from_world
     surface = _SurfacePoints.trace(
@@ -83,18 +83,18 @@ def trace_core_truth(
         label=view.label,
         solid=view.solid,
         face=view.face,
-        seen={name: surface.scatter_to_rays(there, False).reshape(shape) for name, there in seen.items()},
+        seen={name: surface.scatter_to_rays(is_seen, False).reshape(shape) for name, is_seen in seen.items()},
         lit=surface.scatter_to_rays(surface.is_lit_by(world.projector), False).reshape(shape),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SurfacePoints:
-    """The places that rays met."""
+    """The surface points that rays hit."""
 
     scene: RayScene
     hit: NDArray[np.bool_]
-    """(R,) which of the rays met something: N of them."""
+    """(R,) which of the rays hit a surface: N of them."""
     depth_mm: NDArray[np.float64]
     """(N,)."""
     points_mm: NDArray[np.float64]
@@ -104,20 +104,20 @@ class _SurfacePoints:
 
     @classmethod
     def trace(cls, scene: RayScene, eye_mm: NDArray[np.float64], rays: NDArray[np.float64]) -> _SurfacePoints:
-        """By rays (R, 3) from an eye (3,)."""
+        """Trace rays (R, 3) from an eye (3,)."""
         hits = scene.cast(eye_mm, rays)
         hit = hits.face >= 0
         depth = hits.distance[hit]
         return cls(scene, hit, depth, eye_mm + depth[:, None] * rays[hit], hits.face[hit])
 
     def scatter_to_rays(self, values: NDArray[Any], empty: float) -> NDArray[Any]:
-        """(R,) values (N,) back in the place of their rays."""
+        """Return (R,) values (N,) at the indices of their rays."""
         whole = np.full(len(self.hit), empty, values.dtype)
         whole[self.hit] = values
         return whole
 
     def view(self, camera: Camera) -> CoreView:
-        """On the grid of the camera whose rays they were."""
+        """Return the points on the grid of the camera that the rays belong to."""
         shape = camera.size_px[::-1]
         solid = self.scene.solid_of_face[self.face]
         return CoreView(
@@ -128,27 +128,29 @@ class _SurfacePoints:
         )
 
     def is_visible_in(self, camera: Camera, cam_from_world: Pose) -> NDArray[np.bool_]:
-        """(N,) whether they are in the camera's image and not hidden."""
-        inside = is_in_image(camera, cam_from_world, self.points_mm)
-        normals = self.scene.face_normals(self.face[inside])
-        inside[inside] = self.scene.is_visible_from(self.points_mm[inside], normals, cam_from_world.center_mm)
-        return inside
+        """Return (N,) whether the points are in the camera's image and not hidden."""
+        is_visible = is_in_image(camera, cam_from_world, self.points_mm)
+        normals = self.scene.face_normals(self.face[is_visible])
+        is_visible[is_visible] = self.scene.is_visible_from(
+            self.points_mm[is_visible], normals, cam_from_world.center_mm
+        )
+        return is_visible
 
     def is_lit_by(self, projector: Projector | None) -> NDArray[np.bool_]:
-        """(N,) whether the pattern reaches them."""
+        """Return (N,) whether the pattern reaches the points."""
         if projector is None:
             return np.zeros(len(self.face), bool)
         return self.is_visible_in(make_pattern_camera(projector), projector.projector_from_world)
 
 
 def make_pattern_camera(projector: Projector) -> Camera:
-    """The projector as a camera as large as its pattern."""
+    """Return the projector as a camera with the size of its pattern."""
     camera, (rows, columns) = projector.camera, projector.pattern.shape[:2]
     return Camera(camera.name, (columns, rows), camera.focal_px, camera.center_px, camera.distortion)
 
 
 def measurable_shares(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, float]:
-    """Shares (0..1) of a region's pixels (H, W) that can be measured at all: lit, seen, lit and seen by so many."""
+    """Return the shares (0..1) of a region's pixels (H, W) that are lit, seen, and both by at least n auxiliaries."""
     count = max(int(region.sum()), 1)
     lit, views = truth.lit[region], truth.views[region]
     shares = {"pixels": float(region.sum()), "lit": float(lit.sum() / count)}
@@ -160,7 +162,7 @@ def measurable_shares(truth: CoreTruth, region: NDArray[np.bool_]) -> dict[str, 
 
 
 def label_rocks(truth: CoreView, solids: tuple[Solid, ...], heap: Heap) -> NDArray[np.int32]:
-    """(H, W) number of the heap's rock that a pixel shows, -1 where it shows none."""
-    which = [i for i, solid in enumerate(solids) if solid.name == "rocks"]
+    """Return (H, W) the index of the heap's rock in each pixel, -1 where there is none."""
+    rock_solids = [i for i, solid in enumerate(solids) if solid.name == "rocks"]
     rock = np.searchsorted(heap.rocks.first_face, truth.face, side="right") - 1
-    return np.where(np.isin(truth.solid, which), rock, -1).astype(np.int32)
+    return np.where(np.isin(truth.solid, rock_solids), rock, -1).astype(np.int32)

@@ -1,4 +1,4 @@
-"""How much truly lies on the belt: the space between the belt and what one sees from straight above."""
+"""The true volume of the load: the space between the belt and the surface seen from vertically above."""
 
 from __future__ import annotations
 
@@ -11,37 +11,38 @@ from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.world import Label, World
 
 _ABOVE_MM = 100.0
+"""Height of the ray origins above the highest vertex."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueLoad:
-    """The load over a box of the belt, vertical in the world; overhang counts as solid."""
+    """The load over a box of the belt, vertical in the world; overhangs count as solid."""
 
     x_mm: NDArray[np.float64]
-    """(Nx,) middles of the cells."""
+    """(Nx,) centres of the cells."""
     y_mm: NDArray[np.float64]
     """(Ny,)."""
     height_mm: NDArray[np.float64]
-    """(Ny, Nx) surface over the empty belt, never below 0; 0 beside the belt."""
+    """(Ny, Nx) height above the empty belt, never below 0; 0 beside the belt."""
     across_mm: tuple[float, float]
-    """The box in x."""
+    """Extent of the box in x."""
     along_mm: tuple[float, float]
-    """The box in y."""
+    """Extent of the box in y."""
 
     @property
     def volume_mm3(self) -> float:
-        """Integral over the box, by the midpoints of its cells."""
+        """Return the integral over the box, by the midpoint rule."""
         return float(self.height_mm.mean()) * self._surface_mm2
 
     @property
     def spread_mm3(self) -> float:
-        """Standard deviation of the volumes from each fourth cell: more than the error of all of them together."""
+        """Return the standard deviation of the volumes from each fourth cell: an upper bound of the error of all."""
         parts = [self.height_mm[j::2, i::2].mean() for j in (0, 1) for i in (0, 1)]
         return float(np.std(parts, ddof=1)) * self._surface_mm2
 
     @property
     def area_mm2(self) -> NDArray[np.float64]:
-        """(Ny,) cross-section of the load at each y."""
+        """Return (Ny,) the cross-section of the load at each y."""
         return self.height_mm.mean(axis=1) * (self.across_mm[1] - self.across_mm[0])
 
     @property
@@ -53,9 +54,9 @@ class TrueLoad:
 def compute_true_load(
     world: World, across_mm: tuple[float, float], along_mm: tuple[float, float], step_mm: float = 0.5
 ) -> TrueLoad:
-    """Look down onto the world and onto its belt alone, by a ray for every cell of about ``step_mm``.
+    """Measure the load by vertical rays to the world and to its belt alone, one for every cell of about ``step_mm``.
 
-    Everything but belt and floor counts as load, where it lies over the belt.
+    Everything but belt and floor counts as load where it lies above the belt.
     """
     x, y = (_cell_centres(*ends, step_mm) for ends in (across_mm, along_mm))
     return TrueLoad(x, y, _load_heights(world, x, y), across_mm, along_mm)
@@ -64,13 +65,13 @@ def compute_true_load(
 def compute_true_area_mm2(
     world: World, y_mm: NDArray[np.float64], across_mm: tuple[float, float], step_mm: float = 0.25
 ) -> NDArray[np.float64]:
-    """(N,) the load's cross-section exactly at places along the belt (N,)."""
+    """Return (N,) the load's exact cross-section at positions along the belt (N,)."""
     heights = _load_heights(world, _cell_centres(*across_mm, step_mm), np.asarray(y_mm, np.float64))
     return heights.mean(axis=1) * (across_mm[1] - across_mm[0])
 
 
 def _load_heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(Ny, Nx) load over the belt."""
+    """Return (Ny, Nx) heights of the load above the belt."""
     belt = [solid for solid in world.solids if solid.label == Label.BELT]
     high = max(float(solid.vertices_mm[:, 2].max()) for solid in world.solids) + _ABOVE_MM
     empty, loaded = (_top_heights(RayScene(solids), x_mm, y_mm, high) for solids in (belt, world.solids))
@@ -78,7 +79,7 @@ def _load_heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.floa
 
 
 def _cell_centres(first: float, last: float, step_mm: float) -> NDArray[np.float64]:
-    """(N,) middles of an even number of equal cells."""
+    """Return (N,) centres of an even number of equal cells."""
     count = 2 * max(1, int(np.ceil((last - first) / step_mm / 2 - 1e-9)))
     return first + (np.arange(count, dtype=np.float64) + 0.5) / count * (last - first)
 
@@ -86,7 +87,7 @@ def _cell_centres(first: float, last: float, step_mm: float) -> NDArray[np.float
 def _top_heights(
     scene: RayScene, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], high_mm: float
 ) -> NDArray[np.float64]:
-    """(Ny, Nx) height of what is seen from straight above; -inf where there is nothing."""
+    """Return (Ny, Nx) height of the highest surface; -inf where there is none."""
     x, y = np.meshgrid(x_mm, y_mm)
     eyes = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high_mm)])
     hits = scene.cast(eyes, np.broadcast_to([0.0, 0.0, -1.0], eyes.shape))

@@ -1,4 +1,4 @@
-"""A module's true dimensions, quantity by quantity as they are measured."""
+"""The true dimensions of a module, listed by the quantities that are measured."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from beltscape.target.module import Cube, Cylinder, Feature, Module
 
 
 def describe_module(module: Module, world_from_module: Pose) -> dict[str, Any]:
-    """The document of `<name>_module.json`.
+    """Return the document of `<name>_module.json`.
 
-    ``features`` has an entry ``{"name", "quantity", "true_mm"}`` for each quantity that measuring features names;
-    ``places`` the highest point over the flat belt's plane z = 0 and the middle of each footprint, in the world.
+    ``features`` has an entry ``{"name", "quantity", "true_mm"}`` for each quantity that the measurement of features
+    returns; ``places`` holds the height of the top above the level belt's plane z = 0 and the centre of each
+    footprint, in the world.
     """
     length, width, _ = module.base.size_mm
     entries = [("base", "length", length), ("base", "width", width)]

@@ -8,14 +8,14 @@
 | `belt.json` | the belt's settings and `cross_section_mm`, x and z of its upper side under the rig |
 | `board_poses.json` | the board, and by frame `world_from_board`, `core_from_board`, corners in each camera's image |
 | `<name>_depth.npz` | see below |
-| `<name>_scene.json` | labels by name, ceilings of what can be measured by label, volume of the load in a box |
+| `<name>_scene.json` | labels by name, measurable shares of pixels (`ceilings`), volume of the load in a box |
 | `<name>_load.npz` | the load's heights over the box: `x_mm`, `y_mm`, `height_mm` (float32), `area_mm2` at each y |
-| `<name>_module.json` | true dimensions of a module's features, their places, `world_from_module` |
+| `<name>_module.json` | true dimensions and positions of a module's features, `world_from_module` |
 | `<name>_rocks.npz` | by rock: `center_mm` (world), `size_mm`, `volume_mm3` |
 
-`<name>_depth.npz` holds on the core's pinhole grid, as depth.tiff: `depth_mm` (float32, NaN: nothing), `label`,
-`views` (how many auxiliaries see the point), `lit`, `rock` (its number in `<name>_rocks.npz`, -1: none); and on the
-image as it is taken: `depth_distorted_mm`, `label_distorted`.
+`<name>_depth.npz` holds on the core's pinhole grid, as depth.tiff: `depth_mm` (float32, NaN: no surface), `label`,
+`views` (number of auxiliaries that see the point), `lit`, `rock` (index in `<name>_rocks.npz`, -1: none); and on the
+recorded image: `depth_distorted_mm`, `label_distorted`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.pose import Pose
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import replacing
+from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.rig_json import write_rig
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.world import Label, Projector, Station, World
@@ -53,29 +53,29 @@ from beltscape.target.module import Module
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneDetails:
-    """What is known of a scene beyond its solids."""
+    """The truth of a scene beyond its solids."""
 
     belt: BeltSettings
     heap: Heap | None = None
     module: Module | None = None
     world_from_module: Pose | None = None
-    """Where the module lies."""
+    """Pose of the module."""
     across_mm: tuple[float, float] | None = None
-    """Box of the volume in x; by default as wide as the belt."""
+    """Extent of the volume's box in x; by default the width of the belt."""
     along_mm: tuple[float, float] = (-200.0, 200.0)
-    """Box of the volume in y."""
+    """Extent of the volume's box in y."""
 
 
-def write_truth(folder: Path, name: str, world: World, station: Station, known: SceneDetails) -> None:
-    """Write everything true about one scene into a folder, and the rig's truth beside it."""
+def write_truth(folder: Path, name: str, world: World, station: Station, details: SceneDetails) -> None:
+    """Write the whole truth of one scene into a folder, and the rig's truth beside it."""
     write_station(folder, station, world.projector)
-    write_belt(folder, known.belt)
+    write_belt(folder, details.belt)
     scene = RayScene(world.solids)
     truth = trace_core_truth(world, station, scene=scene)
     image = trace_core_view(world, station, distorted=True, scene=scene)
-    write_depth(folder / f"{name}_depth.npz", world, truth, image, known.heap)
-    left, right = known.belt.half_width_mm
-    load = compute_true_load(world, known.across_mm or (-left, right), known.along_mm)
+    write_depth(folder / f"{name}_depth.npz", world, truth, image, details.heap)
+    left, right = details.belt.half_width_mm
+    load = compute_true_load(world, details.across_mm or (-left, right), details.along_mm)
     write_arrays(
         folder / f"{name}_load.npz",
         x_mm=load.x_mm,
@@ -84,11 +84,11 @@ def write_truth(folder: Path, name: str, world: World, station: Station, known: 
         area_mm2=load.area_mm2,
     )
     write_json(folder / f"{name}_scene.json", _summary(world, truth, load))
-    if known.module is not None and known.world_from_module is not None:
-        document = describe_module(known.module, known.world_from_module)
+    if details.module is not None and details.world_from_module is not None:
+        document = describe_module(details.module, details.world_from_module)
         write_json(folder / f"{name}_module.json", document)
-    if known.heap is not None:
-        rocks = known.heap.rocks
+    if details.heap is not None:
+        rocks = details.heap.rocks
         write_arrays(
             folder / f"{name}_rocks.npz",
             center_mm=rocks.center_mm,
@@ -98,7 +98,7 @@ def write_truth(folder: Path, name: str, world: World, station: Station, known: 
 
 
 def write_station(folder: Path, station: Station, projector: Projector | None) -> None:
-    """rig.json, station.json, and projector.json where there is one."""
+    """Write rig.json, station.json, and projector.json where there is a projector."""
     write_rig(folder / "rig.json", station.rig)
     write_json(
         folder / "station.json", {"units": "mm", "core_from_world": pose_document(station.core_from_world)}
@@ -118,33 +118,33 @@ def write_station(folder: Path, station: Station, projector: Projector | None) -
 
 
 def write_belt(folder: Path, belt: BeltSettings) -> None:
-    """belt.json."""
+    """Write belt.json."""
     document = {"units": "mm", **belt.model_dump(mode="json"), "cross_section_mm": belt.section_mm}
     write_json(folder / "belt.json", document)
 
 
 def write_boards(folder: Path, station: Station, board: Board, world_from_board: Mapping[str, Pose]) -> None:
-    """board_poses.json of a board in one pose per frame, and the rig's truth beside it."""
+    """Write board_poses.json of a board with one pose per frame, and the rig's truth beside it."""
     write_station(folder, station, None)
     corners = corner_points_mm(board)
     frames = {}
     for frame, pose in world_from_board.items():
-        at = pose.apply(corners)
-        inside = {
-            name: int(is_in_image(camera, station.cam_from_world(name), at).sum())
+        points = pose.apply(corners)
+        corners_in_image = {
+            name: int(is_in_image(camera, station.cam_from_world(name), points).sum())
             for name, camera in station.rig.cameras.items()
         }
         frames[frame] = {
             "world_from_board": pose_document(pose),
             "core_from_board": pose_document(station.core_from_world @ pose),
-            "corners_in_image": inside,
+            "corners_in_image": corners_in_image,
         }
     document = {"units": "mm", "board": board.model_dump(mode="json"), "frames": frames}
     write_json(folder / "board_poses.json", document)
 
 
 def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, heap: Heap | None) -> None:
-    """A scene's depth file, as described above."""
+    """Write the depth file of a scene, as described above."""
     rocks = {} if heap is None else {"rock": label_rocks(truth, world.solids, heap)}
     write_arrays(
         path,
@@ -159,13 +159,13 @@ def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, hea
 
 
 def write_arrays(path: Path, **arrays: NDArray[Any]) -> None:
-    """Named arrays as a compressed npz, atomically."""
-    with replacing(path) as temporary:
+    """Write named arrays as a compressed npz, atomically."""
+    with atomic_replacement(path) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
 def pose_document(pose: Pose) -> dict[str, Any]:
-    """A pose as rig.json has it."""
+    """Return a pose in the form of rig.json."""
     return {"rotation": pose.rotation, "translation_mm": pose.translation_mm}
 
 

@@ -1,4 +1,4 @@
-"""What cameras and projector see of a scene: rays of pixels, points in their image and not hidden."""
+"""Visibility: rays of pixels, and whether points lie in an image."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from beltscape.core.pose import Pose
 
 
 def compute_pixel_rays(camera: Camera, cam_from_world: Pose, *, distorted: bool) -> NDArray[np.float64]:
-    """(H·W, 3) rays of all pixels, row by row, in the world, one millimetre long along the optical axis.
+    """Return (H·W, 3) rays of all pixels, row by row, in the world, one millimetre long along the optical axis.
 
-    A distance in lengths of such a ray is a depth in mm. ``distorted``: through the pixels of the image as the
-    camera takes it; else of its undistorted pinhole grid. NaN where the lens model puts no ray.
+    A distance in lengths of such a ray is a depth in mm. ``distorted``: through the pixels of the image as the camera
+    records it; else of its undistorted pinhole grid. NaN where the lens model has no ray.
     """
     if distorted:
         width, height = camera.size_px
@@ -25,13 +25,13 @@ def compute_pixel_rays(camera: Camera, cam_from_world: Pose, *, distorted: bool)
 
 
 def is_in_image(camera: Camera, cam_from_world: Pose, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) whether world points (N, 3) fall into the image: before the camera and on a pixel."""
+    """Return (N,) whether world points (N, 3) project into the image: in front of the camera and on a pixel."""
     points = cam_from_world.apply(points_mm)
     pixels = camera.project(points)
     with np.errstate(invalid="ignore"):
-        inside = np.all((pixels >= -0.5) & (pixels < np.array(camera.size_px) - 0.5), axis=1)
-    # far outside the view the lens polynomial turns back and puts points into the image that no lens would
-    ideal = points[inside, :2] / points[inside, 2:]
-    back = camera.undistort(pixels[inside])
-    inside[inside] = (np.abs(back - ideal) < 1e-6).all(axis=1)
-    return inside
+        is_inside = np.all((pixels >= -0.5) & (pixels < np.array(camera.size_px) - 0.5), axis=1)
+    # far outside the view the lens polynomial turns back and projects points into the image that no lens images
+    ideal = points[is_inside, :2] / points[is_inside, 2:]
+    undistorted = camera.undistort(pixels[is_inside])
+    is_inside[is_inside] = (np.abs(undistorted - ideal) < 1e-6).all(axis=1)
+    return is_inside

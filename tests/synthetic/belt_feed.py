@@ -15,8 +15,8 @@ from beltscape.core.rig import Rig
 from beltscape.measure.flow.fusion.empty_belt_reference import Ground
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.ledger import Books
-from beltscape.pipeline.live.measuring import Bench, Measuring
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)
@@ -38,14 +38,14 @@ def seen(place_mm: float) -> DepthMap:
 class FakeMatcher:
     """Knows where the belt is from the frame's name."""
 
-    doubted = False
+    is_inconsistent = False
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
         return seen(float(frame_set.frame))
 
 
-def bench() -> Bench:
-    return Bench(RIG, floor(), FakeMatcher(), FlowSettings(direction="+y"), Density.constant(1500.0))
+def bench() -> MeasurementContext:
+    return MeasurementContext(RIG, floor(), FakeMatcher(), FlowSettings(direction="+y"), Density.constant(1500.0))
 
 
 def frames(place_mm: float, position_mm: float | None, *, cameras: tuple[str, ...] = CAMERAS) -> FrameSet:
@@ -53,5 +53,5 @@ def frames(place_mm: float, position_mm: float | None, *, cameras: tuple[str, ..
     return FrameSet(f"{place_mm}", dict.fromkeys(cameras, IMAGE), round(place_mm * 1e6), position_mm)
 
 
-def run(books: Books) -> Measuring:
-    return Measuring(bench(), books, CAMERAS, lambda: 17, Silent())
+def run(state: LedgerState) -> MeasurementRun:
+    return MeasurementRun(bench(), state, CAMERAS, lambda: 17, Silent())

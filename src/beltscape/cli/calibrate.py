@@ -27,14 +27,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Calibrate and write rig.json, calibration.json, report.html."""
     from beltscape.files.exchange import read_intrinsics
-    from beltscape.files.folders.atomic import output_folder
+    from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.pipeline.calibrating.calibration import calibrate
     from beltscape.pipeline.calibrating.calibration_files import calibration_document, write_calibration
     from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
     from beltscape.target.board import read_board
 
     board = read_board(arguments.board)
-    out = output_folder(arguments.out)
+    out = ensure_output_folder(arguments.out)
     given = arguments.intrinsics
     known = KnownIntrinsics(read_intrinsics(given, reporter), str(given)) if given else None
     calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)

@@ -45,13 +45,13 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def _settings(project: Path) -> CamerasSettings:
     from beltscape.core.errors import InputError
-    from beltscape.files.documents.toml_text import read_toml, validated
+    from beltscape.files.documents.toml_text import read_toml, validate
     from beltscape.sources.genicam.settings import CamerasSettings
 
     values = read_toml(project)
     if not isinstance(values.get("cameras"), dict):
         raise InputError(f"{project}: it has no table [cameras]")
-    return validated(project, CamerasSettings, values["cameras"])
+    return validate(project, CamerasSettings, values["cameras"])
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -32,10 +32,10 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.evaluate.paper.laboratory import given_laboratory, rendered_laboratory
     from beltscape.evaluate.paper.pages.page import paper_page
     from beltscape.files.documents.json_text import write_json
-    from beltscape.files.folders.atomic import output_folder, write_text
+    from beltscape.files.folders.atomic import ensure_output_folder, write_text
 
     given = arguments.captures and given_laboratory(arguments.captures)
-    out = output_folder(arguments.out)
+    out = ensure_output_folder(arguments.out)
     if given is None:
         _keep_captures(arguments.earlier / "captures", out / "captures")
     lab = given or rendered_laboratory(out / "captures", arguments.size, arguments.seed, reporter)

@@ -25,13 +25,13 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.core.errors import InputError
     from beltscape.files.exchange import import_rig
     from beltscape.files.rig_json import write_rig
-    from beltscape.files.rig_limits import oddities_of, refusal_of
+    from beltscape.files.rig_limits import find_oddities, find_refusal
 
     rig, kind = import_rig(arguments.source, reporter, kind=arguments.format, core=arguments.core)
-    refusal = refusal_of(rig)
+    refusal = find_refusal(rig)
     if refusal is not None:
         raise InputError(f"{arguments.source}: {refusal}")
-    for line in oddities_of(rig):
+    for line in find_oddities(rig):
         reporter.warn(f"{arguments.source}: {line}")
     write_rig(arguments.out, rig)
     cameras = {

@@ -21,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Learn the empty belt."""
-    from beltscape.pipeline.measuring.belt import belt_answer, learn_from_reconstruction, write_belt_files
+    from beltscape.pipeline.measuring.belt import belt_answer, measure_empty_belt, write_belt_files
 
-    belt, camera = learn_from_reconstruction(arguments.reconstruction, arguments.frames, reporter)
+    belt, camera = measure_empty_belt(arguments.reconstruction, arguments.frames, reporter)
     page = write_belt_files(arguments.out, belt, camera)
     return {**belt_answer(belt), "belt": arguments.out, "report": page}
 

@@ -26,11 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the module's features."""
-    from beltscape.pipeline.measuring.features import features_document, features_of_frame, write_features
-    from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
+    from beltscape.pipeline.measuring.features import features_document, measure_features_of_frame, write_features
+    from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 
-    frame, measured = features_of_frame(arguments.frame, arguments.module, arguments.image)
-    warn_of_doubts(frame, reporter)
+    frame, measured = measure_features_of_frame(arguments.frame, arguments.module, arguments.image)
+    warn_of_findings(frame, reporter)
     reporter.step("measuring features", 1, 1)
     for warning in measured.warnings:
         reporter.warn(warning)

@@ -56,10 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the flow and write it."""
-    from beltscape.files.folders.atomic import output_folder
+    from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.files.rig_json import read_rig
     from beltscape.measure.flow.settings import FlowSettings
-    from beltscape.pipeline.measuring.flow import flow_of_capture
+    from beltscape.pipeline.measuring.flow import measure_flow_of_capture
     from beltscape.pipeline.measuring.flow_files import write_flow_result
 
     if arguments.direction == _ASK_DIRECTION:
@@ -70,8 +70,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         raise SettingsError(f"--load {arguments.load:g}: must be above 0 mm")
     chosen = settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
     density = _density(arguments)
-    output_folder(arguments.out)
-    flow = flow_of_capture(
+    ensure_output_folder(arguments.out)
+    flow = measure_flow_of_capture(
         arguments.capture,
         read_rig(arguments.rig),
         arguments.empty,
@@ -90,7 +90,7 @@ def _density(arguments: argparse.Namespace) -> Density:
     """What was told of it, in one of three ways."""
     from beltscape.files.tables.density import DENSITY_LIMITS
     from beltscape.measure.flow.records.density import Density, unknown_density
-    from beltscape.pipeline.measuring.density import density_of_product, density_of_table
+    from beltscape.pipeline.measuring.density import density_from_product, density_from_table
 
     told = [
         name
@@ -98,7 +98,7 @@ def _density(arguments: argparse.Namespace) -> Density:
         if getattr(arguments, name) is not None
     ]
     if sorted(told) == ["product", "products"]:
-        return density_of_product(arguments.products, arguments.product)
+        return density_from_product(arguments.products, arguments.product)
     if len(told) > 1:
         options = " and ".join(f"--{name.replace('_', '-')}" for name in told)
         raise SettingsError(f"{options}: say the density in one way only")
@@ -112,7 +112,7 @@ def _density(arguments: argparse.Namespace) -> Density:
             )
         return Density.constant(arguments.density)
     if arguments.density_table is not None:
-        return density_of_table(arguments.density_table)
+        return density_from_table(arguments.density_table)
     return unknown_density()
 
 

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
     from beltscape.pipeline.measuring.lumps import lumps_document, lumps_of_frame, write_lumps
-    from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
+    from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 
     told = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     seen = lumps_of_frame(
         arguments.loaded, settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
     )
-    warn_of_doubts(seen.frame, reporter)
+    warn_of_findings(seen.frame, reporter)
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
         write_lumps(arguments.out, seen)

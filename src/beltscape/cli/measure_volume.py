@@ -38,9 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the volume."""
     from beltscape.measure.volume.settings import VolumeSettings
-    from beltscape.pipeline.measuring.volume import volume_document, volume_of_frames, write_volume
+    from beltscape.pipeline.measuring.volume import volume_document, measure_volume_of_frames, write_volume
 
-    volume = volume_of_frames(
+    volume = measure_volume_of_frames(
         arguments.loaded,
         arguments.empty,
         settings(

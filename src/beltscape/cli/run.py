@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     log_to_stderr()
     web = project.settings.web
     options = RunOptions(
-        data=project.place(project.settings.data),
+        data=project.resolve(project.settings.data),
         certificate_days=make_expiry_counter(web.tls_certificate, web.tls_key),
         heartbeat=make_watchdog(),
     )

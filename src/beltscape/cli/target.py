@@ -78,14 +78,14 @@ def _add_board(board: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Make the target."""
-    from beltscape.files.folders.atomic import output_folder
+    from beltscape.files.folders.atomic import ensure_output_folder
 
     make = _board if arguments.target == "board" else _pattern
-    return make(arguments, output_folder(arguments.out), reporter)
+    return make(arguments, ensure_output_folder(arguments.out), reporter)
 
 
 def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    from beltscape.files.documents.toml_text import validated
+    from beltscape.files.documents.toml_text import validate
     from beltscape.pipeline.pattern_files import write_pattern_files
     from beltscape.target.speckle.pattern import PRESETS, PatternSettings, make_pattern
 
@@ -100,7 +100,7 @@ def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Ma
         "background": arguments.background,
         "marker_color": arguments.marker_color,
     }
-    pattern = make_pattern(validated(Path("target pattern"), PatternSettings, overrides))
+    pattern = make_pattern(validate(Path("target pattern"), PatternSettings, overrides))
     reporter.step("throwing dots", 1, 2)
     files, quality = write_pattern_files(out, pattern, bits=arguments.bits, image_format=arguments.format)
     reporter.step("drawing", 2, 2)
@@ -117,7 +117,7 @@ def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Ma
 
 
 def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    from beltscape.files.documents.toml_text import validated
+    from beltscape.files.documents.toml_text import validate
     from beltscape.target.board import CharucoBoard, Chessboard
     from beltscape.target.printing.print_board import lay_out, write_board_files
 
@@ -144,7 +144,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
         }
     if not 20 <= arguments.dpi <= 2400:
         raise SettingsError(f"--dpi {arguments.dpi:g}: give a resolution from 20 to 2400")
-    printed = lay_out(validated(Path("target board"), model, overrides), arguments.page)
+    printed = lay_out(validate(Path("target board"), model, overrides), arguments.page)
     files = write_board_files(out, printed, arguments.dpi)
     reporter.step("drawing", 1, 1)
     return {

@@ -16,9 +16,9 @@ from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.meshes.ply_points import read_cloud
-from beltscape.files.reconstruction import frame_folders, read_frame
+from beltscape.files.reconstruction import list_frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.measuring.solids import read_outlines
+from beltscape.pipeline.measuring.solids import read_solid_outlines
 from beltscape.report.drawing.scene import rig_scene
 from beltscape.report.drawing.scene_solids import belt_triangles
 from beltscape.report.viewer import Viewed, ViewedCloud, viewer_page
@@ -65,7 +65,7 @@ def viewed_of(source: Path, *, belt: Path | None, features: Path | None) -> View
             raise InputError(f"{belt}: holds no cross-section x_mm, z_mm; give the belt.json of measure belt")
         surfaces.append(("belt", _BELT, triangles))
     if features is not None:
-        for name, outline in read_outlines(features):
+        for name, outline in read_solid_outlines(features):
             upright = [up.apply(line) for line in outline]
             lines += [("features", _PRIMITIVE, line) for line in upright]
             corners = np.concatenate(upright)
@@ -90,7 +90,7 @@ def _found(source: Path) -> tuple[Rig | None, Sequence[Path]]:
     """The rig, and the frames' folders in order."""
     if source.is_file():
         return read_rig(source), ()
-    frames = frame_folders(source)
+    frames = list_frame_folders(source)
     rig = (source.parent if frames == [source] else source) / "rig.json"
     if not frames and not rig.is_file():
         raise InputError(

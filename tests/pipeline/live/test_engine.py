@@ -18,12 +18,12 @@ from beltscape.core.errors import OutputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 from beltscape.core.progress import Silent
-from beltscape.pipeline.live.engine import Engine, Parts, told
+from beltscape.pipeline.live.engine import Engine, EngineComponents, notify_records
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.inspector import Looker
-from beltscape.pipeline.live.ledger import Books
-from beltscape.pipeline.live.measuring import Measuring
+from beltscape.pipeline.live.inspector import PeriodicInspector
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -91,31 +91,36 @@ def history(folder: Path) -> Historian:
 
 
 def engine_of(
-    folder: Path, feed: Feed, *, patient: bool = True, matcher: FakeMatcher | None = None, sink: object = None
-) -> tuple[Engine, Watcher, Historian, Parts]:
+    folder: Path,
+    feed: Feed,
+    *,
+    blocking: bool = True,
+    matcher: FakeMatcher | None = None,
+    sink: object = None,
+) -> tuple[Engine, Watcher, Historian, EngineComponents]:
     historian, watcher, reporter = history(folder), Watcher(), Silent()
     resume = historian.resume
-    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
+    state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
     made = bench()
     if matcher is not None:
         object.__setattr__(made, "matcher", matcher)
-    writers = [Writer("historian", historian, told(watcher, historian))]
+    writers = [Writer("historian", historian, notify_records(watcher, historian))]
     if sink is not None:
         writers.append(Writer("other", sink))  # type: ignore[arg-type]
-    parts = Parts(
+    parts = EngineComponents(
         source=feed,
         encoder=None,
-        queue=FrameQueue(2, patient=patient),
-        measuring=Measuring(made, books, CAMERAS, time.time_ns, reporter),
+        queue=FrameQueue(2, blocking=blocking),
+        measurement=MeasurementRun(made, state, CAMERAS, time.time_ns, reporter),
         historian=historian,
         writers=writers,
         recorder=None,
         board=AlarmBoard(AlarmSettings()),
-        looker=Looker(made.ground.belt, CAMERA, 0.0, 0.0),
+        inspector=PeriodicInspector(made.ground.belt, CAMERA, 0.0, 0.0),
         gauges=Gauges(1e5),
         observer=watcher,
         reporter=reporter,
-        ticks=False,
+        polls_encoder=False,
     )
     return Engine(parts), watcher, historian, parts
 
@@ -156,7 +161,7 @@ def test_a_slow_worker_leaves_frames_out_and_the_ledger_is_whole(tmp_path: Path)
             return super().reconstruct(frame_set, reporter)
 
     engine, watcher, historian, parts = engine_of(
-        tmp_path, Feed(track(0, 2400), pause_s=0.02), patient=False, matcher=Slow()
+        tmp_path, Feed(track(0, 2400), pause_s=0.02), blocking=False, matcher=Slow()
     )
     engine.start()
     assert engine.wait(30)

@@ -33,11 +33,11 @@ cam1 = "b"
 def plant_parts(tmp_path_factory, small_frames) -> Path:
     """rig.json and belt.json of the demo's rig, and a capture of the loaded belt."""
     from beltscape.core.progress import Silent
-    from beltscape.pipeline.measuring.belt import learn_from_reconstruction, write_belt_files
+    from beltscape.pipeline.measuring.belt import measure_empty_belt, write_belt_files
 
     folder = tmp_path_factory.mktemp("plant")
     shutil.copy(TRUE_RIG, folder / "rig.json")
-    belt, camera = learn_from_reconstruction(small_frames / "belt_empty", None, Silent())
+    belt, camera = measure_empty_belt(small_frames / "belt_empty", None, Silent())
     write_belt_files(folder / "belt.json", belt, camera)
     shutil.copytree(DEMO / "belt_loaded", folder / "belt")
     return folder

@@ -1,1 +1,1 @@
-"""The same chain, running: from cameras to records, for years."""
+"""The live system: the measurement chain from cameras to ledger records, as a program that runs without end."""

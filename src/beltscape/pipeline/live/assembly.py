@@ -1,4 +1,4 @@
-"""project.toml → an engine, ready to start."""
+"""Assembly of the live system: opens everything that a project.toml names and builds the engine."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
-from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.volume.capacity import compute_capacity_mm2
-from beltscape.pipeline.live.deduplicating_reporter import Noting
-from beltscape.pipeline.live.engine import Engine, Parts, told
+from beltscape.pipeline.live.deduplicating_reporter import DeduplicatingReporter
+from beltscape.pipeline.live.engine import Engine, EngineComponents, notify_records
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.inspector import Looker
-from beltscape.pipeline.live.ledger import Books
-from beltscape.pipeline.live.measuring import Bench, Measuring
-from beltscape.pipeline.live.project import Project, RunSettings, density_of
+from beltscape.pipeline.live.inspector import PeriodicInspector
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.writer import Writer
-from beltscape.pipeline.measuring.flow import Instant, fitted, instants_of
-from beltscape.pipeline.measuring.flow_chain import depths_over, ground_under
+from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
+from beltscape.pipeline.measuring.flow_chain import depth_range_over, read_reference
 from beltscape.pipeline.reconstructing.checked_matcher import sequence_matcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.csv_sink import CsvSink
@@ -40,140 +40,142 @@ from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.genicam.source import open_cameras
 from beltscape.sources.replay import FrameTime, ReplaySource
 
-_FOR_EVER_NS, _PAGE = 1 << 62, 5000
+_END_OF_TIME_NS, _PAGE = 1 << 62, 5000
 
 
 @dataclass(frozen=True, slots=True)
-class Ways:
-    """How a run is to go, beside its settings."""
+class RunOptions:
+    """The options of a run that are not in its project.toml."""
 
     data: Path
     """Folder for history, recordings and tables."""
     paced: bool = True
-    """A capture at the pace of its times; else as fast as it can be measured, without dropping a frame."""
+    """True: replay a capture at its recorded pace; False: as fast as possible, without dropping a frame."""
     record: bool = True
-    """Whether raw frame sets are recorded as the settings say."""
+    """Whether raw frame sets are recorded according to the settings."""
     certificate_days: Callable[[], float] = field(default=lambda: float("nan"))
-    alive: Callable[[], None] = field(default=lambda: None)
+    heartbeat: Callable[[], None] = field(default=lambda: None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Assembled:
-    """An engine, and what others may look into while it runs."""
+class AssembledRun:
+    """An engine and the sinks that stay readable while it runs."""
 
     engine: Engine
     historian: Historian
     tables: Sequence[RecordSink]
-    """Sinks beside the historian."""
+    """Further sinks."""
 
     def close(self) -> None:
-        """Once the engine has stopped and nobody reads any more."""
+        """Close all sinks; call it after the engine has stopped and the last reader is done."""
         for sink in (*self.tables, self.historian):
             sink.close()
 
 
-def assemble(project: Project[RunSettings], ways: Ways, observer: Observer) -> Assembled:
-    """Open all that a run needs; nothing has begun yet. What does not fit is found before anything is written.
+def assemble(project: Project[RunSettings], options: RunOptions, observer: Observer) -> AssembledRun:
+    """Open everything that a run needs, without starting it; faults are found before anything is written.
 
     Raises
     ------
     InputError, SettingsError, MeasureError, OutputError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
-    settings, reporter = project.settings, Noting(observer)
-    rig = read_rig(project.place(settings.rig))
+    settings, reporter = project.settings, DeduplicatingReporter(observer)
+    rig = read_rig(project.resolve(settings.rig))
     if settings.capture is not None:
-        rig = fitted(rig, project.place(settings.capture.folder), reporter)
-    bench = bench_of(project, rig, reporter)
-    source = open_source(project, rig, reporter, paced=ways.paced)
+        rig = scale_rig_to_capture(rig, project.resolve(settings.capture.folder), reporter)
+    context = build_context(project, rig, reporter)
+    source = open_source(project, rig, reporter, paced=options.paced)
     check_encoder(project)
-    historian = Historian(output_folder(ways.data), settings.history)
+    historian = Historian(ensure_output_folder(options.data), settings.history)
     resume = historian.resume
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
-    encoder = _encoder(project, ways, ended)
-    books = Books(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
-    writers = [Writer("historian", historian, told(observer, historian))]
+    encoder = _open_encoder(project, options, ended)
+    state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
+    writers = [Writer("historian", historian, notify_records(observer, historian))]
     if historian.mended:
         reporter.warn(historian.mended)
-    tables = [_table(ways.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
+    tables = [_open_table(options.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
     writers += [Writer("csv", table) for table in tables]
-    recording = ways.record and settings.recording.mode != "off"
+    recording = options.record and settings.recording.mode != "off"
     watch = settings.watch
-    belt, camera = bench.ground.belt, bench.rig.core_camera
-    parts = Parts(
+    belt, camera = context.ground.belt, context.rig.core_camera
+    components = EngineComponents(
         source=source,
         encoder=encoder,
-        queue=FrameQueue(settings.queue.frames, patient=not ways.paced),
-        measuring=Measuring(bench, books, source.cameras, time_ns, reporter),
+        queue=FrameQueue(settings.queue.frames, blocking=not options.paced),
+        measurement=MeasurementRun(context, state, source.cameras, time_ns, reporter),
         historian=historian,
         writers=writers,
-        recorder=Recorder(ways.data / "recordings", settings.recording) if recording else None,
+        recorder=Recorder(options.data / "recordings", settings.recording) if recording else None,
         board=AlarmBoard(settings.alarms),
-        looker=Looker(belt, camera, watch.lumps_every_s, watch.edges_every_s),
+        inspector=PeriodicInspector(belt, camera, watch.lumps_every_s, watch.edges_every_s),
         gauges=Gauges(compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg)))),
         observer=observer,
         reporter=reporter,
-        ticks=settings.cameras is not None,
-        certificate_days=ways.certificate_days,
-        alive=ways.alive,
+        polls_encoder=settings.cameras is not None,
+        certificate_days=options.certificate_days,
+        heartbeat=options.heartbeat,
     )
-    return Assembled(Engine(parts), historian, tables)
+    return AssembledRun(Engine(components), historian, tables)
 
 
-def _table(folder: Path, settings: CsvSettings, historian: Historian) -> CsvSink:
-    """The table, with what the history has and it has not: a power cut may have taken its last rows."""
+def _open_table(folder: Path, settings: CsvSettings, historian: Historian) -> CsvSink:
+    """Open the CSV sink and add the historian's records that it lacks, such as those lost in a power cut."""
     table = CsvSink(folder, settings)
-    while missing := historian.records(0, _FOR_EVER_NS, limit=_PAGE, after=table.last):
+    while missing := historian.records(0, _END_OF_TIME_NS, limit=_PAGE, after=table.last):
         table.write(missing)
     return table
 
 
-def bench_of(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> Bench:
-    """What is measured with; images are matched at the width that the settings ask for."""
+def build_context(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> MeasurementContext:
+    """Return rig, empty belt and matcher for the settings' image width."""
     settings, matching = project.settings, project.settings.matching
     width = rig.core_camera.size_px[0]
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
-    ground = ground_under(project.place(settings.empty), rig, settings.flow.cell_mm, reporter)
-    near_far = depths_over(ground, matching.load_mm)
+    ground = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
+    near_far = depth_range_over(ground, matching.load_mm)
     matcher = sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())
-    return Bench(rig, ground, matcher, settings.flow, density_of(project))
+    return MeasurementContext(rig, ground, matcher, settings.flow, read_density(project))
 
 
 def check_encoder(project: Project[RunSettings]) -> None:
-    """Open the encoder and close it again: InputError where its file cannot be read or its port is taken."""
+    """Open the encoder and close it again; InputError if its file cannot be read or its port is in use."""
     capture = project.settings.capture
-    folder = None if capture is None else project.place(capture.folder)
+    folder = None if capture is None else project.resolve(capture.folder)
     settings = project.settings.encoder
-    if settings.kind == "file" and project.place(Path(settings.path)).is_dir():
-        raise InputError(f"{project.place(Path(settings.path))}: is a folder; give the CSV file that grows")
+    if settings.kind == "file" and project.resolve(Path(settings.path)).is_dir():
+        raise InputError(f"{project.resolve(Path(settings.path))}: is a folder; give the CSV file that grows")
     opened = open_encoder(settings, project.path.parent, capture=folder)
     if opened is not None:
         opened.close()
 
 
-def _encoder(project: Project[RunSettings], ways: Ways, ended_mm: float | None) -> Encoder | None:
-    """It goes on from where the ledger ended, in its own count. A replay's own table comes with its frames."""
+def _open_encoder(
+    project: Project[RunSettings], options: RunOptions, ended_mm: float | None
+) -> Encoder | None:
+    """Open the encoder, which continues at ``ended_mm``; None if the capture's frames contain its readings."""
     settings = project.settings
     if settings.encoder.kind == "capture" and settings.capture is not None and not settings.encoder.path:
         return None
-    capture = None if settings.capture is None else project.place(settings.capture.folder)
+    capture = None if settings.capture is None else project.resolve(settings.capture.folder)
     return open_encoder(
-        settings.encoder, project.path.parent, capture=capture, data=ways.data, resume_mm=ended_mm
+        settings.encoder, project.path.parent, capture=capture, data=options.data, resume_mm=ended_mm
     )
 
 
 def open_source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, paced: bool) -> LiveSource:
-    """Return the project's cameras, or its recorded capture in their place; ``paced``: at the pace of its times."""
+    """Return the project's cameras or its recorded capture; ``paced``: replay the capture at its recorded pace."""
     settings = project.settings
     if settings.cameras is not None:
         return open_cameras(
             settings.cameras, rig.core, {name: camera.size_px for name, camera in rig.cameras.items()}
         )
     assert settings.capture is not None  # read_project saw to it
-    folder = open_capture(project.place(settings.capture.folder), rig, reporter)
+    folder = open_capture(project.resolve(settings.capture.folder), rig, reporter)
     table = folder.folder / "encoder.csv" if settings.encoder.kind == "capture" else None
-    instants = instants_of(folder, table, settings.capture.frames_per_s, reporter)
+    instants = list_instants(folder, table, settings.capture.frames_per_s, reporter)
     frame_times = [_frame_time(project, instant) for instant in instants]
     return ReplaySource(folder, frame_times, paced=paced, loop=settings.capture.loop)
 
@@ -181,6 +183,6 @@ def open_source(project: Project[RunSettings], rig: Rig, reporter: Reporter, *, 
 def _frame_time(project: Project[RunSettings], instant: Instant) -> FrameTime:
     if instant.time_ns is None:
         raise InputError(
-            f"{project.path}: [capture] has no encoder.csv that tells its times; give frames_per_s = …"
+            f"{project.path}: [capture] has no encoder.csv with its times; give frames_per_s = …"
         )
     return FrameTime(instant.frame, instant.time_ns, instant.position_mm)

@@ -1,4 +1,4 @@
-"""What a run would open, opened once beforehand: each part of a project with one line, or with what is wrong."""
+"""The check of a project before a run: each part that a run opens is opened once and described in one line."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.live.assembly import bench_of, check_encoder, open_source
-from beltscape.pipeline.live.project import Project, RunSettings, density_of
-from beltscape.pipeline.measuring.flow import fitted
+from beltscape.pipeline.live.assembly import build_context, check_encoder, open_source
+from beltscape.pipeline.live.project import Project, RunSettings, read_density
+from beltscape.pipeline.measuring.flow import scale_rig_to_capture
 from beltscape.sinks.historian.storage.schema import open_reader, require_known
 from beltscape.sinks.historian.writing.recovery import DATABASE
 from beltscape.sinks.settings import RecordingSettings
 
 Check = tuple[str, Callable[[], str]]
-"""What is checked, and what does so: it returns a line, or raises a BeltscapeError."""
+"""Name of the part, and the function that checks it: it returns a line, or raises a BeltscapeError."""
 
 
-def checks_of(project: Project[RunSettings], reporter: Reporter) -> Iterator[Check]:
-    """Yield everything that a run opens but its page, in the order in which it does."""
+def list_checks(project: Project[RunSettings], reporter: Reporter) -> Iterator[Check]:
+    """Yield the checks of all parts except the page, in the order in which a run opens them."""
     settings = project.settings
     yield "rig", lambda: _rig_line(_rig(project, reporter))
     yield "density", lambda: _density_line(project)
     yield "empty", lambda: _empty_line(project, reporter)
     yield "source", lambda: _source_line(project, reporter)
     yield "encoder", lambda: _encoder_line(project)
-    yield "data", lambda: check_data(project.place(settings.data), settings.recording)
+    yield "data", lambda: check_data(project.resolve(settings.data), settings.recording)
 
 
 def is_running(data: Path) -> bool:
-    """Whether a run has the history in ``data`` open now."""
+    """Return whether a run has the history in ``data`` open now."""
     lock = data / "history.lock"
     if not lock.is_file():
         return False
@@ -48,21 +48,22 @@ def is_running(data: Path) -> bool:
 
 
 def check_data(data: Path, recording: RecordingSettings) -> str:
-    """Return a line about the folder of history and recordings; OutputError or InputError where it cannot be used."""
-    there = next(path for path in (data, *data.absolute().parents) if path.exists())
-    if not there.is_dir():
-        raise OutputError(f"{data}: cannot be a folder ({there} is a file); choose another data folder")
+    """Return a line about the folder of history and recordings; OutputError or InputError if it cannot be used."""
+    existing = next(path for path in (data, *data.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise OutputError(f"{data}: cannot be a folder ({existing} is a file); choose another data folder")
     try:
-        with tempfile.TemporaryFile(dir=there):
+        with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
         raise OutputError(
-            f"{data}: cannot be written ({error.strerror or error}); mend its rights, or choose another data folder"
+            f"{data}: cannot be written ({error.strerror or error}); change its permissions, or choose another "
+            "data folder"
         ) from error
     if (data / DATABASE).exists():
         _check_database(data / DATABASE)
-    kept = "" if recording.mode == "off" else f", recording {recording.mode}"
-    return f"{data} can be written{kept}" + ("; a run uses it now" if is_running(data) else "")
+    mode = "" if recording.mode == "off" else f", recording {recording.mode}"
+    return f"{data} can be written{mode}" + ("; a run uses it now" if is_running(data) else "")
 
 
 def _check_database(path: Path) -> None:
@@ -72,15 +73,15 @@ def _check_database(path: Path) -> None:
     try:
         require_known(connection, path)
     except sqlite3.Error:
-        return  # a damaged history is begun anew, with its totals, and an event says so
+        return  # a run replaces a damaged history, keeps its totals and records an event
     finally:
         connection.close()
 
 
 def _rig(project: Project[RunSettings], reporter: Reporter) -> Rig:
-    rig = read_rig(project.place(project.settings.rig))
+    rig = read_rig(project.resolve(project.settings.rig))
     capture = project.settings.capture
-    return rig if capture is None else fitted(rig, project.place(capture.folder), reporter)
+    return rig if capture is None else scale_rig_to_capture(rig, project.resolve(capture.folder), reporter)
 
 
 def _rig_line(rig: Rig) -> str:
@@ -89,19 +90,19 @@ def _rig_line(rig: Rig) -> str:
 
 
 def _density_line(project: Project[RunSettings]) -> str:
-    density = density_of(project)
-    told = project.settings.density
-    if told.kg_m3 is not None:
-        return f"{told.kg_m3:g} kg/m³"
+    density = read_density(project)
+    given = project.settings.density
+    if given.kg_m3 is not None:
+        return f"{given.kg_m3:g} kg/m³"
     return (
         f"{len(density.time_ns)} values"
-        if told.table or told.products
-        else "not told: volumes without masses"
+        if given.table or given.products
+        else "not given: volumes without masses"
     )
 
 
 def _empty_line(project: Project[RunSettings], reporter: Reporter) -> str:
-    belt = bench_of(project, _rig(project, reporter), reporter).ground.belt
+    belt = build_context(project, _rig(project, reporter), reporter).ground.belt
     x0, x1 = belt.across_mm
     return f"x {x0:.0f} to {x1:.0f} mm, {belt.frames} frames"
 
@@ -123,9 +124,9 @@ def _source_line(project: Project[RunSettings], reporter: Reporter) -> str:
 def _encoder_line(project: Project[RunSettings]) -> str:
     settings = project.settings
     encoder, capture = settings.encoder, settings.capture
-    if encoder.kind == "udp" and is_running(project.place(settings.data)):
+    if encoder.kind == "udp" and is_running(project.resolve(settings.data)):
         return "udp, its port not tried while a run uses it"
-    folder = None if capture is None else project.place(capture.folder)
+    folder = None if capture is None else project.resolve(capture.folder)
     if encoder.kind == "capture" and folder is not None and not encoder.path:
         table = folder / "encoder.csv"
         if not table.is_file():

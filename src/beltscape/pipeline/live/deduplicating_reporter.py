@@ -1,4 +1,4 @@
-"""Warnings of a running system: each is told once, and again only after a while."""
+"""A reporter that suppresses repeated warnings of a running system for a fixed time."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from time import monotonic
 
 from beltscape.core.live import Observer
 
-_AGAIN_S = 300.0
-_KEPT = 500
+_REPEAT_S = 300.0
+_LARGEST_HISTORY = 500
 
 
-class Noting:
-    """A ``Reporter`` for an observer; messages that differ only in numbers count as the same."""
+class DeduplicatingReporter:
+    """A ``Reporter`` that passes warnings to an observer; messages that differ only in numbers count as the same."""
 
-    def __init__(self, observer: Observer, again_s: float = _AGAIN_S) -> None:
-        """``again_s``: so long the same message is not repeated."""
-        self._observer, self._again_s = observer, again_s
-        self._told: OrderedDict[str, float] = OrderedDict()
+    def __init__(self, observer: Observer, repeat_s: float = _REPEAT_S) -> None:
+        """``repeat_s``: time during which the same message is not repeated."""
+        self._observer, self._repeat_s = observer, repeat_s
+        self._last_s: OrderedDict[str, float] = OrderedDict()
         self._lock = threading.Lock()
 
     def step(self, stage: str, done: int, total: int) -> None:
-        """A running system has no end to come nearer to."""
+        """Ignore progress: a running system has no end."""
 
     def warn(self, message: str) -> None:
-        """Pass it on, unless the same was said a short while ago."""
+        """Pass the message on, unless the same message was passed on recently."""
         kind, now = re.sub(r"\d+", "#", message), monotonic()
         with self._lock:
-            if now - self._told.get(kind, float("-inf")) < self._again_s:
+            if now - self._last_s.get(kind, float("-inf")) < self._repeat_s:
                 return
-            self._told[kind] = now
-            self._told.move_to_end(kind)
-            while len(self._told) > _KEPT:
-                self._told.popitem(last=False)
+            self._last_s[kind] = now
+            self._last_s.move_to_end(kind)
+            while len(self._last_s) > _LARGEST_HISTORY:
+                self._last_s.popitem(last=False)
         self._observer.on_message(message)

@@ -1,4 +1,4 @@
-"""Between the cameras and the worker: short, newest first."""
+"""The bounded queue of frame sets between the cameras and the worker; it drops the oldest when full."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from beltscape.core.frames import FrameSet
 
 
 class FrameQueue:
-    """Holds a few frame sets; where a further one finds no room, the oldest goes and is counted.
+    """Holds a few frame sets; when it is full, a new one displaces the oldest, which is counted.
 
-    What was dropped is not lost to the ledger: the next frame's strip reaches back over it.
+    The belt of a dropped frame is not lost to the ledger: the next frame's strip extends back over it.
     """
 
-    def __init__(self, room: int, *, patient: bool = False) -> None:
-        """``patient``: whoever brings one waits for room instead, as a recording can."""
+    def __init__(self, capacity: int, *, blocking: bool = False) -> None:
+        """``blocking``: ``put`` waits for room instead of dropping, as a recording allows."""
         self.dropped = 0
-        """Frame sets left out so far."""
-        self._room, self._patient = room, patient
+        """Frame sets dropped so far."""
+        self._capacity, self._blocking = capacity, blocking
         self._waiting: deque[FrameSet] = deque()
         self._changed = threading.Condition()
         self._closed = False
@@ -28,24 +28,24 @@ class FrameQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether no more come and all were taken."""
+        """Whether the queue is closed and empty."""
         return self._closed and not self._waiting
 
     def put(self, frames: FrameSet) -> None:
-        """Bring one."""
+        """Append a frame set."""
         with self._changed:
-            while self._patient and len(self._waiting) >= self._room and not self._closed:
+            while self._blocking and len(self._waiting) >= self._capacity and not self._closed:
                 self._changed.wait()
             if self._closed:
                 return
-            if len(self._waiting) >= self._room:
+            if len(self._waiting) >= self._capacity:
                 self._waiting.popleft()
                 self.dropped += 1
             self._waiting.append(frames)
             self._changed.notify_all()
 
     def get(self, seconds: float) -> FrameSet | None:
-        """Take the one that waits longest; None where none comes in time, or none comes any more."""
+        """Remove and return the oldest; None if none arrives in time, or the queue is closed and empty."""
         with self._changed:
             if not self._waiting and not self._closed:
                 self._changed.wait(seconds)
@@ -56,7 +56,7 @@ class FrameQueue:
             return frames
 
     def close(self) -> None:
-        """No more come; those that wait can still be taken."""
+        """Accept no further frame sets; those that wait can still be taken."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""What alarms are judged by, gathered from the threads that know it."""
+"""The current values that alarms are evaluated on, gathered from the engine's threads."""
 
 from __future__ import annotations
 
@@ -16,57 +16,57 @@ from beltscape.core.live import CameraHealth
 _NAN = float("nan")
 _MINUTE_S = 60.0
 _STALE_S = 5.0
-"""What was measured longer ago says nothing of now."""
+"""A value older than this is not current."""
 
 
 @dataclass(slots=True)
 class Gauges:
-    """The last that was heard of each; every field is set by one thread and read by another."""
+    """The latest value of each quantity; every field is written by one thread and read by another."""
 
     full_area_mm2: float
     entry: BeltRecord | None = None
-    """The last with a strip."""
+    """The last entry with a measured strip."""
     belt_mm: float = _NAN
     speed_mm_s: float = _NAN
     coverage: float = _NAN
     measured_s: float = float("-inf")
     """Monotonic clock at the last frame that gave depth."""
-    heard_s: float = float("-inf")
+    last_frame_s: float = float("-inf")
     """Monotonic clock at the last frame of any kind."""
     depth: DepthMap | None = None
-    """Of the last frame; taken away once looked at."""
+    """Of the last frame; None once it was inspected."""
     lump_mm: tuple[float, float] = (_NAN, _NAN)
-    """Largest lump and its σ, until told to the board."""
+    """Largest lump and its σ, until the board has them."""
     offset_mm: tuple[float, float] = (_NAN, _NAN)
-    """How far the belt runs off and its σ."""
+    """Misalignment of the belt and its σ."""
     encoder_ratio: tuple[float, float] = (_NAN, _NAN)
     dropped: deque[tuple[float, int]] = field(default_factory=deque)
     """(monotonic clock, frame sets dropped so far)."""
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def add(self, entries: Sequence[BeltRecord]) -> None:
-        """Further entries of the ledger."""
+        """Take over new entries of the ledger."""
         for entry in entries:
             self.belt_mm = entry.belt_mm[1]
             if entry.strip is not None and entry.standing != "missing":
                 self.entry = entry
 
-    def saw(self, depth: DepthMap | None, speed_mm_s: float) -> None:
-        """A further frame went through."""
-        self.heard_s = monotonic()
-        self.measured_s = self.heard_s if depth is not None else self.measured_s
+    def update_frame(self, depth: DepthMap | None, speed_mm_s: float) -> None:
+        """Take over the result of a frame."""
+        self.last_frame_s = monotonic()
+        self.measured_s = self.last_frame_s if depth is not None else self.measured_s
         self.speed_mm_s, self.depth = speed_mm_s, depth
         self.coverage = 0.0 if depth is None else depth.coverage
 
-    def drops(self, so_far: int) -> float:
-        """Frame sets dropped in the last minute."""
+    def count_dropped(self, total: int) -> float:
+        """Return the number of frame sets dropped in the last minute."""
         now = monotonic()
-        self.dropped.append((now, so_far))
+        self.dropped.append((now, total))
         while len(self.dropped) > 1 and now - self.dropped[1][0] > _MINUTE_S:
             self.dropped.popleft()
-        return float(so_far - self.dropped[0][1])
+        return float(total - self.dropped[0][1])
 
-    def readings(
+    def collect_readings(
         self,
         *,
         cameras: Mapping[str, CameraHealth],
@@ -76,17 +76,17 @@ class Gauges:
         encoder: tuple[float, str] | None,
         certificate_days: float,
     ) -> Readings:
-        """As things stand; what is measured now and then is told once.
+        """Return the current readings; a value that is measured periodically is returned once.
 
-        ``encoder``: seconds since its last reading, and what is wrong with it; None where there is none.
+        ``encoder``: seconds since its last reading, and its fault; None without an encoder.
         """
         with self.lock:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
             offset, self.offset_mm = self.offset_mm, (_NAN, _NAN)
         now = monotonic()
         area, area_sigma, density = self._load() if now - self.measured_s < _STALE_S else (_NAN, _NAN, _NAN)
-        heard = now - self.heard_s < _STALE_S
-        speed = self.speed_mm_s if heard else _NAN
+        is_current = now - self.last_frame_s < _STALE_S
+        speed = self.speed_mm_s if is_current else _NAN
         per_hour = speed * 3600e-9
         return Readings(
             area_mm2=area,
@@ -98,13 +98,13 @@ class Gauges:
             mass_flow_sigma_t_h=area_sigma * per_hour * density * 1e-3,
             belt_mm=self.belt_mm,
             speed_mm_s=speed,
-            coverage=self.coverage if heard else _NAN,
+            coverage=self.coverage if is_current else _NAN,
             largest_lump_mm=lump[0],
             largest_lump_sigma_mm=lump[1],
             belt_offset_mm=offset[0],
             belt_offset_sigma_mm=offset[1],
             cameras=cameras,
-            dropped_per_minute=self.drops(dropped),
+            dropped_per_minute=self.count_dropped(dropped),
             history_trouble=history_trouble,
             recording_trouble=recording_trouble,
             encoder_silent_s=_NAN if encoder is None else encoder[0],
@@ -115,7 +115,7 @@ class Gauges:
         )
 
     def _load(self) -> tuple[float, float, float]:
-        """Cross-section, its σ, bulk density; of the last strip that was measured."""
+        """Return cross-section, its σ and bulk density of the last measured strip."""
         strip = None if self.entry is None else self.entry.strip
         if strip is None:
             return _NAN, _NAN, _NAN

@@ -1,4 +1,4 @@
-"""What is looked for now and then in the measured surface: large lumps, a belt that runs off."""
+"""Periodic inspection of the measured surface for large lumps and belt misalignment."""
 
 from __future__ import annotations
 
@@ -13,23 +13,22 @@ from beltscape.pipeline.live.gauges import Gauges
 
 _NAN = float("nan")
 _LUMPS = LumpSettings(raster_pixels=100_000)
-"""A coarser look than `measure lumps`: sizes differ by a percent or two, for a third of the work."""
+"""Coarser than `measure lumps`: sizes differ by a percent or two, at a third of the cost."""
 
 
-class Looker:
-    """Looks at the newest depth map, each thing at its own pace."""
+class PeriodicInspector:
+    """Inspects the newest depth map; each inspection has its own period."""
 
     def __init__(self, belt: Belt, camera: Camera, lumps_every_s: float, edges_every_s: float) -> None:
-        """``camera`` is the one whose depth is measured; 0 s: never."""
+        """``camera`` is the core camera; a period of 0 s switches the inspection off."""
         self._belt, self._camera = belt, camera
-        self._every = {"lumps": lumps_every_s, "edges": edges_every_s}
-        self._last = dict.fromkeys(self._every, float("-inf"))
+        self._period_s = {"lumps": lumps_every_s, "edges": edges_every_s}
+        self._last = dict.fromkeys(self._period_s, float("-inf"))
 
-    def look(self, gauges: Gauges) -> None:
-        """Look where it is time, and there is something new to look at."""
-        due = [
-            name for name, every in self._every.items() if every and monotonic() - self._last[name] >= every
-        ]
+    def inspect(self, gauges: Gauges) -> None:
+        """Make the inspections that are due, if there is a new depth map."""
+        now = monotonic()
+        due = [name for name, period in self._period_s.items() if period and now - self._last[name] >= period]
         depth = gauges.depth
         if not due or depth is None:
             return
@@ -38,13 +37,13 @@ class Looker:
             self._last[name] = monotonic()
             try:
                 if name == "lumps":
-                    found = largest_lump(depth, self._camera, self._belt, _LUMPS)
+                    value = largest_lump(depth, self._camera, self._belt, _LUMPS)
                 else:
-                    found = belt_offset(depth, self._camera, self._belt)
+                    value = belt_offset(depth, self._camera, self._belt)
             except MeasureError:
-                found = (_NAN, _NAN)
+                value = (_NAN, _NAN)
             with gauges.lock:
                 if name == "lumps":
-                    gauges.lump_mm = found
+                    gauges.lump_mm = value
                 else:
-                    gauges.offset_mm = found
+                    gauges.offset_mm = value

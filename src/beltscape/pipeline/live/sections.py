@@ -1,4 +1,4 @@
-"""Finished pieces of belt → the mean cross-section of each strip."""
+"""A buffer of finished belt rows, from which the mean cross-section of each strip is taken."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import Ground
 from beltscape.measure.flow.fusion.rows import BeltPiece
 
 _CELL_MM = 5.0
-"""Columns of a cross-section that is kept are about so wide."""
+"""Approximate column width of a stored cross-section."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,11 +22,11 @@ class _Rows:
     height_mm: NDArray[np.float32]
 
 
-class Sections:
-    """Keeps the pieces that strips may still need."""
+class SectionBuffer:
+    """Keeps the belt rows that unfinished strips may still need."""
 
     def __init__(self, ground: Ground) -> None:
-        """For a ground's columns, joined to about 5 mm."""
+        """Prepare for the columns of the empty-belt reference, joined to about 5 mm."""
         self._cell_mm = ground.cell_mm
         self._side = max(1, round(_CELL_MM / ground.cell_mm))
         self._kept = ground.grid.shape[1] // self._side * self._side
@@ -35,15 +35,15 @@ class Sections:
         self._parts: deque[_Rows] = deque()
 
     def add(self, piece: BeltPiece) -> NDArray[np.float32]:
-        """Take in a finished piece; its heights (n, Nx) on the joined columns."""
+        """Add a finished piece; return its heights, (n, Nx) float32 mm, on the joined columns."""
         height = piece.height_mm[:, : self._kept]
         joined = height.reshape(len(height), -1, self._side).mean(axis=2).astype(np.float32)
         s = self._cell_mm * (piece.first + np.arange(len(joined), dtype=np.float64))
         self._parts.append(_Rows(s, joined))
         return joined
 
-    def of(self, strip_mm: tuple[float, float]) -> CrossSection | None:
-        """Mean over a strip (of one without length: the row at its place); what lies before it is forgotten."""
+    def mean_section(self, strip_mm: tuple[float, float]) -> CrossSection | None:
+        """Return the mean section of a strip (of its row if it has no length); earlier rows are removed."""
         low, high = strip_mm
         half = self._cell_mm / 2
         while self._parts and self._parts[0].s_mm[-1] + half < low:

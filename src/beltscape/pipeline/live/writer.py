@@ -1,4 +1,4 @@
-"""Entries on their way to a sink, in a thread of its own: a slow disk holds up no frame, a full one loses nothing."""
+"""A writer thread per sink: a slow disk delays no frame, and entries that a sink refuses are offered again."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.live import RecordSink
 
-_AGAIN_S = 1.0
+_RETRY_S = 1.0
 _WITH_SECTION = 20_000
-"""So many waiting entries keep their cross-sections; of more, the oldest are kept without."""
+"""Number of waiting entries that keep their cross-sections; older ones lose theirs, which bounds the memory."""
 _BATCH = 500
 
 
 class Writer:
-    """Gives entries to one sink, in order; what it refuses is kept and offered again."""
+    """Writes entries to one sink in order; refused entries are kept and offered again."""
 
     def __init__(
-        self, name: str, sink: RecordSink, written: Callable[[Sequence[BeltRecord]], None] | None = None
+        self, name: str, sink: RecordSink, on_written: Callable[[Sequence[BeltRecord]], None] | None = None
     ) -> None:
-        """``written`` is told what the sink has taken."""
+        """``on_written`` is called with the entries that the sink has stored."""
         self.trouble = ""
-        """What the sink said when it last refused; empty while all goes well."""
-        self._sink, self._written = sink, written
+        """The sink's last error; empty once it stores again."""
+        self._sink, self._on_written = sink, on_written
         self._waiting: list[BeltRecord] = []
         self._changed = threading.Condition()
         self._closing = False
@@ -36,7 +36,7 @@ class Writer:
         return len(self._waiting)
 
     def put(self, entries: Sequence[BeltRecord]) -> None:
-        """Further entries; returns at once."""
+        """Append entries; returns at once."""
         with self._changed:
             self._waiting.extend(entries)
             for index in range(len(self._waiting) - _WITH_SECTION - 1, -1, -1):
@@ -46,7 +46,7 @@ class Writer:
             self._changed.notify_all()
 
     def close(self, patience_s: float = 10.0) -> int:
-        """Write what waits; how many entries the sink would not take within the time. It stays open."""
+        """Write the waiting entries; return how many were not stored in time. The sink stays open."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -66,7 +66,7 @@ class Writer:
             with self._changed:
                 if self._closing:
                     return
-                self._changed.wait(_AGAIN_S)
+                self._changed.wait(_RETRY_S)
 
     def _offer(self, batch: list[BeltRecord]) -> bool:
         try:
@@ -77,6 +77,6 @@ class Writer:
         self.trouble = ""
         with self._changed:
             del self._waiting[: len(batch)]
-        if self._written is not None:
-            self._written(batch)
+        if self._on_written is not None:
+            self._on_written(batch)
         return True

@@ -14,13 +14,13 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.folders.atomic import write_text
-from beltscape.files.reconstruction import frame_folders, read_frame
+from beltscape.files.reconstruction import list_frame_folders, read_frame
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
+from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 from beltscape.report.measuring.belt import belt_page
 
 
-def learn_from_reconstruction(
+def measure_empty_belt(
     folder: Path, frames: Sequence[str] | None, reporter: Reporter
 ) -> tuple[Belt, Camera]:
     """The empty belt from a reconstruction's frames, all of them by default.
@@ -34,7 +34,7 @@ def learn_from_reconstruction(
     results = []
     for number, name in enumerate(names, 1):
         results.append(read_frame(folder / name))
-        warn_of_doubts(results[-1], reporter)
+        warn_of_findings(results[-1], reporter)
         reporter.step("reading empty belt", number, len(names))
     camera = results[0].rig.core_camera
     return learn_belt([result.depth for result in results], camera), camera
@@ -46,7 +46,7 @@ def frame_names(folder: Path) -> list[str]:
         raise InputError(f"{folder}: is a file; give a reconstruction of beltscape reconstruct")
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give a reconstruction of beltscape reconstruct")
-    names = [path.name for path in frame_folders(folder) if path != folder]
+    names = [path.name for path in list_frame_folders(folder) if path != folder]
     if not names:
         raise InputError(
             f"{folder}: no frame folder with a depth.tiff; give a reconstruction of beltscape reconstruct"
@@ -54,7 +54,7 @@ def frame_names(folder: Path) -> list[str]:
     return names
 
 
-def empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
+def read_empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
     """The empty belt from what a user gives: a belt.json, a frame folder, or a reconstruction with all its frames."""
     if place.is_file():
         return read_belt(place)
@@ -64,9 +64,9 @@ def empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
             "empty belt, or a frame folder of one"
         )
     if (place / "rig.json").is_file() and not (place / "depth.tiff").is_file():
-        return learn_from_reconstruction(place, None, reporter)
+        return measure_empty_belt(place, None, reporter)
     frame = read_frame(place)
-    warn_of_doubts(frame, reporter)
+    warn_of_findings(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.errors import BeltscapeError, InputError, MeasureError
 from beltscape.core.frames import Image, to_grey
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.folders.atomic import ensure_output_folder, write_text
 from beltscape.files.rasters.images import read_image
 from beltscape.files.reconstruction import FrameResult, read_frame
 from beltscape.measure.features.measure import measure_module
@@ -23,7 +23,7 @@ from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import read_module
 
 
-def features_of_frame(
+def measure_features_of_frame(
     folder: Path, module: Path, image: Path | None = None
 ) -> tuple[FrameResult, MeasuredModule]:
     """Dimensions of the module that lies in a frame folder of beltscape reconstruct.
@@ -80,7 +80,7 @@ def features_document(measured: MeasuredModule) -> Mapping[str, Any]:
 
 def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> None:
     """features.json, features.csv and report.html."""
-    output_folder(out)
+    ensure_output_folder(out)
     write_json(out / "features.json", features_document(measured))
     write_text(out / "features.csv", features_csv(measured))
     write_text(out / "report.html", features_page(frame.depth, frame.rig.core_camera, frame.image, measured))

@@ -20,7 +20,7 @@ from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow_chain import FlowChain, depths_over, ground_under, reaching
+from beltscape.pipeline.measuring.flow_chain import FlowChain, depth_range_over, read_reference, widen_to_belt
 from beltscape.pipeline.measuring.flow_checks import demand_consistent, warn_of_conflicts
 from beltscape.pipeline.reconstructing.checked_matcher import sequence_matcher
 from beltscape.pipeline.reconstructing.reconstruction import depth_range, open_capture
@@ -57,7 +57,7 @@ class Flow:
     """The direction that was given; None: found from the material."""
 
 
-def flow_of_capture(
+def measure_flow_of_capture(
     capture: Path,
     rig: Rig,
     empty: Path,
@@ -85,14 +85,14 @@ def flow_of_capture(
     """
     if preset not in PRESETS:
         raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
-    rig = fitted(rig, capture, reporter)
+    rig = scale_rig_to_capture(rig, capture, reporter)
     source = open_capture(capture, rig, reporter)
-    instants = instants_of(source, encoder, frames_per_s, reporter)
-    ground = ground_under(empty, rig, None if settings is None else settings.cell_mm, reporter)
+    instants = list_instants(source, encoder, frames_per_s, reporter)
+    ground = read_reference(empty, rig, None if settings is None else settings.cell_mm, reporter)
     near_far = (
-        reaching(ground, depth_range(source, rig, reporter))
+        widen_to_belt(ground, depth_range(source, rig, reporter))
         if load_mm is None
-        else depths_over(ground, load_mm)
+        else depth_range_over(ground, load_mm)
     )
     picture, steps = BeltPicture(ground), list[Step]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
@@ -115,7 +115,7 @@ def flow_of_capture(
     return Flow(records, steps, meter, picture, spent, encoder is not None, told)
 
 
-def fitted(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
+def scale_rig_to_capture(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
     """The rig with its images as large as the capture's; another shape is left for the source to complain of."""
     files = read_capture(capture).files.get(rig.core)
     if not files:
@@ -131,7 +131,7 @@ def fitted(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
     return scale_rig(rig, factor)
 
 
-def instants_of(
+def list_instants(
     source: FolderSource, encoder: Path | None, frames_per_s: float | None, reporter: Reporter
 ) -> list[Instant]:
     """All instants in order: every row of the encoder, or every frame of the capture.

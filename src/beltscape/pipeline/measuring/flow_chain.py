@@ -17,7 +17,7 @@ from beltscape.core.scaling import pinhole_scale
 from beltscape.measure.flow.fusion.empty_belt_reference import Ground, ground_of
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.prediction import Foresight
-from beltscape.pipeline.measuring.belt import empty_belt
+from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 
 _MARGIN = 0.02
@@ -38,7 +38,7 @@ class SequenceMatcher(Protocol):
     """What makes depth of one frame after the other."""
 
     @property
-    def doubted(self) -> bool:
+    def is_inconsistent(self) -> bool:
         """Whether cameras contradict the rig: the belt of such frames counts as degraded."""
         ...
 
@@ -63,7 +63,7 @@ class _Matched:
 class FlowChain:
     """Matcher and meter as one: while a frame is matched, the one before it is measured.
 
-    The matcher starts from the frame before, moved with the belt. Neither which thread is faster nor `settle` changes
+    The matcher starts from the frame before, moved with the belt. Neither which thread is faster nor `flush` changes
     a result: how the belt should have moved is told by what was measured before the frame before.
     """
 
@@ -86,7 +86,7 @@ class FlowChain:
         """
         found = self._matching.submit(self._depth, frames, self._prior(frames), reporter)
         try:
-            records = self.settle()
+            records = self.flush()
         finally:
             depth = found.result()
         self._before = self._waiting = _Matched(
@@ -94,12 +94,12 @@ class FlowChain:
             frames.time_ns,
             frames.position_mm,
             depth,
-            (whole and not self._matcher.doubted) or depth is None,
+            (whole and not self._matcher.is_inconsistent) or depth is None,
             self.meter.foresight,
         )
         return Passed(depth, records)
 
-    def settle(self) -> list[FlowRecord]:
+    def flush(self) -> list[FlowRecord]:
         """Measure the frame before without waiting for the next one, where there is time."""
         one, self._waiting = self._waiting, None
         if one is None:
@@ -108,7 +108,7 @@ class FlowChain:
 
     def finish(self) -> list[FlowRecord]:
         """No more frames come: the records that are left."""
-        return self.settle() + self.meter.finish()
+        return self.flush() + self.meter.finish()
 
     def restart(self, meter: FlowMeter) -> None:
         """Measure on with another meter, after `finish`: the belt's count begins anew."""
@@ -140,7 +140,7 @@ class FlowChain:
         return None if motion is None else Prior(before.depth, motion)
 
 
-def ground_under(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> Ground:
+def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> Ground:
     """The empty belt as a floor for the rig's depth maps.
 
     Raises
@@ -148,7 +148,7 @@ def ground_under(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporte
     InputError, MeasureError
         When it was reconstructed with another rig, or shows no belt.
     """
-    belt, camera = empty_belt(empty, reporter)
+    belt, camera = read_empty_belt(empty, reporter)
     if camera.name != rig.core or pinhole_scale(camera, rig.core_camera) is None:
         raise InputError(
             f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
@@ -156,13 +156,13 @@ def ground_under(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporte
     return ground_of(belt, rig.core_camera, cell_mm)
 
 
-def depths_over(ground: Ground, load_mm: float) -> tuple[float, float]:
+def depth_range_over(ground: Ground, load_mm: float) -> tuple[float, float]:
     """Near and far end of the depths of a belt that is loaded up to so many mm."""
     near, far = ground.depths_mm()
     return (1 - _MARGIN) * max(near - load_mm, 0.1 * near), (1 + _MARGIN) * far
 
 
-def reaching(ground: Ground, near_far_mm: tuple[float, float]) -> tuple[float, float]:
-    """Depths found in images, widened so that the empty belt is among them."""
+def widen_to_belt(ground: Ground, near_far_mm: tuple[float, float]) -> tuple[float, float]:
+    """Depths found in images, add_systematic_error so that the empty belt is among them."""
     low, high = ground.depths_mm()
     return min(near_far_mm[0], (1 - _MARGIN) * low), max(near_far_mm[1], (1 + _MARGIN) * high)

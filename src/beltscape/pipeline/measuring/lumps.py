@@ -12,14 +12,14 @@ import numpy as np
 from beltscape.core.frames import Image
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import output_folder, write_text
-from beltscape.files.meshes.ply_points import image_of_cloud
+from beltscape.files.folders.atomic import ensure_output_folder, write_text
+from beltscape.files.meshes.ply_points import image_from_cloud
 from beltscape.files.rasters.images import write_image
 from beltscape.files.reconstruction import FrameResult, read_frame
 from beltscape.measure.lumps.distribution import SizeDistribution
 from beltscape.measure.lumps.lumps import BIAS, Lumps, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
-from beltscape.pipeline.measuring.belt import empty_belt, require_same_camera
+from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
 from beltscape.report.measuring.lumps import lumps_page
 
 _SHARES = ("d10", "d50", "d80", "d90")
@@ -42,7 +42,7 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenLumps:
+class FrameLumps:
     """Lumps, and the frame that they are from."""
 
     frame: FrameResult
@@ -53,7 +53,7 @@ class SeenLumps:
 
 def lumps_of_frame(
     loaded: Path, settings: LumpSettings, *, empty: Path | None, reporter: Reporter | None = None
-) -> SeenLumps:
+) -> FrameLumps:
     """Lumps of a frame folder of beltscape reconstruct, over the empty belt where it is given.
 
     ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
@@ -67,10 +67,10 @@ def lumps_of_frame(
     camera = frame.rig.core_camera
     belt = None
     if empty is not None:
-        belt, other = empty_belt(empty, reporter or Silent())
+        belt, other = read_empty_belt(empty, reporter or Silent())
         require_same_camera(loaded, camera, empty, other)
     lumps = measure_lumps(frame.depth, camera, settings, belt)
-    return SeenLumps(frame, lumps, image_of_cloud(frame.folder / "cloud.ply", frame.depth.measured))
+    return FrameLumps(frame, lumps, image_from_cloud(frame.folder / "cloud.ply", frame.depth.measured))
 
 
 def lumps_document(lumps: Lumps) -> Mapping[str, Any]:
@@ -106,9 +106,9 @@ def _distribution(sizes: SizeDistribution) -> dict[str, Any]:
     }
 
 
-def write_lumps(out: Path, seen: SeenLumps) -> None:
+def write_lumps(out: Path, seen: FrameLumps) -> None:
     """lumps.json, lumps.csv, sieve.csv, labels.png (16 bit, on the core's grid), report.html."""
-    output_folder(out)
+    ensure_output_folder(out)
     write_image(out / "labels.png", seen.lumps.labels)
     write_json(out / "lumps.json", lumps_document(seen.lumps))
     write_text(out / "lumps.csv", lumps_csv(seen.lumps))

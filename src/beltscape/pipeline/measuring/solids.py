@@ -47,7 +47,7 @@ def solids_document(measured: MeasuredModule) -> list[Mapping[str, Any]]:
     return [{**solid, "measured": solid["name"] in measured_names} for solid in solids]
 
 
-def read_outlines(path: Path) -> list[tuple[str, Lines]]:
+def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
     """Return name and polylines, (n, 3) in the core's frame, mm, of each solid of a features.json.
 
     Raises

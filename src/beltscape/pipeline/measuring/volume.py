@@ -8,22 +8,22 @@ from typing import Any
 
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.folders.atomic import ensure_output_folder, write_text
 from beltscape.files.meshes.stl import write_stl
 from beltscape.files.rasters.height_tiff import write_height_tiff
 from beltscape.files.reconstruction import read_frame
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume
-from beltscape.pipeline.measuring.belt import empty_belt, require_same_camera
-from beltscape.pipeline.reconstructing.camera_findings import warn_of_doubts
+from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
+from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 from beltscape.report.measuring.volume import volume_page
 
 LEAST_COVERAGE = 0.5
 """A volume of which less was measured is mostly interpolated."""
 
 
-def volume_of_frames(
+def measure_volume_of_frames(
     loaded: Path,
     empty: Path,
     settings: VolumeSettings,
@@ -43,8 +43,8 @@ def volume_of_frames(
     """
     reporter = reporter or Silent()
     full = read_frame(loaded)
-    warn_of_doubts(full, reporter)
-    belt, camera = empty_belt(empty, reporter)
+    warn_of_findings(full, reporter)
+    belt, camera = read_empty_belt(empty, reporter)
     require_same_camera(loaded, full.rig.core_camera, empty, camera)
     volume = measure_volume(
         full.depth, belt, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
@@ -119,7 +119,7 @@ def write_volume(out: Path, volume: Volume) -> None:
     load.tiff and load_sigma.tiff are placed in the belt frame, mm; surface.stl is what is seen from above, load.stl
     the closed body between it and the belt; profiles.csv and areas.csv are the cross-sections.
     """
-    output_folder(out)
+    ensure_output_folder(out)
     load = volume.load
     write_height_tiff(out / "load.tiff", load)
     write_height_tiff(out / "load_sigma.tiff", load, sigma=True)

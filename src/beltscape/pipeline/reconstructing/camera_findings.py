@@ -6,7 +6,7 @@ from beltscape.core.progress import Reporter
 from beltscape.files.reconstruction import FrameResult
 
 
-def warn_of_doubts(frame: FrameResult, reporter: Reporter) -> None:
+def warn_of_findings(frame: FrameResult, reporter: Reporter) -> None:
     """Warn of the frame's doubts; their systematic error is in its depth map's σ."""
     for line in frame.doubts:
         reporter.warn(f"{frame.folder}: {line}")

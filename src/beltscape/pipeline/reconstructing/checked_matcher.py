@@ -59,7 +59,7 @@ class CheckedMatcher:
         self.rig = rig
         self.left_out: tuple[str, ...] = ()
         """Auxiliaries that contradicted the rig in a frame, and are not used since."""
-        self.doubted = False
+        self.is_inconsistent = False
         """Whether the frame that was checked last contradicted the rig."""
         self._auxiliaries, self._near_far, self._every = auxiliaries, depth_range_mm, every
         self._matcher_of = matcher_of
@@ -113,7 +113,7 @@ class CheckedMatcher:
         self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency, names: tuple[str, ...]
     ) -> CheckedDepth:
         """Mark the depth where cameras that it is measured with are in doubt."""
-        self.doubted = not consistency.is_sound
+        self.is_inconsistent = not consistency.is_sound
         doubts = doubts_of(consistency, self.rig, self._exchange(frame_set, consistency))
         used = consistency.core_moved or not set(names).isdisjoint(consistency.doubtful)
         # what is left where a camera is in doubt and little is measured, is where images agree by chance
@@ -131,7 +131,7 @@ class CheckedMatcher:
             cause, unfit = sparse_cause(frame_set, self.rig, consistency, self._near_far, depth.coverage)
             doubts = [cause]
             if unfit:
-                depth = widened(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
+                depth = add_systematic_error(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
         return CheckedDepth(depth, consistency, names, tuple(doubts))
 
     def _used(self, frame_set: FrameSet) -> tuple[str, ...]:
@@ -165,7 +165,7 @@ class CheckedMatcher:
     def _marked(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():
             return depth
-        return widened(depth, self._systematic_px * mm_per_px(self.rig, depth))
+        return add_systematic_error(depth, self._systematic_px * depth_error_per_px(self.rig, depth))
 
 
 def sequence_matcher(
@@ -187,14 +187,14 @@ def _trusted(consistency: RigConsistency) -> tuple[str, ...]:
     return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.doubtful)
 
 
-def mm_per_px(rig: Rig, depth: DepthMap) -> float:
+def depth_error_per_px(rig: Rig, depth: DepthMap) -> float:
     """Return the depth error (mm) of a pixel of disparity at the map's median depth, over the mean baseline."""
     baseline = float(np.mean([np.linalg.norm(rig.cam_from_core[n].center_mm) for n in rig.auxiliaries]))
     middle = float(np.nanmedian(depth.depth_mm))
     return middle**2 / (float(rig.core_camera.focal_px.mean()) * baseline)
 
 
-def widened(depth: DepthMap, systematic_mm: float) -> DepthMap:
+def add_systematic_error(depth: DepthMap, systematic_mm: float) -> DepthMap:
     """Return the map with an error that all pixels share in its σ."""
     sigma = np.hypot(depth.sigma_mm, np.float32(systematic_mm)).astype(np.float32)
     return replace(depth, sigma_mm=sigma, systematic_mm=systematic_mm)

@@ -14,11 +14,11 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.capture import read_capture
-from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
-from beltscape.files.rig_limits import LEAST_DEPTH_MM, oddities_of
+from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
@@ -91,7 +91,7 @@ def reconstruct_capture(
         raise InputError(
             f"{capture}: no images of {', '.join(wanted)}; --method binocular needs them (see --pair)"
         )
-    output_folder(out)
+    ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or depth_range(source, rig, reporter)
     matcher = _matcher(method, preset, rig, near_far, auxiliaries)
@@ -138,7 +138,7 @@ def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
     InputError
         When the capture has no images of the core camera, or of no other camera of the rig.
     """
-    for line in oddities_of(rig):
+    for line in find_oddities(rig):
         reporter.warn(line)
     capture = read_capture(folder)
     if rig.core not in capture.cameras:

@@ -10,7 +10,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import write_image
 from beltscape.pipeline.reconstructing.reconstruction import depth_range, open_capture
@@ -46,7 +46,7 @@ def rectify_capture(
     """
     capture, out = as_path(capture, "capture"), as_path(out, "out")
     source = open_capture(capture, rig, reporter)
-    output_folder(out)
+    ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []

@@ -14,26 +14,26 @@ from hypothesis import strategies as st
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.pipeline.live.ledger import Books
+from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
 from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, bench, frames, run
 
 STEP_MM = 60.0
 
 
-def measured(books: Books, sets: Sequence, *, killed: bool = False) -> list[BeltRecord]:
-    """What a run leaves in the ledger; one that was killed does not finish, and its books are read back."""
-    measuring = run(books)
-    out = [entry for one in sets for entry in measuring.push(one).entries]
-    return out if killed else out + measuring.finish().entries
+def measured(state: LedgerState, sets: Sequence, *, killed: bool = False) -> list[BeltRecord]:
+    """What a run leaves in the ledger; one that was killed does not finish, and its state are read back."""
+    measurement = run(state)
+    out = [entry for one in sets for entry in measurement.push(one).entries]
+    return out if killed else out + measurement.finish().entries
 
 
-def reopened(entries: Sequence[BeltRecord], run_number: int) -> Books:
+def reopened(entries: Sequence[BeltRecord], run_number: int) -> LedgerState:
     """As the historian tells it at the next start."""
     if not entries:
-        return Books(run_number, 0, None)
+        return LedgerState(run_number, 0, None)
     last = entries[-1]
-    return Books(run_number, last.number + 1, last.belt_mm[1], last.offset_mm)
+    return LedgerState(run_number, last.number + 1, last.belt_mm[1], last.offset_mm)
 
 
 def check(entries: Sequence[BeltRecord]) -> None:
@@ -51,7 +51,7 @@ def places(start: float, stop: float, step: float = STEP_MM) -> list[float]:
 
 def test_one_run_counts_the_encoders_millimetres_and_the_heap() -> None:
     track = places(0, 3300)
-    entries = measured(Books(1, 0, None), [frames(p, 5000 + p) for p in track])
+    entries = measured(LedgerState(1, 0, None), [frames(p, 5000 + p) for p in track])
     check(entries)
     assert len(entries) == len(track)
     window = entries[0].length_mm
@@ -73,13 +73,13 @@ def test_a_run_measures_what_the_command_does() -> None:
     chain = FlowChain(made.matcher, FlowMeter(made.ground, made.flow, density=made.density))
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
     offline += chain.finish()
-    entries = measured(Books(1, 0, None), sets)
+    entries = measured(LedgerState(1, 0, None), sets)
     assert [repr(e.strip) for e in entries] == [repr(r) for r in offline]
 
 
 def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:
     sets = [frames(p, p, cameras=("cam0",) if 900 <= p < 1100 else CAMERAS) for p in places(0, 3000)]
-    entries = measured(Books(1, 0, None), sets)
+    entries = measured(LedgerState(1, 0, None), sets)
     check(entries)
     degraded = [e for e in entries if e.standing == "degraded"]
     assert {e.reason for e in degraded} == {"without cam1"}
@@ -93,18 +93,18 @@ def test_belt_measured_with_cameras_in_doubt_is_degraded() -> None:
     chain = FlowChain(matcher, FlowMeter(made.ground, made.flow, density=made.density))
     records = []
     for place in places(0, 1500):
-        matcher.doubted = 600 <= place < 800
+        matcher.is_inconsistent = 600 <= place < 800
         records += chain.push(frames(place, place), Silent(), whole=True).records
     records += chain.finish()
-    doubted = [record.frame for record in records if record.quality == "degraded"]
-    assert doubted == [f"{place}" for place in places(0, 1500) if 600 <= place < 800]
+    is_inconsistent = [record.frame for record in records if record.quality == "degraded"]
+    assert is_inconsistent == [f"{place}" for place in places(0, 1500) if 600 <= place < 800]
 
 
 def test_a_graceful_stop_loses_nothing() -> None:
-    first = measured(Books(1, 0, None), [frames(p, p) for p in places(0, 1500)])
-    books = reopened(first, 2)
+    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in places(0, 1500)])
+    state = reopened(first, 2)
     # the belt stood still meanwhile
-    second = measured(books, [frames(p, p) for p in places(1440, 3300)])
+    second = measured(state, [frames(p, p) for p in places(1440, 3300)])
     check([*first, *second])
     assert "nothing measured while it passed" not in {e.reason for e in second}
     total = sum(e.volume_mm3 for e in [*first, *second])
@@ -112,7 +112,7 @@ def test_a_graceful_stop_loses_nothing() -> None:
 
 
 def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
-    first = measured(Books(1, 0, None), [frames(p, p) for p in places(0, 900)])
+    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in places(0, 900)])
     second = measured(reopened(first, 2), [frames(p, p) for p in places(2400, 3300)])
     check([*first, *second])
     gap = second[0]
@@ -122,9 +122,9 @@ def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
 
 
 def test_a_killed_run_leaves_what_was_finished_and_the_rest_is_measured_again() -> None:
-    first = measured(Books(1, 0, None), [frames(p, p) for p in places(0, 1500)], killed=True)
-    books = reopened(first, 2)
-    second = measured(books, [frames(p, p) for p in places(1500, 3300)])
+    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in places(0, 1500)], killed=True)
+    state = reopened(first, 2)
+    second = measured(state, [frames(p, p) for p in places(1500, 3300)])
     entries = [*first, *second]
     check(entries)
     # what had left the view but was not finished is lost, and said to be: about two blocks and a frame's step
@@ -136,7 +136,7 @@ def test_a_killed_run_leaves_what_was_finished_and_the_rest_is_measured_again() 
 
 def test_an_encoder_that_begins_anew_goes_on_in_the_ledger() -> None:
     sets = [frames(p, 90_000 + p if p < 1500 else p - 1500) for p in places(0, 3000)]
-    entries = measured(Books(1, 0, None), sets)
+    entries = measured(LedgerState(1, 0, None), sets)
     check(entries)
     assert {e.offset_mm for e in entries} != {0.0}
     # what lies between the two views is not counted twice: the second meter begins with all that it sees
@@ -147,7 +147,7 @@ def test_an_encoder_that_begins_anew_goes_on_in_the_ledger() -> None:
 
 
 def test_an_encoder_anew_after_a_stop_goes_on_in_the_ledger() -> None:
-    first = measured(Books(1, 0, None), [frames(p, 90_000 + p) for p in places(0, 900)])
+    first = measured(LedgerState(1, 0, None), [frames(p, 90_000 + p) for p in places(0, 900)])
     second = measured(reopened(first, 2), [frames(p, p) for p in places(900, 1500)])
     third = measured(reopened([*first, *second], 3), [frames(p, p) for p in places(1500, 2100)])
     check([*first, *second, *third])
@@ -155,7 +155,7 @@ def test_an_encoder_anew_after_a_stop_goes_on_in_the_ledger() -> None:
 
 
 def test_without_an_encoder_the_material_counts() -> None:
-    first = measured(Books(1, 0, None), [frames(p, None) for p in places(900, 1800)])
+    first = measured(LedgerState(1, 0, None), [frames(p, None) for p in places(900, 1800)])
     second = measured(reopened(first, 2), [frames(p, None) for p in places(1800, 2700)])
     check([*first, *second])
     lengths = [sum(e.length_mm for e in part) for part in (first, second)]
@@ -164,13 +164,13 @@ def test_without_an_encoder_the_material_counts() -> None:
 
 
 def test_what_fails_within_is_missing_and_the_rest_goes_on() -> None:
-    measuring = run(Books(1, 0, None))
-    entries = [entry for p in places(0, 1200) for entry in measuring.push(frames(p, p)).entries]
+    measurement = run(LedgerState(1, 0, None))
+    entries = [entry for p in places(0, 1200) for entry in measurement.push(frames(p, p)).entries]
     with pytest.raises(ValueError, match="could not convert"):
-        measuring.push(replace(frames(1200, 1200), frame="a frame that the matcher cannot read"))
-    measuring.abandon()
-    entries += [entry for p in places(1260, 3300) for entry in measuring.push(frames(p, p)).entries]
-    entries += measuring.finish().entries
+        measurement.push(replace(frames(1200, 1200), frame="a frame that the matcher cannot read"))
+    measurement.reset()
+    entries += [entry for p in places(1260, 3300) for entry in measurement.push(frames(p, p)).entries]
+    entries += measurement.finish().entries
     check(entries)
     (gap,) = (e for e in entries if e.standing == "missing")
     assert 0 < gap.length_mm < 300 + STEP_MM
@@ -178,13 +178,13 @@ def test_what_fails_within_is_missing_and_the_rest_goes_on() -> None:
 
 def test_settling_between_frames_changes_no_record_and_brings_them_earlier() -> None:
     sets = [frames(p, p) for p in places(0, 2400)]
-    plain, settled = run(Books(1, 0, None)), run(Books(1, 0, None))
+    plain, settled = run(LedgerState(1, 0, None)), run(LedgerState(1, 0, None))
     late, early, ahead = [], [], 0
     for number, one in enumerate(sets):
         late += plain.push(one).entries
         early += settled.push(one).entries
         if number % 3:
-            early += settled.settle().entries
+            early += settled.flush().entries
             ahead = max(ahead, len(early) - len(late))
         assert len(early) >= len(late)
     assert ahead > 0
@@ -196,7 +196,7 @@ def test_settling_between_frames_changes_no_record_and_brings_them_earlier() -> 
 
 def test_an_encoder_that_comes_later_takes_over() -> None:
     sets = [frames(p, None if p < 1500 else 40_000 + p) for p in places(900, 2700)]
-    check(measured(Books(1, 0, None), sets))
+    check(measured(LedgerState(1, 0, None), sets))
 
 
 @given(

@@ -1,0 +1,198 @@
+"""One measurement run without its threads: frame sets with encoder readings in, ledger entries out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet, Image
+from beltscape.core.live import BeltStretch
+from beltscape.core.progress import Reporter
+from beltscape.core.rig import Rig
+from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.rows import BeltPiece
+from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.records.density import Density
+from beltscape.measure.flow.settings import FlowSettings
+from beltscape.pipeline.live.ledger import Ledger, LedgerState
+from beltscape.pipeline.live.sections import SectionBuffer
+from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
+
+_FASTEST_MM_S = 20_000.0
+"""No belt is faster; a reading that implies a higher speed is from an encoder that was reset."""
+_JITTER_MM = 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasurementContext:
+    """Rig, empty belt, matcher and settings; constant during a run."""
+
+    rig: Rig
+    """At the image size that is matched."""
+    ground: Ground
+    matcher: SequenceMatcher
+    flow: FlowSettings
+    density: Density
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """The result of one frame set."""
+
+    depth: DepthMap | None
+    entries: list[BeltRecord]
+    stretches: list[BeltStretch]
+    speed_mm_s: float
+    """Present speed of the belt; NaN: not known."""
+
+
+class MeasurementRun:
+    """One run; the same frame sets give the same entries except for the system clock's time in them."""
+
+    def __init__(
+        self,
+        context: MeasurementContext,
+        state: LedgerState,
+        cameras: Sequence[str],
+        wall_ns: Callable[[], int],
+        reporter: Reporter,
+    ) -> None:
+        """``state`` is the end of the ledger; ``wall_ns`` is the system clock."""
+        self.context = context
+        self._cameras, self._wall_ns, self._reporter = tuple(cameras), wall_ns, reporter
+        self._ledger = Ledger(state, cameras)
+        self._stretches: list[BeltStretch] = []
+        self._sections = SectionBuffer(context.ground)
+        self._chain: FlowChain | None = None
+        self._last: FrameSet | None = None
+        """The last frame set with an encoder reading."""
+        self._finished_sigma_mm3 = 0.0
+        """σ of the finished meters of this run."""
+
+    @property
+    def encoder_ratio(self) -> tuple[float, float]:
+        """Ratio of the encoder's to the material's motion and its σ; NaN before they were compared."""
+        scale = None if self._chain is None else self._chain.meter.scale
+        return (
+            (scale.ratio, scale.sigma)
+            if scale is not None and scale.compared >= 3
+            else (float("nan"), float("nan"))
+        )
+
+    def push(self, frames: FrameSet) -> Outcome:
+        """Measure the next frame set; without images it only gives the belt's position."""
+        entries: list[BeltRecord] = []
+        if self._chain is None:
+            self._chain = self._begin_meter(frames.position_mm, reset=False)
+        elif (reset := self._detect_reset(frames)) is not None:
+            entries += self._make_entries(self._chain.finish())
+            self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
+            self._chain = self._begin_meter(frames.position_mm, reset=reset)
+        if frames.position_mm is not None:
+            self._last = frames
+        whole = set(self._cameras) <= set(frames.images)
+        self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm)
+        result = self._chain.push(self._resize(frames), self._reporter, whole=whole)
+        entries += self._make_entries(result.records)
+        stretches, self._stretches = self._stretches, []
+        speed = self._chain.meter.motion.speed
+        return Outcome(result.depth, entries, stretches, float("nan") if speed is None else speed)
+
+    def flush(self) -> Outcome:
+        """Measure the frame that is matched but not measured yet: the entries are the same, but earlier."""
+        return self._without_frame([] if self._chain is None else self._chain.flush())
+
+    def finish(self) -> Outcome:
+        """Return the remaining entries after the last frame."""
+        return self._without_frame([] if self._chain is None else self._chain.finish())
+
+    def _without_frame(self, records: Sequence[FlowRecord]) -> Outcome:
+        entries = self._make_entries(records)
+        stretches, self._stretches = self._stretches, []
+        return Outcome(None, entries, stretches, float("nan"))
+
+    def reset(self) -> None:
+        """Restart after a failure with the next frame set; belt whose record was not finished becomes missing."""
+        if self._chain is not None:
+            self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
+        self._chain, self._last, self._stretches = None, None, []
+        self._ledger.discard_pending()
+
+    def _begin_meter(self, encoder_mm: float | None, *, reset: bool) -> FlowChain:
+        """Return the chain with a meter that counts from the ledger's end."""
+        context = self.context
+        self._sections = SectionBuffer(context.ground)
+        meter = FlowMeter(
+            context.ground,
+            context.flow,
+            density=context.density,
+            watch_belt=self._add_stretch,
+            watch_step=self._set_position,
+            front_mm=self._ledger.begin_meter(encoder_mm, reset=reset),
+        )
+        if self._chain is not None:
+            self._chain.restart(meter)
+            return self._chain
+        return FlowChain(context.matcher, meter)
+
+    def _detect_reset(self, frames: FrameSet) -> bool | None:
+        """Return True if the encoder was reset, False if an encoder is new, None if the meter can continue."""
+        last, position = self._last, frames.position_mm
+        if position is None:
+            return None
+        if last is None or last.position_mm is None:
+            self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
+            return False
+        seconds = 0.0
+        if frames.time_ns is not None and last.time_ns is not None:
+            seconds = max(frames.time_ns - last.time_ns, 0) * 1e-9
+        step = position - last.position_mm
+        if abs(step) <= _JITTER_MM + _FASTEST_MM_S * seconds:
+            return None
+        self._reporter.warn(
+            f"the encoder jumped from {last.position_mm:.0f} to {position:.0f} mm within {seconds:.2f} s; "
+            "counting continues from the new reading"
+        )
+        return True
+
+    def _set_position(self, step: Step) -> None:
+        self._ledger.set_position(step.frame, step.place.position_mm)
+
+    def _add_stretch(self, piece: BeltPiece) -> None:
+        joined = self._sections.add(piece)
+        cell = self.context.ground.cell_mm
+        stride = max(1, piece.measured.shape[1] // joined.shape[1])
+        measured = piece.measured[:, ::stride][:, : joined.shape[1]]
+        self._stretches.append(BeltStretch(cell * piece.first, cell, self._sections.x_mm, joined, measured))
+
+    def _make_entries(self, records: Sequence[FlowRecord]) -> list[BeltRecord]:
+        if not records or self._chain is None:
+            return []
+        sections: dict[str, CrossSection] = {}
+        for record in records:
+            section = self._sections.mean_section(record.strip_mm)
+            if section is not None:
+                sections[record.frame] = section
+        sigma = self._finished_sigma_mm3 + self._chain.meter.totals.sigma_mm3
+        return self._ledger.make_entries(records, sections, sigma, self._wall_ns())
+
+    def _resize(self, frames: FrameSet) -> FrameSet:
+        """Return the frame set with its images at the size that is matched."""
+        images = {
+            name: resize_image(image, self.context.rig.cameras[name].size_px)
+            for name, image in frames.images.items()
+            if name in self.context.rig.cameras
+        }
+        return replace(frames, images=images)
+
+
+def resize_image(image: Image, size_px: tuple[int, int]) -> Image:
+    """Return the image reduced to ``size_px`` by area averages; the image itself if it has that size."""
+    if image.shape[1::-1] == tuple(size_px):
+        return image
+    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]

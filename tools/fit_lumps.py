@@ -22,7 +22,7 @@ from adam import Layers, Schedule, fitted
 from beltscape.evaluate.scores.lumps import true_depth, true_rocks
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
-from beltscape.measure.lumps.features import features
+from beltscape.measure.lumps.features import compute_features
 from beltscape.measure.lumps.raster import make_raster
 from beltscape.measure.network import Network
 
@@ -50,7 +50,7 @@ def samples(
         k = raster.factor
         rows, columns = raster.measured.shape
         rocks = rock[k // 2 :: k, k // 2 :: k][:rows, :columns]
-        seen = features(raster.height_px, raster.measured).reshape(rows * columns, -1)
+        seen = compute_features(raster.height_px, raster.measured).reshape(rows * columns, -1)
         target = np.stack([edges(rocks), rocks >= 0], axis=-1).reshape(-1, 2)
         chosen = rng.permutation(len(seen))[:count]
         yield seen[chosen], target[chosen].astype(np.float32)

@@ -5,7 +5,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.evaluate.scores.lumps import overlap, score_lumps
-from beltscape.measure.lumps.distribution import distribution
+from beltscape.measure.lumps.distribution import compute_distribution
 from beltscape.measure.lumps.lumps import Lumps
 from beltscape.measure.lumps.shape import Lump
 
@@ -41,7 +41,7 @@ def lump(number: int, size: float, **told: bool) -> Lump:
 
 def lumps_of(labels: np.ndarray, found: list[Lump]) -> Lumps:
     size = np.array([one.size_mm for one in found])
-    sizes = distribution(size, size**3, np.array([50.0]))
+    sizes = compute_distribution(size, size**3, np.array([50.0]))
     return Lumps(tuple(found), labels.astype(np.uint16), "core", 1.0, 8.0, np.nan, sizes, sizes, None)
 
 

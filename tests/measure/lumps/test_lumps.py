@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.lumps.lumps import FINES, measure_lumps, oversize
+from beltscape.measure.lumps.lumps import FINES, assess_oversize, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from synthetic.packings import FLOOR_MM, Solid, camera, depth_map, ellipsoids, seen
 
@@ -196,12 +196,12 @@ def test_a_heap_below_the_belt_is_none(packed):
 def test_the_alarm_follows_the_limit(packed):
     _, _, _, lumps = packed
     largest = max(lump.size_mm for lump in lumps.lumps)
-    chances = [oversize(lumps.lumps, largest + step).probability for step in (-15, -5, 0, 5, 40)]
+    chances = [assess_oversize(lumps.lumps, largest + step).probability for step in (-15, -5, 0, 5, 40)]
     assert chances == sorted(chances, reverse=True)
     assert chances[0] > 0.99
     assert chances[-1] < 0.01
-    assert oversize(lumps.lumps, largest - 5).alarm
-    assert not oversize(lumps.lumps, largest + 5).alarm
+    assert assess_oversize(lumps.lumps, largest - 5).alarm
+    assert not assess_oversize(lumps.lumps, largest + 5).alarm
 
 
 def test_another_cameras_depth_is_refused():

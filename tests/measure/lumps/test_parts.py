@@ -8,11 +8,11 @@ from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 from scipy import ndimage
 
-from beltscape.measure.lumps.basins import basins, borders
-from beltscape.measure.lumps.distribution import distribution, passing_size
-from beltscape.measure.lumps.features import FEATURES, features
-from beltscape.measure.lumps.merging import merged
-from beltscape.measure.lumps.raster import fill
+from beltscape.measure.lumps.basins import find_basins, find_borders
+from beltscape.measure.lumps.distribution import compute_distribution, compute_passing_sizes
+from beltscape.measure.lumps.features import FEATURE_COUNT, compute_features
+from beltscape.measure.lumps.merging import merge_regions
+from beltscape.measure.lumps.raster import fill_gaps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.measure.network import load_network
 
@@ -23,7 +23,7 @@ SIEVES = np.array([10.0, 20.0, 50.0, 100.0, 250.0])
 
 @given(FIELDS)
 def test_each_basin_is_one_piece_and_has_one_lowest_place(field):
-    regions = basins(field, -1.0)
+    regions = find_basins(field, -1.0)
     for number in range(regions.max() + 1):
         own = regions == number
         _, pieces = ndimage.label(own, np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
@@ -36,7 +36,7 @@ def test_each_basin_is_one_piece_and_has_one_lowest_place(field):
 def test_a_flat_ground_is_one_basin():
     field = np.full((20, 30), 0.01, np.float32)
     field[:, 14] = 0.9
-    regions = basins(field, 0.03)
+    regions = find_basins(field, 0.03)
     assert regions.max() == 1
     assert len(np.unique(regions[:, :14])) == 1
     assert len(np.unique(regions[:, 15:])) == 1
@@ -44,23 +44,23 @@ def test_a_flat_ground_is_one_basin():
 
 @given(FIELDS)
 def test_merging_keeps_all_apart_or_leaves_one(field):
-    regions = basins(field, -1.0)
+    regions = find_basins(field, -1.0)
     number = int(regions.max()) + 1
     if number == 1:
         return
-    found = borders(regions, field)
-    assert np.array_equal(np.sort(merged(number, found, 0.0)), np.arange(number))
-    assert merged(number, found, 2.0).max() == 0
+    found = find_borders(regions, field)
+    assert np.array_equal(np.sort(merge_regions(number, found, 0.0)), np.arange(number))
+    assert merge_regions(number, found, 2.0).max() == 0
 
 
 @given(FIELDS, st.floats(0, 1), st.floats(0, 1))
 def test_a_higher_limit_never_parts_what_a_lower_one_joined(field, one, two):
-    regions = basins(field, -1.0)
+    regions = find_basins(field, -1.0)
     number = int(regions.max()) + 1
     if number == 1:
         return
-    found = borders(regions, field)
-    few, many = (merged(number, found, limit) for limit in (max(one, two), min(one, two)))
+    found = find_borders(regions, field)
+    few, many = (merge_regions(number, found, limit) for limit in (max(one, two), min(one, two)))
     pairs = np.unique(np.stack([many, few]), axis=1)
     assert len(np.unique(pairs[0])) == pairs.shape[1]
 
@@ -70,7 +70,7 @@ def test_filling_keeps_what_is_known_within_its_range(known):
     if not known.any():
         return
     value = np.random.default_rng(0).uniform(5, 6, known.shape).astype(np.float32)
-    whole = fill(value, known)
+    whole = fill_gaps(value, known)
     assert np.array_equal(whole[known], value[known])
     assert whole.min() >= value[known].min() - 1e-4
     assert whole.max() <= value[known].max() + 1e-4
@@ -80,31 +80,31 @@ def test_filling_keeps_what_is_known_within_its_range(known):
 def test_features_turn_with_the_picture(turns):
     height = np.random.default_rng(1).normal(size=(60, 60)).astype(np.float32)
     measured = np.random.default_rng(2).random((60, 60)) > 0.1
-    one = np.rot90(features(height, measured), turns)
-    two = features(np.ascontiguousarray(np.rot90(height, turns)), np.rot90(measured, turns))
-    assert one.shape == (60, 60, FEATURES)
+    one = np.rot90(compute_features(height, measured), turns)
+    two = compute_features(np.ascontiguousarray(np.rot90(height, turns)), np.rot90(measured, turns))
+    assert one.shape == (60, 60, FEATURE_COUNT)
     assert np.abs(one - two).max() < 1e-4
 
 
 def test_features_do_not_see_a_height_or_a_far_off_slope():
     height = np.random.default_rng(1).normal(size=(40, 50)).astype(np.float32)
     measured = np.ones(height.shape, bool)
-    assert np.abs(features(height, measured) - features(height + 100, measured)).max() < 5e-3
+    assert np.abs(compute_features(height, measured) - compute_features(height + 100, measured)).max() < 5e-3
 
 
 def test_the_network_that_ships_fits_the_features():
     network = load_network("lumps")
-    assert network.mean.shape == network.scale.shape == (FEATURES,)
-    chances = network.chances(np.zeros((5, FEATURES), np.float32))
-    assert chances.shape == (5, 2)
-    assert ((chances >= 0) & (chances <= 1)).all()
+    assert network.mean.shape == network.scale.shape == (FEATURE_COUNT,)
+    probabilities = network.predict_probabilities(np.zeros((5, FEATURE_COUNT), np.float32))
+    assert probabilities.shape == (5, 2)
+    assert ((probabilities >= 0) & (probabilities <= 1)).all()
 
 
 @given(SIZES, st.floats(0.1, 10), st.floats(0.1, 10))
 def test_a_distribution_scales_with_sizes_and_not_with_mass(pairs, stretch, heavier):
     size, mass = np.array(pairs).T
-    one = distribution(size, mass, SIEVES)
-    two = distribution(size * stretch, mass * heavier, SIEVES * stretch)
+    one = compute_distribution(size, mass, SIEVES)
+    two = compute_distribution(size * stretch, mass * heavier, SIEVES * stretch)
     assert two.d_mm == pytest.approx(np.array(one.d_mm) * stretch)
     assert two.d_sigma_mm == pytest.approx(np.array(one.d_sigma_mm) * stretch, abs=1e-9)
 
@@ -112,7 +112,7 @@ def test_a_distribution_scales_with_sizes_and_not_with_mass(pairs, stretch, heav
 @given(SIZES)
 def test_shares_and_sizes_ascend(pairs):
     size, mass = np.array(pairs).T
-    found = distribution(size, mass, SIEVES)
+    found = compute_distribution(size, mass, SIEVES)
     assert (np.diff(found.passing) >= 0).all()
     assert found.passing[-1] == pytest.approx(1)
     assert list(found.d_mm) == sorted(found.d_mm)
@@ -122,13 +122,13 @@ def test_shares_and_sizes_ascend(pairs):
 
 def test_a_distribution_by_hand():
     size, mass = np.array([10.0, 20.0, 30.0]), np.array([1.0, 1.0, 2.0])
-    assert passing_size(size, mass, (0.125, 0.375, 0.75)) == pytest.approx([10, 20, 30])
-    found = distribution(size, mass, np.array([15.0, 20.0, 40.0]))
+    assert compute_passing_sizes(size, mass, (0.125, 0.375, 0.75)) == pytest.approx([10, 20, 30])
+    found = compute_distribution(size, mass, np.array([15.0, 20.0, 40.0]))
     assert found.passing == pytest.approx([0.25, 0.5, 1.0])
 
 
 def test_no_lumps_no_distribution():
-    found = distribution(np.zeros(0), np.zeros(0), SIEVES)
+    found = compute_distribution(np.zeros(0), np.zeros(0), SIEVES)
     assert found.count == 0
     assert np.isnan(found.d_mm).all()
     assert np.isnan(found.passing).all()

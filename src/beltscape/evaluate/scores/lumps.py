@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.evaluate.scores.depth import robust_sigma
-from beltscape.measure.lumps.distribution import passing_size
+from beltscape.measure.lumps.distribution import compute_passing_sizes
 from beltscape.measure.lumps.lumps import FINES, Lumps
 
 FULL_SHARE = 0.25
@@ -201,7 +201,7 @@ def score_lumps(
 
 
 def _d50(size_mm: NDArray[np.float64], volume_mm3: NDArray[np.float64]) -> float:
-    return float(passing_size(size_mm, volume_mm3, (0.5,))[0]) if len(size_mm) else np.nan
+    return float(compute_passing_sizes(size_mm, volume_mm3, (0.5,))[0]) if len(size_mm) else np.nan
 
 
 def _mean(values: NDArray[np.bool_]) -> float:

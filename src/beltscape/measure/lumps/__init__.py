@@ -1,1 +1,1 @@
-"""Lumps: the top layer of a load told apart rock by rock on its depth, with size, distribution and alarm."""
+"""Lumps: segmentation of the top layer of a load on its depth map, with sizes, distribution and oversize alarm."""

@@ -1,4 +1,4 @@
-"""Catchments: a field cut along its crests, and the crests between neighbours."""
+"""Watershed of a field: catchment basins, and the crests between neighbouring basins."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ _NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Borders:
-    """What parts neighbouring regions, first < second."""
+    """Borders between neighbouring regions, first < second."""
 
     first: NDArray[np.int64]
     """(B,) region on one side."""
     second: NDArray[np.int64]
-    """(B,) and on the other."""
+    """(B,) region on the other side."""
     sum: NDArray[np.float64]
-    """(B,) the field summed over the border, its higher side counting."""
+    """(B,) the field summed along the border, at each pair of cells its higher value."""
     length: NDArray[np.int64]
-    """(B,) pairs of neighbouring cells along it."""
+    """(B,) number of pairs of neighbouring cells along the border."""
 
 
-def basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
-    """(R, C) numbers from 0: every cell runs down to its lowest neighbour until it is at the bottom.
+def find_basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
+    """Return basin numbers (R, C) from 0: each cell descends to its lowest neighbour until it reaches a minimum.
 
-    Watersheds by topographic distance, Meyer 1994, 10.1016/0165-1684(94)90060-4. Connected cells no higher than
-    ``floor`` are one bottom.
+    Watershed by topographic distance, Meyer 1994, 10.1016/0165-1684(94)90060-4. Connected cells no higher than
+    ``floor`` form one minimum.
     """
     rows, columns = field.shape
     index = np.arange(rows * columns).reshape(rows, columns)
@@ -51,8 +51,8 @@ def basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
         to = further
 
 
-def borders(regions: NDArray[np.int64], field: NDArray[np.float32]) -> Borders:
-    """Of regions (R, C) numbered from 0, over the four-neighbours."""
+def find_borders(regions: NDArray[np.int64], field: NDArray[np.float32]) -> Borders:
+    """Return the borders of regions (R, C) numbered from 0, between four-neighbours."""
     number = int(regions.max()) + 1
     keys, heights = [], []
     for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):

@@ -1,6 +1,7 @@
-"""What a cell sees of the shape about it: bends at several scales, and how the surface rises and falls away.
+"""Features of a cell's neighbourhood for the outline network: curvature at several scales, and openness.
 
-All are in cells, so they do not change with the unit of length, nor when the raster is turned or mirrored.
+All lengths are in cells, so the features do not depend on the unit of length, nor on rotation by quarter turns or
+mirroring of the raster.
 """
 
 from __future__ import annotations
@@ -18,30 +19,30 @@ _AXES = ((0, 1), (1, 0), (1, 1), (1, -1))
 _STEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 _CHORDS = (2, 4, 8, 16)
 _HORIZONS = (8, 24)
-FEATURES = 3 * len(_SCALES) + 2 * len(_CHORDS) + 6 * len(_HORIZONS) + 3
+FEATURE_COUNT = 3 * len(_SCALES) + 2 * len(_CHORDS) + 6 * len(_HORIZONS) + 3
 """Numbers per cell."""
 
 Plane = NDArray[np.float32]
 
 
-def features(height_px: Plane, measured: NDArray[np.bool_]) -> Plane:
-    """(R, C, FEATURES) float32 of heights (R, C) without holes and where they were truly measured."""
-    calm = np.asarray(cv2.medianBlur(height_px, 3), np.float32)
-    found = [plane for scale in _SCALES for plane in _bends(calm, scale)]
-    found += _horizon(blur(calm, 0.8))
+def compute_features(height_px: Plane, measured: NDArray[np.bool_]) -> Plane:
+    """Return features (R, C, FEATURE_COUNT) float32 from heights (R, C) without holes and the measured cells."""
+    filtered = np.asarray(cv2.medianBlur(height_px, 3), np.float32)
+    planes_of_features = [plane for scale in _SCALES for plane in _compute_curvature(filtered, scale)]
+    planes_of_features += _compute_openness(blur(filtered, 0.8))
     missing = (~measured).astype(np.float32)
-    found += [blur(missing, 1.5), blur(missing, 5.0)]
-    found.append(_bounded(5 * blur(np.abs(calm - blur(calm, 1.0)), 3.0)))
-    return np.stack(found, axis=-1)
+    planes_of_features += [blur(missing, 1.5), blur(missing, 5.0)]
+    planes_of_features.append(_compress(5 * blur(np.abs(filtered - blur(filtered, 1.0)), 3.0)))
+    return np.stack(planes_of_features, axis=-1)
 
 
-def _bounded(values: Plane) -> Plane:
-    """Between -1 and 1: how large a large value is does not matter."""
+def _compress(values: Plane) -> Plane:
+    """Return values compressed to -1..1, so that the size of large values does not matter."""
     return np.asarray(values / np.sqrt(1 + values * values), np.float32)
 
 
-def _bends(height: Plane, scale: float) -> list[Plane]:
-    """The larger and the smaller principal second derivative and the slope, smoothed at a scale."""
+def _compute_curvature(height: Plane, scale: float) -> list[Plane]:
+    """Return the larger and the smaller principal second derivative and the slope, smoothed at a scale."""
     smooth = np.pad(blur(height, scale), 1, mode="edge")
     middle = smooth[1:-1, 1:-1]
     right, left, below, above = smooth[1:-1, 2:], smooth[1:-1, :-2], smooth[2:, 1:-1], smooth[:-2, 1:-1]
@@ -50,13 +51,13 @@ def _bends(height: Plane, scale: float) -> list[Plane]:
     mean, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     factor = np.float32(1.5 * scale)
     slope = np.hypot(right - left, below - above) / 2
-    return [_bounded((mean + spread) * factor), _bounded((mean - spread) * factor), _bounded(slope)]
+    return [_compress((mean + spread) * factor), _compress((mean - spread) * factor), _compress(slope)]
 
 
-def _horizon(height: Plane) -> list[Plane]:
-    """Along four axes: chords above the cell, and the steepest rise and fall that both ways have in common.
+def _compute_openness(height: Plane) -> list[Plane]:
+    """Return, along four axes, the height of chords over the cell, and the openness in both directions of the axis.
 
-    The latter is the topographic openness of Yokoyama et al. 2002 (Photogramm. Eng. Remote Sens. 68(3)), by axis.
+    Openness is the steepest rise and fall, after Yokoyama et al. 2002 (Photogramm. Eng. Remote Sens. 68(3)), by axis.
     """
     reach = max(_STEPS)
     wide = np.pad(height, reach, mode="reflect" if min(height.shape) > reach else "edge")
@@ -71,31 +72,35 @@ def _horizon(height: Plane) -> list[Plane]:
         for step in _STEPS:
             cells = max(1, round(step / length))
             slopes: list[Plane] = []
-            for way, sign in enumerate((1, -1)):
+            for side, sign in enumerate((1, -1)):
                 top, left = reach + sign * cells * down, reach + sign * cells * right
                 slope = wide[top : top + rows, left : left + columns] - height
                 slope *= np.float32(1 / (cells * length))
-                np.maximum(rise[way], slope, out=rise[way])
-                np.minimum(fall[way], slope, out=fall[way])
+                np.maximum(rise[side], slope, out=rise[side])
+                np.minimum(fall[side], slope, out=fall[side])
                 slopes.append(slope)
             if step in chords:
                 chords[step].append(slopes[0] + slopes[1])
             if step in rises:
                 rises[step].append(np.minimum(*rise))
                 falls[step].append(-np.maximum(*fall))
-    found: list[Plane] = []
+    planes_of_features: list[Plane] = []
     for planes in chords.values():
-        found += [_bounded(_most(planes)), _bounded(_least(planes))]
+        planes_of_features += [_compress(_compute_maximum(planes)), _compress(_compute_minimum(planes))]
     for step in _HORIZONS:
         for planes in (rises[step], falls[step]):
             mean = sum(planes[1:], planes[0]) / np.float32(len(planes))
-            found += [_bounded(_most(planes)), _bounded(mean), _bounded(_least(planes))]
-    return found
+            planes_of_features += [
+                _compress(_compute_maximum(planes)),
+                _compress(mean),
+                _compress(_compute_minimum(planes)),
+            ]
+    return planes_of_features
 
 
-def _most(planes: Sequence[Plane]) -> Plane:
+def _compute_maximum(planes: Sequence[Plane]) -> Plane:
     return np.maximum(np.maximum(planes[0], planes[1]), np.maximum(planes[2], planes[3]))
 
 
-def _least(planes: Sequence[Plane]) -> Plane:
+def _compute_minimum(planes: Sequence[Plane]) -> Plane:
     return np.minimum(np.minimum(planes[0], planes[1]), np.minimum(planes[2], planes[3]))

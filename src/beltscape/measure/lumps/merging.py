@@ -1,4 +1,4 @@
-"""Regions joined across their weakest borders."""
+"""Hierarchical merging of regions across their weakest borders."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from beltscape.measure.lumps.basins import Borders
 
 
-def merged(number: int, borders: Borders, limit: float) -> NDArray[np.int64]:
-    """(number,) new number of each region, from 0, after joining all whose border is weaker than the limit.
+def merge_regions(number: int, borders: Borders, limit: float) -> NDArray[np.int64]:
+    """Return the new number of each region (number,), from 0, after merging across borders below the limit.
 
-    The weakest border goes first; a border's strength is the mean along all of it, so joined regions' borders
-    add up (the boundary-mean hierarchy of Arbeláez et al. 2011, 10.1109/TPAMI.2010.161).
+    The weakest border is merged first. A border's strength is its mean over its length, so the borders of merged
+    regions are pooled (the boundary-mean hierarchy of Arbeláez et al. 2011, 10.1109/TPAMI.2010.161).
     """
     beside: list[dict[int, tuple[float, int]]] = [{} for _ in range(number)]
     queue: list[tuple[float, int, int]] = []
@@ -28,7 +28,7 @@ def merged(number: int, borders: Borders, limit: float) -> NDArray[np.int64]:
         strength, a, b = heappop(queue)
         border = beside[a].get(b)
         if border is None or border[0] / border[1] != strength:
-            continue  # joined, or longer by now
+            continue  # merged or extended meanwhile
         keep, give = (a, b) if len(beside[a]) >= len(beside[b]) else (b, a)
         root[give] = keep
         del beside[keep][give], beside[give][keep]

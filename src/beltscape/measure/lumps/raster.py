@@ -1,4 +1,4 @@
-"""The depth map on a coarser raster, as heights in pixels, so that lumps look alike whatever the rig."""
+"""The depth map on a coarser raster, as heights in cell widths, so that lumps appear alike for every rig."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 
-_LEAST_WEIGHT = 0.02
+_MIN_WEIGHT = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,13 +19,13 @@ class Raster:
     """A depth map reduced by a whole factor; R × C cells of ``factor`` × ``factor`` pixels."""
 
     depth_mm: NDArray[np.float64]
-    """(R, C) depth, holes filled from their rims."""
+    """(R, C) depth, with holes filled from the measured cells around them."""
     measured: NDArray[np.bool_]
     """(R, C) whether any pixel of the cell was measured."""
     height_px: NDArray[np.float32]
-    """(R, C) towards the camera, in widths of a cell on the surface."""
+    """(R, C) height towards the camera, in widths of a cell on the surface."""
     rays: NDArray[np.float64]
-    """(R, C, 2) x/z, y/z of the cells' middles."""
+    """(R, C, 2) x/z, y/z of the cells' centres."""
     factor: int
     """Pixels per cell, along both axes."""
     cell_rad: float
@@ -33,15 +33,15 @@ class Raster:
 
     @property
     def points_mm(self) -> NDArray[np.float64]:
-        """(R, C, 3) points in the core camera's frame."""
+        """Return the points (R, C, 3) in the core camera's frame."""
         depth = self.depth_mm[..., None]
         return np.concatenate([self.rays * depth, depth], axis=-1)
 
 
 def make_raster(depth: DepthMap, camera: Camera, pixels: int) -> Raster | None:
-    """Reduce a depth map to about so many cells; None where nothing is measured.
+    """Reduce a depth map to about ``pixels`` cells; return None where nothing is measured.
 
-    A cell takes the middle one of its pixels' depths, the nearer of two: at a step that is the upper surface's.
+    A cell takes the lower median of its pixels' depths, which at a step is that of the upper surface.
     """
     rows, columns = depth.depth_mm.shape
     factor = max(1, int(np.ceil(np.sqrt(rows * columns / pixels) - 0.05)))
@@ -56,7 +56,7 @@ def make_raster(depth: DepthMap, camera: Camera, pixels: int) -> Raster | None:
     measured = number > 0
     if not measured.any():
         return None
-    filled = fill(value, measured)
+    filled = fill_gaps(value, measured)
     cell_rad = factor / float(camera.focal_px.mean())
     cell_mm = float(np.median(value[measured])) * cell_rad
     at = camera.rays()[: high * factor, : wide * factor]
@@ -66,8 +66,8 @@ def make_raster(depth: DepthMap, camera: Camera, pixels: int) -> Raster | None:
     )
 
 
-def fill(value: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Unknown cells (R, C) from gaussian means of the known ones about them, the narrowest that reaches any.
+def fill_gaps(value: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Fill unknown cells (R, C) by Gaussian means of known ones, with the narrowest Gaussian that reaches any.
 
     Normalised convolution, Knutsson & Westin 1993, 10.1109/CVPR.1993.341081.
     """
@@ -79,7 +79,7 @@ def fill(value: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.flo
     sigma = 1.0
     while left.any() and sigma < 4 * max(value.shape):
         total, share = blur(offset, sigma), blur(weight, sigma)
-        reached = left & (share > _LEAST_WEIGHT)
+        reached = left & (share > _MIN_WEIGHT)
         whole[reached] = middle + total[reached] / share[reached]
         left &= ~reached
         sigma *= 2
@@ -87,7 +87,7 @@ def fill(value: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def blur(values: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Gaussian mean; wide ones on fewer cells, for time."""
+    """Return the Gaussian mean; wide Gaussians are computed on a coarser grid to save time."""
     if sigma <= 16:
         return np.asarray(
             cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101), np.float32

@@ -1,4 +1,4 @@
-"""What lies along the rims of regions: how much is hidden, how clear they are, where the frame cuts them."""
+"""The rims of regions: their hidden share, the strength of their outline, and whether the frame cuts them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import ndimage
 from beltscape.measure.lumps.raster import Raster
 
 _STEP_CELLS = 1.0
-"""A neighbour that is nearer by more than so many cells' widths at the rim hides the region there."""
+"""A neighbour nearer by more than this, in widths of a cell, hides the region at the rim."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,24 +19,24 @@ class Rims:
     """Sums over the rims of N + 1 regions, numbered from 0."""
 
     length: NDArray[np.float64]
-    """(N + 1,) pairs of a cell within and one beyond."""
+    """(N + 1,) number of pairs of a cell inside and a cell outside."""
     hidden: NDArray[np.float64]
-    """(N + 1,) of them those where the one beyond is nearer."""
+    """(N + 1,) number of these pairs whose outer cell is nearer to the camera."""
     strength: NDArray[np.float64]
     """(N + 1,) summed probability of an outline."""
     open: NDArray[np.bool_]
-    """(N + 1,) whether one beyond is out of what was measured, or the frame ends."""
+    """(N + 1,) whether the region touches the border of the frame or of the measured area."""
 
     @property
     def hidden_share(self) -> NDArray[np.float64]:
-        """(N + 1,) 0..1."""
+        """Return the hidden share of the rims (N + 1,), 0..1."""
         return self.hidden / np.maximum(self.length, 1)
 
 
-def rims_of(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float32], count: int) -> Rims:
-    """Of regions numbered 0 to ``count`` (R, C), with the probability of an outline (R, C)."""
+def measure_rims(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float32], count: int) -> Rims:
+    """Measure the rims of regions (R, C) numbered 0 to ``count``, given the probability of an outline (R, C)."""
     length, hidden, strong = (np.zeros(count + 1) for _ in range(3))
-    beyond = np.pad(_outer(raster.measured), 1, constant_values=True)
+    beyond = np.pad(_border_gap_mask(raster.measured), 1, constant_values=True)
     is_open = np.zeros(count + 1, bool)
     step = _STEP_CELLS * raster.depth_mm * raster.cell_rad
     for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
@@ -54,8 +54,8 @@ def rims_of(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float
     return Rims(length, hidden, strong, is_open)
 
 
-def _outer(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(R, C) cells that were not measured and lie at the edge of the picture: the frame ends before them."""
+def _border_gap_mask(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the unmeasured cells (R, C) that are connected to the border of the frame."""
     gaps, _ = ndimage.label(~measured)  # pyright: ignore[reportGeneralTypeIssues]
     edge = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
     return np.isin(gaps, edge[edge > 0])

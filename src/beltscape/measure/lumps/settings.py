@@ -1,4 +1,4 @@
-"""What one may choose when measuring lumps."""
+"""Settings of the lump measurement."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class LumpSettings(BaseModel):
     sieves_mm: tuple[Sieve, ...] = R10_MM
     """Apertures of the sieve table, ascending."""
     smallest_px: Annotated[float, Field(ge=4, le=200)] = 8.0
-    """Narrower than so many pixels of the working raster is no lump but fines."""
+    """A region narrower than this, in pixels of the working raster, counts as fines."""
     raster_pixels: Annotated[int, Field(ge=10_000, le=20_000_000)] = 400_000
-    """The depth map is reduced by whole factors until it has about so many pixels."""
+    """Approximate number of pixels to which the depth map is reduced by a whole factor."""
     split: Annotated[float, Field(gt=0, lt=1)] = 0.15
-    """Regions are one lump where the mean probability of an outline between them is below this."""
+    """Neighbouring regions are merged where the mean probability of an outline between them is below this."""
 
     @field_validator("sieves_mm")
     @classmethod

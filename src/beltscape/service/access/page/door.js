@@ -1,45 +1,45 @@
-// What the pages of access share: words, theme, requests, forms.
-import { $, make, sign } from "/page/script/dom.js";
-import { apply, choose, chosen, languages, load, t } from "/page/script/texts.js";
+// Shared code of the access pages: texts, theme, requests, forms.
+import { $, create_element, create_icon } from "/page/script/dom.js";
+import { apply_texts, get_language, list_languages, load_texts, set_language, t } from "/page/script/texts.js";
 import { theme } from "/page/script/theme.js";
 
-export const LEAST = 10;
+export const MIN_LENGTH = 10;
 
-/** Words in the reader's language, the menu of languages, the button of themes. */
-export async function furnish(changed = () => {}) {
-  await load(navigator.language.slice(0, 2));
+/** Load the texts and set up the language menu and the theme button. */
+export async function set_up_page(changed = () => {}) {
+  await load_texts(navigator.language.slice(0, 2));
   const menu = $("language");
-  menu.append(...languages().map((name) => make("option", { value: name }, t(`language.${name}`))));
-  menu.value = chosen();
-  menu.addEventListener("change", () => { choose(menu.value); hush(); changed(); });
+  menu.append(...list_languages().map((name) => create_element("option", { value: name }, t(`language.${name}`))));
+  menu.value = get_language();
+  menu.addEventListener("change", () => { set_language(menu.value); hide_messages(); changed(); });
   const button = $("theme");
-  const show = () => button.replaceChildren(sign(theme.wish));
+  const show = () => button.replaceChildren(create_icon(theme.choice));
   button.addEventListener("click", () => { theme.next(); show(); });
   show();
-  apply(document);
+  apply_texts(document);
 }
 
-/** Hide what was said in another language, or before. */
-export function hush() {
+/** Hide earlier messages. */
+export function hide_messages() {
   for (const line of document.querySelectorAll(".problem, .done")) line.hidden = true;
 }
 
-let leaving = false;
+let is_leaving = false;
 
-/** Do something that ends the session, then go to another page: requests that are refused meanwhile say nothing. */
-export async function leave(place, act) {
-  leaving = true;
-  await act().catch(() => {});
-  location.replace(place);
+/** Run an action that ends the session, then open another page; requests refused meanwhile show no message. */
+export async function leave(location_after, action) {
+  is_leaving = true;
+  await action().catch(() => {});
+  location.replace(location_after);
 }
 
-/** Ask the server: its answer, or an error with a line in the reader's language. */
-export async function ask(method, path, body) {
+/** Send a request; return its response, or throw an error with a message in the user's language. */
+export async function request(method, path, body) {
   let answer;
   try {
     const headers = { accept: "application/json" };
     if (method !== "GET") {
-      const { token } = await ask("GET", "/api/access/state");
+      const { token } = await request("GET", "/api/access/state");
       if (token) headers["x-beltscape-token"] = token;
       if (body !== undefined) headers["content-type"] = "application/json";
     }
@@ -47,41 +47,41 @@ export async function ask(method, path, body) {
   } catch (error) {
     throw error.status === undefined ? new Error(t("access.unreachable")) : error;
   }
-  const found = await answer.json().catch(() => ({}));
-  if (answer.ok) return found;
+  const content = await answer.json().catch(() => ({}));
+  if (answer.ok) return content;
   if (answer.status === 401 && !/\/(login|password)$/.test(path)) {
-    if (!leaving) location.replace(`/login?next=${location.pathname}`);
-    return new Promise(() => {}); // the page is on its way out
+    if (!is_leaving) location.replace(`/login?next=${location.pathname}`);
+    return new Promise(() => {}); // the page is being left
   }
-  const error = new Error(words(answer, found.detail));
+  const error = new Error(describe_error(answer, content.detail));
   error.status = answer.status;
   throw error;
 }
 
-function words(answer, detail) {
+function describe_error(answer, detail) {
   if (answer.status === 429) return t("access.wait", { seconds: answer.headers.get("retry-after") ?? "2" });
   if (answer.status === 401) return t("access.wrong");
   if (answer.status === 422) return t("access.unfit");
   return t("access.refused", { reason: typeof detail === "string" ? detail : answer.status });
 }
 
-/** What is wrong with a new password, in the reader's language; null: nothing the page can see. */
-export function weak(password, again, name = "") {
+/** Return what is wrong with a new password, in the user's language, or null. */
+export function check_password(password, again, name = "") {
   if (password !== again) return t("access.differ");
   const inside = name.length > 2 && password.toLowerCase().includes(name.toLowerCase());
-  return password.length < LEAST || new Set(password).size < 5 || inside ? t("access.password_help") : null;
+  return password.length < MIN_LENGTH || new Set(password).size < 5 || inside ? t("access.password_help") : null;
 }
 
-/** Let a form call `send(values)`; what that throws is shown in it. */
-export function form(element, send) {
+/** Submit a form by `send(values)`; errors are shown in the form. */
+export function bind_form(element, send) {
   const problem = element.querySelector(".problem");
   const done = element.querySelector(".done");
-  // until now the browser itself would have sent the form
+  // before this script runs, the browser itself would submit the form
   for (const button of element.querySelectorAll("button.primary")) button.disabled = false;
   element.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = event.submitter ?? element.querySelector("button:not([type])");
-    hush();
+    hide_messages();
     const empty = [...element.elements].filter((field) => field.required && !field.value);
     for (const field of element.elements) field.removeAttribute("aria-invalid");
     if (empty.length) {
@@ -91,8 +91,8 @@ export function form(element, send) {
     }
     button.disabled = true;
     try {
-      const said = await send(Object.fromEntries(new FormData(element)));
-      if (said && done) { done.textContent = said; done.hidden = false; }
+      const message = await send(Object.fromEntries(new FormData(element)));
+      if (message && done) { done.textContent = message; done.hidden = false; }
     } catch (error) {
       problem.textContent = error.message;
       problem.hidden = false;
@@ -102,9 +102,9 @@ export function form(element, send) {
   });
 }
 
-/** Where to go after signing in: a place of this server, never another one. */
-export function next() {
-  const wish = new URLSearchParams(location.search).get("next") ?? "/";
-  const place = new URL(wish, location.origin);
-  return place.origin === location.origin && !place.pathname.startsWith("/login") ? place.pathname + place.search + place.hash : "/";
+/** Return the page to open after login; it is always on this server. */
+export function get_next_page() {
+  const requested = new URLSearchParams(location.search).get("next") ?? "/";
+  const url = new URL(requested, location.origin);
+  return url.origin === location.origin && !url.pathname.startsWith("/login") ? url.pathname + url.search + url.hash : "/";
 }

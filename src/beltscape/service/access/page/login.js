@@ -1,19 +1,19 @@
 import { $ } from "/page/script/dom.js";
-import { ask, form, furnish, next } from "/access/door.js";
+import { bind_form, get_next_page, request, set_up_page } from "/access/door.js";
 
-await furnish();
-const state = await ask("GET", "/api/access/state").catch(() => ({}));
+await set_up_page();
+const state = await request("GET", "/api/access/state").catch(() => ({}));
 if (state.setup) location.replace("/setup");
-else if (state.named) location.replace(next());
+else if (state.named) location.replace(get_next_page());
 
-form($("login"), async ({ name, password }) => {
+bind_form($("login"), async ({ name, password }) => {
   try {
-    await ask("POST", "/api/access/login", { name, password });
+    await request("POST", "/api/access/login", { name, password });
   } catch (error) {
     const field = $("login").elements.password;
     field.value = "";
     field.focus();
     throw error;
   }
-  location.replace(next());
+  location.replace(get_next_page());
 });

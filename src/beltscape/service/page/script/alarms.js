@@ -1,80 +1,80 @@
-// Alarms: the worst and the unseen first, told by shape, word and colour; acknowledged by a button or the key A, then Enter.
+// The list of alarms: unacknowledged and severe ones first, marked by shape, word and colour; acknowledged by button or keys A, Enter.
 import { post } from "./api.js";
-import { $, keep, make, say, sign } from "./dom.js";
+import { $, create_element, create_icon, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
-import { chosen, has, moment, number, percent, t, three } from "./texts.js";
+import { format_moment, format_number, format_percent, format_significant, get_language, has_text, t } from "./texts.js";
 
-const GRAVE = { critical: 0, warning: 1, info: 2 };
-const SEEN = { raised: 0, gone: 1, acknowledged: 2, clear: 3 };
-const unseen = (alarm) => alarm.state === "raised" || alarm.state === "gone";
-let before = new Set();
+const SEVERITY_ORDER = { critical: 0, warning: 1, info: 2 };
+const STATE_ORDER = { raised: 0, gone: 1, acknowledged: 2, clear: 3 };
+const is_unacknowledged = (alarm) => alarm.state === "raised" || alarm.state === "gone";
+let raised_before = new Set();
 
-/** "camera_lost:cam2" → "Camera lost: cam2"; a name that nobody knows is shown as it is. */
-export function title(name) {
+/** Return an alarm's title: "camera_lost:cam2" → "Camera lost: cam2"; an unknown name is kept. */
+export function format_title(name) {
   const [kind, ...rest] = name.split(":");
-  const known = has(`alarm.${kind}`) ? t(`alarm.${kind}`) : kind.replaceAll("_", " ");
-  return rest.length ? `${known}: ${rest.join(":")}` : known;
+  const text = has_text(`alarm.${kind}`) ? t(`alarm.${kind}`) : kind.replaceAll("_", " ");
+  return rest.length ? `${text}: ${rest.join(":")}` : text;
 }
 
-function amount(value, unit) {
+function format_value(value, unit) {
   if (value == null) return "";
-  if (unit === "" || unit === "1") return three(value);
-  return unit === "%" ? percent(value / 100) : `${three(value)}\u00a0${unit}`;
+  if (unit === "" || unit === "1") return format_significant(value);
+  return unit === "%" ? format_percent(value / 100) : `${format_significant(value)}\u00a0${unit}`;
 }
 
-function judged_by(alarm) {
+function format_value_and_limit(alarm) {
   if (alarm.value == null) return "";
-  const value = amount(alarm.value, alarm.unit);
-  return alarm.limit == null ? value : t("alarms.limit", { value, limit: amount(alarm.limit, alarm.unit) });
+  const value = format_value(alarm.value, alarm.unit);
+  return alarm.limit == null ? value : t("alarms.limit", { value, limit: format_value(alarm.limit, alarm.unit) });
 }
 
-function help(alarm) {
+function find_help(alarm) {
   const key = `help.${alarm.name.split(":")[0]}`;
-  return has(key) ? t(key) : alarm.detail;
+  return has_text(key) ? t(key) : alarm.detail;
 }
 
-function create(alarm) {
-  return make("li", { class: "alarm" }, sign(alarm.severity), make("h3"), make("span", { class: "when" }), make("p", { class: "value" }, make("b"), make("span")), make("p", { class: "help" }),
-    make("button", { type: "button", on: { click: () => acknowledge(alarm.name) } }));
+function create_item(alarm) {
+  return create_element("li", { class: "alarm" }, create_icon(alarm.severity), create_element("h3"), create_element("span", { class: "when" }), create_element("p", { class: "value" }, create_element("b"), create_element("span")), create_element("p", { class: "help" }),
+    create_element("button", { type: "button", on: { click: () => acknowledge(alarm.name) } }));
 }
 
-function update(item, alarm) {
+function update_item(item, alarm) {
   const [, heading, when, value, advice, button] = item.children;
-  if (item.dataset.severity && item.dataset.severity !== alarm.severity) item.replaceChild(sign(alarm.severity), item.firstChild);
+  if (item.dataset.severity && item.dataset.severity !== alarm.severity) item.replaceChild(create_icon(alarm.severity), item.firstChild);
   item.dataset.severity = alarm.severity;
   item.dataset.state = alarm.state;
-  say(heading, title(alarm.name));
+  set_text(heading, format_title(alarm.name));
   const by = alarm.by && alarm.state === "acknowledged" ? t("alarms.by", { name: alarm.by }) : "";
-  say(when, alarm.since_ms ? t("alarms.since", { time: moment(alarm.since_ms) }) : "");
-  say(value.firstChild, `${t(`severity.${alarm.severity}`)} · ${t(`alarm.${alarm.state}`)}`);
-  say(value.lastChild, ["", judged_by(alarm), by].filter((part, i) => part || !i).join(" · "));
-  say(advice, help(alarm));
+  set_text(when, alarm.since_ms ? t("alarms.since", { time: format_moment(alarm.since_ms) }) : "");
+  set_text(value.firstChild, `${t(`severity.${alarm.severity}`)} · ${t(`alarm.${alarm.state}`)}`);
+  set_text(value.lastChild, ["", format_value_and_limit(alarm), by].filter((part, i) => part || !i).join(" · "));
+  set_text(advice, find_help(alarm));
   item.title = alarm.detail;
   advice.hidden = !advice.textContent;
-  button.hidden = !unseen(alarm) || store.page?.role === "viewer";
+  button.hidden = !is_unacknowledged(alarm) || store.page?.role === "viewer";
   button.disabled = store.link === "lost";
-  say(button, t("alarms.acknowledge"));
-  button.setAttribute("aria-label", t("alarms.acknowledge_one", { alarm: title(alarm.name) }));
+  set_text(button, t("alarms.acknowledge"));
+  button.setAttribute("aria-label", t("alarms.acknowledge_one", { alarm: format_title(alarm.name) }));
 }
 
-function show() {
-  const known = store.link === "live" || store.link === "stale";
-  const alarms = [...(store.state?.alarms ?? [])].sort((a, b) => (unseen(b) - unseen(a)) || GRAVE[a.severity] - GRAVE[b.severity] || SEEN[a.state] - SEEN[b.state] || b.since_ms - a.since_ms);
-  const fresh = alarms.filter(unseen);
-  keep($("alarms"), alarms, (alarm) => alarm.name, create, update);
+function render() {
+  const is_connected = store.link === "live" || store.link === "stale";
+  const alarms = [...(store.state?.alarms ?? [])].sort((a, b) => (is_unacknowledged(b) - is_unacknowledged(a)) || SEVERITY_ORDER[a.severity] - SEVERITY_ORDER[b.severity] || STATE_ORDER[a.state] - STATE_ORDER[b.state] || b.since_ms - a.since_ms);
+  const unacknowledged = alarms.filter(is_unacknowledged);
+  sync_children($("alarms"), alarms, (alarm) => alarm.name, create_item, update_item);
   const none = $("alarms-none");
   none.hidden = alarms.length > 0;
-  const key = known ? "alarms.none" : "alarms.unknown";
-  if (none.dataset.shown !== key + chosen()) none.replaceChildren(...(known ? [sign("good")] : []), t(key));
-  none.dataset.shown = key + chosen();
-  $("alarms-role").hidden = !fresh.length || store.page?.role !== "viewer";
-  $("alarms-unsure").hidden = known || !alarms.length;
-  $("alarms-count").hidden = !fresh.length;
-  say($("alarms-count"), t("alarms.count", { count: number(fresh.length) }));
-  const raised = fresh.filter((alarm) => alarm.state === "raised");
-  for (const alarm of raised) if (!before.has(alarm.name)) say($("alarms-said"), t("alarms.announce", { alarm: title(alarm.name) }));
-  before = new Set(raised.map((alarm) => alarm.name));
-  document.title = `${fresh.length ? `(${fresh.length}) ` : ""}${store.page?.plant || t("title")}`;
+  const key = is_connected ? "alarms.none" : "alarms.unknown";
+  if (none.dataset.shown !== key + get_language()) none.replaceChildren(...(is_connected ? [create_icon("good")] : []), t(key));
+  none.dataset.shown = key + get_language();
+  $("alarms-role").hidden = !unacknowledged.length || store.page?.role !== "viewer";
+  $("alarms-unsure").hidden = is_connected || !alarms.length;
+  $("alarms-count").hidden = !unacknowledged.length;
+  set_text($("alarms-count"), t("alarms.count", { count: format_number(unacknowledged.length) }));
+  const raised = unacknowledged.filter((alarm) => alarm.state === "raised");
+  for (const alarm of raised) if (!raised_before.has(alarm.name)) set_text($("alarms-said"), t("alarms.announce", { alarm: format_title(alarm.name) }));
+  raised_before = new Set(raised.map((alarm) => alarm.name));
+  document.title = `${unacknowledged.length ? `(${unacknowledged.length}) ` : ""}${store.page?.plant || t("title")}`;
 }
 
 async function acknowledge(name) {
@@ -85,14 +85,14 @@ async function acknowledge(name) {
     await post(`/api/alarms/${encodeURIComponent(name)}/acknowledge`);
     (next ?? $("main")).focus({ preventScroll: true });
   } catch (error) {
-    if (error.status === 409) return; // somebody else was faster; the next state says so
-    say(problem, t(error.status === 403 || error.status === 401 ? "alarms.role" : "alarms.failed"));
+    if (error.status === 409) return; // another user was faster; the next state shows it
+    set_text(problem, t(error.status === 403 || error.status === 401 ? "alarms.role" : "alarms.failed"));
     problem.hidden = false;
   }
 }
 
-/** Put the focus on the next alarm that nobody has seen. */
-export function focus_next() {
+/** Focus the button of the next unacknowledged alarm. */
+export function focus_next_alarm() {
   const buttons = [...$("alarms").querySelectorAll("button:not([hidden])")];
   if (!buttons.length) return;
   const at = buttons.indexOf(document.activeElement);
@@ -100,5 +100,5 @@ export function focus_next() {
 }
 
 export function start() {
-  for (const subject of ["state", "link", "texts", "page"]) store.on(subject, show);
+  for (const subject of ["state", "link", "texts", "page"]) store.on(subject, render);
 }

@@ -1,5 +1,5 @@
-// Questions to the server, and wishes with the token that proves they come from this page.
-export class Refused extends Error {
+// Requests to the server; changes carry the token that proves that they come from this page.
+export class RequestError extends Error {
   constructor(status, text) {
     super(text);
     this.status = status;
@@ -8,7 +8,7 @@ export class Refused extends Error {
 
 export async function get(path, query = {}) {
   const answer = await fetch(`${path}?${new URLSearchParams(query)}`, { headers: { accept: "application/json" } });
-  if (!answer.ok) throw new Refused(answer.status, await answer.text());
+  if (!answer.ok) throw new RequestError(answer.status, await answer.text());
   return answer.json();
 }
 
@@ -16,6 +16,6 @@ export async function post(path, body) {
   const { token } = await get("/api/access/state");
   const headers = { "content-type": "application/json", ...(token ? { "x-beltscape-token": token } : {}) };
   const answer = await fetch(path, { method: "POST", headers, body: body === undefined ? undefined : JSON.stringify(body) });
-  if (!answer.ok) throw new Refused(answer.status, await answer.text());
+  if (!answer.ok) throw new RequestError(answer.status, await answer.text());
   return answer.json();
 }

@@ -1,4 +1,4 @@
-// The belt from above without WebGL: a picture of heights, the newest at the right.
+// The belt from above for browsers without WebGL: an image of heights, the newest row at the right.
 import { RING, UNKNOWN } from "./belt_rows.js";
 import { viridis } from "./viridis.js";
 
@@ -17,13 +17,13 @@ export class FlatBelt {
       const row = rows.end - wide + i;
       for (let column = 0; column < rows.columns; column++) {
         const count = row >= rows.begin ? rows.counts[(row % RING) * rows.columns + column] : UNKNOWN;
-        picture.data.set(this.colour(count, rows, high_mm, dark, i + column), (column * wide + i) * 4);
+        picture.data.set(this.get_cell_colour(count, rows, high_mm, dark, i + column), (column * wide + i) * 4);
       }
     }
     this.context.putImageData(picture, 0, 0);
   }
 
-  colour(count, rows, high_mm, dark, diagonal) {
+  get_cell_colour(count, rows, high_mm, dark, diagonal) {
     if (count === UNKNOWN) return [0, 0, 0, 0];
     if (count & 0x8000 && diagonal % 8 < 3) return dark ? [120, 132, 142, 255] : [150, 160, 168, 255];
     return [...viridis(((count & 0x7fff) * rows.step_mm + rows.offset_mm) / high_mm), 255];

@@ -1,4 +1,4 @@
-// The rows of the belt that the page has, in a ring: row n lies at n modulo the ring's length.
+// The belt's rows in a ring buffer: row n is stored at n modulo the buffer's length.
 export const UNKNOWN = 0xffff;
 export const RING = 4096;
 
@@ -10,14 +10,14 @@ export class BeltRows {
 
   clear() { this.epoch = null; this.changes++; }
 
-  /** Take a message of the live stream. */
-  take(message) {
+  /** Add the rows of a message of the live stream. */
+  add(message) {
     if (message.epoch !== this.epoch || message.columns !== this.columns || message.cell_mm !== this.cell_mm) {
       Object.assign(this, { epoch: message.epoch, columns: message.columns, cell_mm: message.cell_mm, x_mm: message.x_mm, step_mm: message.step_mm, offset_mm: message.offset_mm, begin: message.first });
       this.counts = new Uint16Array(RING * message.columns).fill(UNKNOWN);
       this.end = message.first;
     }
-    // rows that never came are not known; the ring may hold old ones there
+    // rows that were never sent are unknown; the buffer may hold old ones in their place
     for (let row = Math.max(this.end, message.first - RING); row < message.first; row++) this.counts.fill(UNKNOWN, (row % RING) * this.columns, (row % RING + 1) * this.columns);
     for (let i = 0; i < message.rows; i++) this.counts.set(message.counts.subarray(i * this.columns, (i + 1) * this.columns), ((message.first + i) % RING) * this.columns);
     this.end = message.first + message.rows;
@@ -25,17 +25,17 @@ export class BeltRows {
     this.changes++;
   }
 
-  get there() { return this.epoch !== null && this.end > this.begin; }
+  get has_rows() { return this.epoch !== null && this.end > this.begin; }
 
-  /** Height that few cells of the last ``rows`` rows exceed, mm. */
-  high_mm(rows) {
-    const found = [];
+  /** Return the 99.8 % quantile of the heights of the last `rows` rows, mm. */
+  find_high_mm(rows) {
+    const counts = [];
     for (let row = Math.max(this.begin, this.end - rows); row < this.end; row += 3)
       for (let column = 0; column < this.columns; column += 3) {
         const count = this.counts[(row % RING) * this.columns + column];
-        if (count !== UNKNOWN) found.push(count & 0x7fff);
+        if (count !== UNKNOWN) counts.push(count & 0x7fff);
       }
-    found.sort((a, b) => a - b);
-    return found.length ? found[Math.floor((found.length - 1) * 0.998)] * this.step_mm + this.offset_mm : 0;
+    counts.sort((a, b) => a - b);
+    return counts.length ? counts[Math.floor((counts.length - 1) * 0.998)] * this.step_mm + this.offset_mm : 0;
   }
 }

@@ -1,8 +1,8 @@
-// The belt in 3-D: a still net of points whose heights a shader reads from the ring of rows, so that nothing is built
-// anew while the belt runs. x runs along the belt with its newest row at 0, y upwards, z across; all in metres.
+// The belt in 3-D: a fixed grid of points whose heights a shader reads from the ring buffer of rows, so that no geometry
+// is rebuilt while the belt runs. x is along the belt with the newest row at 0, y upwards, z across; all in metres.
 import * as THREE from "../vendor/three/three.module.min.js";
 import { RING } from "./belt_rows.js";
-import { table } from "./viridis.js";
+import { create_table } from "./viridis.js";
 
 const VERTEX = `
 precision highp usampler2D;
@@ -50,7 +50,7 @@ void main() {
   colour = linearToOutputTexel(vec4(tone * light, 1.0));
 }`;
 
-// the belt itself, with a rule of metres along both edges that runs with it
+// the belt itself, with a moving scale in metres along both edges
 const SLAB_VERTEX = `out vec2 at; void main() { at = position.xz; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`;
 const SLAB_FRAGMENT = `
 precision highp float;
@@ -68,8 +68,8 @@ void main() {
   colour = linearToOutputTexel(vec4(tone, smoothstep(fade, fade + 0.6, at.x)));
 }`;
 
-/** Whether the processor draws in place of a graphics card: it may have better things to do. */
-function in_software(gl) {
+/** Return whether WebGL runs in software, without a graphics card. */
+function is_software(gl) {
   const more = gl.getExtension("WEBGL_debug_renderer_info");
   return /swiftshader|llvmpipe|software|basic render/i.test(String(gl.getParameter(more ? more.UNMASKED_RENDERER_WEBGL : gl.RENDERER)));
 }
@@ -77,35 +77,35 @@ function in_software(gl) {
 const rgb = (hex) => new THREE.Color(hex);
 
 export class BeltScene {
-  /** Throws where there is no WebGL 2. */
+  /** Throws if there is no WebGL 2. */
   constructor(canvas, window_m) {
     this.window_m = window_m;
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
-    this.software = in_software(this.renderer.getContext());
+    this.software = is_software(this.renderer.getContext());
     this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
     this.camera = new THREE.PerspectiveCamera(28, 1, 0.05, 80);
     this.scene = new THREE.Scene();
-    this.map = new THREE.DataTexture(table(256), 256, 1);
+    this.map = new THREE.DataTexture(create_table(256), 256, 1);
     this.map.colorSpace = THREE.SRGBColorSpace;
     this.map.magFilter = this.map.minFilter = THREE.LinearFilter;
     this.map.needsUpdate = true;
     this.tones = { belt_tone: { value: rgb("#5c6670") }, gap_tone: { value: rgb("#9aa5ad") }, rubber: { value: rgb("#4a535b") }, mark: { value: rgb("#dfe5e9") } };
   }
 
-  dress(dark) {
+  set_theme(dark) {
     const tones = dark ? ["#46515a", "#8d99a3", "#2f3941", "#8fa1ae"] : ["#78838c", "#c3cbd1", "#56616a", "#e3e9ed"];
     ["belt_tone", "gap_tone", "rubber", "mark"].forEach((name, i) => this.tones[name].value.set(tones[i]));
   }
 
-  /** Make the net for another belt. */
-  lay(rows) {
+  /** Build the grid for the rows of another belt. */
+  build_surface(rows) {
     this.surface?.geometry.dispose();
     this.surface?.material.dispose();
     this.slab?.geometry.dispose();
     this.texture?.dispose();
     this.scene.clear();
-    this.laid = rows.counts;
+    this.counts = rows.counts;
     const cell = rows.cell_mm / 1000;
     this.rows_shown = Math.min(Math.round(this.window_m / cell), RING - 8);
     const [columns, count] = [rows.columns, this.rows_shown + 1];
@@ -116,7 +116,7 @@ export class BeltScene {
     const [low, high] = rows.x_mm.map((mm) => mm / 1000);
     this.width_m = high - low;
     this.middle_m = (high + low) / 2;
-    this.surface = new THREE.Mesh(net(columns, count), new THREE.ShaderMaterial({
+    this.surface = new THREE.Mesh(create_grid(columns, count), new THREE.ShaderMaterial({
       glslVersion: THREE.GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT, side: THREE.DoubleSide,
       uniforms: { rows: { value: this.texture }, first: { value: 0 }, begin: { value: 0 }, end: { value: 0 }, columns: { value: columns }, cell: { value: cell }, shift: { value: 0 },
         low_z: { value: low }, across: { value: columns > 1 ? this.width_m / (columns - 1) : cell }, step_m: { value: rows.step_mm / 1000 }, offset_m: { value: rows.offset_mm / 1000 },
@@ -137,16 +137,16 @@ export class BeltScene {
 
   refresh() { if (this.texture) this.texture.needsUpdate = true; }
 
-  fit() {
+  resize() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     if (width && height) this.renderer.setSize(width, height, false);
     this.camera.aspect = width / Math.max(height, 1);
     this.camera.updateProjectionMatrix();
   }
 
-  /** Draw with the belt's newest edge at row ``at`` (it may lie between rows). */
+  /** Draw with the belt's newest edge at row `at`, which may lie between rows. */
   draw(rows, at, high_mm, { turn, rise, scale }) {
-    if (this.laid !== rows.counts) this.lay(rows);
+    if (this.counts !== rows.counts) this.build_surface(rows);
     const uniforms = this.surface.material.uniforms;
     const last = Math.floor(at);
     uniforms.first.value = last - this.rows_shown;
@@ -155,43 +155,43 @@ export class BeltScene {
     uniforms.end.value = rows.end;
     uniforms.high.value = high_mm / 1000;
     this.slab.material.uniforms.travelled.value = (at * rows.cell_mm / 1000) % 1000;
-    this.aim(turn, rise, scale);
+    this.fit_camera(turn, rise, scale);
     this.renderer.render(this.scene, this.camera);
   }
 
-  /** Look at the belt from that side, from so far away, and so placed, that its whole length just fills the view. */
-  aim(turn, rise, scale) {
-    const way = new THREE.Vector3(Math.cos(rise) * Math.sin(turn), Math.sin(rise), Math.cos(rise) * Math.cos(turn));
+  /** Place the camera in the given direction so that the whole length of the belt fills the view. */
+  fit_camera(turn, rise, scale) {
+    const direction = new THREE.Vector3(Math.cos(rise) * Math.sin(turn), Math.sin(rise), Math.cos(rise) * Math.cos(turn));
     const target = new THREE.Vector3(-this.window_m / 2, 0.05, this.middle_m);
-    let away = this.window_m * 2;
+    let distance = this.window_m * 2;
     for (let i = 0; i < 6; i++) {
-      this.place(target, way, away);
-      const seen = this.corners().map((corner) => corner.project(this.camera));
-      const [low_x, high_x] = [Math.min(...seen.map((p) => p.x)), Math.max(...seen.map((p) => p.x))];
-      const [low_y, high_y] = [Math.min(...seen.map((p) => p.y)), Math.max(...seen.map((p) => p.y))];
-      const half = Math.tan((this.camera.fov * Math.PI) / 360) * away;
+      this.place_camera(target, direction, distance);
+      const projected = this.list_corners().map((corner) => corner.project(this.camera));
+      const [low_x, high_x] = [Math.min(...projected.map((p) => p.x)), Math.max(...projected.map((p) => p.x))];
+      const [low_y, high_y] = [Math.min(...projected.map((p) => p.y)), Math.max(...projected.map((p) => p.y))];
+      const half = Math.tan((this.camera.fov * Math.PI) / 360) * distance;
       const e = this.camera.matrixWorld.elements;
       target.addScaledVector(new THREE.Vector3(e[0], e[1], e[2]), ((low_x + high_x) / 2) * half * this.camera.aspect);
       target.addScaledVector(new THREE.Vector3(e[4], e[5], e[6]), ((low_y + high_y) / 2) * half);
-      away *= Math.max((high_x - low_x) / 1.94, (high_y - low_y) / 1.86);
+      distance *= Math.max((high_x - low_x) / 1.94, (high_y - low_y) / 1.86);
     }
-    this.place(target, way, away * scale);
+    this.place_camera(target, direction, distance * scale);
   }
 
-  place(target, way, away) {
-    this.camera.position.copy(target).addScaledVector(way, away);
+  place_camera(target, direction, distance) {
+    this.camera.position.copy(target).addScaledVector(direction, distance);
     this.camera.lookAt(target);
     this.camera.updateMatrixWorld();
   }
 
-  corners() {
+  list_corners() {
     const [low, high] = [this.middle_m - this.width_m / 2 - 0.07, this.middle_m + this.width_m / 2 + 0.07];
     return [0, -this.window_m].flatMap((x) => [low, high].flatMap((z) => [-0.02, 0.12].map((y) => new THREE.Vector3(x, y, z))));
   }
 }
 
-/** A net of columns × count points: x the column, y the row. */
-function net(columns, count) {
+/** Return a grid of columns × count points: x the column, y the row. */
+function create_grid(columns, count) {
   const points = new Float32Array(columns * count * 3);
   const index = new Uint32Array((columns - 1) * (count - 1) * 6);
   for (let i = 0; i < columns * count; i++) points.set([i % columns, Math.floor(i / columns), 0], i * 3);

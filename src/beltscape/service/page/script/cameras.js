@@ -1,49 +1,49 @@
-// Small pictures and health of the cameras; a new picture is asked for only while somebody can see it.
-import { $, keep, make, say, sign } from "./dom.js";
+// Pictures and health of the cameras; pictures are loaded only while the panel is visible.
+import { $, create_element, create_icon, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
-import { number, t, unit } from "./texts.js";
+import { format_number, format_unit, t } from "./texts.js";
 
-const EVERY_MS = 2000;
+const RELOAD_MS = 2000;
 let visible = true;
 
-function create(camera) {
-  const facts = make("dl", {}, ...["cameras.rate", "cameras.skew", "cameras.missed"].flatMap((key) => [make("dt", { "data-text": key }, t(key)), make("dd")]));
-  const picture = make("img", { alt: "", decoding: "async", hidden: true });
+function create_item(camera) {
+  const facts = create_element("dl", {}, ...["cameras.rate", "cameras.skew", "cameras.missed"].flatMap((key) => [create_element("dt", { "data-text": key }, t(key)), create_element("dd")]));
+  const picture = create_element("img", { alt: "", decoding: "async", hidden: true });
   picture.addEventListener("load", () => { picture.hidden = false; });
   picture.addEventListener("error", () => { picture.dataset.failed = "1"; });
-  return make("li", { class: "camera" }, make("figure", {}, picture), make("div", {}, make("h3", {}, camera.name), make("span", { class: "state" }, sign(camera.state), make("span")), facts, make("p", { class: "message" })));
+  return create_element("li", { class: "camera" }, create_element("figure", {}, picture), create_element("div", {}, create_element("h3", {}, camera.name), create_element("span", { class: "state" }, create_icon(camera.state), create_element("span")), facts, create_element("p", { class: "message" })));
 }
 
-function update(item, camera) {
+function update_item(item, camera) {
   const picture = item.querySelector("img");
   const state = item.querySelector(".state");
-  if (item.dataset.state !== camera.state) state.replaceChild(sign(camera.state), state.firstChild);
+  if (item.dataset.state !== camera.state) state.replaceChild(create_icon(camera.state), state.firstChild);
   item.dataset.state = camera.state;
-  say(state.lastChild, t(`camera.${camera.state}`));
+  set_text(state.lastChild, t(`camera.${camera.state}`));
   picture.alt = t("cameras.picture", { name: camera.name });
   const [rate, skew, missed] = item.querySelectorAll("dd");
-  say(rate, unit(number(camera.rate_hz, 1), "hz"));
-  say(skew, unit(number(camera.skew_ms, 2), "ms"));
-  say(missed, number(camera.missed));
+  set_text(rate, format_unit(format_number(camera.rate_hz, 1), "hz"));
+  set_text(skew, format_unit(format_number(camera.skew_ms, 2), "ms"));
+  set_text(missed, format_number(camera.missed));
   const message = item.querySelector(".message");
-  say(message, camera.message);
+  set_text(message, camera.message);
   message.hidden = !camera.message;
   const now = performance.now();
   if (!visible || document.hidden || store.link === "lost") return;
-  if (camera.picture !== null && picture.dataset.frame !== camera.picture && now - Number(picture.dataset.asked ?? -EVERY_MS) >= EVERY_MS) {
-    picture.dataset.asked = now;
+  if (camera.picture !== null && picture.dataset.frame !== camera.picture && now - Number(picture.dataset.loaded ?? -RELOAD_MS) >= RELOAD_MS) {
+    picture.dataset.loaded = now;
     picture.dataset.frame = camera.picture;
     picture.src = `/api/cameras/${encodeURIComponent(camera.name)}/picture?frame=${encodeURIComponent(camera.picture)}`;
   }
 }
 
-function show() {
+function render() {
   const cameras = store.state?.cameras ?? [];
-  keep($("cameras"), cameras, (camera) => camera.name, create, update);
+  sync_children($("cameras"), cameras, (camera) => camera.name, create_item, update_item);
   $("cameras-none").hidden = cameras.length > 0;
 }
 
 export function start() {
   new IntersectionObserver((entries) => { visible = entries.at(-1).isIntersecting; }).observe($("cameras").closest(".panel"));
-  for (const subject of ["state", "texts"]) store.on(subject, show);
+  for (const subject of ["state", "texts"]) store.on(subject, render);
 }

@@ -1,46 +1,46 @@
-// Keys for everything, and the list of them.
-import { focus_next } from "./alarms.js";
+// Keyboard shortcuts, and the dialog that lists them.
+import { focus_next_alarm } from "./alarms.js";
 import * as belt from "./belt.js";
 import * as chart from "./chart.js";
-import { $, make } from "./dom.js";
+import { $, create_element } from "./dom.js";
 import { store } from "./store.js";
-import * as keep from "./keep.js";
-import { choose, chosen, languages, t } from "./texts.js";
+import * as recording from "./recording.js";
+import { get_language, list_languages, set_language, t } from "./texts.js";
 import { theme } from "./theme.js";
 
-export function wall() {
+export function toggle_wall() {
   const query = new URLSearchParams(location.search);
   if (query.has("wall")) query.delete("wall"); else query.set("wall", "");
   history.replaceState(null, "", `${location.pathname}${query.size ? `?${query.toString().replace("wall=", "wall")}` : ""}${location.hash}`);
   document.documentElement.classList.toggle("wall", query.has("wall"));
   if (query.has("wall")) location.hash = "#live";
-  store.tell("layout");
+  store.emit("layout");
 }
 
 function next_language() {
-  const all = languages();
-  choose(all[(all.indexOf(chosen()) + 1) % all.length]);
+  const all = list_languages();
+  set_language(all[(all.indexOf(get_language()) + 1) % all.length]);
 }
 
 const KEYS = {
   l: ["keys.live", () => { location.hash = "#live"; }],
   h: ["keys.history", () => { location.hash = "#history"; }],
-  a: ["keys.alarm", () => { location.hash = "#live"; focus_next(); }],
-  c: ["keys.range", chart.next],
+  a: ["keys.alarm", () => { location.hash = "#live"; focus_next_alarm(); }],
+  c: ["keys.range", chart.next_range],
   b: ["keys.belt", () => { location.hash = "#live"; $("belt").focus(); }],
   r: ["keys.reset", belt.reset],
-  k: ["keys.keep", keep.open],
+  k: ["keys.keep", recording.open],
   t: ["keys.theme", () => theme.next()],
   g: ["keys.language", next_language],
-  w: ["keys.wall", wall],
-  "?": ["keys.help", () => help()],
+  w: ["keys.wall", toggle_wall],
+  "?": ["keys.help", () => toggle_help()],
 };
 
-export function help() {
+export function toggle_help() {
   const dialog = $("keys");
   if (dialog.open) { dialog.close(); return; }
-  const list = make("dl", {}, ...Object.entries(KEYS).flatMap(([key, [text]]) => [make("dt", {}, make("kbd", {}, key.toUpperCase())), make("dd", {}, t(text))]));
-  dialog.replaceChildren(make("h2", { id: "keys-title" }, t("keys.title")), list, make("p", {}, t("keys.none")), make("button", { type: "button", class: "plain", on: { click: () => dialog.close() } }, t("keys.close")));
+  const list = create_element("dl", {}, ...Object.entries(KEYS).flatMap(([key, [text]]) => [create_element("dt", {}, create_element("kbd", {}, key.toUpperCase())), create_element("dd", {}, t(text))]));
+  dialog.replaceChildren(create_element("h2", { id: "keys-title" }, t("keys.title")), list, create_element("p", {}, t("keys.none")), create_element("button", { type: "button", class: "plain", on: { click: () => dialog.close() } }, t("keys.close")));
   dialog.showModal();
 }
 

@@ -1,121 +1,120 @@
-// Puts the page together.
+// The entry point: loads settings and texts, starts the parts, connects.
 import * as alarms from "./alarms.js";
-import { get } from "./api.js";
+import { get, post } from "./api.js";
 import * as belt from "./belt.js";
 import * as cameras from "./cameras.js";
 import * as chart from "./chart.js";
 import { connect, retry } from "./connection.js";
-import { $, calm, make, say, sign } from "./dom.js";
+import { $, create_element, create_icon, set_text, throttle } from "./dom.js";
 import * as flow from "./flow.js";
 import * as history from "./history.js";
-import * as keep from "./keep.js";
+import * as recording from "./recording.js";
 import * as keys from "./keys.js";
-import { area_m2, of_message, SectionPlot } from "./section.js";
+import { compute_area_m2, read_section, SectionPlot } from "./section.js";
 import { store } from "./store.js";
-import { apply, choose, chosen, day_and_time, duration, languages, load, moment, number, t, time, unit } from "./texts.js";
+import { apply_texts, format_duration, format_moment, format_number, format_time, format_unit, get_language, list_languages, load_texts, set_language, t } from "./texts.js";
 import { theme } from "./theme.js";
 
 function show_link() {
-  say($("link-text"), t(`link.${store.link}`));
+  set_text($("link-text"), t(`link.${store.link}`));
   show_banner();
 }
 
 function show_banner() {
   const age = store.age_s;
-  // for the first seconds a page that is just opening says nothing
-  const soon = performance.now() < 3000;
-  const text = store.link === "lost" ? t("banner.lost", { time: moment(store.state.wall_ms) })
-    : store.link === "stale" ? (age == null ? t("banner.nothing") : t("banner.stale", { age: duration(age) }))
-    : store.link === "waiting" && !soon ? t("banner.never") : "";
+  // a page that is just opening shows no message for the first seconds
+  const is_opening = performance.now() < 3000;
+  const text = store.link === "lost" ? t("banner.lost", { time: format_moment(store.state.wall_ms) })
+    : store.link === "stale" ? (age == null ? t("banner.nothing") : t("banner.stale", { age: format_duration(age) }))
+    : store.link === "waiting" && !is_opening ? t("banner.never") : "";
   $("banner").hidden = !text;
   $("retry").hidden = store.link === "stale";
-  if (text) say($("banner-text"), text);
+  if (text) set_text($("banner-text"), text);
 }
 
 function show_clock() {
-  say($("clock"), time(Date.now() + store.clock_ms));
+  set_text($("clock"), format_time(Date.now() + store.clock_ms));
 }
 
 function show_page() {
   const page = store.page;
   if (!page) return;
-  say($("plant"), page.plant);
-  const named = page.user && page.user !== "anonymous";
-  $("who").replaceChildren(...(named
-    ? [make("a", { href: "/account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), make("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
-    : [make("a", { href: "/login?next=/" }, t("tools.sign_in"))]));
+  set_text($("plant"), page.plant);
+  const is_signed_in = page.user && page.user !== "anonymous";
+  $("who").replaceChildren(...(is_signed_in
+    ? [create_element("a", { href: "/account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), create_element("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
+    : [create_element("a", { href: "/login?next=/" }, t("tools.sign_in"))]));
 }
 
 async function sign_out() {
-  const { post } = await import("./api.js");
   await post("/api/access/logout").catch(() => {});
   location.href = "/login";
 }
 
 function show_theme() {
-  $("theme").replaceChildren(sign(theme.wish));
-  $("theme").title = `${t("tools.theme")}: ${t(`tools.theme_${theme.wish}`)}`;
+  $("theme").replaceChildren(create_icon(theme.choice));
+  $("theme").title = `${t("tools.theme")}: ${t(`tools.theme_${theme.choice}`)}`;
   $("theme").setAttribute("aria-label", $("theme").title);
 }
 
 function show_view() {
-  const past = location.hash === "#history" && !document.documentElement.classList.contains("wall");
-  $("live-view").hidden = past;
-  $("history-view").hidden = !past;
-  $("to-live").toggleAttribute("aria-current", !past);
-  $("to-history").toggleAttribute("aria-current", past);
-  if (past) history.open(); else store.tell("layout");
+  const is_history = location.hash === "#history" && !document.documentElement.classList.contains("wall");
+  $("live-view").hidden = is_history;
+  $("history-view").hidden = !is_history;
+  $("to-live").toggleAttribute("aria-current", !is_history);
+  $("to-history").toggleAttribute("aria-current", is_history);
+  if (is_history) history.open(); else store.emit("layout");
 }
 
 function start_section() {
   const plot = new SectionPlot($("section"));
-  store.on("section", calm((message) => {
-    const section = of_message(message);
+  store.on("section", throttle((message) => {
+    const section = read_section(message);
     $("section-none").hidden = true;
-    say($("section-area"), unit(number(area_m2(section), 4), "m2"));
+    set_text($("section-area"), format_unit(format_number(compute_area_m2(section), 4), "m2"));
     plot.show(section);
   }));
   for (const subject of ["theme", "texts", "layout"]) store.on(subject, () => plot.draw());
 }
 
 function start_tools() {
-  $("language").append(...languages().map((name) => make("option", { value: name }, t(`language.${name}`))));
-  $("language").value = chosen();
-  $("language").addEventListener("change", () => choose($("language").value));
-  $("wall").append(sign("wall"));
-  $("show-keys").append(sign("keys"));
+  $("language").append(...list_languages().map((name) => create_element("option", { value: name }, t(`language.${name}`))));
+  $("language").value = get_language();
+  $("language").addEventListener("change", () => set_language($("language").value));
+  $("wall").append(create_icon("wall"));
+  $("show-keys").append(create_icon("keys"));
   $("theme").addEventListener("click", () => theme.next());
-  $("wall").addEventListener("click", keys.wall);
-  $("show-keys").addEventListener("click", keys.help);
+  $("wall").addEventListener("click", keys.toggle_wall);
+  $("show-keys").addEventListener("click", keys.toggle_help);
   $("retry").addEventListener("click", retry);
 }
 
-async function ask_page() {
+async function load_page_settings() {
   try {
     store.page = await get("/api/page");
   } catch (error) {
-    if (error.status === 401) to_login();
+    if (error.status === 401) go_to_login();
   }
-  store.tell("page");
+  store.emit("page");
 }
 
-function to_login() {
+function go_to_login() {
   location.href = `/login?next=${encodeURIComponent(location.pathname)}`;
 }
 
-await ask_page();
-await load(store.page?.language);
+await load_page_settings();
+await load_texts(store.page?.language);
 start_tools();
-for (const part of [flow, alarms, cameras, chart, keep, keys]) part.start();
+for (const part of [flow, alarms, cameras, chart, recording, keys]) part.start();
 start_section();
-apply(document);
+apply_texts(document);
 store.on("link", show_link);
-store.on("texts", () => { $("language").value = chosen(); show_link(); show_page(); show_theme(); });
+store.on("texts", () => { $("language").value = get_language(); show_link(); show_page(); show_theme(); });
 store.on("theme", show_theme);
 store.on("page", show_page);
 store.on("tick", () => { show_clock(); show_banner(); });
-store.on("opened", () => { if (!store.page) ask_page(); });
-store.on("signed_out", to_login);
+store.on("opened", () => { if (!store.page) load_page_settings(); });
+store.on("signed_out", go_to_login);
 addEventListener("hashchange", show_view);
 show_link();
 show_page();

@@ -1,35 +1,35 @@
-// Turning a view with mouse, finger or keys. Wheel and pinch zoom; a finger that moves up or down still scrolls the page.
-const LOW = 0.12, HIGH = Math.PI / 2 - 0.01;
+// Orbit control of a view by mouse, touch or keys. Wheel and pinch zoom; vertical touch moves still scroll the page.
+const MIN_RISE = 0.12, MAX_RISE = Math.PI / 2 - 0.01;
 
 export class Orbit {
   constructor(canvas, home, changed) {
     this.home = home;
     this.changed = changed;
     this.canvas = canvas;
-    this.fingers = new Map();
+    this.pointers = new Map();
     this.reset();
-    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); this.fingers.set(event.pointerId, event); });
-    for (const over of ["pointerup", "pointercancel"]) canvas.addEventListener(over, (event) => this.fingers.delete(event.pointerId));
-    canvas.addEventListener("pointermove", (event) => this.move(event));
+    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); this.pointers.set(event.pointerId, event); });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => this.pointers.delete(event.pointerId));
+    canvas.addEventListener("pointermove", (event) => this.handle_move(event));
     canvas.addEventListener("wheel", (event) => {
-      if (document.activeElement !== canvas && !event.ctrlKey) return; // the page scrolls until the belt is chosen
+      if (document.activeElement !== canvas && !event.ctrlKey) return; // the wheel scrolls the page unless the belt has the focus
       event.preventDefault();
       this.zoom(Math.exp(event.deltaY * 0.001));
     }, { passive: false });
-    canvas.addEventListener("keydown", (event) => this.key(event));
+    canvas.addEventListener("keydown", (event) => this.handle_key(event));
   }
 
-  reset() { this.look(this.home); }
-  top() { this.look({ turn: 0, rise: HIGH, zoom: 1 }); }
+  reset() { this.set_view(this.home); }
+  show_top() { this.set_view({ turn: 0, rise: MAX_RISE, zoom: 1 }); }
 
-  look({ turn, rise, zoom }) {
+  set_view({ turn, rise, zoom }) {
     Object.assign(this, { turn, rise, scale: zoom });
     this.changed();
   }
 
-  by(turn, rise) {
+  turn_by(turn, rise) {
     this.turn += turn;
-    this.rise = Math.min(Math.max(this.rise + rise, LOW), HIGH);
+    this.rise = Math.min(Math.max(this.rise + rise, MIN_RISE), MAX_RISE);
     this.changed();
   }
 
@@ -38,21 +38,21 @@ export class Orbit {
     this.changed();
   }
 
-  move(event) {
-    const before = this.fingers.get(event.pointerId);
-    if (!before) return;
-    if (this.fingers.size === 2) {
-      const other = [...this.fingers.values()].find((finger) => finger.pointerId !== event.pointerId);
-      const away = (finger) => Math.hypot(finger.clientX - other.clientX, finger.clientY - other.clientY);
-      this.zoom(away(before) / Math.max(away(event), 1));
+  handle_move(event) {
+    const previous = this.pointers.get(event.pointerId);
+    if (!previous) return;
+    if (this.pointers.size === 2) {
+      const other = [...this.pointers.values()].find((pointer) => pointer.pointerId !== event.pointerId);
+      const distance_to_other = (pointer) => Math.hypot(pointer.clientX - other.clientX, pointer.clientY - other.clientY);
+      this.zoom(distance_to_other(previous) / Math.max(distance_to_other(event), 1));
     } else {
-      this.by((before.clientX - event.clientX) * 0.006, (event.clientY - before.clientY) * 0.006);
+      this.turn_by((previous.clientX - event.clientX) * 0.006, (event.clientY - previous.clientY) * 0.006);
     }
-    this.fingers.set(event.pointerId, event);
+    this.pointers.set(event.pointerId, event);
   }
 
-  key(event) {
-    const actions = { ArrowLeft: () => this.by(-0.1, 0), ArrowRight: () => this.by(0.1, 0), ArrowUp: () => this.by(0, 0.08), ArrowDown: () => this.by(0, -0.08),
+  handle_key(event) {
+    const actions = { ArrowLeft: () => this.turn_by(-0.1, 0), ArrowRight: () => this.turn_by(0.1, 0), ArrowUp: () => this.turn_by(0, 0.08), ArrowDown: () => this.turn_by(0, -0.08),
       "+": () => this.zoom(0.88), "=": () => this.zoom(0.88), "-": () => this.zoom(1.14), r: () => this.reset(), R: () => this.reset() };
     if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in actions)) return;
     event.preventDefault();

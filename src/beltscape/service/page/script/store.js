@@ -1,10 +1,10 @@
-// What the page knows, and who wants to hear of it. Subjects: state, flow, records, section, belt, link, texts, theme, page.
+// The state of the page and its listeners. Subjects: state, flow, records, section, belt, link, texts, theme, page.
 const listeners = new Map();
 
 export const store = {
   page: null,       // GET /api/page
   state: null,      // the newest state
-  heard_ms: 0,      // performance.now() when it came
+  received_ms: 0,      // performance.now() at its arrival
   link: "waiting",  // waiting, live, stale, lost
   clock_ms: 0,      // the measuring machine's clock minus this one's
 
@@ -13,13 +13,13 @@ export const store = {
     listeners.get(subject).add(listener);
   },
 
-  tell(subject, detail) {
+  emit(subject, detail) {
     for (const listener of listeners.get(subject) ?? []) listener(detail);
   },
 
-  /** Seconds since the last frame, as far as this page knows; null: there was none. */
+  /** Seconds since the last frame, from the newest state; null: there was none. */
   get age_s() {
     const age = this.state?.frames.age_s;
-    return age == null ? null : age + (performance.now() - this.heard_ms) / 1000;
+    return age == null ? null : age + (performance.now() - this.received_ms) / 1000;
   },
 };

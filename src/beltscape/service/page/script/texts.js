@@ -1,4 +1,4 @@
-// Every word on the page, in the chosen language, from texts.json; numbers and times as its readers write them.
+// All texts of the page from texts.json in the chosen language; numbers and times in the user's locale.
 import { store } from "./store.js";
 
 const LOCALES = { en: "en-GB", de: "de-DE", zh: "zh-CN" };
@@ -6,34 +6,34 @@ let table = {};
 let language = "en";
 const formats = new Map();
 
-export async function load(fallback) {
+export async function load_texts(fallback) {
   table = await (await fetch("/page/texts.json")).json();
-  const wish = new URLSearchParams(location.search).get("lang") || localStorage.getItem("language");
-  choose(wish in LOCALES ? wish : fallback in LOCALES ? fallback : "en", false);
+  const requested = new URLSearchParams(location.search).get("lang") || localStorage.getItem("language");
+  set_language(requested in LOCALES ? requested : fallback in LOCALES ? fallback : "en", false);
 }
 
-export function choose(name, keep = true) {
+export function set_language(name, remember = true) {
   language = name;
   formats.clear();
-  if (keep) localStorage.setItem("language", name);
+  if (remember) localStorage.setItem("language", name);
   document.documentElement.lang = name === "zh" ? "zh-Hans" : name;
-  apply(document);
-  store.tell("texts");
+  apply_texts(document);
+  store.emit("texts");
 }
 
-export const languages = () => Object.keys(LOCALES);
-export const chosen = () => language;
+export const list_languages = () => Object.keys(LOCALES);
+export const get_language = () => language;
 
-/** The text of a key, {names} filled in; a key that is not there shows itself. */
+/** Return the text of a key with {names} filled in; an unknown key is returned as it is. */
 export function t(key, values = {}) {
   const text = table[key]?.[language] ?? key;
   return text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 }
 
-export const has = (key) => key in table;
+export const has_text = (key) => key in table;
 
-/** Fill in data-text, data-label, data-hint and data-title (both of them) below an element. */
-export function apply(root) {
+/** Apply data-text, data-label, data-hint and data-title (hint and label) below an element. */
+export function apply_texts(root) {
   for (const element of root.querySelectorAll("[data-text]")) element.textContent = t(element.dataset.text);
   for (const element of root.querySelectorAll("[data-label]")) element.setAttribute("aria-label", t(element.dataset.label));
   for (const element of root.querySelectorAll("[data-hint]")) element.title = t(element.dataset.hint);
@@ -43,58 +43,58 @@ export function apply(root) {
   }
 }
 
-/** The reader's own locale where it is of the chosen language, else that language's usual one. */
-function locale() {
+/** Return the user's own locale if it is of the chosen language, else that language's default. */
+function get_locale() {
   return navigator.languages.find((name) => name.split("-")[0] === language) ?? LOCALES[language];
 }
 
-function format(kind, options) {
+function get_format(kind, options) {
   const key = kind + JSON.stringify(options);
-  if (!formats.has(key)) formats.set(key, new Intl[kind](locale(), options));
+  if (!formats.has(key)) formats.set(key, new Intl[kind](get_locale(), options));
   return formats.get(key);
 }
 
 const NONE = "–";
 
-export function number(value, digits = 0) {
+export function format_number(value, digits = 0) {
   if (value == null || !Number.isFinite(value)) return NONE;
-  return format("NumberFormat", { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
+  return get_format("NumberFormat", { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
 }
 
-/** A number with as many digits as it takes to show three of them. */
-export function three(value) {
+/** Return a number with three significant digits. */
+export function format_significant(value) {
   if (value == null || !Number.isFinite(value)) return NONE;
   const size = Math.abs(value);
-  return number(value, size >= 99.5 || size === 0 ? 0 : size >= 9.95 ? 1 : size >= 0.995 ? 2 : 3);
+  return format_number(value, size >= 99.5 || size === 0 ? 0 : size >= 9.95 ? 1 : size >= 0.995 ? 2 : 3);
 }
 
-/** An uncertainty: two digits are enough of it. */
-export function spread(value) {
+/** Return an uncertainty with two significant digits. */
+export function format_uncertainty(value) {
   if (value == null || !Number.isFinite(value)) return "";
   const size = Math.abs(value);
-  return `±\u00a0${number(value, size >= 9.95 ? 0 : size >= 0.995 ? 1 : 2)}`;
+  return `±\u00a0${format_number(value, size >= 9.95 ? 0 : size >= 0.995 ? 1 : 2)}`;
 }
 
-export const percent = (share, digits = 0) =>
-  share == null || !Number.isFinite(share) ? NONE : format("NumberFormat", { style: "percent", minimumFractionDigits: digits, maximumFractionDigits: digits }).format(share);
+export const format_percent = (share, digits = 0) =>
+  share == null || !Number.isFinite(share) ? NONE : get_format("NumberFormat", { style: "percent", minimumFractionDigits: digits, maximumFractionDigits: digits }).format(share);
 
-export const signed_percent = (share) =>
-  format("NumberFormat", { style: "percent", maximumFractionDigits: 0, signDisplay: "exceptZero" }).format(share);
+export const format_signed_percent = (share) =>
+  get_format("NumberFormat", { style: "percent", maximumFractionDigits: 0, signDisplay: "exceptZero" }).format(share);
 
-export const unit = (value, name) => (value === NONE ? NONE : `${value}\u00a0${t(`unit.${name}`)}`);
+export const format_unit = (value, name) => (value === NONE ? NONE : `${value}\u00a0${t(`unit.${name}`)}`);
 
-export const time = (ms, seconds = true) =>
-  format("DateTimeFormat", { hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}), hourCycle: "h23" }).format(ms);
+export const format_time = (ms, seconds = true) =>
+  get_format("DateTimeFormat", { hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}), hourCycle: "h23" }).format(ms);
 
-export const day = (ms) => format("DateTimeFormat", { day: "2-digit", month: "2-digit", year: "numeric" }).format(ms);
-export const short_day = (ms) => format("DateTimeFormat", { day: "numeric", month: "short" }).format(ms);
-export const day_and_time = (ms, seconds = false) => `${day(ms)} ${time(ms, seconds)}`;
+export const format_day = (ms) => get_format("DateTimeFormat", { day: "2-digit", month: "2-digit", year: "numeric" }).format(ms);
+export const format_short_day = (ms) => get_format("DateTimeFormat", { day: "numeric", month: "short" }).format(ms);
+export const format_date_time = (ms, seconds = false) => `${format_day(ms)} ${format_time(ms, seconds)}`;
 
-/** The time of an instant, with its day where that is not today. */
-export const moment = (ms) => (day(ms) === day(Date.now()) ? time(ms) : day_and_time(ms, true));
+/** Return the time of an instant, with its date if that is not today. */
+export const format_moment = (ms) => (format_day(ms) === format_day(Date.now()) ? format_time(ms) : format_date_time(ms, true));
 
-export function duration(seconds) {
-  if (seconds < 90) return unit(number(Math.floor(seconds)), "s");
-  if (seconds < 5400) return unit(number(Math.floor(seconds / 60)), "min");
-  return unit(number(seconds / 3600, 1), "h");
+export function format_duration(seconds) {
+  if (seconds < 90) return format_unit(format_number(Math.floor(seconds)), "s");
+  if (seconds < 5400) return format_unit(format_number(Math.floor(seconds / 60)), "min");
+  return format_unit(format_number(seconds / 3600, 1), "h");
 }

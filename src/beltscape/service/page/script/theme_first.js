@@ -1,8 +1,8 @@
-// Runs before the page is drawn, so that it never flashes in the wrong theme or layout.
+// Sets theme and layout before the first rendering, so that the page does not flash in the wrong ones.
 (() => {
   const root = document.documentElement;
-  const wish = new URLSearchParams(location.search).get("theme") || localStorage.getItem("theme");
+  const choice = new URLSearchParams(location.search).get("theme") || localStorage.getItem("theme");
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  root.dataset.theme = wish === "light" || wish === "dark" ? wish : dark ? "dark" : "light";
+  root.dataset.theme = choice === "light" || choice === "dark" ? choice : dark ? "dark" : "light";
   root.classList.toggle("wall", new URLSearchParams(location.search).has("wall"));
 })();

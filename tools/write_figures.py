@@ -108,7 +108,7 @@ def calibration(results: str) -> str:
     named = {
         "pairs through the core": "pairs through the core (the paper's chain)",
         "after global optimisation (Eqs. 17-20)": "after global optimisation",
-        "after joint adjustment": "joint adjustment",
+        "after joint adjustment": "bundle adjustment",
     }
     rows = [[named[line[0]], *line[1:4]] for line in cells if line[0] in named]
     head = ["", "depth RMS / max, mm", "worst rotation, °", "worst centre, mm"]

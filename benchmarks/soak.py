@@ -33,7 +33,7 @@ from typing import Any
 from beltscape.files.documents.json_text import write_json
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from beltscape.sources.genicam.fake.bench import SimulatedCameras
+from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 from beltscape.sources.genicam.fake.camera import COUNTER
 from beltscape.sources.genicam.fake.capture import read_pictures
 from beltscape.sources.genicam.fake.network import add_addresses

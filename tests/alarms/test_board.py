@@ -15,7 +15,7 @@ from beltscape.alarms.rules import RULES
 from beltscape.alarms.settings import AlarmSettings, OversizeLump
 from beltscape.alarms.texts import TEXTS
 from beltscape.core.live import CameraHealth
-from beltscape.files.documents.toml_text import validated
+from beltscape.files.documents.toml_text import validate
 from strategies import floats
 
 NAN = float("nan")
@@ -383,7 +383,7 @@ def test_unknown_key_is_refused_with_the_nearest(tmp_path):
     from beltscape.core.errors import InputError
 
     with pytest.raises(InputError, match="did you mean speed_mm_s"):
-        validated(tmp_path / "project.toml", AlarmSettings, {"belt_stopped": {"sped_mm_s": 3}})
+        validate(tmp_path / "project.toml", AlarmSettings, {"belt_stopped": {"sped_mm_s": 3}})
 
 
 def test_readings_are_unknown_by_default():

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.files.documents.toml_text import validated
-from beltscape.pipeline.measuring.density import density_of_product
+from beltscape.files.documents.toml_text import validate
+from beltscape.pipeline.measuring.density import density_from_product
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.service.project import ProjectSettings
@@ -34,7 +34,7 @@ def check_table(block: Block, folder: Path) -> None:
     elif "rig" in values and "empty" in values:
         (folder / "project.toml").write_text(block.text)
         (folder / "recorded.toml").write_text(recorded_project(block.text))
-        validated(path, ProjectSettings, values)
+        validate(path, ProjectSettings, values)
     elif set(values) <= set(ProjectSettings.model_fields):
         check_project_tables(path, values, defaults="# defaults" in block.text)
     elif "belt" in values and "camera" in values:
@@ -46,7 +46,7 @@ def check_table(block: Block, folder: Path) -> None:
         read_module(path)
     elif "coal" in values:
         (folder / "products.toml").write_text(block.text)
-        density_of_product(folder / "products.toml", "coal")
+        density_from_product(folder / "products.toml", "coal")
     else:
         raise Wrong(f"no rule of tests/docs/tables.py knows a table with {[*values]}: write one")
 
@@ -54,7 +54,7 @@ def check_table(block: Block, folder: Path) -> None:
 def check_project_tables(path: Path, values: Mapping[str, Any], *, defaults: bool) -> None:
     """Some tables of a project.toml, beside a camera that any project needs; told as defaults they are these."""
     least = {"cameras": {"devices": {"cam0": "192.168.10.11"}}}
-    settings = validated(path, ProjectSettings, {**least, **values})
+    settings = validate(path, ProjectSettings, {**least, **values})
     if defaults:
         own = ProjectSettings().model_dump()
         told = settings.model_dump()

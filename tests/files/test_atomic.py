@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import OutputError
-from beltscape.files.folders.atomic import output_folder, replacing, write_bytes, write_text
+from beltscape.files.folders.atomic import atomic_replacement, ensure_output_folder, write_bytes, write_text
 
 
 def test_text_is_utf_8_with_plain_line_ends(tmp_path):
@@ -23,7 +23,7 @@ def test_a_file_is_replaced_whole(tmp_path):
 def test_when_the_body_raises_the_old_file_stays_and_nothing_else(tmp_path, error):
     path = tmp_path / "rig.json"
     path.write_text("old")
-    with pytest.raises(type(error)), replacing(path) as temporary:
+    with pytest.raises(type(error)), atomic_replacement(path) as temporary:
         temporary.write_text("half")
         raise error
     assert path.read_text() == "old"
@@ -31,12 +31,11 @@ def test_when_the_body_raises_the_old_file_stays_and_nothing_else(tmp_path, erro
 
 
 def test_a_full_disk_is_told_in_one_line(tmp_path):
-    with pytest.raises(OutputError) as error, replacing(tmp_path / "cloud.ply") as temporary:
+    with pytest.raises(OutputError) as error, atomic_replacement(tmp_path / "cloud.ply") as temporary:
         temporary.write_text("half")
         raise OSError(28, "No space left on device")
-    assert str(error.value) == (
-        f"{tmp_path}/cloud.ply: cannot be written (No space left on device); choose another output folder"
-    )
+    assert str(error.value).startswith(f"{tmp_path}/cloud.ply: the disk is full (")
+    assert "free some space" in str(error.value)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -57,13 +56,13 @@ def test_an_output_folder_is_tried_before_the_work(tmp_path, below):
     (tmp_path / "file").write_text("here")
     path = tmp_path / "file" / below
     with pytest.raises(OutputError) as error:
-        output_folder(path)
+        ensure_output_folder(path)
     assert str(error.value) == (
         f"{path}: cannot be written ({tmp_path}/file is a file, not a folder); choose another output folder"
     )
 
 
 def test_an_output_folder_is_made_and_left_empty(tmp_path):
-    assert output_folder(tmp_path / "a" / "b") == tmp_path / "a" / "b"
+    assert ensure_output_folder(tmp_path / "a" / "b") == tmp_path / "a" / "b"
     assert list((tmp_path / "a" / "b").iterdir()) == []
-    output_folder(tmp_path / "a" / "b")
+    ensure_output_folder(tmp_path / "a" / "b")

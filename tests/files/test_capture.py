@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.files.capture import natural, read_capture
+from beltscape.files.capture import natural_key, read_capture
 
 
 def make(folder, *names: str) -> None:
@@ -25,13 +25,13 @@ def test_numbers_are_ordered_as_numbers(tmp_path):
 @given(st.lists(st.text(alphabet="a0129_", max_size=6), unique=True))
 def test_natural_order_is_total_and_does_not_depend_on_the_start(names):
     backwards = names[::-1]
-    assert sorted(names, key=natural) == sorted(backwards, key=natural)
-    assert len({natural(name) for name in names}) == len(names)
+    assert sorted(names, key=natural_key) == sorted(backwards, key=natural_key)
+    assert len({natural_key(name) for name in names}) == len(names)
 
 
 @given(st.integers(0, 10**12), st.integers(0, 10**12))
 def test_natural_order_follows_the_numbers(a, b):
-    assert (natural(f"f{a}") < natural(f"f{b}")) == (a < b)
+    assert (natural_key(f"f{a}") < natural_key(f"f{b}")) == (a < b)
 
 
 def test_only_images_in_camera_folders_count(tmp_path):
@@ -56,7 +56,7 @@ def test_a_frame_that_is_there_twice_is_refused(tmp_path):
 
 def test_gaps_are_told_for_each_camera(tmp_path):
     make(tmp_path, *(f"cam0/{i}.png" for i in range(8)), "cam1/0.png", "cam1/9.png", "cam2/0.png")
-    assert read_capture(tmp_path).gaps() == [
+    assert read_capture(tmp_path).describe_missing_frames() == [
         f"{tmp_path}/cam0: no image for frame 9; going on without",
         f"{tmp_path}/cam1: no image for frame 1, 2, 3, 4 and 3 more; going on without",
         f"{tmp_path}/cam2: no image for frame 1, 2, 3, 4 and 4 more; going on without",
@@ -65,12 +65,12 @@ def test_gaps_are_told_for_each_camera(tmp_path):
 
 def test_a_full_capture_has_no_gaps(tmp_path):
     make(tmp_path, "cam0/0.png", "cam1/0.jpg")
-    assert read_capture(tmp_path).gaps() == []
+    assert read_capture(tmp_path).describe_missing_frames() == []
 
 
 def test_only_keeps_known_cameras_in_the_given_order(tmp_path):
     make(tmp_path, "a/0.png", "b/0.png", "c/1.png")
-    capture = read_capture(tmp_path).only(("c", "nowhere", "a"))
+    capture = read_capture(tmp_path).select_cameras(("c", "nowhere", "a"))
     assert capture.cameras == ("c", "a")
     assert capture.frames == ("0", "1")
 

@@ -8,9 +8,9 @@ import pytest
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.errors import InputError
-from beltscape.files.tables.density import product_named, read_density_table
+from beltscape.files.tables.density import find_product, read_density_table
 from beltscape.files.tables.encoder_csv import read_encoder
-from beltscape.files.tables.flow_csv import HEADER, flow_line, write_flow
+from beltscape.files.tables.flow_csv import HEADER, format_flow_row, write_flow
 
 GOOD = "frame,timestamp_s,belt_position_mm\n"
 
@@ -63,12 +63,12 @@ def test_density_by_time(tmp_path: Path) -> None:
 
 def test_products(tmp_path: Path) -> None:
     path = written(tmp_path, "[coal]\ndensity_kg_m3 = 850\nsigma_kg_m3 = 20\n", "products.toml")
-    assert product_named(path, "coal").density_kg_m3 == 850
+    assert find_product(path, "coal").density_kg_m3 == 850
     with pytest.raises(InputError, match="no product coall; did you mean coal"):
-        product_named(path, "coall")
+        find_product(path, "coall")
     path = written(tmp_path, "coal = 850\n", "products.toml")
     with pytest.raises(InputError, match="coal = 850"):
-        product_named(path, "coal")
+        find_product(path, "coal")
 
 
 def test_flow_csv_leaves_empty_what_is_not_known(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_flow_csv_leaves_empty_what_is_not_known(tmp_path: Path) -> None:
         "000", 1_500_000_000, 10.0, (0.0, 10.0), 20.0, 200.0, 1.0, 1000.0, 1600.0, 0.9, 0.8, "measured"
     )
     lost = FlowRecord("001", None, nan, (10.0, 10.0), nan, 0.0, 0.0, nan, nan, 0.0, 0.0, "missing")
-    assert flow_line(known) == "000,1.500000,10.0000,20.000,200.000,0.072000,0.115200,0.9000,measured"
-    assert flow_line(lost) == "001,,,,0.000,,,0.0000,missing"
+    assert format_flow_row(known) == "000,1.500000,10.0000,20.000,200.000,0.072000,0.115200,0.9000,measured"
+    assert format_flow_row(lost) == "001,,,,0.000,,,0.0000,missing"
     write_flow(tmp_path / "flow.csv", [known, lost])
     assert (tmp_path / "flow.csv").read_text().splitlines()[0] == HEADER

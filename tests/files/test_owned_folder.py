@@ -12,7 +12,7 @@ import pytest
 
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.folders import owned_folder as module
-from beltscape.files.folders.atomic import unwritable, write_text
+from beltscape.files.folders.atomic import output_error, write_text
 from beltscape.files.folders.manifest import MANIFEST, STAGING, read_manifest, require_finished
 from beltscape.files.folders.owned_folder import continued_folder, owned_folder
 
@@ -179,7 +179,7 @@ def test_a_link_to_a_folder_is_followed_and_a_broken_one_named(tmp_path):
     put(tmp_path / "link", "rig.json")
     assert held(tmp_path / "real") == {"rig.json": "new"}
     (tmp_path / "broken").symlink_to("nowhere")
-    with pytest.raises(OutputError, match="broken is a link to nowhere"):
+    with pytest.raises(OutputError, match="broken is a broken link"):
         put(tmp_path / "broken", "rig.json")
 
 
@@ -201,13 +201,13 @@ def test_a_continued_folder_goes_on_and_is_refused_to_others(tmp_path):
     [
         (errno.ENOSPC, r"the disk is full \(\d+\.\d MiB free there\); free some space"),
         (errno.EDQUOT, "the disk is full"),
-        (errno.EFBIG, "larger than files may be"),
+        (errno.EFBIG, "larger than this file system allows"),
         (errno.EROFS, "the file system is read-only"),
         (errno.EACCES, r"cannot be written \(Permission denied\)"),
     ],
 )
 def test_why_a_file_cannot_be_written(tmp_path, number, says):
-    error = unwritable(tmp_path / "not" / "there.tiff", OSError(number, os.strerror(number)))
+    error = output_error(tmp_path / "not" / "there.tiff", OSError(number, os.strerror(number)))
     assert str(error).startswith(f"{tmp_path / 'not' / 'there.tiff'}: ")
     with pytest.raises(OutputError, match=says):
         raise error

@@ -5,7 +5,8 @@ import pytest
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.ply import read_cloud, write_cloud
+from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.meshes.ply_points import read_cloud
 
 TYPES = {"float": "<f4", "uchar": "u1"}
 PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma"]
@@ -20,7 +21,7 @@ def cloud(count: int) -> PointCloud:
         normals=normals,
         colors=rng.integers(0, 256, (count, 3), dtype=np.uint8),
         sigma_mm=rng.uniform(0, 1, count).astype(np.float32),
-        frame="core",
+        frame="belt",
     )
 
 
@@ -38,7 +39,7 @@ def parsed(data: bytes) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [0, 1, 100])
-def test_the_header_says_what_follows_it(tmp_path, count):
+def test_header_describes_the_vertices(tmp_path, count):
     expected = cloud(count)
     write_cloud(tmp_path / "cloud.ply", expected)
     vertices = parsed((tmp_path / "cloud.ply").read_bytes())
@@ -51,7 +52,7 @@ def test_the_header_says_what_follows_it(tmp_path, count):
 
 
 @pytest.mark.parametrize("count", [0, 1, 100])
-def test_clouds_survive_writing_and_reading(tmp_path, count):
+def test_clouds_read_back_unchanged(tmp_path, count):
     expected = cloud(count)
     write_cloud(tmp_path / "cloud.ply", expected)
     back = read_cloud(tmp_path / "cloud.ply")
@@ -59,20 +60,25 @@ def test_clouds_survive_writing_and_reading(tmp_path, count):
         value = getattr(back, key)
         assert value.dtype == getattr(expected, key).dtype
         np.testing.assert_array_equal(value, getattr(expected, key))
-    assert back.frame == "core"
+    assert back.frame == "belt"
 
 
-def test_a_cloud_cut_short_is_refused(tmp_path):
+def test_truncated_cloud_is_refused(tmp_path):
     path = tmp_path / "cloud.ply"
     write_cloud(path, cloud(10))
-    for data in (path.read_bytes()[:-1], b"ply\n", b"", b"\xff" * 50):
+    other = "no binary little-endian PLY; give a cloud.ply of reconstruct"
+    cases = [(path.read_bytes()[:-1], "ends before its 10 points do; reconstruct the frame again")]
+    for data, message in [*cases, (b"ply\n", other), (b"", other), (b"\xff" * 50, other)]:
         path.write_bytes(data)
         with pytest.raises(InputError) as error:
             read_cloud(path)
-        assert str(error.value) == f"{path}: not a cloud of beltscape reconstruct, or cut short"
+        assert str(error.value) == f"{path}: {message}"
 
 
-def test_a_missing_cloud_is_named(tmp_path):
+def test_missing_cloud_is_refused_by_name(tmp_path):
     with pytest.raises(InputError) as error:
         read_cloud(tmp_path / "cloud.ply")
-    assert str(error.value) == f"{tmp_path}/cloud.ply: cannot be read (No such file or directory)"
+    assert (
+        str(error.value)
+        == f"{tmp_path}/cloud.ply: cannot be read (No such file or directory); give a cloud.ply of reconstruct"
+    )

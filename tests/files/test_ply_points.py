@@ -6,7 +6,7 @@ import pytest
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.files.meshes.ply import write_cloud
-from beltscape.files.meshes.ply_points import image_of_cloud, read_cloud
+from beltscape.files.meshes.ply_points import image_from_cloud, read_cloud
 
 
 def cloud(count: int) -> PointCloud:
@@ -33,12 +33,12 @@ def test_colours_go_back_to_their_pixels(tmp_path):
     measured = np.random.default_rng(1).random((5, 7)) > 0.4
     told = cloud(int(measured.sum()))
     write_cloud(tmp_path / "cloud.ply", told)
-    image = image_of_cloud(tmp_path / "cloud.ply", measured)
+    image = image_from_cloud(tmp_path / "cloud.ply", measured)
     assert image is not None
     assert np.array_equal(image[measured], told.colors)
     assert not image[~measured].any()
-    assert image_of_cloud(tmp_path / "cloud.ply", ~measured) is None
-    assert image_of_cloud(tmp_path / "none.ply", measured) is None
+    assert image_from_cloud(tmp_path / "cloud.ply", ~measured) is None
+    assert image_from_cloud(tmp_path / "none.ply", measured) is None
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.files.rig_limits import oddities_of, refusal_of
+from beltscape.files.rig_limits import find_oddities, find_refusal
 from synthetic.demo import TRUE_RIG
 
 
@@ -57,13 +57,13 @@ def test_what_no_rig_can_be_is_refused(tmp_path, change, says):
 
 def test_what_is_merely_unusual_is_read_and_warned_of(tmp_path):
     small = read_rig(edited(tmp_path, lambda c: scale_translations(c, 0.02)))
-    assert refusal_of(small) is None
-    assert any("unusually near" in line for line in oddities_of(small))
+    assert find_refusal(small) is None
+    assert any("unusually near" in line for line in find_oddities(small))
 
 
 def test_a_sound_rig_is_neither(tmp_path):
     rig = read_rig(TRUE_RIG)
-    assert refusal_of(rig) is None
-    assert oddities_of(rig) == []
+    assert find_refusal(rig) is None
+    assert find_oddities(rig) == []
     write_rig(tmp_path / "rig.json", rig)
     assert np.array_equal(read_rig(tmp_path / "rig.json").core_camera.focal_px, rig.core_camera.focal_px)

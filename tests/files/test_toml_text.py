@@ -6,7 +6,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validate
 
 
 class Ring(BaseModel):
@@ -46,14 +46,14 @@ def test_the_first_thing_that_does_not_fit_is_named(tmp_path, text, message):
     path = tmp_path / "project.toml"
     path.write_text(text)
     with pytest.raises(InputError) as error:
-        validated(path, Settings, read_toml(path))
+        validate(path, Settings, read_toml(path))
     assert str(error.value) == f"{path}: {message}"
 
 
 def test_what_fits_is_returned(tmp_path):
     path = tmp_path / "project.toml"
     path.write_bytes(b"\xef\xbb\xbfwidth_mm = 3\n[ring]\ndiameter_mm = 2.5\n")
-    assert validated(path, Settings, read_toml(path)) == Settings(width_mm=3, ring=Ring(diameter_mm=2.5))
+    assert validate(path, Settings, read_toml(path)) == Settings(width_mm=3, ring=Ring(diameter_mm=2.5))
 
 
 def test_what_is_no_toml_is_named_with_its_place(tmp_path):
@@ -92,9 +92,9 @@ class Outer(BaseModel):
 @pytest.mark.parametrize("table", ["rig", "tof"])
 def test_an_unknown_key_in_a_table_is_told_with_the_tables_own_keys(table):
     with pytest.raises(InputError, match=rf"unknown key {table}\.heigth_mm; did you mean height_mm\?"):
-        validated(Path("scene.toml"), Outer, {table: {"heigth_mm": 3}})
+        validate(Path("scene.toml"), Outer, {table: {"heigth_mm": 3}})
 
 
 def test_so_is_one_in_a_list_of_tables():
     with pytest.raises(InputError, match=r"unknown key faults\[1\]\.zzz; known: height_mm, aim_mm"):
-        validated(Path("scene.toml"), Outer, {"faults": [{"aim_mm": 1}, {"zzz": 3}]})
+        validate(Path("scene.toml"), Outer, {"faults": [{"aim_mm": 1}, {"zzz": 3}]})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from beltscape.files.meshes.ply import read_cloud
+from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from synthetic.demo import DEMO, TRUE_RIG, only_json

@@ -1,4 +1,4 @@
-"""The paper's hierarchy as one function: monocular → binocular → association → global optimisation."""
+"""The paper's calibration hierarchy in one function: monocular, binocular, association, global optimisation."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.files.capture import natural
+from beltscape.files.capture import natural_key
 from beltscape.target.board import Board, corner_points_mm
 
 EXCESS_FACTOR, EXCESS_PX = 2.0, 0.25
-"""A pair whose RMS exceeds its cameras' own by this factor, and this many px, is not synchronous."""
+"""A pair is not synchronous if its RMS exceeds its cameras' own by this factor, and exceeds this many px."""
 MAX_UNCERTAINTY = 0.05
-"""A camera whose focal length or principal point has a larger standard deviation, over the focal length, is named."""
+"""Largest standard deviation of focal length and principal point, over the focal length, without a warning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HierarchyResult:
-    """What each level of the hierarchy found, and the rig that follows."""
+    """Results of each level of the hierarchy, and the rig."""
 
     rig: Rig
     detections: BoardDetections
-    """Of the rig's cameras, numbered from the same end of the board."""
+    """Detections of the rig's cameras, numbered from the same end of the board."""
     monocular: Mapping[str, MonocularCalibration]
     network: CameraNetwork
 
@@ -47,8 +47,8 @@ def solve_hierarchy(
 ) -> HierarchyResult:
     """Calibrate a rig from the board's corners.
 
-    The intrinsics of ``known`` cameras (by name) are held as they are. A camera with too few views, without views
-    shared with the rest, or with frames of other instants, is named and left out.
+    The intrinsics of ``known`` cameras (by name) are fixed. A camera with too few views, without views shared with
+    the rest, or with frames of other instants, is reported and left out.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def solve_hierarchy(
         detections, monocular = numbering.detections, dict(numbering.monocular)
         for line in numbering.ambiguous:
             reporter.warn(line)
-        for misfit in find_frame_misfits(monocular, sorted(detections.frames, key=natural)):
+        for misfit in find_frame_misfits(monocular, sorted(detections.frames, key=natural_key)):
             if len(monocular) == 2:
                 raise CalibrationError(misfit.describe())
             _warn_or_raise(CalibrationError(misfit.describe()), misfit.camera, core, reporter)
@@ -111,7 +111,7 @@ def _select_connected(
     core: str | None,
     reporter: Reporter,
 ) -> tuple[str, ...]:
-    """The cameras that hang together with the core, or the largest group; the others are named."""
+    """Return the cameras connected with the core, or the largest group; warn of the others."""
     if core is not None and core not in monocular:
         raise CalibrationError(f"core camera {core} has no usable image: choose another with --core")
     if len(monocular) < 2:
@@ -139,7 +139,7 @@ def _select_connected(
 
 
 def find_unsynchronised_pairs(hierarchy: HierarchyResult) -> list[Pair]:
-    """Pairs that fit far worse than their cameras do alone: unsynchronised, or one of them moved."""
+    """Return pairs that fit far worse than their cameras do alone: unsynchronised, or one of them moved."""
     return [
         pair
         for pair in hierarchy.network.pairs

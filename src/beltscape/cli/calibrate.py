@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--core", help="core camera (default: the most central one)")
     parser.add_argument(
         "--intrinsics", type=Path, metavar="PATH",
-        help="hold these intrinsics: a rig.json, or a file or folder that `beltscape import` reads",
+        help="use these intrinsics: a rig.json, or a file or folder that `beltscape import` reads",
     )  # fmt: skip
     add_output_folder(parser, "folder for rig.json and the report", required=True)
 
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines: what speaks against the fit first."""
+    """Return the result in a few lines, findings against the fit first."""
     score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
     given = [name for name, camera in result["cameras"].items() if camera["intrinsics"] == "given"]
     return "\n".join(

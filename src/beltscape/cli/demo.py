@@ -18,14 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run the whole chain and write report.html."""
-    from beltscape.evaluate.demo import demo_document, run_demo
+    from beltscape.evaluate.demo import make_demo_document, run_demo
     from beltscape.evaluate.demo_page import demo_page
     from beltscape.files.folders.atomic import ensure_output_folder, write_text
 
     out = ensure_output_folder(arguments.out)
     demo = run_demo(out, reporter)
     write_text(out / "report.html", demo_page(demo))
-    return demo_document(demo)
+    return make_demo_document(demo)
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -28,20 +28,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Render, measure, compare, and write report.html and paper.json."""
-    from beltscape.evaluate.paper.experiments import evaluate_paper, paper_document
-    from beltscape.evaluate.paper.laboratory import given_laboratory, rendered_laboratory
-    from beltscape.evaluate.paper.pages.page import paper_page
+    from beltscape.evaluate.paper.experiments import evaluate_paper, make_paper_document
+    from beltscape.evaluate.paper.laboratory import read_laboratory, render_laboratory
+    from beltscape.evaluate.paper.pages.page import render_paper_page
     from beltscape.files.documents.json_text import write_json
     from beltscape.files.folders.atomic import ensure_output_folder, write_text
 
-    given = arguments.captures and given_laboratory(arguments.captures)
+    given = arguments.captures and read_laboratory(arguments.captures)
     out = ensure_output_folder(arguments.out)
     if given is None:
         _keep_captures(arguments.earlier / "captures", out / "captures")
-    lab = given or rendered_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
+    lab = given or render_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
     paper = evaluate_paper(lab, out, arguments.seed, reporter)
-    document = {**paper_document(paper), "report": out / "report.html"}
-    write_text(out / "report.html", paper_page(paper))
+    document = {**make_paper_document(paper), "report": out / "report.html"}
+    write_text(out / "report.html", render_paper_page(paper))
     write_json(out / "paper.json", document)
     return document
 

@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.core.rig import Rig
 from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, MAIN, METHODS, Demo
 from beltscape.evaluate.scores.depth import DepthScore
-from beltscape.files.meshes.ply import read_cloud
+from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.report.drawing.depth_picture import depth_panel, error_panel, sigma_panel
 from beltscape.report.drawing.legend import NEAR_TO_FAR, Scale
 from beltscape.report.drawing.pictures import Panel, to_rgb

@@ -1,1 +1,1 @@
-"""Reading and writing: every format the product speaks, one file each."""
+"""Reading and writing of all file formats, one module per format; `exchange` has the formats of other programs."""

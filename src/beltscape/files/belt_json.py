@@ -1,4 +1,4 @@
-"""belt.json: ``beltscape-belt/1``, an empty belt as it was learned."""
+"""Reading and writing of belt.json, the learned model of an empty belt (``beltscape-belt/1``)."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.paths import AnyPath, as_path
 
 FORMAT = "beltscape-belt/1"
-_MEND = "give a belt.json of beltscape measure belt"
+_FIX = "give a belt.json of beltscape measure belt"
 _NUMBERS = ("flat_rms_mm", "noise_mm", "correlation_px", "drift_mm", "tilt_sigma_rad", "claimed_sigma_mm")
 _EDGES = ("left_mm", "right_mm", "left_sigma_mm", "right_sigma_mm", "offset_mm", "sigma_mm")
 
 
 def write_belt(path: AnyPath, belt: Belt, camera: Camera) -> None:
-    """Write a belt and the core camera that saw it, atomically, with full float precision."""
+    """Write a belt and its core camera, atomically, with full float precision."""
     path = as_path(path)
     write_json(path, belt_document(belt, camera))
 
 
 def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
-    """The belt as the plain document that belt.json holds; what was not measured is null."""
+    """Return the document of belt.json; null stands for what was not measured."""
     edges, deviation = belt.edges, belt.deviation
     return {
         "format": FORMAT,
@@ -65,20 +65,20 @@ def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
 
 
 def read_belt(path: AnyPath) -> tuple[Belt, Camera]:
-    """Read belt.json, or InputError naming the key that does not fit. The camera has no distortion."""
+    """Read belt.json; InputError with the first invalid key. The camera has no distortion."""
     path = as_path(path)
     document = read_json(path)
     found = document.get("format") if isinstance(document, dict) else None
     if found != FORMAT:
-        raise InputError(f"{path}: format is {found!r}, not {FORMAT!r}; {_MEND}")
+        raise InputError(f"{path}: format is {found!r}, not {FORMAT!r}; {_FIX}")
     try:
         return _belt(document), _camera(_entry(document, "core"))
     except ValueError as error:
-        raise InputError(f"{path}: {error}; {_MEND}") from error
+        raise InputError(f"{path}: {error}; {_FIX}") from error
 
 
 def _belt(document: Mapping[str, Any]) -> Belt:
-    """The belt, or ValueError in words."""
+    """Return the belt; ValueError with a readable message if the document is invalid."""
     if document.get("units") != "mm":
         raise ValueError(f'units = {document.get("units")!r}: only "mm" is known')
     frames = document.get("frames")

@@ -1,4 +1,4 @@
-"""A capture on disk: ``<capture>/<camera>/<frame>.<ext>``."""
+"""Capture folders on disk: ``<capture>/<camera>/<frame>.<ext>``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from beltscape.files.rasters.images import EXTENSIONS
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """Which image files there are; nothing is read yet."""
+    """The image files of a capture; the images are not read yet."""
 
     folder: Path
     files: Mapping[str, Mapping[str, Path]]
@@ -22,20 +22,20 @@ class Capture:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Camera folders that hold images."""
+        """Names of the camera folders with images."""
         return tuple(self.files)
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Every frame that at least one camera has, in natural order."""
-        return tuple(sorted({frame for files in self.files.values() for frame in files}, key=natural))
+        """Names of all frames of any camera, in natural order."""
+        return tuple(sorted({frame for files in self.files.values() for frame in files}, key=natural_key))
 
-    def only(self, cameras: tuple[str, ...]) -> Capture:
-        """The same capture with some of its cameras."""
+    def select_cameras(self, cameras: tuple[str, ...]) -> Capture:
+        """Return the capture with only these cameras."""
         return Capture(self.folder, {name: self.files[name] for name in cameras if name in self.files})
 
-    def gaps(self) -> list[str]:
-        """One line for each camera that lacks frames which another camera has."""
+    def describe_missing_frames(self) -> list[str]:
+        """Return one line for each camera that lacks frames of another camera."""
         lines = []
         for camera, files in self.files.items():
             missing = [frame for frame in self.frames if frame not in files]
@@ -45,8 +45,8 @@ class Capture:
         return lines
 
 
-def natural(name: str) -> tuple[tuple[int, int | str], ...]:
-    """Sort key that puts cal2 before cal10."""
+def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
+    """Return a sort key that puts cal2 before cal10."""
     parts: list[tuple[int, int | str]] = []
     digits = ""
     for char in [*name, ""]:
@@ -61,7 +61,7 @@ def natural(name: str) -> tuple[tuple[int, int | str], ...]:
 
 
 def read_capture(folder: AnyPath) -> Capture:
-    """Look at a capture folder, or InputError when it holds no camera folder with images."""
+    """List the images of a capture folder; InputError if it has no camera folder with images."""
     folder = as_path(folder, "folder")
     if folder.is_file():
         raise InputError(f"{folder}: is a file; a capture is a folder <capture>/<camera>/<frame>.png")
@@ -69,7 +69,7 @@ def read_capture(folder: AnyPath) -> Capture:
         raise InputError(f"{folder}: no such folder; a capture is <capture>/<camera>/<frame>.png")
     require_finished(folder)
     files: dict[str, dict[str, Path]] = {}
-    for camera in sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural(p.name)):
+    for camera in sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name)):
         images = _images(camera)
         if images:
             files[camera.name] = images
@@ -83,7 +83,7 @@ def read_capture(folder: AnyPath) -> Capture:
 def _images(camera: Path) -> dict[str, Path]:
     paths = [p for p in camera.iterdir() if p.suffix.lower() in EXTENSIONS and not p.name.startswith(".")]
     images: dict[str, Path] = {}
-    for path in sorted(paths, key=lambda p: (natural(p.stem), p.suffix)):
+    for path in sorted(paths, key=lambda p: (natural_key(p.stem), p.suffix)):
         if path.stem in images:
             raise InputError(
                 f"{path}: frame {path.stem} is there twice (also {images[path.stem].name}); remove one of them"

@@ -1,4 +1,4 @@
-"""A reconstruction on disk: ``DIR/rig.json`` and one folder ``DIR/<frame>/`` per frame."""
+"""Reading and writing of reconstructions: ``DIR/rig.json`` and one folder ``DIR/<frame>/`` per frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import read_json, write_json
-from beltscape.files.folders.atomic import output_folder
+from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.meshes.ply import write_cloud
@@ -29,25 +29,25 @@ FORMAT, DOCUMENT = "beltscape-reconstruction/1", "reconstruction.json"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameResult:
-    """One reconstructed frame as it was read back."""
+    """One reconstructed frame read from its folder."""
 
     folder: Path
     rig: Rig
     depth: DepthMap
     image: Image | None = None
-    """(H, W) or (H, W, 3) what the core camera saw, on the same grid; None where it was not kept."""
+    """The core camera's image (H, W) or (H, W, 3) on the same grid; None if it was not stored."""
     doubts: tuple[str, ...] = ()
-    """What the frame said against the cameras, a line each."""
+    """Findings of the frame against the cameras, a line each."""
 
 
 def write_frame(
     folder: Path, depth: DepthMap, cloud: PointCloud, preview: Image, image: Image | None = None
 ) -> None:
-    """depth.tiff, sigma.tiff, confidence.tiff, views.png, cloud.ply, preview.png, and image.png where there is one.
+    """Write depth.tiff, sigma.tiff, confidence.tiff, views.png, cloud.ply, preview.png and, if given, image.png.
 
-    ``image`` is the core camera's, brought onto the depth map's undistorted grid.
+    ``image`` is the core camera's, on the depth map's undistorted grid.
     """
-    output_folder(folder)
+    ensure_output_folder(folder)
     write_float_tiff(folder / "depth.tiff", depth.depth_mm)
     write_float_tiff(folder / "sigma.tiff", depth.sigma_mm)
     write_float_tiff(folder / "confidence.tiff", depth.confidence)
@@ -59,26 +59,26 @@ def write_frame(
 
 
 def write_reconstruction(folder: Path, how: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
-    """reconstruction.json: how frames were matched; per frame its coverage and what it says of the cameras."""
+    """Write reconstruction.json: how frames were matched, and each frame's coverage and findings."""
     frames = [{key: value for key, value in frame.items() if key != "folder"} for frame in frames]
     write_json(folder / DOCUMENT, {"format": FORMAT, **how, "frames": frames})
 
 
-def frame_folders(folder: Path) -> list[Path]:
-    """The frame folders of a reconstruction in order, or the folder itself where it is one; empty where neither."""
+def list_frame_folders(folder: Path) -> list[Path]:
+    """Return the frame folders of a reconstruction in order, the folder itself if it is one, or an empty list."""
     require_finished(folder)
     if (folder / "depth.tiff").is_file():
         return [folder]
     return sorted(path.parent for path in folder.glob("*/depth.tiff")) if folder.is_dir() else []
 
 
-def one_frame(folder: Path) -> Path:
-    """Return the frame folder that ``folder`` is or, of a reconstruction with a single frame, holds.
+def find_single_frame(folder: Path) -> Path:
+    """Return ``folder`` if it is a frame folder, or the only frame folder in it.
 
     Raises
     ------
     InputError
-        When there is no such folder, no frame in it, or a choice of them.
+        When there is no such folder, no frame in it, or more than one.
     """
     if folder.is_file():
         raise InputError(
@@ -86,7 +86,7 @@ def one_frame(folder: Path) -> Path:
         )
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give a frame folder of beltscape reconstruct")
-    frames = frame_folders(folder)
+    frames = list_frame_folders(folder)
     if not frames:
         if any(path.suffix.lower() in EXTENSIONS for path in folder.glob("*/*")):
             raise InputError(f"{folder}: holds images, not depths; give a folder of beltscape reconstruct")
@@ -106,10 +106,10 @@ def read_frame(folder: AnyPath) -> FrameResult:
     Raises
     ------
     InputError
-        When a file is missing, unreadable, or does not fit the rig.
+        When a file is missing, unreadable, or does not match the rig.
     """
     folder = as_path(folder, "folder")
-    folder = one_frame(folder)
+    folder = find_single_frame(folder)
     if not (_beside(folder) / "rig.json").is_file():
         raise InputError(
             f"{folder}: no rig.json lies beside this frame, in {_beside(folder)}; "
@@ -126,12 +126,12 @@ def read_frame(folder: AnyPath) -> FrameResult:
                 f"has {width}×{height}; the rig.json beside the frame is another rig's"
             )
     views, image = _views(folder / "views.png", depth), _image(folder / "image.png", depth)
-    systematic_mm, doubts = _doubts(folder)
+    systematic_mm, doubts = _read_findings(folder)
     return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence, systematic_mm), image, doubts)
 
 
-def _doubts(folder: Path) -> tuple[float, tuple[str, ...]]:
-    """Return the systematic σ (mm) and the doubts of a frame by reconstruction.json; none without the file."""
+def _read_findings(folder: Path) -> tuple[float, tuple[str, ...]]:
+    """Return the systematic σ (mm) and the findings of a frame in reconstruction.json; none without the file."""
     path = folder.parent / DOCUMENT
     if not path.is_file():
         return 0.0, ()
@@ -145,17 +145,17 @@ def _doubts(folder: Path) -> tuple[float, tuple[str, ...]]:
 
 
 def _beside(folder: Path) -> Path:
-    """The reconstruction's folder, also where the frame is given as ``.`` or ``..``."""
+    """Return the reconstruction's folder, also for a frame given as ``.`` or ``..``."""
     return folder.resolve().parent if folder.name in ("", "..") else folder.parent
 
 
 def _confidence(path: Path, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Trust in each pixel; full where there is a depth, if nobody wrote it down."""
+    """Return each pixel's confidence; without the file, 1 where there is a depth."""
     return read_float_tiff(path) if path.is_file() else np.isfinite(depth).astype(np.float32)
 
 
 def _views(path: Path, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """How many auxiliaries measured each pixel; at least one where there is a depth, if nobody wrote it down."""
+    """Return the number of auxiliaries that measured each pixel; without the file, 1 where there is a depth."""
     if path.is_file():
         views = read_image(path)
         if views.shape == depth.shape and views.dtype == np.uint8:
@@ -164,7 +164,7 @@ def _views(path: Path, depth: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _image(path: Path, depth: NDArray[np.float32]) -> Image | None:
-    """What the core camera saw, if somebody kept it."""
+    """Return the core camera's image, if it was stored."""
     if not path.is_file():
         return None
     image = read_image(path)

@@ -1,4 +1,4 @@
-"""rig.json: ``beltscape-rig/1``."""
+"""Reading and writing of rig.json, a calibrated rig (``beltscape-rig/1``)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path
-from beltscape.files.rig_limits import refusal_of
+from beltscape.files.rig_limits import find_refusal
 
 FORMAT = "beltscape-rig/1"
 
@@ -27,7 +27,7 @@ def write_rig(path: AnyPath, rig: Rig) -> None:
 
 
 def rig_document(rig: Rig) -> dict[str, Any]:
-    """The rig as the plain document that rig.json holds."""
+    """Return the document of rig.json."""
     return {
         "format": FORMAT,
         "core": rig.core,
@@ -51,7 +51,7 @@ def rig_document(rig: Rig) -> dict[str, Any]:
 
 
 def read_rig(path: AnyPath) -> Rig:
-    """Read rig.json, or InputError naming the key that does not fit."""
+    """Read rig.json; InputError with the first invalid key."""
     path = as_path(path)
     require_finished(path.parent)
     document = read_json(path)
@@ -67,7 +67,7 @@ def read_rig(path: AnyPath) -> Rig:
 
 
 def _rig(document: Mapping[str, Any]) -> Rig:
-    """The rig, or ValueError in words."""
+    """Return the rig; ValueError with a readable message if the document is invalid."""
     units = _value(document, "units")
     if units != "mm":
         raise ValueError(f'units = {units!r}: only "mm" is known')
@@ -91,7 +91,7 @@ def _rig(document: Mapping[str, Any]) -> Rig:
         quality=document.get("quality") or {},
         covariance=document.get("covariance") or {},
     )
-    refusal = refusal_of(rig)
+    refusal = find_refusal(rig)
     if refusal is not None:
         raise ValueError(refusal)
     return rig

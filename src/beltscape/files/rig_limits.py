@@ -1,6 +1,6 @@
-"""Rigs that cannot be: lenses that fold the image, absurd intrinsics, cameras on one spot, wrong units.
+"""Plausibility of rigs: lenses that fold the image, absurd intrinsics, coincident cameras, wrong units.
 
-What no camera can be is refused; what is merely unusual is a warning.
+An impossible rig is refused; an unusual one gives a warning.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
-"""Fields of view of 157° and 0.6°: no pinhole with five distortion coefficients holds more, no rig needs less."""
+"""Fields of view of 157° and 0.6°: the limits of the lens model and of use."""
 _ODD_FOCAL = (0.25, 20.0)
 _OFF_CENTRE = 1.5
-"""Principal point at most so many image sizes from the middle; shifted and cropped sensors stay below 1."""
+"""Largest distance of the principal point from the middle, in image sizes; shifted sensors stay below 1."""
 _ODD_CENTRE = 0.3
 _ASPECT = 1.25
 """Ratio of the focal lengths; pixels that are not square reach 1.1."""
@@ -30,12 +30,12 @@ LEAST_DEPTH_MM = 10.0
 _SAMPLES = 25
 
 
-def refusal_of(rig: Rig) -> str | None:
-    """Return why the rig cannot be, naming the camera and the value; None where it can."""
+def find_refusal(rig: Rig) -> str | None:
+    """Return why the rig is impossible, with the camera and the value; None if it is possible."""
     return next(_refusals(rig), None)
 
 
-def oddities_of(rig: Rig) -> list[str]:
+def find_oddities(rig: Rig) -> list[str]:
     """Return a line for everything unusual in the rig."""
     lines = []
     for name, camera in rig.cameras.items():
@@ -67,14 +67,14 @@ def _refusals(rig: Rig) -> Iterator[str]:
         off = np.abs(camera.center_px / (np.array(camera.size_px) - 1) - 0.5).max()
         if off > _OFF_CENTRE:
             yield f"camera {name}: center_px = {_two(camera.center_px)} is far outside an image of {_size(camera)} px"
-        if folds(camera):
+        if has_fold(camera):
             values = ", ".join(f"{value:g}" for value in camera.distortion)
             yield f"camera {name}: distortion = [{values}] turns back within the image, which no lens does"
     yield from _misplaced(rig)
 
 
 def _misplaced(rig: Rig) -> Iterator[str]:
-    """Cameras on one spot, or at distances that no rig has."""
+    """Yield cameras at the same place, or at distances that no rig has."""
     baselines = {name: float(np.linalg.norm(rig.cam_from_core[name].center_mm)) for name in rig.auxiliaries}
     for name, baseline in baselines.items():
         if baseline == 0:
@@ -89,8 +89,8 @@ def _misplaced(rig: Rig) -> Iterator[str]:
         )
 
 
-def folds(camera: Camera) -> bool:
-    """Whether the distortion turns back within the image: some of its pixels are the picture of no direction."""
+def has_fold(camera: Camera) -> bool:
+    """Return whether the distortion turns back within the image, so that some pixels belong to no direction."""
     width, height = camera.size_px
     u, v = np.linspace(0, width - 1, _SAMPLES), np.linspace(0, height - 1, _SAMPLES)
     pixels = np.stack(np.meshgrid(u, v), axis=-1)

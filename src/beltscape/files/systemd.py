@@ -1,4 +1,4 @@
-"""Telling systemd that the program is up, and alive: sd_notify(3) without its library."""
+"""Notification of systemd about start and liveness: the sd_notify(3) protocol without its library."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import socket
 
 
 def notify(state: str) -> bool:
-    """Send a state such as "READY=1", "WATCHDOG=1", "STOPPING=1" or "STATUS=…"; whether anybody was there to hear.
+    """Send a state such as "READY=1", "WATCHDOG=1", "STOPPING=1" or "STATUS=…"; return whether it was sent.
 
-    Never raises and never waits: a program must not stop because its supervisor does not listen.
+    Never raises and never waits: a program must not stop because its supervisor does not answer.
     """
     address = os.environ.get("NOTIFY_SOCKET", "")
     if address[:1] not in ("/", "@"):
@@ -26,7 +26,7 @@ def notify(state: str) -> bool:
 
 
 def watchdog_s() -> float | None:
-    """How long systemd waits for "WATCHDOG=1" before it restarts the program (send twice as often); None: never."""
+    """Return after what time without "WATCHDOG=1" systemd restarts the program (send twice as often); None: never."""
     try:
         wait_us, process = int(os.environ["WATCHDOG_USEC"]), int(os.environ.get("WATCHDOG_PID", os.getpid()))
     except (KeyError, ValueError):

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.documents.toml_text import read_toml, validated
-from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.documents.toml_text import read_toml, validate
+from beltscape.files.folders.atomic import ensure_output_folder, write_text
 from beltscape.files.rig_json import write_rig
 from beltscape.plan.document import plan_to_document
 from beltscape.plan.plan import Plan
@@ -33,12 +33,12 @@ def read_plan_settings(path: Path | None, overrides: Mapping[str, Any]) -> PlanS
             values[key] = {**(below or {}), **value}
         else:
             values[key] = value
-    return validated(path or Path("plan"), PlanSettings, values)
+    return validate(path or Path("plan"), PlanSettings, values)
 
 
 def write_plan(out: Path, plan: Plan) -> None:
     """plan.json, rig.json (nominal) and report.html."""
-    output_folder(out)
+    ensure_output_folder(out)
     write_json(out / "plan.json", {**plan_to_document(plan), "warnings": list(plan.warnings)})
     write_rig(out / "rig.json", plan.planned.rig)
     write_text(out / "report.html", render_plan_page(plan))

@@ -15,8 +15,8 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.documents.plain_text import read_text
-from beltscape.files.documents.toml_text import read_toml, validated
-from beltscape.files.folders.atomic import output_folder, write_text
+from beltscape.files.documents.toml_text import read_toml, validate
+from beltscape.files.folders.atomic import ensure_output_folder, write_text
 from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.rasters.images import EXTENSIONS, write_image
 from beltscape.files.rig_json import write_rig
@@ -67,7 +67,7 @@ def read_scenario(scene: str, overrides: Mapping[str, Any]) -> Scenario:
             values[key] = value
         elif isinstance(own, Mapping):  # what is no table is told of below
             values[key] = {**own, **value}
-    return validated(path if path.suffix == ".toml" else Path(scene), Scenario, values)
+    return validate(path if path.suffix == ".toml" else Path(scene), Scenario, values)
 
 
 def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, Any]:
@@ -84,7 +84,7 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
     scene = SimulatedScene(scenario)
     _check_scene(scene)
     _check_folder(scene, out)
-    output_folder(out)
+    ensure_output_folder(out)
     count = scene.frame_count
     _write_truth(scene, out / "truth", reporter)
     for frame in range(count):

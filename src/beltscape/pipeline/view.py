@@ -21,7 +21,7 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.measuring.solids import read_solid_outlines
 from beltscape.report.drawing.scene import rig_scene
 from beltscape.report.drawing.scene_solids import belt_triangles
-from beltscape.report.viewer import Viewed, ViewedCloud, viewer_page
+from beltscape.report.viewer import ViewerScene, ViewerCloud, viewer_page
 
 _POINTS = 300_000
 """Of one frame; a browser turns so many smoothly."""
@@ -32,7 +32,7 @@ _DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 _BELT, _PRIMITIVE = "#748ffc", "#ffd43b"
 
 
-def viewed_of(source: Path, *, belt: Path | None, features: Path | None) -> Viewed:
+def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> ViewerScene:
     """What there is to see in rig.json or its folder, a frame's folder, or a reconstruction's.
 
     ``belt`` is a belt.json, which also gives the upright frame; ``features`` a features.json.
@@ -42,25 +42,25 @@ def viewed_of(source: Path, *, belt: Path | None, features: Path | None) -> View
     InputError
         With one line that names the file and the mend.
     """
-    rig, frames = _found(source)
-    document = {} if belt is None else _mapping(belt)
-    belt_from_core = None if belt is None else _belt_pose(belt, document)
+    rig, frames = _find_frames(source)
+    document = {} if belt is None else _read_mapping(belt)
+    belt_from_core = None if belt is None else _parse_belt_pose(belt, document)
     up = belt_from_core or _DOWN
     budget = min(_POINTS, max(_ALL_POINTS // max(len(frames), 1), 20_000))
     clouds, total = [], 0
     for folder in frames:
-        cloud = _cloud(folder, rig)
+        cloud = _read_cloud(folder, rig)
         total += len(cloud.points_mm)
-        clouds.append(_upright(folder.name, _thinned(cloud, rig, budget), up))
+        clouds.append(_rotate_upright(folder.name, _thin(cloud, rig, budget), up))
     lines: list[tuple[str, str, NDArray[np.float64]]] = []
     labels: list[tuple[str, str, NDArray[np.float64]]] = []
     surfaces: list[tuple[str, str, NDArray[np.float64]]] = []
     if rig is not None:
-        cameras = rig_scene(rig, length_mm=0.2 * _distance(rig, clouds, up))
+        cameras = rig_scene(rig, length_mm=0.2 * _viewing_distance(rig, clouds, up))
         lines += [("cameras", color, up.apply(line)) for color, line in cameras.lines]
         labels += [("cameras", text, up.apply(where)) for text, where in cameras.labels]
     if belt is not None:
-        triangles = belt_triangles(document, _reach(clouds))
+        triangles = belt_triangles(document, _extent_along(clouds))
         if triangles is None:
             raise InputError(f"{belt}: holds no cross-section x_mm, z_mm; give the belt.json of measure belt")
         surfaces.append(("belt", _BELT, triangles))
@@ -78,15 +78,15 @@ def viewed_of(source: Path, *, belt: Path | None, features: Path | None) -> View
     title = source.resolve().name if source.is_dir() else source.resolve().parent.name
     if len(frames) == 1 and frames[0] == source:
         title = f"{source.resolve().parent.name} / {title}"
-    return Viewed(title, " · ".join([*parts, frame]), clouds, lines, surfaces, labels)
+    return ViewerScene(title, " · ".join([*parts, frame]), clouds, lines, surfaces, labels)
 
 
-def write_view(path: Path, viewed: Viewed) -> None:
+def write_view(path: Path, view: ViewerScene) -> None:
     """The page, atomically."""
-    write_text(path, viewer_page(viewed))
+    write_text(path, viewer_page(view))
 
 
-def _found(source: Path) -> tuple[Rig | None, Sequence[Path]]:
+def _find_frames(source: Path) -> tuple[Rig | None, Sequence[Path]]:
     """The rig, and the frames' folders in order."""
     if source.is_file():
         return read_rig(source), ()
@@ -100,7 +100,7 @@ def _found(source: Path) -> tuple[Rig | None, Sequence[Path]]:
     return (read_rig(rig) if rig.is_file() else None), frames
 
 
-def _cloud(folder: Path, rig: Rig | None) -> PointCloud:
+def _read_cloud(folder: Path, rig: Rig | None) -> PointCloud:
     """cloud.ply; without it the depth map's points in grey."""
     if (folder / "cloud.ply").is_file():
         return read_cloud(folder / "cloud.ply")
@@ -114,7 +114,7 @@ def _cloud(folder: Path, rig: Rig | None) -> PointCloud:
     return PointCloud(points, unknown, np.full(points.shape, 190, np.uint8), depth.sigma_mm[depth.measured])
 
 
-def _thinned(cloud: PointCloud, rig: Rig | None, budget: int) -> PointCloud:
+def _thin(cloud: PointCloud, rig: Rig | None, budget: int) -> PointCloud:
     """At most so many points: every so many pixels where the depth map tells them, else drawn evenly at random."""
     count = len(cloud.points_mm)
     if count <= budget:
@@ -133,14 +133,14 @@ def _thinned(cloud: PointCloud, rig: Rig | None, budget: int) -> PointCloud:
     )
 
 
-def _upright(name: str, cloud: PointCloud, up: Pose) -> ViewedCloud:
+def _rotate_upright(name: str, cloud: PointCloud, up: Pose) -> ViewerCloud:
     normals = cloud.normals.astype(np.float64) @ up.rotation.T
-    return ViewedCloud(
+    return ViewerCloud(
         name, up.apply(cloud.points_mm.astype(np.float64)), normals, cloud.colors, cloud.sigma_mm
     )
 
 
-def _distance(rig: Rig, clouds: Sequence[ViewedCloud], up: Pose) -> float:
+def _viewing_distance(rig: Rig, clouds: Sequence[ViewerCloud], up: Pose) -> float:
     """From the core camera to what is seen; without a cloud from how far apart the cameras stand."""
     if clouds and len(clouds[0].points_mm):
         return float(np.median(np.linalg.norm(clouds[0].points_mm - up.translation_mm, axis=1)))
@@ -149,20 +149,20 @@ def _distance(rig: Rig, clouds: Sequence[ViewedCloud], up: Pose) -> float:
     return 2.5 * apart if apart else 500.0
 
 
-def _reach(clouds: Sequence[ViewedCloud]) -> tuple[float, float]:
+def _extent_along(clouds: Sequence[ViewerCloud]) -> tuple[float, float]:
     """Along the belt, as far as there are points."""
     along = [np.quantile(cloud.points_mm[:, 1], [0.005, 0.995]) for cloud in clouds if len(cloud.points_mm)]
     return (float(min(a for a, _ in along)), float(max(b for _, b in along))) if along else (-300.0, 300.0)
 
 
-def _mapping(path: Path) -> Mapping[str, Any]:
+def _read_mapping(path: Path) -> Mapping[str, Any]:
     document = read_json(path)
     if not isinstance(document, Mapping):
         raise InputError(f"{path}: is no JSON object; give the file that beltscape measure wrote")
     return document
 
 
-def _belt_pose(path: Path, document: Mapping[str, Any]) -> Pose:
+def _parse_belt_pose(path: Path, document: Mapping[str, Any]) -> Pose:
     found = document.get("belt", document)
     pose = found.get("belt_from_core") if isinstance(found, Mapping) else None
     try:

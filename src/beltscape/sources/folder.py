@@ -26,7 +26,7 @@ class FolderSource:
         for name in sizes_px:
             if name not in capture.files:
                 reporter.warn(f"{capture.folder / name}: no images of camera {name}; going on without it")
-        for line in capture.only(tuple(sizes_px)).gaps():
+        for line in capture.select_cameras(tuple(sizes_px)).describe_missing_frames():
             reporter.warn(line)
 
     @property
@@ -37,7 +37,7 @@ class FolderSource:
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of the frames, in natural order."""
-        return self._capture.only(self.cameras).frames
+        return self._capture.select_cameras(self.cameras).frames
 
     def __len__(self) -> int:
         return len(self.frames)

@@ -1,4 +1,4 @@
-"""Calibration boards: ChArUco and chessboard, as board.toml describes them."""
+"""Calibration boards, ChArUco and chessboard, as described in board.toml."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 
 MIN_CORNERS = 8
-"""A view with fewer corners says more about noise than about the camera."""
+"""Minimum number of corners of a view: fewer constrain the camera less than their noise disturbs it."""
 
 
 def _check_dictionary(name: str) -> str:
@@ -72,11 +72,11 @@ class CharucoBoard(BaseModel):
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Inner corners (columns, rows)."""
+        """Return the inner corners (columns, rows)."""
         return self.squares[0] - 1, self.squares[1] - 1
 
     def to_opencv(self, *, legacy: bool) -> Any:
-        """OpenCV's own board object."""
+        """Return OpenCV's board object."""
         import cv2
 
         dictionary = _load_dictionary(self.dictionary)
@@ -85,12 +85,12 @@ class CharucoBoard(BaseModel):
         return board
 
     def describe(self) -> str:
-        """The board in a few words."""
+        """Describe the board in a few words."""
         return f"ChArUco {self.squares[0]}×{self.squares[1]}, {self.dictionary}, square {self.square_mm:g} mm"
 
 
 class Chessboard(BaseModel):
-    """A plain chessboard, given by its inner corners."""
+    """A plain chessboard, described by its inner corners."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["chessboard"] = "chessboard"
@@ -99,11 +99,11 @@ class Chessboard(BaseModel):
 
     @property
     def grid(self) -> tuple[int, int]:
-        """Inner corners (columns, rows)."""
+        """Return the inner corners (columns, rows)."""
         return self.corners
 
     def describe(self) -> str:
-        """The board in a few words."""
+        """Describe the board in a few words."""
         return f"chessboard {self.corners[0]}×{self.corners[1]} inner corners, square {self.square_mm:g} mm"
 
 
@@ -111,14 +111,14 @@ Board = CharucoBoard | Chessboard
 
 
 def corner_points_mm(board: Board) -> NDArray[np.float64]:
-    """(columns·rows, 3) inner corners in the board's frame, row by row from the first; z = 0."""
+    """Return (columns·rows, 3) inner corners in the board's frame, row by row from the first; z = 0."""
     columns, rows = board.grid
     x, y = np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1))
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1).astype(np.float64) * board.square_mm
 
 
 def adjacent_corners(board: Board) -> NDArray[np.int64]:
-    """(E, 2) indices of corners one square apart."""
+    """Return (E, 2) indices of corners one square apart."""
     columns, rows = board.grid
     index = np.arange(columns * rows).reshape(rows, columns)
     across = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=-1)
@@ -127,7 +127,7 @@ def adjacent_corners(board: Board) -> NDArray[np.int64]:
 
 
 def read_board(path: AnyPath) -> Board:
-    """Read board.toml, or InputError naming the key that does not fit."""
+    """Read board.toml, or raise InputError naming the invalid key."""
     path = as_path(path)
     values = read_toml(path)
     kinds: dict[str, type[Board]] = {"charuco": CharucoBoard, "chessboard": Chessboard}
@@ -136,4 +136,4 @@ def read_board(path: AnyPath) -> Board:
     kind = values["kind"]
     if kind not in ("charuco", "chessboard"):
         raise InputError(f'{path}: kind = {kind!r}: must be "charuco" or "chessboard"')
-    return validated(path, kinds[kind], values)
+    return validate(path, kinds[kind], values)

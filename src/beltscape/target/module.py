@@ -1,4 +1,4 @@
-"""A calibration module: known solids on a base plate, as module.toml describes them."""
+"""A calibration module: known solids on a base plate, as described in module.toml."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 
 Millimetres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Place = tuple[
+Position = tuple[
     Annotated[float, Field(allow_inf_nan=False)],
     Annotated[float, Field(allow_inf_nan=False)],
 ]
-"""x along the base's length, y along its width, mm, from its middle."""
+"""x along the base's length, y along its width, mm, from its centre."""
 Name = Annotated[str, Field(min_length=1)]
 
 
 class Base(BaseModel):
-    """The plate everything stands on."""
+    """The plate that carries the solids."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     size_mm: tuple[Millimetres, Millimetres, Millimetres]
@@ -27,13 +27,13 @@ class Base(BaseModel):
 
 
 class Cube(BaseModel):
-    """A cube, its edges along the base's."""
+    """A cube with edges parallel to the base's."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: Name
     edge_mm: Millimetres
-    center_mm: Place
-    """Of its footprint."""
+    center_mm: Position
+    """Centre of its footprint."""
 
 
 class Sphere(BaseModel):
@@ -42,7 +42,7 @@ class Sphere(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: Name
     diameter_mm: Millimetres
-    center_mm: Place
+    center_mm: Position
 
 
 class Cylinder(BaseModel):
@@ -52,14 +52,14 @@ class Cylinder(BaseModel):
     name: Name
     diameter_mm: Millimetres
     height_mm: Millimetres
-    center_mm: Place
+    center_mm: Position
 
 
 Feature = Cube | Sphere | Cylinder
 
 
 class Module(BaseModel):
-    """A module in its own frame: origin in the middle of the base's upper face, x along its length, z up."""
+    """A module in its own frame: origin at the centre of the base's upper face, x along its length, z up."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: str = "module"
@@ -69,21 +69,21 @@ class Module(BaseModel):
     cylinder: tuple[Cylinder, ...] = ()
 
     @model_validator(mode="after")
-    def _names_differ(self) -> Module:
-        seen = {"base"}
+    def _check_names(self) -> Module:
+        names = {"base"}
         for feature in self.features:
-            if feature.name in seen:
-                raise ValueError(f"the name {feature.name} is taken twice; give every feature its own")
-            seen.add(feature.name)
+            if feature.name in names:
+                raise ValueError(f"the name {feature.name} is used twice; give every feature its own name")
+            names.add(feature.name)
         return self
 
     @property
     def features(self) -> tuple[Feature, ...]:
-        """Everything on the base: cubes, then spheres, then cylinders, each in the file's order."""
+        """Return all solids on the base: cubes, then spheres, then cylinders, each in the file's order."""
         return (*self.cube, *self.sphere, *self.cylinder)
 
 
 def read_module(path: AnyPath) -> Module:
-    """Read module.toml, or InputError naming the key that does not fit."""
+    """Read module.toml, or raise InputError naming the invalid key."""
     path = as_path(path)
-    return validated(path, Module, read_toml(path))
+    return validate(path, Module, read_toml(path))

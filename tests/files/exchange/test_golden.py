@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
-from beltscape.files.exchange import import_rig, read_intrinsics, recognise
+from beltscape.files.exchange import detect_format, import_rig, read_intrinsics
 
 OPENCV = """%YAML:1.0
 ---
@@ -174,7 +174,7 @@ def put(tmp_path):
 
 def test_opencvs_calibration_sample(put):
     path = put("left.yml", OPENCV)
-    assert recognise(path) == "opencv"
+    assert detect_format(path) == "opencv"
     rig, _ = import_rig(path, Silent())
     camera = rig.cameras["left"]
     assert (rig.core, camera.size_px) == ("left", (640, 480))
@@ -199,7 +199,7 @@ def test_a_folder_of_opencvs_files_gives_intrinsics_by_file_name(put):
     assert list(found) == ["left", "right"]
     np.testing.assert_array_equal(found["right"].distortion, [-0.41, 0.52, 0, 1e-3, 0])
     with pytest.raises(
-        InputError, match="does not tell where left, right stands; add its transform, or use the"
+        InputError, match="has no pose of left, right; add its transform, or use the"
     ):
         import_rig(folder, Silent())
 
@@ -274,7 +274,7 @@ def test_ros_camera_info_and_a_tree_of_transforms(put):
         ("c.yaml", KALIBR, "[0.0, 1.0, 0.0, 0.003]", "[0.0, 2.0, 0.0, 0.003]", r"cam1\.T_cn_cnm1 is not a rotation"),
         ("c.yaml", KALIBR, "  intrinsics: [458, ", "  intrinsics: [", r"cam1\.intrinsics = .*: must be 4 finite"),
         ("c.yaml", KALIBR, "  resolution: [752, 480]\n", "", r"cam0\.resolution is missing"),
-        ("c.yaml", KALIBR, "cam1:\n  T_cn_cnm1:", "cam1:\n  T_old:", r"does not tell where cam1, cam2 stands"),
+        ("c.yaml", KALIBR, "cam1:\n  T_cn_cnm1:", "cam1:\n  T_old:", r"has no pose of cam1, cam2"),
         ("r.json", COLMAP, "SIMPLE_RADIAL", "OPENCV_FISHEYE",
          r"camera1\.camera_model_name = 'OPENCV_FISHEYE' is not known, only SIMPLE_PINHOLE, .*; let COLMAP use"),
         ("r.json", COLMAP, "0.01, 0, 0, 0]", "0.01, 0.3, 0, 0]",

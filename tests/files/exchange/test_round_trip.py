@@ -12,7 +12,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.files.exchange import FORMATS, export_rig, import_rig, read_intrinsics, recognise
+from beltscape.files.exchange import FORMATS, detect_format, export_rig, import_rig, read_intrinsics
 from beltscape.files.rig_json import read_rig, write_rig
 from strategies import rigs
 
@@ -20,7 +20,7 @@ NAMES = ["Förderband links", "cam-1", "0815", "yes"]
 """Names that YAML, COLMAP prefixes and ROS topics could stumble over."""
 
 
-def without_k3(rig: Rig) -> Rig:
+def fit_without_k3(rig: Rig) -> Rig:
     cameras = {
         name: Camera(name, c.size_px, c.focal_px, c.center_px, c.distortion * [1, 1, 1, 1, 0])
         for name, c in rig.cameras.items()
@@ -47,7 +47,7 @@ def there_and_back(folder, rig: Rig, kind: str) -> tuple[Rig, list[str]]:
     files = export_rig(path, rig, kind, reporter)
     assert all(file.is_file() for file in files)
     assert not list(path.parent.glob(f".{path.stem}*.part*"))
-    assert recognise(path) == kind
+    assert detect_format(path) == kind
     back, found = import_rig(path, reporter)
     assert found == kind
     return back, reporter.warnings
@@ -65,7 +65,7 @@ def test_what_a_format_carries_survives(tmp_path_factory, kind, rig):
 @settings(max_examples=25)
 @given(rig=rigs())
 def test_kalibr_carries_all_but_k3(tmp_path_factory, rig):
-    rig = without_k3(rig)
+    rig = fit_without_k3(rig)
     back, warnings = there_and_back(tmp_path_factory.getbasetemp(), rig, "kalibr")
     assert warnings == []
     assert_same(back, rig)
@@ -101,7 +101,7 @@ def test_the_core_can_be_chosen_at_import(tmp_path, kind):
 @settings(max_examples=10)
 def test_intrinsics_come_from_every_format_and_from_rig_json(tmp_path_factory, rig):
     folder = tmp_path_factory.mktemp("intrinsics")
-    rig = without_k3(rig)
+    rig = fit_without_k3(rig)
     write_rig(folder / "rig.json", rig)
     export_rig(folder / "ros", rig, "ros", Silent())
     (folder / "ros" / "extrinsics.yaml").unlink()

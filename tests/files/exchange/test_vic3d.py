@@ -9,7 +9,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose, rotation_from_vector
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
-from beltscape.files.exchange import export_rig, import_rig, recognise
+from beltscape.files.exchange import detect_format, export_rig, import_rig
 
 PROJECT = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <!DOCTYPE vpml>
@@ -37,7 +37,7 @@ def put(tmp_path):
 
 def test_a_project_is_read_about_its_first_camera(put):
     path, reporter = put(PROJECT), Silent()
-    assert recognise(path) == "vic3d"
+    assert detect_format(path) == "vic3d"
     rig, kind = import_rig(path, reporter)
     assert (kind, rig.core, list(rig.cameras)) == ("vic3d", "cam0", ["cam0", "cam1"])
     camera = rig.cameras["cam0"]

@@ -17,7 +17,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.files.exchange import export_rig
-from beltscape.files.exchange.radtan import without_k3
+from beltscape.files.exchange.radtan import fit_without_k3
 from strategies import cameras as some_cameras
 from strategies import rigs
 
@@ -107,7 +107,7 @@ def test_kalibrs_chain_starts_at_the_core_in_metres(tmp_path, rig):
 @settings(max_examples=20)
 @given(some_cameras())
 def test_the_lens_without_k3_is_the_nearest_and_its_figures_hold(camera):
-    coefficients, rms_px, largest_px = without_k3(camera)
+    coefficients, rms_px, largest_px = fit_without_k3(camera)
     near, cut = (
         Camera("c", camera.size_px, camera.focal_px, camera.center_px, np.array([*four, 0.0]))
         for four in (coefficients, camera.distortion[:4])

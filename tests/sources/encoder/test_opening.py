@@ -7,7 +7,7 @@ from time import monotonic, monotonic_ns, sleep
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import validated
+from beltscape.files.documents.toml_text import validate
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.settings import EncoderSettings
 
@@ -157,4 +157,4 @@ def test_without_an_encoder_of_its_own(tmp_path, kind):
 )
 def test_settings_that_do_not_fit_are_refused(tmp_path, values, words):
     with pytest.raises(InputError, match=words):
-        validated(tmp_path / "project.toml", EncoderSettings, values)
+        validate(tmp_path / "project.toml", EncoderSettings, values)

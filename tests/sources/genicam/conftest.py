@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.sources.genicam.fake.bench import FIRST_ADDRESS
 from beltscape.sources.genicam.fake.network import own_network
+from beltscape.sources.genicam.fake.simulated_cameras import FIRST_ADDRESS
 
 
 @pytest.fixture

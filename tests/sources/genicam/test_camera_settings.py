@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.sources.genicam.pixels import FORMATS
 from beltscape.sources.genicam.position import BeltCounter
 from beltscape.sources.genicam.settings import CamerasSettings, EncoderSettings, PixelFormat
@@ -33,7 +33,7 @@ mm_per_count = 0.05
 def read(tmp_path, text: str) -> CamerasSettings:
     path = tmp_path / "cameras.toml"
     path.write_text(text)
-    return validated(path, CamerasSettings, read_toml(path))
+    return validate(path, CamerasSettings, read_toml(path))
 
 
 def test_a_camera_has_its_own_or_what_all_have(tmp_path):

@@ -15,7 +15,7 @@ import pytest
 from beltscape.cli import cameras
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.sources.genicam.fake.bench import SimulatedCameras
+from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import open_cameras
 

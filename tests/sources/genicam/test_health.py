@@ -5,8 +5,8 @@ from math import isnan
 import pytest
 
 from beltscape.sources.genicam.health import SKEWED_FROM, CameraMonitor, assess_health
+from beltscape.sources.genicam.matching_types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.sources.genicam.shots import CameraStatistics
 
 SETTINGS = CamerasSettings(devices={"cam0": "10.0.0.5"}, frames_per_s=10)
 LINE = CamerasSettings(devices={"cam0": "10.0.0.5"}, trigger="line")

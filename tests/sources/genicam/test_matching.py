@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.sources.genicam.matching import InstantMatcher, count_missing
-from beltscape.sources.genicam.shots import CameraImage, MatchedInstant, MatchingRules
+from beltscape.sources.genicam.matching_types import CameraImage, MatchedInstant, MatchingRules
 
 MS = 1_000_000
 PERIOD = 100 * MS

@@ -1,4 +1,4 @@
-"""A whole capture → the board's corners in every image, found in parallel."""
+"""Detection of the board in every image of a capture, in parallel."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ Result = TypeVar("Result")
 def detect_board(
     capture: Capture, board: Board, reporter: Reporter, *, variant: PrintVariant | None = None
 ) -> tuple[BoardDetections, PrintVariant]:
-    """The board's corners in every image of a capture, and how the board turned out to be printed.
+    """Detect the board's corners in every image of a capture, and the print variant of the board.
 
-    Images that cannot be read or have another size than the rest of their camera are named and left out.
+    Images that cannot be read, or whose size differs from the rest of their camera's, are reported and left out.
 
     Raises
     ------
     InputError
         When no image shows the board; the message says what the images show instead.
     """
-    for line in capture.gaps():
+    for line in capture.describe_missing_frames():
         reporter.warn(line)
     if variant is None:
         variant = _find_variant(capture, board)
@@ -64,7 +64,7 @@ def detect_board(
     if not any(detections.views.values()):
         raise InputError(_describe_failure(capture, board, variant))
     for camera, views in detections.views.items():
-        if not views and _is_mirrored(capture.only((camera,)), board, variant):
+        if not views and _is_mirrored(capture.select_cameras((camera,)), board, variant):
             reporter.warn(
                 f"{capture.folder / camera}: the images are mirrored; switch mirroring off in the camera"
             )
@@ -72,7 +72,7 @@ def detect_board(
 
 
 def _is_mirrored(capture: Capture, board: Board, variant: PrintVariant) -> bool:
-    """Whether the board shows once the images are flipped left to right."""
+    """Return whether the board is detected in the images flipped left to right."""
     detect = make_detector(board, variant)
     flipped = (np.ascontiguousarray(image[:, ::-1]) for image in _sample_images(capture, 6))
     return any(detect(image) is not None for image in flipped)
@@ -81,7 +81,7 @@ def _is_mirrored(capture: Capture, board: Board, variant: PrintVariant) -> bool:
 def _map_parallel(
     work: Callable[[Item], Result], items: list[Item], reporter: Reporter, stage: str
 ) -> Iterator[Result]:
-    """Results in the order of the items, whatever the number of threads."""
+    """Yield results in the order of the items, whatever the number of threads."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             for done, result in enumerate(pool.map(work, items), start=1):
@@ -123,7 +123,7 @@ def _collect_detections(
 
 
 def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
-    """Up to ``count`` readable images, spread over cameras and frames."""
+    """Yield up to ``count`` readable images, spread over cameras and frames."""
     frames = capture.frames
     order = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
     read_count = 0
@@ -139,7 +139,7 @@ def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
 
 
 def _find_variant(capture: Capture, board: Board) -> PrintVariant:
-    """Legacy or not, inverted or not: what board.toml leaves open is tried and told."""
+    """Return the print variant; keys that board.toml leaves open are determined from the images."""
     if not isinstance(board, CharucoBoard):
         return PrintVariant()
     options = [
@@ -157,7 +157,7 @@ def _list_options(flag: bool | None) -> tuple[bool, ...]:
 def _select_variant(
     options: list[PrintVariant], board: Board, images: Iterable[NDArray[np.uint8]]
 ) -> PrintVariant:
-    """The variant with the most corners; the first of equals. Stops as soon as one is clearly ahead."""
+    """Return the variant with the most corners, the first of equal ones; stop as soon as one is clearly ahead."""
     counts = [0] * len(options)
     for image in images:
         for i, option in enumerate(options):

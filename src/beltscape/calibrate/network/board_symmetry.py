@@ -1,9 +1,9 @@
-"""Chessboards that look the same upside down: the corners numbered from one end in all cameras.
+"""Symmetric chessboards: their corners numbered from the same end in all cameras.
 
 A chessboard whose sides are both even or both odd looks the same after a half turn; a square one may be numbered from
-any of its four corners. A camera alone cannot tell, nor need it: its lens does not depend on it, the board's pose is
-turned about the board's centre. But cameras that stand still about each other can: the pose between two of them
-repeats from frame to frame only if both number the board from the same end.
+any of its four corners. One camera alone cannot resolve this, and its intrinsics do not depend on it: the pose
+is only rotated about the board's centre. Several rigidly mounted cameras can: the relative pose of two of them is
+constant over the frames only if both number the board from the same end.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ from beltscape.calibrate.network.pose_consensus import PoseConsensus, find_pose_
 from beltscape.calibrate.network.quarter_turns import list_quarter_turns, make_board_turn, turn_corners
 from beltscape.calibrate.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
 from beltscape.core.pose import Pose
-from beltscape.files.capture import natural
+from beltscape.files.capture import natural_key
 from beltscape.target.board import Board, corner_points_mm
 
 Array = NDArray[np.float64]
 
 LOOSE_FIT = 0.02
-"""Boards that lie on each other only to this share of their diagonal may lie better in other frames."""
+"""Shifted frames are tried if the boards coincide to no better than this share of their diagonal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbering:
-    """Sightings in which all cameras number the board from the same end, frame by frame."""
+    """Detections in which all cameras number the board from the same end, frame by frame."""
 
     detections: BoardDetections
     monocular: Mapping[str, MonocularCalibration]
-    """By camera, with the board's poses turned as the sightings are."""
+    """By camera, with the board's poses turned like the detections."""
     renumbered: tuple[tuple[str, str], ...] = ()
     """(camera, frame) of the views that were renumbered."""
     ambiguous: tuple[str, ...] = ()
-    """Where another numbering fits about as well: a line that names the cameras and the mend."""
+    """One line for each case in which another numbering fits equally well, with the cameras and the fix."""
 
 
 def unify_numbering(
     detections: BoardDetections, monocular: Mapping[str, MonocularCalibration], board: Board
 ) -> Numbering:
-    """Renumber views so that the poses between the cameras agree over all frames; as few views as possible.
+    """Renumber as few views as possible so that the relative poses of the cameras agree over all frames.
 
-    Groups of cameras grow together, first those that agree in the most frames. A camera whose frames are shifted
-    against the others' is renumbered as it fits after the shift; one that fits nobody stays as it was found. Both
-    are left for `sync.find_frame_misfits` to name. What needs no renumbering is given back as it is.
+    Groups of cameras are joined, those first that agree in the most frames. A camera whose frames are shifted against
+    the others' is renumbered to fit after the shift; one that fits no other is left unchanged. Both are reported by
+    `synchronisation.find_frame_misfits`. Without anything to renumber, the arguments are returned unchanged.
     """
     turns = list_quarter_turns(board)
     if len(turns) == 1:
         return Numbering(detections, monocular)
-    frames = sorted(detections.frames, key=natural)
+    frames = sorted(detections.frames, key=natural_key)
     corners_mm = corner_points_mm(board)
     groups = [
         _make_single_group(name, detections, monocular[name], frames, corners_mm, board)
@@ -78,20 +78,20 @@ def unify_numbering(
 class _View:
     camera: str
     frame: int
-    """Its number among the camera's frames."""
+    """Its index among the frames."""
     turn: int
-    """Quarter turns by which its numbering is moved on."""
+    """Quarter turns applied to its numbering."""
     outer_mm: Array
     """(4, 3) the board's outer corners in the group's axes, going round, numbered after the turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Group:
-    """Cameras whose poses about each other are known; the first camera's axes are the group's."""
+    """Cameras with known relative poses; the first camera's axes are the group's."""
 
     cameras: tuple[str, ...]
     instants: Mapping[int, tuple[_View, ...]]
-    """By instant, which is the first camera's frame number."""
+    """By instant, which is the first camera's frame index."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,13 +108,13 @@ class _Link:
 
     @property
     def strength(self) -> tuple[bool, bool, int, float]:
-        """Greater for what is to be trusted first."""
+        """Sort key; links with greater strength are joined first."""
         found = self.agreement
         return found.unambiguous, self.shift == 0, found.instants, -found.rms_mm
 
 
 _Links = dict[tuple[tuple[str, ...], tuple[str, ...]], _Link | None]
-"""By the cameras of both groups; None where they do not agree."""
+"""By the cameras of both groups; None if they do not agree."""
 
 
 def _make_single_group(
@@ -125,7 +125,7 @@ def _make_single_group(
     corners_mm: Array,
     board: Board,
 ) -> _Group:
-    """One camera with all its views, those that its calibration left out too: they are scored later."""
+    """Return one camera with all its views, including those that its calibration rejected: they are scored later."""
     columns, rows = board.grid
     outer = corners_mm[[0, columns - 1, rows * columns - 1, (rows - 1) * columns]]
     number = {frame: k for k, frame in enumerate(frames)}
@@ -145,7 +145,7 @@ def _fit_board_pose(own: MonocularCalibration, corners: Corners, corners_mm: Arr
 
 
 def _find_strongest_link(groups: Sequence[_Group], turns: tuple[int, ...], links: _Links) -> _Link | None:
-    """The two groups that agree best, if any do; ``links`` remembers those that were looked at."""
+    """Return the link of the two groups that agree best; None if none do. ``links`` caches the tested ones."""
     found: list[_Link] = []
     for first, second in combinations(groups, 2):
         key = first.cameras, second.cameras
@@ -158,7 +158,7 @@ def _find_strongest_link(groups: Sequence[_Group], turns: tuple[int, ...], links
 
 
 def _link_groups(first: _Group, second: _Group, turns: tuple[int, ...]) -> _Link | None:
-    """How two groups agree in the same frames or, where they hardly do and it is far better, in shifted ones."""
+    """Return the link of two groups in the same frames, or in shifted frames if these fit far better."""
     plain = _link_shifted(first, second, 0, turns)
     if plain is not None and plain.agreement.rms_mm < LOOSE_FIT * _diagonal_mm(first):
         return plain
@@ -192,7 +192,7 @@ def _diagonal_mm(group: _Group) -> float:
 
 
 def _join_groups(link: _Link) -> _Group:
-    """Both groups in the first's axes, the second's numbering turned as the first's in the frames they share."""
+    """Return both groups in the first's axes, with the second's numbering turned to agree in shared frames."""
     first_from_second = link.agreement.second_from_first.inverse()
     instants = dict(link.first.instants)
     for k, views in link.second.instants.items():
@@ -210,7 +210,7 @@ def _join_groups(link: _Link) -> _Group:
 
 
 def _describe_ambiguity(link: _Link, board: Board) -> str:
-    """Two numberings fit two groups: which, and the mend."""
+    """Return the line about two groups that several numberings fit, with the fix."""
     names = " and ".join(", ".join(group.cameras) for group in (link.first, link.second))
     count = len(link.shared)
     return (
@@ -221,7 +221,7 @@ def _describe_ambiguity(link: _Link, board: Board) -> str:
 
 
 def _minimise_turns(group: _Group, turns: tuple[int, ...]) -> dict[tuple[str, int], int]:
-    """(camera, frame number) → quarter turns; in each instant as few as possible, the first camera's rather not."""
+    """Return (camera, frame index) → quarter turns, as few as possible per instant, preferably not the first's."""
     turned: dict[tuple[str, int], int] = {}
     for views in group.instants.values():
         options = [[(view.turn + more) % 4 for view in views] for more in turns]
@@ -238,7 +238,7 @@ def _renumber_views(
     turned: Mapping[tuple[str, int], int],
     ambiguities: tuple[str, ...],
 ) -> Numbering:
-    """The views, and the board's poses in them, after quarter turns."""
+    """Return views and board poses after the quarter turns."""
     if not turned:
         return Numbering(detections, monocular, ambiguous=ambiguities)
     views = {name: dict(own) for name, own in detections.views.items()}

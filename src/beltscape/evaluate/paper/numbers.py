@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validate
 
 
 class _Part(BaseModel):
@@ -45,7 +45,7 @@ class PaperNumbers(_Part):
     dimension: tuple[Dimension, ...]
 
 
-def paper_numbers() -> PaperNumbers:
+def read_paper_numbers() -> PaperNumbers:
     """Read the file that ships with Beltscape."""
     path = Path(str(files("beltscape") / "data" / "paper.toml"))
-    return validated(path, PaperNumbers, read_toml(path))
+    return validate(path, PaperNumbers, read_toml(path))

@@ -1,4 +1,4 @@
-"""JSON with stable key order and full float precision; NaN becomes null."""
+"""Reading and writing of JSON with stable key order and full float precision; NaN becomes null."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.atomic import write_text
 
 
-def plain(value: Any) -> Any:
-    """Arrays, NumPy scalars, tuples and NaN → what JSON knows."""
+def to_plain(value: Any) -> Any:
+    """Convert arrays, NumPy scalars, tuples, paths and NaN to types of JSON."""
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): to_plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return to_plain(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_plain(item) for item in value]
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return to_plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Path):
@@ -33,8 +33,8 @@ def plain(value: Any) -> Any:
 
 
 def to_json(value: Any) -> str:
-    """One JSON document, indented, in the order of its keys."""
-    return json.dumps(plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """Return ``value`` as an indented JSON document, in the order of its keys."""
+    return json.dumps(to_plain(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -43,7 +43,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """Parse a JSON file, or InputError naming the place that is wrong."""
+    """Parse a JSON file; InputError with line and column if it is invalid."""
     try:
         return json.loads(read_text(path))
     except json.JSONDecodeError as error:

@@ -1,4 +1,4 @@
-"""Reading text that a person wrote."""
+"""Reading of text files with errors in one line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from beltscape.core.errors import InputError
 
 
 def read_text(path: Path) -> str:
-    """A UTF-8 file, with or without a byte order mark, or InputError naming what is wrong with it."""
+    """Read a UTF-8 file, with or without a byte order mark; InputError with the reason if it is unreadable."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:

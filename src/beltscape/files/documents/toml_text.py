@@ -1,4 +1,4 @@
-"""Reading TOML into a settings model, with one clear line where something does not fit."""
+"""Reading of TOML into settings models, with errors in one line."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ if TYPE_CHECKING:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Parse a TOML file, or InputError naming the place."""
+    """Parse a TOML file; InputError with the position if it is invalid."""
     try:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not TOML ({error})") from error
 
 
-def validated(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
-    """``values`` as ``model``, or InputError with the first thing that does not fit, in words."""
+def validate(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
+    """Return ``values`` as ``model``; InputError with the first invalid key."""
     from pydantic import ValidationError
 
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        raise InputError(f"{path}: {first_problem(model, error)}") from error
+        raise InputError(f"{path}: {describe_first_error(model, error)}") from error
 
 
-def first_problem(model: type[BaseModel], error: ValidationError) -> str:
-    """Return the first thing that does not fit a model, in words."""
+def describe_first_error(model: type[BaseModel], error: ValidationError) -> str:
+    """Return a readable description of the first error."""
     # a misspelt key is also a missing one: the misspelling comes first
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    return _in_words(first, _known(model, first["loc"]))
+    return _describe_error(first, _known_keys(model, first["loc"]))
 
 
-def _known(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
-    """The keys of the table in which ``place`` names one; empty where that is no table of a fixed form."""
+def _known_keys(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
+    """Return the keys of the table that ``place`` lies in; empty if that table has no fixed keys."""
     from pydantic import BaseModel
 
     tables: list[Any] = [model]
@@ -53,7 +53,7 @@ def _known(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
 
 
 def _models(annotation: Any, base: type) -> list[Any]:
-    """The models that a field may hold: itself, or among its alternatives or elements."""
+    """Return the models that a field may hold: itself, or among its alternatives or elements."""
     from typing import get_args
 
     if isinstance(annotation, type) and issubclass(annotation, base):
@@ -61,8 +61,8 @@ def _models(annotation: Any, base: type) -> list[Any]:
     return [model for argument in get_args(annotation) for model in _models(argument, base)]
 
 
-def _in_words(error: Any, known: list[str]) -> str:
-    """One of pydantic's errors as one would say it."""
+def _describe_error(error: Any, known: list[str]) -> str:
+    """Return a readable description of one of pydantic's errors."""
     from difflib import get_close_matches
 
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"])[1:]

@@ -1,8 +1,8 @@
-"""A rig in the words of other programs: OpenCV, Kalibr, COLMAP, ROS, VIC-3D; one file per format.
+"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS and VIC-3D; one module per format.
 
 Every format shares OpenCV's camera axes (x right, y down, z forward) and lens model; they differ in units, in the
-direction and the reference of their transforms and in where pixel (0, 0) lies. Each module says what it writes and
-where that is defined; what a format cannot hold is said with figures when it is written.
+direction and the reference of their transforms and in the position of pixel (0, 0). Each module's docstring defines
+its format; a warning with figures reports what a format cannot hold.
 """
 
 from __future__ import annotations
@@ -21,36 +21,36 @@ if TYPE_CHECKING:
     from beltscape.core.camera import Camera
     from beltscape.core.progress import Reporter
     from beltscape.core.rig import Rig
-    from beltscape.files.exchange.described import Described
+    from beltscape.files.exchange.rig_description import RigDescription
 
 FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
-"""Name of a format → its module here, imported only when it is asked for."""
+"""Name of a format → its module here, imported only when it is needed."""
 
 READABLE = {**FORMATS, "vic3d": "vic3d"}
-"""These, and the formats that are read but not written."""
+"""These and the formats that are only read."""
 
 RIG_JSON = "rig.json"
-"""What `recognise` calls Beltscape's own format."""
+"""Name that `detect_format` gives to Beltscape's own format."""
 
 
 class Format(Protocol):
-    """What a format's module offers."""
+    """The interface of a format's module."""
 
-    def recognises(self, document: Any) -> bool:
-        """Whether a parsed YAML, JSON or XML file is of this format."""
+    def is_of_format(self, document: Any) -> bool:
+        """Return whether a parsed YAML, JSON or XML file has this format."""
         ...
 
-    def read(self, path: Path, warn: Callable[[str], None]) -> Described:
-        """What the file or folder says, or ValueError in words."""
+    def read(self, path: Path, warn: Callable[[str], None]) -> RigDescription:
+        """Read a file or folder; ValueError with a readable message if it is invalid."""
         ...
 
     def write(self, path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
-        """Write the rig, atomically; the files written."""
+        """Write the rig, atomically; return the files written."""
         ...
 
 
 def export_rig(path: AnyPath, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
-    """Write ``rig`` at ``path`` in the format ``kind``; warns of what the format cannot hold."""
+    """Write ``rig`` at ``path`` in the format ``kind``; warn of what the format cannot hold."""
     path = as_path(path)
     if kind in READABLE and kind not in FORMATS:
         raise InputError(f"format {kind!r} is read, not written; there are {', '.join(FORMATS)}")
@@ -61,9 +61,9 @@ def export_rig(path: AnyPath, rig: Rig, kind: str, reporter: Reporter) -> list[P
 def import_rig(
     path: AnyPath, reporter: Reporter, *, kind: str | None = None, core: str | None = None
 ) -> tuple[Rig, str]:
-    """A rig and its format, read from ``path``; about camera ``core``, or the one the file refers to."""
+    """Read a rig and its format from ``path``, relative to camera ``core`` or to the file's reference."""
     path = as_path(path)
-    kind = kind or recognise(path)
+    kind = kind or detect_format(path)
     if kind == RIG_JSON:
         raise InputError(f"{path}: is a rig.json of Beltscape already; use it as it is")
     with _errors_of(path):
@@ -73,9 +73,9 @@ def import_rig(
 def read_intrinsics(
     path: AnyPath, reporter: Reporter | None = None, *, kind: str | None = None
 ) -> dict[str, Camera]:
-    """Cameras by name from rig.json or any of the formats; where the cameras stand need not be told."""
+    """Read cameras by name from rig.json or any of the formats; poses are not needed."""
     path = as_path(path)
-    kind = kind or recognise(path)
+    kind = kind or detect_format(path)
     if kind == RIG_JSON:
         from beltscape.files.rig_json import read_rig
 
@@ -84,21 +84,21 @@ def read_intrinsics(
         return dict(_read(path, kind, reporter or Silent()).cameras)
 
 
-def recognise(path: Path) -> str:
-    """Name of the format of a file or folder, or InputError where it is none or more than one."""
-    from beltscape.files.exchange.text import read_document, yaml_files
+def detect_format(path: Path) -> str:
+    """Return the name of the format of a file or folder; InputError unless exactly one fits."""
+    from beltscape.files.exchange.documents import read_document, yaml_files
 
     documents = [read_document(file) for file in (yaml_files(path) if path.is_dir() else [path])]
     if any(isinstance(d, dict) and str(d.get("format")).startswith("beltscape-rig/") for d in documents):
         return RIG_JSON
-    found = [name for name in READABLE if any(_module(name).recognises(d) for d in documents)]
+    found = [name for name in READABLE if any(_module(name).is_of_format(d) for d in documents)]
     if len(found) != 1:
         what = f"could be {' or '.join(found)}" if found else f"is none of {', '.join(READABLE)}"
         raise InputError(f"{path}: {what}; give a calibration file, or its --format")
     return found[0]
 
 
-def _read(path: Path, kind: str, reporter: Reporter) -> Described:
+def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:
     return _module(kind).read(path, lambda text: reporter.warn(f"{path}: {text}"))
 
 
@@ -110,7 +110,7 @@ def _module(kind: str) -> Format:
 
 @contextmanager
 def _errors_of(path: Path) -> Iterator[None]:
-    """What does not fit, as an InputError that names the file."""
+    """Turn a ValueError into an InputError that names the file."""
     try:
         yield
     except ValueError as error:

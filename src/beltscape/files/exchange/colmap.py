@@ -1,4 +1,4 @@
-"""COLMAP's rig configuration, ``rig_config.json``, as ``colmap rig_configurator`` reads it.
+"""COLMAP's rig configuration ``rig_config.json``, the input of ``colmap rig_configurator``.
 
 One rig; each camera has ``image_prefix`` (``<name>/``, the folder of its images, which is a Beltscape capture's
 layout), ``camera_model_name`` and ``camera_params``: OPENCV [fx, fy, cx, cy, k1, k2, p1, p2], or FULL_OPENCV with
@@ -27,8 +27,8 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.exchange import values
-from beltscape.files.exchange.described import Described, core_first
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
+from beltscape.files.exchange.rig_description import RigDescription, names_core_first
 
 MM_PER_M = 1000.0
 CORNER_TO_CENTRE_PX = 0.5
@@ -42,18 +42,18 @@ LAYOUTS = {
     "OPENCV": ([0, 1, 2, 3], [0, 1, 2, 3]),
     "FULL_OPENCV": ([0, 1, 2, 3], [0, 1, 2, 3, 4, 5, 6, 7]),
 }
-"""Model → where fx, fy, cx, cy stand among its parameters, and which of OpenCV's coefficients follow them."""
+"""Model → indices of fx, fy, cx, cy among its parameters, and the indices of OpenCV's coefficients after them."""
 
 
-def recognises(document: Any) -> bool:
-    """A list of rigs."""
+def is_of_format(document: Any) -> bool:
+    """Return whether the document is a list of rigs."""
     return isinstance(document, list) and any(isinstance(rig, dict) and "cameras" in rig for rig in document)
 
 
 def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # noqa: ARG001
     """Write the rig as the only one of a rig configuration."""
     entries = []
-    for name in core_first(rig):
+    for name in names_core_first(rig):
         camera, pose = rig.cameras[name], rig.cam_from_core[name]
         placed = {
             "cam_from_rig_rotation": wxyz_from_rotation(pose.rotation),
@@ -72,14 +72,14 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
     return [path]
 
 
-def read(path: Path, warn: Callable[[str], None]) -> Described:
+def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     """Read the one rig of a rig configuration; its reference is the camera with ``ref_sensor``."""
     document = read_json(path)
-    if not recognises(document):
+    if not is_of_format(document):
         raise ValueError("is not a list of rigs with cameras; give a rig_config.json of COLMAP")
     if len(document) != 1:
         raise ValueError(f"holds {len(document)} rigs; keep the one to be read")
-    entries = values.value(document[0], "cameras", "the rig")
+    entries = values.require_value(document[0], "cameras", "the rig")
     if not isinstance(entries, list) or not entries:
         raise ValueError("cameras must be a list of cameras")
     named = dict(zip(_names(entries), entries, strict=True))
@@ -87,7 +87,7 @@ def read(path: Path, warn: Callable[[str], None]) -> Described:
     if len(reference) != 1:
         raise ValueError(f"{len(reference)} cameras have ref_sensor true: must be one")
     poses = {name: _pose(name, entry, warn) for name, entry in named.items() if _is_placed(entry)}
-    return Described(
+    return RigDescription(
         {name: _camera(name, entry) for name, entry in named.items()},
         {**poses, reference[0]: Pose.identity()},
         reference[0],
@@ -105,37 +105,41 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
 
 
 def _names(entries: list[Any]) -> list[str]:
-    """Cameras by the last folder of their prefix; by the whole prefix where that is not unique."""
+    """Return the cameras' names: the last folder of the prefix, or the whole prefix if that is not unique."""
     prefixes = [
-        str(values.value(entry, "image_prefix", f"cameras[{i}]")).strip("/") or f"cam{i}"
+        str(values.require_value(entry, "image_prefix", f"cameras[{i}]")).strip("/") or f"cam{i}"
         for i, entry in enumerate(entries)
     ]
     last = [prefix.rsplit("/", 1)[-1] for prefix in prefixes]
     if len(set(last)) == len(last):
         return last
-    return values.distinct([prefix.replace("/", "_") for prefix in prefixes])
+    return values.require_distinct([prefix.replace("/", "_") for prefix in prefixes])
 
 
 def _camera(name: str, entry: Any) -> Camera:
-    mend = "let COLMAP use OPENCV or FULL_OPENCV"
-    model = values.value(entry, "camera_model_name", name)
-    first, bent = LAYOUTS[values.known(model, f"{name}.camera_model_name", tuple(LAYOUTS), mend)]
-    count = max(first) + 1 + len(bent)
-    params = values.numbers(values.value(entry, "camera_params", name), f"{name}.camera_params", count)
+    fix = "let COLMAP use OPENCV or FULL_OPENCV"
+    model = values.require_value(entry, "camera_model_name", name)
+    intrinsic, distorting = LAYOUTS[
+        values.require_known(model, f"{name}.camera_model_name", tuple(LAYOUTS), fix)
+    ]
+    count = max(intrinsic) + 1 + len(distorting)
+    params = values.require_numbers(
+        values.require_value(entry, "camera_params", name), f"{name}.camera_params", count
+    )
     coefficients = np.zeros(8)
-    coefficients[bent] = params[max(first) + 1 :]
+    coefficients[distorting] = params[max(intrinsic) + 1 :]
     if "width" not in entry or "height" not in entry:
         raise ValueError(
             f'{name}: COLMAP keeps image sizes in its database; add "width" and "height" beside camera_params'
         )
-    lens = params[first]
-    return values.camera(
+    pinhole = params[intrinsic]
+    return values.make_camera(
         name,
         name,
         [entry["width"], entry["height"]],
-        lens[[FX, FY]],
-        lens[[CX, CY]] - CORNER_TO_CENTRE_PX,
-        values.distortion(coefficients, f"{name}.camera_params"),
+        pinhole[[FX, FY]],
+        pinhole[[CX, CY]] - CORNER_TO_CENTRE_PX,
+        values.require_distortion(coefficients, f"{name}.camera_params"),
     )
 
 
@@ -145,6 +149,6 @@ def _is_placed(entry: Any) -> bool:
 
 def _pose(name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
     place = f"{name}.cam_from_rig_rotation"
-    wxyz = values.numbers(entry["cam_from_rig_rotation"], place, 4)
-    moved = values.numbers(entry["cam_from_rig_translation"], f"{name}.cam_from_rig_translation", 3)
-    return values.rigid(place, rotation_from_wxyz(wxyz, place), moved * MM_PER_M, warn)
+    wxyz = values.require_numbers(entry["cam_from_rig_rotation"], place, 4)
+    moved = values.require_numbers(entry["cam_from_rig_translation"], f"{name}.cam_from_rig_translation", 3)
+    return values.make_pose(place, rotation_from_wxyz(wxyz, place), moved * MM_PER_M, warn)

@@ -7,7 +7,7 @@ on ``T_cn_cnm1``: 4×4, brings points from the camera before into this one, tran
 the centre of the top-left pixel: Kalibr takes OpenCV's corners.
 
 A camera's name is kept in ``rostopic`` as ``/<name>/image_raw``, and taken from there when every topic has that
-form. Lost: k3 (k1, k2, p1, p2 are fitted anew, and a warning tells by how many px the image moves), quality and
+form. Lost: k3 (k1, k2, p1, p2 are refitted, and a warning gives the shift of the image in px), quality and
 covariance, and the order of the cameras where the core is not the first. ``T_cam_imu`` and time shifts are not
 read.
 
@@ -28,22 +28,22 @@ from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.exchange import values
-from beltscape.files.exchange.described import Described, core_first
-from beltscape.files.exchange.radtan import without_k3
-from beltscape.files.exchange.text import floats, read_document, write_yaml
+from beltscape.files.exchange.documents import read_document, to_floats, write_yaml
+from beltscape.files.exchange.radtan import fit_without_k3
+from beltscape.files.exchange.rig_description import RigDescription, names_core_first
 
 MM_PER_M = 1000.0
-MEND = "calibrate with pinhole-radtan"
+FIX = "calibrate with pinhole-radtan"
 
 
-def recognises(document: Any) -> bool:
-    """A table with ``cam0``."""
+def is_of_format(document: Any) -> bool:
+    """Return whether the document is a table with ``cam0``."""
     return isinstance(document, dict) and isinstance(document.get("cam0"), dict)
 
 
 def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
     """Write the rig as a camera chain that starts at the core."""
-    names = core_first(rig)
+    names = names_core_first(rig)
     document = {}
     for i, name in enumerate(names):
         chained = {"T_cn_cnm1": _metric(rig.relative_pose(name, names[i - 1]))} if i else {}
@@ -57,27 +57,27 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
     return [path]
 
 
-def read(path: Path, warn: Callable[[str], None]) -> Described:
+def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     """Read a camera chain; its reference is ``cam0``."""
     document = read_document(path)
-    if not recognises(document):
+    if not is_of_format(document):
         raise ValueError("has no cam0; give a camchain.yaml of kalibr_calibrate_cameras")
     keys = [f"cam{i}" for i in range(sum(bool(re.fullmatch(r"cam\d+", str(key))) for key in document))]
-    entries = {key: values.value(document, key) for key in keys}
+    entries = {key: values.require_value(document, key) for key in keys}
     names = _names(entries)
     cameras = {name: _camera(name, key, entries[key]) for key, name in names.items()}
     poses = {names["cam0"]: Pose.identity()}
     last = Pose.identity()
     for key in keys[1:]:
         if "T_cn_cnm1" not in entries[key]:
-            break  # the chain is cut: this camera and those behind it have no place
+            break  # the chain is interrupted: this camera and those behind it have no pose
         last = _pose(key, entries[key], warn) @ last
         poses[names[key]] = last
-    return Described(cameras, poses, names["cam0"])
+    return RigDescription(cameras, poses, names["cam0"])
 
 
 def _intrinsics(camera: Camera, warn: Callable[[str], None]) -> dict[str, Any]:
-    coefficients, rms_px, largest_px = without_k3(camera)
+    coefficients, rms_px, largest_px = fit_without_k3(camera)
     if camera.distortion[4] != 0:
         warn(
             f"camera {camera.name}: Kalibr's radtan has no k3 ({camera.distortion[4]:.4g}); k1, k2, p1, p2 were "
@@ -85,21 +85,21 @@ def _intrinsics(camera: Camera, warn: Callable[[str], None]) -> dict[str, Any]:
         )
     return {
         "camera_model": "pinhole",
-        "distortion_coeffs": floats(coefficients),
+        "distortion_coeffs": to_floats(coefficients),
         "distortion_model": "radtan",
-        "intrinsics": floats([*camera.focal_px, *camera.center_px]),
+        "intrinsics": to_floats([*camera.focal_px, *camera.center_px]),
         "resolution": list(camera.size_px),
     }
 
 
 def _metric(pose: Pose) -> list[list[float]]:
-    """4×4, translation in metres."""
+    """Return the transform (4×4) with its translation in metres."""
     top = np.column_stack([pose.rotation, pose.translation_mm / MM_PER_M])
-    return floats(np.vstack([top, [0.0, 0.0, 0.0, 1.0]]))
+    return to_floats(np.vstack([top, [0.0, 0.0, 0.0, 1.0]]))
 
 
 def _names(entries: dict[str, Any]) -> dict[str, str]:
-    """Key in the chain → the camera's name."""
+    """Return each camera's name by its key in the chain."""
     topics = [re.fullmatch(r"/([^/]+)/image_raw", str(entry.get("rostopic"))) for entry in entries.values()]
     names = [topic[1] for topic in topics if topic]
     fits = len(set(names)) == len(entries)
@@ -107,20 +107,24 @@ def _names(entries: dict[str, Any]) -> dict[str, str]:
 
 
 def _camera(name: str, key: str, entry: Any) -> Camera:
-    values.known(values.value(entry, "camera_model", key), f"{key}.camera_model", ("pinhole",), MEND)
-    model = values.value(entry, "distortion_model", key)
-    values.known(model, f"{key}.distortion_model", ("radtan", "none"), MEND)
-    listed = values.numbers(values.value(entry, "intrinsics", key), f"{key}.intrinsics", 4)
-    bent: NDArray[np.float64] = np.zeros(4)
+    values.require_known(
+        values.require_value(entry, "camera_model", key), f"{key}.camera_model", ("pinhole",), FIX
+    )
+    model = values.require_value(entry, "distortion_model", key)
+    values.require_known(model, f"{key}.distortion_model", ("radtan", "none"), FIX)
+    listed = values.require_numbers(values.require_value(entry, "intrinsics", key), f"{key}.intrinsics", 4)
+    distortion: NDArray[np.float64] = np.zeros(4)
     if model == "radtan":
-        bent = values.numbers(values.value(entry, "distortion_coeffs", key), f"{key}.distortion_coeffs", 4)
-    size = values.value(entry, "resolution", key)
-    return values.camera(name, key, size, listed[:2], listed[2:], [*bent, 0.0])
+        distortion = values.require_numbers(
+            values.require_value(entry, "distortion_coeffs", key), f"{key}.distortion_coeffs", 4
+        )
+    size = values.require_value(entry, "resolution", key)
+    return values.make_camera(name, key, size, listed[:2], listed[2:], [*distortion, 0.0])
 
 
 def _pose(key: str, entry: Any, warn: Callable[[str], None]) -> Pose:
     place = f"{key}.T_cn_cnm1"
-    listed = values.numbers(entry["T_cn_cnm1"], place, 4, 4)
+    listed = values.require_numbers(entry["T_cn_cnm1"], place, 4, 4)
     if not np.allclose(listed[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
         raise ValueError(f"{place} ends with the row {listed[3].tolist()}: must be [0, 0, 0, 1]")
-    return values.rigid(place, listed[:3, :3], listed[:3, 3] * MM_PER_M, warn)
+    return values.make_pose(place, listed[:3, :3], listed[:3, 3] * MM_PER_M, warn)

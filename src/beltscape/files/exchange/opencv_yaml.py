@@ -24,14 +24,21 @@ from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.exchange import values
-from beltscape.files.exchange.described import Described
-from beltscape.files.exchange.text import Matrix, Quoted, floats, read_document, write_yaml, yaml_files
+from beltscape.files.exchange.documents import (
+    Matrix,
+    Quoted,
+    read_document,
+    to_floats,
+    write_yaml,
+    yaml_files,
+)
+from beltscape.files.exchange.rig_description import RigDescription
 
 MM_PER = {"mm": 1.0, "m": 1000.0}
 
 
-def recognises(document: Any) -> bool:
-    """A list of cameras, or one camera without the keys of ROS."""
+def is_of_format(document: Any) -> bool:
+    """Return whether the document is a list of cameras, or one camera without the keys of ROS."""
     if not isinstance(document, dict):
         return False
     keys = {str(key).lower() for key in document}
@@ -58,20 +65,20 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
     return [path]
 
 
-def read(path: Path, warn: Callable[[str], None]) -> Described:
+def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     """Read one file of cameras, one camera's file, or a folder of these."""
     if path.is_dir():
         found = {file.stem: _single(file.stem, read_document(file), file.name) for file in yaml_files(path)}
-        return Described(found, {}, next(iter(found)))
+        return RigDescription(found, {}, next(iter(found)))
     document = read_document(path)
     if not isinstance(document, dict) or "cameras" not in document:
-        return Described({path.stem: _single(path.stem, document, path.stem)}, {}, path.stem)
+        return RigDescription({path.stem: _single(path.stem, document, path.stem)}, {}, path.stem)
     entries = document["cameras"]
     if not isinstance(entries, list) or not entries:
         raise ValueError("cameras must be a list of cameras")
-    names = [str(values.value(entry, "name", f"cameras[{i}]")) for i, entry in enumerate(entries)]
-    named = dict(zip(values.distinct(names), entries, strict=True))
-    return Described(
+    names = [str(values.require_value(entry, "name", f"cameras[{i}]")) for i, entry in enumerate(entries)]
+    named = dict(zip(values.require_distinct(names), entries, strict=True))
+    return RigDescription(
         {name: _single(name, entry, f"cameras.{name}") for name, entry in named.items()},
         {name: _pose(document, name, entry, warn) for name, entry in named.items() if "R" in entry},
         str(document.get("core") or names[0]),
@@ -83,13 +90,21 @@ def _single(name: str, document: Any, place: str) -> Camera:
         raise ValueError(f"{place} must be a table with camera_matrix and distortion_coefficients")
     entry = {str(key).lower(): item for key, item in document.items()}
     model = "fisheye" if entry.get("fisheye_model") else entry.get("distortion_model", "plumb_bob")
-    values.known(model, f"{place}.distortion_model", ("plumb_bob",), "calibrate with cv2.calibrateCamera")
-    k = values.matrix(values.value(entry, "camera_matrix", place), f"{place}.camera_matrix", 3, 3)
+    values.require_known(
+        model, f"{place}.distortion_model", ("plumb_bob",), "calibrate with cv2.calibrateCamera"
+    )
+    k = values.require_matrix(
+        values.require_value(entry, "camera_matrix", place), f"{place}.camera_matrix", 3, 3
+    )
     where = f"{place}.distortion_coefficients"
-    bent = values.matrix(values.value(entry, "distortion_coefficients", place), where, -1)
-    size = [values.value(entry, key, place) for key in ("image_width", "image_height")]
-    focal, center = values.intrinsics(k, f"{place}.camera_matrix")
-    return values.camera(name, place, size, focal, center, values.distortion(bent, where))
+    coefficients = values.require_matrix(
+        values.require_value(entry, "distortion_coefficients", place), where, -1
+    )
+    size = [values.require_value(entry, key, place) for key in ("image_width", "image_height")]
+    focal, center = values.split_camera_matrix(k, f"{place}.camera_matrix")
+    return values.make_camera(
+        name, place, size, focal, center, values.require_distortion(coefficients, where)
+    )
 
 
 def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
@@ -97,13 +112,13 @@ def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str],
     if units not in MM_PER:
         raise ValueError(f'units = {units!r}: must say the unit of T, "mm" or "m"')
     place = f"cameras.{name}"
-    rotation = values.matrix(values.value(entry, "R", place), f"{place}.R", 3, 3)
-    translation = values.matrix(values.value(entry, "T", place), f"{place}.T", -1)
+    rotation = values.require_matrix(values.require_value(entry, "R", place), f"{place}.R", 3, 3)
+    translation = values.require_matrix(values.require_value(entry, "T", place), f"{place}.T", -1)
     if translation.size != 3:
         raise ValueError(f"{place}.T has {translation.size} numbers: must be 3")
-    return values.rigid(f"{place}.R", rotation, translation * MM_PER[units], warn)
+    return values.make_pose(f"{place}.R", rotation, translation * MM_PER[units], warn)
 
 
 def _matrix(array: np.ndarray) -> Matrix:
     rows, cols = array.shape
-    return Matrix(rows=rows, cols=cols, dt="d", data=floats(array.ravel()))
+    return Matrix(rows=rows, cols=cols, dt="d", data=to_floats(array.ravel()))

@@ -9,14 +9,14 @@ from beltscape.core.pose import vector_from_rotation
 
 
 def wxyz_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4,) unit quaternion with w ≥ 0 of a rotation matrix (3, 3)."""
+    """Return the unit quaternion (4,) with w ≥ 0 of a rotation matrix (3, 3)."""
     vector = vector_from_rotation(rotation)
     half = float(np.linalg.norm(vector)) / 2
     return np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * vector)])
 
 
 def rotation_from_wxyz(wxyz: NDArray[np.float64], place: str) -> NDArray[np.float64]:
-    """Rotation matrix (3, 3) of a quaternion, or ValueError where its length is not 1 but for rounding."""
+    """Return the rotation matrix (3, 3) of a quaternion; ValueError unless its length is 1 up to rounding."""
     length = float(np.linalg.norm(wxyz))
     if abs(length - 1) > 1e-3:
         raise ValueError(f"{place} = {wxyz.tolist()}: must be a unit quaternion, its length is {length:.4g}")

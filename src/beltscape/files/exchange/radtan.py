@@ -1,4 +1,4 @@
-"""The four-coefficient lens nearest to one of five, for programs that have no k3."""
+"""Fit of a lens with four distortion coefficients to one with five, for programs without k3."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 
 
-def without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:
-    """k1, k2, p1, p2 (4,) that move the image least when k3 is dropped, and by how much: RMS and largest, px.
+def fit_without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:
+    """Fit k1, k2, p1, p2 (4,) without k3; return them with the RMS and the largest shift of the image, px.
 
-    The camera matrix stays. The model is linear in its coefficients, so that the fit over a 64×64 grid of pixels is
-    one linear least-squares problem.
+    The camera matrix is kept. The model is linear in its coefficients, so the fit over a 64×64 grid of pixels is one
+    linear least-squares problem.
     """
     if camera.distortion[4] == 0:
         return camera.distortion[:4].copy(), 0.0, 0.0
@@ -29,7 +29,7 @@ def without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:
 
 
 def _terms(ideal: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 2, 4) what one unit of k1, k2, p1, p2 adds to x/z, y/z (N, 2)."""
+    """Return the derivatives (N, 2, 4) of the distorted x/z, y/z (N, 2) with respect to k1, k2, p1, p2."""
     x, y = ideal.T
     r2 = x * x + y * y
     along_x = [x * r2, x * r2 * r2, 2 * x * y, r2 + 2 * x * x]

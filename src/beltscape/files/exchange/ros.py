@@ -5,7 +5,7 @@
 ``rectification_matrix`` (the identity) and ``projection_matrix`` ([K | 0]: an undistorted single camera). Pixel (0,
 0) is the centre of the top-left pixel, as in Beltscape.
 
-camera_info has no place for poses. ``extrinsics.yaml`` is a tf2_msgs/TFMessage as ROS prints it: for each auxiliary
+camera_info does not hold poses. ``extrinsics.yaml`` is a tf2_msgs/TFMessage as ROS prints it: for each auxiliary
 a transform with ``header.frame_id`` ``<core>_optical_frame``, ``child_frame_id`` ``<camera>_optical_frame`` (REP
 103: x right, y down, z forward) and tf's direction, the pose of the child *in* its parent: x_core = R x_cam + t,
 metres, quaternion x, y, z, w. Read: any tree of such transforms, with or without the suffix. Lost: quality,
@@ -27,18 +27,18 @@ from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.exchange import values
-from beltscape.files.exchange.described import Described
+from beltscape.files.exchange.documents import read_document, to_floats, write_yaml, yaml_files
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
-from beltscape.files.exchange.text import floats, read_document, write_yaml, yaml_files
-from beltscape.files.folders.atomic import output_folder
+from beltscape.files.exchange.rig_description import RigDescription
+from beltscape.files.folders.atomic import ensure_output_folder
 
 MM_PER_M = 1000.0
 EXTRINSICS = "extrinsics.yaml"
 SUFFIX = "_optical_frame"
 
 
-def recognises(document: Any) -> bool:
-    """One camera with a key that OpenCV's files do not have."""
+def is_of_format(document: Any) -> bool:
+    """Return whether the document is one camera with a key that OpenCV's files do not have."""
     if not isinstance(document, dict) or "camera_matrix" not in document:
         return False
     return bool({"camera_name", "distortion_model", "projection_matrix"} & set(document))
@@ -49,7 +49,7 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
     for name in rig.cameras:
         if "/" in name or "\\" in name or name in ("", ".", "..", Path(EXTRINSICS).stem):
             raise ValueError(f"camera name {name!r} cannot name a file here; rename the camera in rig.json")
-    output_folder(path)
+    ensure_output_folder(path)
     files = []
     for name, camera in rig.cameras.items():
         files.append(path / f"{name}.yaml")
@@ -59,22 +59,22 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
     return [*files, path / EXTRINSICS]
 
 
-def read(path: Path, warn: Callable[[str], None]) -> Described:
-    """Read such a folder, with or without poses, or one camera's file."""
+def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
+    """Read a folder of camera_info files, with or without poses, or one camera's file."""
     if not path.is_dir():
         camera = _camera(path, read_document(path))
-        return Described({camera.name: camera}, {}, camera.name)
+        return RigDescription({camera.name: camera}, {}, camera.name)
     files = [file for file in yaml_files(path) if file.name != EXTRINSICS]
     found = [_camera(file, read_document(file)) for file in files]
     if not found:
         raise ValueError(f"holds no camera_info beside {EXTRINSICS}; add one file per camera")
-    values.distinct([camera.name for camera in found])
+    values.require_distinct([camera.name for camera in found])
     cameras = {camera.name: camera for camera in found}
     if not (path / EXTRINSICS).exists():
-        return Described(cameras, {}, found[0].name)
+        return RigDescription(cameras, {}, found[0].name)
     root, poses = _tree(read_document(path / EXTRINSICS), warn)
     poses = {name: poses[name] for name in cameras if name in poses}
-    return Described(cameras, poses, root if root in cameras else found[0].name)
+    return RigDescription(cameras, poses, root if root in cameras else found[0].name)
 
 
 def _camera_info(camera: Camera) -> dict[str, Any]:
@@ -92,26 +92,32 @@ def _camera_info(camera: Camera) -> dict[str, Any]:
 
 def _camera(file: Path, document: Any) -> Camera:
     place = file.name
-    k = values.matrix(values.value(document, "camera_matrix", place), f"{place}.camera_matrix", 3, 3)
-    values.known(
+    k = values.require_matrix(
+        values.require_value(document, "camera_matrix", place), f"{place}.camera_matrix", 3, 3
+    )
+    values.require_known(
         document.get("distortion_model", "plumb_bob"),
         f"{place}.distortion_model",
         ("plumb_bob", "rational_polynomial"),
         "calibrate with plumb_bob",
     )
     where = f"{place}.distortion_coefficients"
-    bent = values.matrix(values.value(document, "distortion_coefficients", place), where, -1)
-    size = [values.value(document, key, place) for key in ("image_width", "image_height")]
-    focal, center = values.intrinsics(k, f"{place}.camera_matrix")
+    coefficients = values.require_matrix(
+        values.require_value(document, "distortion_coefficients", place), where, -1
+    )
+    size = [values.require_value(document, key, place) for key in ("image_width", "image_height")]
+    focal, center = values.split_camera_matrix(k, f"{place}.camera_matrix")
     name = str(document.get("camera_name") or file.stem)
-    return values.camera(name, place, size, focal, center, values.distortion(bent, where))
+    return values.make_camera(
+        name, place, size, focal, center, values.require_distortion(coefficients, where)
+    )
 
 
 def _transform(rig: Rig, name: str) -> dict[str, Any]:
-    """The pose of a camera in the core's frame, as tf has it."""
+    """Return the pose of a camera in the core's frame as a tf transform."""
     core_from_cam = rig.cam_from_core[name].inverse()
-    w, x, y, z = floats(wxyz_from_rotation(core_from_cam.rotation))
-    moved = floats(core_from_cam.translation_mm / MM_PER_M)
+    w, x, y, z = to_floats(wxyz_from_rotation(core_from_cam.rotation))
+    moved = to_floats(core_from_cam.translation_mm / MM_PER_M)
     return {
         "header": {"frame_id": f"{rig.core}{SUFFIX}"},
         "child_frame_id": f"{name}{SUFFIX}",
@@ -123,18 +129,20 @@ def _transform(rig: Rig, name: str) -> dict[str, Any]:
 
 
 def _tree(document: Any, warn: Callable[[str], None]) -> tuple[str, dict[str, Pose]]:
-    """The root's name and ``frame_from_root`` by name, of a list of transforms."""
-    listed = values.value(document, "transforms", EXTRINSICS)
+    """Return the root's name and ``frame_from_root`` by name from a list of transforms."""
+    listed = values.require_value(document, "transforms", EXTRINSICS)
     if not isinstance(listed, list):
         raise ValueError(f"{EXTRINSICS}.transforms must be a list")
     parents: dict[str, str] = {}
     child_from_parent: dict[str, Pose] = {}
     for i, entry in enumerate(listed):
         place = f"{EXTRINSICS}.transforms[{i}]"
-        child = str(values.value(entry, "child_frame_id", place)).removesuffix(SUFFIX)
-        header = values.value(entry, "header", place)
-        parents[child] = str(values.value(header, "frame_id", f"{place}.header")).removesuffix(SUFFIX)
-        child_from_parent[child] = _pose(place, values.value(entry, "transform", place), warn).inverse()
+        child = str(values.require_value(entry, "child_frame_id", place)).removesuffix(SUFFIX)
+        header = values.require_value(entry, "header", place)
+        parents[child] = str(values.require_value(header, "frame_id", f"{place}.header")).removesuffix(SUFFIX)
+        child_from_parent[child] = _pose(
+            place, values.require_value(entry, "transform", place), warn
+        ).inverse()
     roots = list(dict.fromkeys(parent for parent in parents.values() if parent not in parents))
     if len(roots) > 1 or (parents and not roots):
         raise ValueError(
@@ -147,17 +155,20 @@ def _tree(document: Any, warn: Callable[[str], None]) -> tuple[str, dict[str, Po
 
 
 def _pose(place: str, entry: Any, warn: Callable[[str], None]) -> Pose:
-    """parent_from_child of one transform."""
-    turned, moved = values.value(entry, "rotation", place), values.value(entry, "translation", place)
-    wxyz = values.numbers(
-        [values.value(turned, key, f"{place}.rotation") for key in "wxyz"], f"{place}.rotation", 4
+    """Return parent_from_child of one transform."""
+    turned, moved = (
+        values.require_value(entry, "rotation", place),
+        values.require_value(entry, "translation", place),
     )
-    metres = [values.value(moved, key, f"{place}.translation") for key in "xyz"]
-    translation_mm = values.numbers(metres, f"{place}.translation", 3) * MM_PER_M
+    wxyz = values.require_numbers(
+        [values.require_value(turned, key, f"{place}.rotation") for key in "wxyz"], f"{place}.rotation", 4
+    )
+    metres = [values.require_value(moved, key, f"{place}.translation") for key in "xyz"]
+    translation_mm = values.require_numbers(metres, f"{place}.translation", 3) * MM_PER_M
     rotation = rotation_from_wxyz(wxyz, f"{place}.rotation")
-    return values.rigid(f"{place}.rotation", rotation, translation_mm, warn)
+    return values.make_pose(f"{place}.rotation", rotation, translation_mm, warn)
 
 
 def _matrix(array: np.ndarray) -> dict[str, Any]:
     rows, cols = array.shape
-    return {"rows": rows, "cols": cols, "data": floats(array.ravel())}
+    return {"rows": rows, "cols": cols, "data": to_floats(array.ravel())}

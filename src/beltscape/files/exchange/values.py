@@ -1,4 +1,4 @@
-"""Checked values out of parsed YAML and JSON; a ValueError names the place, what is there and the mend."""
+"""Checked access to values of parsed YAML and JSON; a ValueError names the key, its value and the fix."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ROUNDED = 1e-3
 """A rotation printed with few digits may be this far from orthonormal, and no further."""
 
 
-def value(entry: Any, key: str, place: str = "") -> Any:
-    """``entry[key]`` of a table."""
+def require_value(entry: Any, key: str, place: str = "") -> Any:
+    """Return ``entry[key]`` of a table."""
     if not isinstance(entry, dict):
         raise ValueError(f"{place or 'the file'} must be a table")
     if entry.get(key) is None:
@@ -24,8 +24,8 @@ def value(entry: Any, key: str, place: str = "") -> Any:
     return entry[key]
 
 
-def numbers(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
-    """Finite float64 numbers of ``shape``; -1 stands for any length."""
+def require_numbers(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
+    """Return finite float64 numbers of ``shape``; -1 stands for any length."""
     try:
         array = np.array(found, dtype=np.float64)
     except (TypeError, ValueError):
@@ -37,10 +37,12 @@ def numbers(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
     return array
 
 
-def matrix(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
-    """``{rows, cols, data}`` as OpenCV and ROS write it; a single -1 as shape takes a row or a column."""
-    rows, cols = (int(numbers(value(found, key, place), f"{place}.{key}")) for key in ("rows", "cols"))
-    data = numbers(value(found, "data", place), f"{place}.data", -1)
+def require_matrix(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
+    """Return the matrix of ``{rows, cols, data}``, as OpenCV and ROS write it; shape -1: a row or column."""
+    rows, cols = (
+        int(require_numbers(require_value(found, key, place), f"{place}.{key}")) for key in ("rows", "cols")
+    )
+    data = require_numbers(require_value(found, "data", place), f"{place}.data", -1)
     if data.size != rows * cols:
         raise ValueError(f"{place} has {data.size} numbers, not {rows}×{cols}")
     if shape == (-1,):
@@ -50,15 +52,17 @@ def matrix(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
     return data.reshape(shape)
 
 
-def intrinsics(k: NDArray[np.float64], place: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Focal lengths (2,) and principal point (2,), px, of a camera matrix (3, 3) without skew."""
+def split_camera_matrix(
+    k: NDArray[np.float64], place: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return focal lengths (2,) and principal point (2,), px, of a camera matrix (3, 3) without skew."""
     if k[0, 1] or k[1, 0] or (k[2] != [0, 0, 1]).any():
         raise ValueError(f"{place} = {k.tolist()}: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     return np.diag(k)[:2].copy(), k[:2, 2].copy()
 
 
-def distortion(coefficients: NDArray[np.float64], place: str) -> NDArray[np.float64]:
-    """(5,) k1, k2, p1, p2, k3 of OpenCV's list of 0, 4, 5, 8, 12 or 14; those past k3 must be zero."""
+def require_distortion(coefficients: NDArray[np.float64], place: str) -> NDArray[np.float64]:
+    """Return k1, k2, p1, p2, k3 (5,) of OpenCV's 0, 4, 5, 8, 12 or 14 coefficients; those past k3 must be zero."""
     if coefficients.size not in (0, 4, 5, 8, 12, 14):
         raise ValueError(f"{place} has {coefficients.size} coefficients: must be k1, k2, p1, p2 and maybe k3")
     if coefficients[5:].any():
@@ -69,9 +73,9 @@ def distortion(coefficients: NDArray[np.float64], place: str) -> NDArray[np.floa
     return np.concatenate([coefficients[:5], np.zeros(5 - coefficients[:5].size)])
 
 
-def camera(name: str, place: str, size: Any, focal: Any, center: Any, bent: Any) -> Camera:
-    """A camera of checked size (width, height), focal length, principal point (px) and distortion (5,)."""
-    size_px = numbers(size, f"{place}: image width and height", 2)
+def make_camera(name: str, place: str, size: Any, focal: Any, center: Any, coefficients: Any) -> Camera:
+    """Return a camera of checked size (width, height), focal length, principal point (px) and distortion (5,)."""
+    size_px = require_numbers(size, f"{place}: image width and height", 2)
     if size_px.min() < 1 or (size_px % 1).any():
         raise ValueError(f"{place}: image width and height = {size}: must be positive whole numbers")
     if min(focal) <= 0:
@@ -81,17 +85,17 @@ def camera(name: str, place: str, size: Any, focal: Any, center: Any, bent: Any)
         size_px=(int(size_px[0]), int(size_px[1])),
         focal_px=np.asarray(focal, dtype=np.float64),
         center_px=np.asarray(center, dtype=np.float64),
-        distortion=np.asarray(bent, dtype=np.float64),
+        distortion=np.asarray(coefficients, dtype=np.float64),
     )
 
 
-def rigid(
+def make_pose(
     place: str,
     rotation: NDArray[np.float64],
     translation_mm: NDArray[np.float64],
     warn: Callable[[str], None],
 ) -> Pose:
-    """A pose; a rotation (3, 3) that was rounded becomes the nearest one, and beyond 1e-6 that is said."""
+    """Return a pose; a rounded rotation (3, 3) becomes the nearest one, with a warning beyond 1e-6."""
     u, _, vt = np.linalg.svd(rotation)
     nearest = u @ vt
     off = float(np.abs(nearest - rotation).max())
@@ -102,15 +106,15 @@ def rigid(
     return Pose(rotation if off < 1e-12 else nearest, translation_mm)
 
 
-def known(found: Any, place: str, names: tuple[str, ...], mend: str) -> str:
-    """``found`` if it is one of ``names``; other models are refused by name."""
+def require_known(found: Any, place: str, names: tuple[str, ...], fix: str) -> str:
+    """Return ``found`` if it is one of ``names``; refuse other models by name."""
     if found not in names:
-        raise ValueError(f"{place} = {_short(found)} is not known, only {', '.join(names)}; {mend}")
+        raise ValueError(f"{place} = {_short(found)} is not known, only {', '.join(names)}; {fix}")
     return str(found)
 
 
-def distinct(names: list[str]) -> list[str]:
-    """``names`` if no two are the same."""
+def require_distinct(names: list[str]) -> list[str]:
+    """Return ``names`` if no two are equal."""
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise ValueError(f"two cameras are named {twice!r}; rename one")

@@ -1,4 +1,4 @@
-"""Nothing half-written: every file is written under a temporary name and then renamed."""
+"""Atomic writing: every file is written under a temporary name and then renamed."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 from beltscape.core.errors import OutputError
 
 _LEAST_FREE = 1 << 20
-"""Bytes. NumPy's failed writes carry no error number; on a disk with less than this it was full."""
+"""Bytes. NumPy's failed writes have no error number; with less free space than this the disk is taken as full."""
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_replacement(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; on success it becomes ``path``, on failure it is removed."""
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
@@ -24,37 +24,37 @@ def replacing(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise unwritable(path, error) from error
+        raise output_error(path, error) from error
     finally:
         temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
 
 
 def write_text(path: Path, text: str) -> None:
-    """UTF-8 text, atomically."""
-    with replacing(path) as temporary:
+    """Write UTF-8 text, atomically."""
+    with atomic_replacement(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Bytes, atomically."""
-    with replacing(path) as temporary:
+    """Write bytes, atomically."""
+    with atomic_replacement(path) as temporary:
         temporary.write_bytes(data)
 
 
-def output_folder(path: Path) -> Path:
-    """Make sure ``path`` is a folder one can write to, before the long work starts."""
+def ensure_output_folder(path: Path) -> Path:
+    """Make sure, before a long computation, that ``path`` is a writable folder; return it."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / f".{os.getpid()}.probe"
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise unwritable(path, error) from error
+        raise output_error(path, error) from error
     return path
 
 
-def unwritable(path: Path, error: OSError) -> OutputError:
-    """Return the error that says why ``path`` cannot be written, and what to do."""
+def output_error(path: Path, error: OSError) -> OutputError:
+    """Return the OutputError with the reason why ``path`` cannot be written, and the fix."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT) or (
         error.errno is None and _free_bytes(path) < _LEAST_FREE
     ):
@@ -63,18 +63,20 @@ def unwritable(path: Path, error: OSError) -> OutputError:
             f"{path}: the disk is full ({free:.1f} MiB free there); free some space, or choose an --out elsewhere"
         )
     if error.errno == errno.EFBIG:
-        return OutputError(f"{path}: larger than files may be here; choose an --out on another file system")
+        return OutputError(
+            f"{path}: larger than this file system allows; choose an --out on another file system"
+        )
     if error.errno == errno.EROFS:
         return OutputError(f"{path}: the file system is read-only; choose an --out elsewhere")
     reason = error.strerror or str(error)
     if isinstance(error, FileExistsError | NotADirectoryError):
         reason = next((f"{p} is a file, not a folder" for p in (path, *path.parents) if p.is_file()), reason)
         links = (p for p in (path, *path.parents) if p.is_symlink() and not p.exists())
-        reason = next((f"{p} is a link to nowhere" for p in links), reason)
+        reason = next((f"{p} is a broken link" for p in links), reason)
     return OutputError(f"{path}: cannot be written ({reason}); choose another output folder")
 
 
 def _free_bytes(path: Path) -> int:
-    """Return the space left on the file system of ``path``, or of the nearest folder that is there."""
-    there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
-    return shutil.disk_usage(there).free
+    """Return the free space on the file system of ``path``, or of its nearest existing parent."""
+    existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    return shutil.disk_usage(existing).free

@@ -1,4 +1,4 @@
-"""The manifest of an output folder: which command wrote it, which files, and whether it has finished."""
+"""The manifest of an output folder: the command that wrote it, its files, and whether it has finished."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _FORMAT = "beltscape-output/1"
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What a command wrote to its output folder."""
+    """Description of a command's output in its folder."""
 
     command: str
     """As on the command line, such as ``measure volume``."""
     version: str
-    """Of Beltscape."""
+    """Version of Beltscape."""
     complete: bool
     """False while files are being replaced: an interrupted command leaves it so."""
     files: tuple[str, ...]
@@ -59,21 +59,21 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def files_below(folder: Path, leave: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return every file below ``folder``, relative and sorted, but for those whose first part is in ``leave``."""
+    """Return every file below ``folder``, relative and sorted, except those whose first part is in ``leave``."""
     skipped = {MANIFEST, STAGING, *leave}
     paths = (path.relative_to(folder) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
     return tuple(sorted(path.as_posix() for path in paths if path.parts[0] not in skipped))
 
 
 def require_finished(folder: Path) -> None:
-    """Raise InputError where the command that writes ``folder`` was interrupted, or still runs.
+    """Raise InputError if the command that writes ``folder`` was interrupted or still runs.
 
-    A folder without a manifest was copied or made otherwise, and is taken as it is.
+    A folder without a manifest was copied or made otherwise, and is accepted.
     """
     try:
         manifest = read_manifest(folder)
     except OutputError:
-        return  # concerns those who write there
+        return  # only commands that write there must refuse it
     if manifest is None and (folder / STAGING).is_dir():
         raise InputError(
             f"{folder}: the command that writes it was interrupted or still runs; "

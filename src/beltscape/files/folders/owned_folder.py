@@ -1,8 +1,8 @@
-"""A command owns its output folder: it replaces what it wrote before, keeps what others put there, refuses the rest.
+"""Output folders that a command owns: it replaces its earlier files, keeps foreign ones, refuses foreign folders.
 
-A command writes into a staging folder inside its output folder. Only when it has succeeded, the files move to their
-places and the files of its earlier run that it did not write again are removed. The manifest is marked incomplete
-meanwhile, so that a reader never takes a mixture of two runs for a result.
+A command writes into a staging folder inside its output folder. Only after its success the files move to their
+places, and files of its earlier run that it did not write again are removed. Meanwhile the manifest is marked
+incomplete, so that a reader never takes a mixture of two runs for a result.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from beltscape import __version__
 from beltscape.core.errors import OutputError
-from beltscape.files.folders.atomic import unwritable
+from beltscape.files.folders.atomic import output_error
 from beltscape.files.folders.manifest import (
     MANIFEST,
     STAGING,
@@ -29,14 +29,14 @@ from beltscape.files.folders.manifest import (
 _TRACES = ("rig.json", "calibration.json", "plan.json", "volume.json", "lumps.json", "flow.json", "features.json",
            "pattern.json", "paper.json", "board.toml", "truth/scenario.json", "*/depth.tiff",
            "*/rectification.json", "calibration/rig.json")  # fmt: skip
-"""Files by which the output of a Beltscape without manifests is known."""
+"""Files that identify output of a Beltscape version without manifests."""
 _SHOWN = 3
-"""Names of foreign files in a message."""
+"""Number of foreign files that a message names."""
 
 
 @contextmanager
 def owned_folder(out: Path, command: str) -> Iterator[Path]:
-    """Yield an empty staging folder whose files become those of ``out`` on success; on failure nothing is changed.
+    """Yield an empty staging folder whose files become those of ``out`` on success; a failure changes nothing.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def owned_folder(out: Path, command: str) -> Iterator[Path]:
             shutil.rmtree(staging, ignore_errors=True)
             staging.mkdir()
         except OSError as error:
-            raise unwritable(out, error) from error
+            raise output_error(out, error) from error
         yield staging
         _swap(staging, out, command)
     finally:
@@ -66,7 +66,7 @@ def owned_folder(out: Path, command: str) -> Iterator[Path]:
 
 @contextmanager
 def continued_folder(out: Path, command: str) -> Iterator[Path]:
-    """Yield ``out`` itself, for a command that goes on with its own earlier files; a failure leaves no new folder.
+    """Yield ``out`` itself, for a command that continues its own earlier files; a failure leaves no new folder.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def continued_folder(out: Path, command: str) -> Iterator[Path]:
             out.mkdir(parents=True, exist_ok=True)
             lock = _lock(out)
         except OSError as error:
-            raise unwritable(out, error) from error
+            raise output_error(out, error) from error
         write_manifest(out, Manifest(command, __version__, complete=True, files=_own_files(out)))
         yield out
     finally:
@@ -96,7 +96,7 @@ def continued_folder(out: Path, command: str) -> Iterator[Path]:
 
 
 def refuse_foreign(out: Path, command: str) -> None:
-    """Raise OutputError where ``out`` holds what ``command`` did not write, with what lies there and the fix."""
+    """Raise OutputError, with the content and the fix, if ``out`` holds files that ``command`` did not write."""
     if not out.is_dir():
         return
     manifest = read_manifest(out)
@@ -128,7 +128,7 @@ def _own_files(out: Path) -> tuple[str, ...]:
 
 
 def _missing_folders(out: Path) -> list[Path]:
-    """The folders that must be made for ``out``, the innermost first."""
+    """Return the folders that must be created for ``out``, the innermost first."""
     return [path for path in (out, *out.parents) if not path.exists()]
 
 
@@ -141,7 +141,7 @@ def _remove_empty(folders: list[Path]) -> None:
 
 
 def _lock(out: Path) -> int:
-    """Return the open folder, locked until it is closed or the process ends; OutputError where another has it."""
+    """Return the open folder, locked until it is closed or the process ends; OutputError if it is locked already."""
     handle = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -173,5 +173,5 @@ def _swap(staging: Path, out: Path, command: str) -> None:
             (out / name).parent.mkdir(parents=True, exist_ok=True)
             (staging / name).replace(out / name)
     except OSError as error:
-        raise unwritable(Path(error.filename or out), error) from error
+        raise output_error(Path(error.filename or out), error) from error
     write_manifest(out, Manifest(command, __version__, complete=True, files=new))

@@ -1,4 +1,4 @@
-"""cloud.ply of ``beltscape reconstruct`` read back."""
+"""Reading of point clouds from binary little-endian PLY, such as cloud.ply of ``beltscape reconstruct``."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _LONGEST_HEADER = 8192
 
 
 def read_cloud(path: AnyPath) -> PointCloud:
-    """A binary little-endian PLY of points; normals, colours and sigma where it has them.
+    """Read a binary little-endian PLY of points, with normals, colours and sigma if it has them.
 
     Raises
     ------
     InputError
-        With one line that names the file and what is wrong with it.
+        When the file cannot be read or is no such PLY.
     """
     path = as_path(path)
     try:
@@ -49,21 +49,22 @@ def read_cloud(path: AnyPath) -> PointCloud:
         raise InputError(f"{path}: ends before its {count} points do; reconstruct the frame again")
     rows = np.frombuffer(data, record, count)
 
-    def columns(wanted: tuple[str, ...], kind: type, missing: float) -> NDArray[np.generic]:
-        if not set(wanted) <= set(names):
-            return np.full((count, len(wanted)), missing, kind)
-        return np.stack([rows[name].astype(kind) for name in wanted], axis=-1)
+    def columns(properties: tuple[str, ...], kind: type, missing: float) -> NDArray[np.generic]:
+        if not set(properties) <= set(names):
+            return np.full((count, len(properties)), missing, kind)
+        return np.stack([rows[name].astype(kind) for name in properties], axis=-1)
 
     return PointCloud(
         points_mm=columns(("x", "y", "z"), np.float32, np.nan),  # pyright: ignore[reportArgumentType]
         normals=columns(("nx", "ny", "nz"), np.float32, np.nan),  # pyright: ignore[reportArgumentType]
         colors=columns(("red", "green", "blue"), np.uint8, 200),  # pyright: ignore[reportArgumentType]
         sigma_mm=columns(("sigma",), np.float32, 0.0)[:, 0],  # pyright: ignore[reportArgumentType]
+        frame=_frame(head),
     )
 
 
 def _header(path: Path, head: bytes) -> tuple[list[str], list[str], int]:
-    """Names and types of a vertex's properties, and how many vertices."""
+    """Return names and types of a vertex's properties, and the number of vertices."""
     lines = head.decode("ascii", "replace").split("\n")
     if "format binary_little_endian 1.0" not in lines:
         raise InputError(f"{path}: no binary little-endian PLY; give a cloud.ply of reconstruct")
@@ -84,10 +85,16 @@ def _header(path: Path, head: bytes) -> tuple[list[str], list[str], int]:
     return names, kinds, count
 
 
-def image_of_cloud(path: Path, measured: NDArray[np.bool_]) -> Image | None:
-    """(H, W, 3) uint8 colours of a frame's cloud on the core's grid, 0 where not measured.
+def _frame(head: bytes) -> str:
+    """Return the coordinate frame in the comment of a cloud of Beltscape; "core" without one."""
+    comment = head.partition(b"\ncomment beltscape: frame ")[2].partition(b",")[0]
+    return comment.decode("ascii", "replace") or "core"
 
-    The cloud has a point for each measured pixel, row by row; None where it has not, or is not there.
+
+def image_from_cloud(path: Path, measured: NDArray[np.bool_]) -> Image | None:
+    """Return the colours (H, W, 3) uint8 of a frame's cloud on the core's grid, 0 where not measured.
+
+    The cloud must have one point for each measured pixel, row by row; None otherwise, or without a cloud.
     """
     if not path.is_file():
         return None

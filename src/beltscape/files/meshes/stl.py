@@ -1,4 +1,4 @@
-"""Triangle meshes as binary STL."""
+"""Reading and writing of triangle meshes as binary STL."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.files.folders.atomic import replacing
+from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.folders.paths import AnyPath, as_path
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -14,7 +14,7 @@ _HEAD = 80
 
 
 def write_stl(path: AnyPath, vertices_mm: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
-    """Vertices (N, 3) in mm and triangles (M, 3), seen counter-clockwise from outside, atomically."""
+    """Write vertices (N, 3) in mm and triangles (M, 3), counter-clockwise from outside, atomically."""
     path = as_path(path)
     corners = vertices_mm.astype(np.float32)[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
@@ -22,15 +22,15 @@ def write_stl(path: AnyPath, vertices_mm: NDArray[np.floating], faces: NDArray[n
     facets = np.zeros(len(faces), _FACET)
     facets["normal"] = normal / np.where(length > 0, length, 1.0)
     facets["corners"] = corners
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        # a head that begins with the word solid would be taken for a text file
+    with atomic_replacement(path) as temporary, temporary.open("wb") as file:
+        # a header that begins with the word solid would mark a text file
         file.write(b"binary STL, units mm".ljust(_HEAD, b"\0"))
         file.write(np.uint32(len(faces)).astype("<u4").tobytes())
         file.write(facets.tobytes())
 
 
 def read_stl(path: AnyPath) -> NDArray[np.float64]:
-    """(M, 3, 3) corners of the triangles of a binary STL, or InputError naming the file."""
+    """Read the corners (M, 3, 3) of the triangles of a binary STL; InputError with the file's name if it is none."""
     path = as_path(path)
     try:
         data = path.read_bytes()

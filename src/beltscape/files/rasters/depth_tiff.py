@@ -1,4 +1,4 @@
-"""depth.tiff, sigma.tiff, confidence.tiff: one float32 plane each; millimetres are NaN where not measured."""
+"""Reading and writing of float32 planes as TIFF: depth, sigma (mm, NaN where not measured) and confidence."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.files.folders.atomic import replacing
+from beltscape.files.folders.atomic import atomic_replacement
 
 
 def write_float_tiff(path: Path, values: NDArray[np.float32], *, compressed: bool = False) -> None:
-    """One float32 plane as TIFF, atomically."""
+    """Write one float32 plane as TIFF, atomically."""
     import tifffile
 
-    with replacing(path) as temporary:
+    with atomic_replacement(path) as temporary:
         tifffile.imwrite(
             temporary,
             values.astype(np.float32),
@@ -27,7 +27,7 @@ def write_float_tiff(path: Path, values: NDArray[np.float32], *, compressed: boo
 
 
 def read_float_tiff(path: Path) -> NDArray[np.float32]:
-    """(H, W) float32, or InputError naming the file."""
+    """Read one float32 plane (H, W); InputError with the file's name if it is unreadable."""
     import tifffile
 
     try:

@@ -1,4 +1,4 @@
-"""Height maps as TIFF that knows its place and scale: GeoTIFF's tags in a local frame, in millimetres."""
+"""Reading and writing of height maps as TIFF with GeoTIFF's tags for position and scale, in millimetres."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.errors import InputError
-from beltscape.files.folders.atomic import replacing
+from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.folders.paths import AnyPath, as_path
 
 _SCALE, _TIEPOINT, _KEYS, _NODATA = 33550, 33922, 34735, 42113
@@ -16,7 +16,7 @@ _USER_DEFINED, _AREA, _MODEL, _RASTER = 32767, 1, 1024, 1025
 
 
 def write_height_tiff(path: AnyPath, heights: HeightMap, *, sigma: bool = False) -> None:
-    """Heights (or, with ``sigma``, their σ) as float32, NaN where not measured, atomically.
+    """Write heights (or, with ``sigma``, their σ) as float32, NaN where not measured, atomically.
 
     The first row of the file is the one at the greatest y, as in a map: model y falls from row to row.
     """
@@ -27,7 +27,7 @@ def write_height_tiff(path: AnyPath, heights: HeightMap, *, sigma: bool = False)
     half = heights.cell_mm / 2
     left, top = heights.origin_mm[0] - half, float(heights.y_mm[-1]) + half
     keys = (1, 1, 1, 2, _MODEL, 0, 1, _USER_DEFINED, _RASTER, 0, 1, _AREA)
-    with replacing(path) as temporary:
+    with atomic_replacement(path) as temporary:
         tifffile.imwrite(
             temporary,
             values[::-1].astype(np.float32),
@@ -47,7 +47,7 @@ def write_height_tiff(path: AnyPath, heights: HeightMap, *, sigma: bool = False)
 
 
 def read_height_tiff(path: AnyPath) -> HeightMap:
-    """The height map of a file that `write_height_tiff` wrote, σ unknown (NaN), or InputError naming the file."""
+    """Read a file of `write_height_tiff`, with unknown σ (NaN); InputError with its name if it is unreadable."""
     path = as_path(path)
     import tifffile
 

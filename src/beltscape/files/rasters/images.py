@@ -1,4 +1,4 @@
-"""Reading and writing images: PNG, TIFF, JPEG, BMP; 8 or 16 bit, grey or RGB."""
+"""Reading and writing of images: PNG, TIFF, JPEG, BMP; 8 or 16 bit, grey or RGB."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from beltscape.files.folders.paths import AnyPath, as_path
 EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 
 _PNG, _PNG_KIND, _INDEXED = b"\x89PNG\r\n\x1a\n", 25, 3
-"""A PNG's first bytes; where its kind of colour stands; the kind with a palette (PNG specification, 11.2.1)."""
+"""A PNG's first bytes; offset of its colour type; the type with a palette (PNG specification, 11.2.1)."""
 
-# what OpenCV would print about a damaged image is said by InputError, in one line
+# InputError describes damaged images in one line; OpenCV's own messages are switched off
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def read_image(path: AnyPath) -> Image:
-    """(H, W) or (H, W, 3) RGB, uint8 or uint16, or InputError naming the file."""
+    """Read an image (H, W) or (H, W, 3) RGB, uint8 or uint16; InputError with the file's name if it is unusable."""
     path = as_path(path)
     try:
         data = np.fromfile(path, dtype=np.uint8)
@@ -46,17 +46,17 @@ def read_image(path: AnyPath) -> Image:
 
 
 def is_grey_throughout(image: Image) -> bool:
-    """Whether the channels of (H, W, 3 or 4) are alike in every pixel."""
+    """Return whether the colour channels of (H, W, 3 or 4) are equal in every pixel."""
     return bool((image[..., 0] == image[..., 1]).all() and (image[..., 1] == image[..., 2]).all())
 
 
 def _has_palette(data: NDArray[np.uint8]) -> bool:
-    """Whether the bytes are a PNG whose pixels are indices of a palette, as tools save images of few levels."""
+    """Return whether the bytes are a PNG with a palette, as some tools save images of few levels."""
     return data[:8].tobytes() == _PNG and len(data) > _PNG_KIND and data[_PNG_KIND] == _INDEXED
 
 
 def _is_damaged_png(data: bytes) -> bool:
-    """Whether a PNG lacks its end or a checksum is wrong; libpng would say so itself on standard error."""
+    """Return whether a PNG is truncated or has a wrong checksum, which libpng only prints to standard error."""
     if not data.startswith(_PNG):
         return False
     view, start = memoryview(data), 8
@@ -71,7 +71,7 @@ def _is_damaged_png(data: bytes) -> bool:
 
 
 def encode_image(image: Image, extension: str = ".png") -> bytes:
-    """Encoded bytes of a grey or RGB image, or InputError where the format cannot hold it."""
+    """Return the encoded bytes of a grey or RGB image; InputError if the format cannot hold it."""
     known = (
         EXTENSIONS if image.dtype == np.uint8 else EXTENSIONS[:3]
     )  # JPEG and BMP would drop the lower bits
@@ -82,6 +82,6 @@ def encode_image(image: Image, extension: str = ".png") -> bytes:
 
 
 def write_image(path: AnyPath, image: Image) -> None:
-    """Write a grey or RGB image, atomically; the extension says the format."""
+    """Write a grey or RGB image, atomically, in the format of the extension."""
     path = as_path(path)
     write_bytes(path, encode_image(image, path.suffix))

@@ -1,4 +1,4 @@
-"""Reading small CSV files whose header is given."""
+"""Reading of small CSV files with a fixed header."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from beltscape.files.documents.plain_text import read_text
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One row with where it stands."""
+    """One row of a CSV file with its position."""
 
     path: Path
     number: int
-    """Of the line in the file, from 1."""
+    """Number of the line in the file, from 1."""
     values: tuple[str, ...]
 
-    def number_in(self, column: int, name: str) -> float:
-        """A finite number, or InputError naming file, line and value."""
+    def parse_number(self, column: int, name: str) -> float:
+        """Return a finite number; InputError with file, line and value otherwise."""
         text = self.values[column]
         try:
             value = float(text)
@@ -34,18 +34,18 @@ class Line:
             raise InputError(f"{self.path}: line {self.number}: {name} {text!r} is not a number")
         return value
 
-    def wrong(self, what: str) -> InputError:
-        """An error that names file and line."""
+    def error(self, what: str) -> InputError:
+        """Return an InputError with file and line."""
         return InputError(f"{self.path}: line {self.number}: {what}")
 
 
 def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
-    """The rows of a CSV file with exactly this header (its last columns may be ``optional``).
+    """Return the rows of a CSV file with exactly this header (the ``optional`` columns may follow).
 
     Raises
     ------
     InputError
-        When the file cannot be read, its header is another, a row has another number of values, or none is there.
+        When the file cannot be read, its header differs, a row has another number of values, or there is no row.
     """
     rows = list(csv.reader(io.StringIO(read_text(path))))
     wanted = ",".join(header) + "".join(f"[,{name}]" for name in optional)

@@ -1,4 +1,4 @@
-"""Bulk densities in files: a table over time, or named products."""
+"""Reading of bulk densities: a CSV table over time, or named products in TOML."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import read_toml, validated
+from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.tables.csv_table import read_csv
 
 DENSITY_LIMITS = (0.0, 30_000.0)
-"""kg/m³, the first excluded: nothing that is conveyed is heavier."""
+"""kg/m³, the first excluded; no bulk material exceeds the second."""
 DensityValue = Annotated[float, Field(gt=DENSITY_LIMITS[0], le=DENSITY_LIMITS[1], allow_inf_nan=False)]
 
 
 class Product(BaseModel):
-    """A material by its name."""
+    """A bulk material."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     density_kg_m3: DensityValue
@@ -29,20 +29,20 @@ class Product(BaseModel):
 
 
 def read_products(path: AnyPath) -> dict[str, Product]:
-    """products.toml: ``[name]`` with ``density_kg_m3`` and, where it is known, ``sigma_kg_m3``."""
+    """Read products.toml: ``[name]`` with ``density_kg_m3`` and, if known, ``sigma_kg_m3``."""
     path = as_path(path)
     tables = read_toml(path)
     for name, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(f"{path}: {name} = {table!r}: write [name] and density_kg_m3 = … below it")
-    products = {name: validated(path, Product, table) for name, table in tables.items()}
+    products = {name: validate(path, Product, table) for name, table in tables.items()}
     if not products:
         raise InputError(f"{path}: no product in it; write [name] and density_kg_m3 = … below it")
     return products
 
 
-def product_named(path: Path, name: str) -> Product:
-    """One of a file's products, or InputError naming those there are."""
+def find_product(path: Path, name: str) -> Product:
+    """Return a product of the file; InputError with the available names otherwise."""
     products = read_products(path)
     if name not in products:
         near = get_close_matches(name, products, n=1)
@@ -52,21 +52,24 @@ def product_named(path: Path, name: str) -> Product:
 
 
 def read_density_table(path: Path) -> list[tuple[int, float, float]]:
-    """CSV ``timestamp_s,density_kg_m3[,sigma_kg_m3]`` → (time in ns, density, σ) per row, in order of time.
+    """Read CSV ``timestamp_s,density_kg_m3[,sigma_kg_m3]`` as (time in ns, density, σ) per row, in order of time.
 
     Raises
     ------
     InputError
-        When a value is no number or no density, or times do not grow.
+        When a value is not a number or not a density, or times do not increase.
     """
     table: list[tuple[int, float, float]] = []
     for line in read_csv(path, ("timestamp_s", "density_kg_m3"), ("sigma_kg_m3",)):
-        time_ns, density = round(line.number_in(0, "timestamp_s") * 1e9), line.number_in(1, "density_kg_m3")
-        sigma = line.number_in(2, "sigma_kg_m3") if line.values[2:] else 0.0
+        time_ns, density = (
+            round(line.parse_number(0, "timestamp_s") * 1e9),
+            line.parse_number(1, "density_kg_m3"),
+        )
+        sigma = line.parse_number(2, "sigma_kg_m3") if line.values[2:] else 0.0
         if not DENSITY_LIMITS[0] < density <= DENSITY_LIMITS[1] or sigma < 0:
-            raise line.wrong(f"a density of {density:g} ± {sigma:g} kg/m³; give one above 0, up to 30000")
+            raise line.error(f"a density of {density:g} ± {sigma:g} kg/m³; give one above 0, up to 30000")
         if table and time_ns <= table[-1][0]:
-            raise line.wrong(
+            raise line.error(
                 f"timestamp_s {line.values[0]} is not after the row before; sort the rows by time"
             )
         table.append((time_ns, density, sigma))

@@ -1,4 +1,4 @@
-"""encoder.csv of a moving capture: ``frame,timestamp_s,belt_position_mm``."""
+"""Reading of encoder.csv, the belt's positions of a capture: ``frame,timestamp_s,belt_position_mm``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEADER = ("frame", "timestamp_s", "belt_position_mm")
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """When a frame was taken, and where the belt was."""
+    """Time and belt position of one frame."""
 
     frame: str
     """The image files' stem."""
@@ -24,12 +24,12 @@ class Reading:
 
 
 def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
-    """Read encoder.csv; a frame may be named with or without its image file's ending.
+    """Read encoder.csv; frame names may have the image file's extension.
 
     Raises
     ------
     InputError
-        When a value is no number, a frame is there twice, times do not grow, or the belt runs back.
+        When a value is not a number, a frame occurs twice, times do not increase, or the belt runs back.
     """
     path = as_path(path)
     readings: list[Reading] = []
@@ -37,20 +37,20 @@ def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
     for line in read_csv(path, HEADER):
         name = Path(line.values[0])
         frame = name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]
-        time_ns = round(line.number_in(1, "timestamp_s") * 1e9)
-        position = line.number_in(2, "belt_position_mm")
+        time_ns = round(line.parse_number(1, "timestamp_s") * 1e9)
+        position = line.parse_number(2, "belt_position_mm")
         if not frame:
-            raise line.wrong("no frame is named; name the image file")
+            raise line.error("no frame is named; name the image file")
         if frame in lines:
-            raise line.wrong(
+            raise line.error(
                 f"frame {frame} is there twice (also in line {lines[frame]}); remove one of them"
             )
         if readings and time_ns <= readings[-1].time_ns:
-            raise line.wrong(
+            raise line.error(
                 f"timestamp_s {line.values[1]} is not after the row before; sort the rows by time"
             )
         if readings and position < readings[-1].belt_position_mm:
-            raise line.wrong(
+            raise line.error(
                 f"belt_position_mm {line.values[2]} is before that of the row before; positions must grow with the "
                 "travel (--direction says which way that is)"
             )

@@ -1,4 +1,4 @@
-"""flow.csv: one row per frame of a moving belt."""
+"""Writing of flow.csv, one row per frame of a moving belt."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ HEADER = (
 )
 
 
-def flow_line(record: FlowRecord) -> str:
-    """One row; what is not known is left empty."""
+def format_flow_row(record: FlowRecord) -> str:
+    """Return a record's row; unknown values are empty."""
     time = "" if record.time_ns is None else f"{record.time_ns * 1e-9:.6f}"
     numbers = (
         (record.belt_position_mm, 4),
@@ -30,6 +30,6 @@ def flow_line(record: FlowRecord) -> str:
 
 
 def write_flow(path: AnyPath, records: Sequence[FlowRecord]) -> None:
-    """The whole file, atomically."""
+    """Write the whole file, atomically."""
     path = as_path(path)
-    write_text(path, "\n".join([HEADER, *map(flow_line, records)]) + "\n")
+    write_text(path, "\n".join([HEADER, *map(format_flow_row, records)]) + "\n")

@@ -1,4 +1,4 @@
-"""A rig on board views it has never seen."""
+"""Check of a rig on board views that it was not calibrated with."""
 
 from __future__ import annotations
 
@@ -23,35 +23,35 @@ from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.files.capture import read_capture
-from beltscape.files.documents.json_text import plain
+from beltscape.files.documents.json_text import to_plain
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.target.board import Board, corner_points_mm
 
 MAX_REMAINING_RMS = 0.5
-"""A wrong scale is the cause where the right one leaves less than this share of the RMS."""
+"""A wrong scale is the cause if the right one leaves less than this share of the RMS."""
 SQUARE_TOLERANCE = 0.005
-"""Share by which a measured square may differ from the rig's own board and still be of that board."""
+"""Relative difference up to which a measured square is taken to be of the rig's own board."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigCheck:
-    """A rig, held against board views."""
+    """Result of checking a rig on board views."""
 
     score: Score
     rig_errors: RigErrors
     fit: FitQuality
     scale: float
-    """Triangulated over stated edge of the board's squares, where they differ for certain; else 1."""
+    """Triangulated over stated edge of the board's squares, if they differ significantly; else 1."""
 
 
 def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigCheck:
-    """Score a rig on board views it has never seen; what speaks against the rig is a warning.
+    """Score a rig on board views that it was not calibrated with; findings against it are warnings.
 
     Raises
     ------
     InputError, CalibrationError
-        With one line that names what is wrong and the fix.
+        With one line that names the fault and the fix.
     """
     folder = as_path(folder, "folder")
     for line in _describe_board_differences(rig, board):
@@ -64,32 +64,32 @@ def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigChe
         rig_errors = compute_rig_errors(rig, detections, board, kernels, corners_mm=board_mm)
     except CalibrationError as error:
         raise CalibrationError(f"{folder}: {error}") from error
-    found = summarise_errors(rig_errors)
-    factor = estimate_scale_factor(board, rig_errors, found)
+    score = summarise_errors(rig_errors)
+    factor = estimate_scale_factor(board, rig_errors, score)
     scaled_errors = rig_errors
     if factor != 1:
         scaled_errors = compute_rig_errors(rig, detections, board, kernels, corners_mm=factor * board_mm)
-        factor = factor if summarise_errors(scaled_errors).rms_px < MAX_REMAINING_RMS * found.rms_px else 1.0
+        factor = factor if summarise_errors(scaled_errors).rms_px < MAX_REMAINING_RMS * score.rms_px else 1.0
     findings: list[str] = []
     if factor != 1:
         _require_same_square(folder, rig, board, factor)
         findings.append(describe_scale(board, factor))
-    # what the wrong scale alone does is not held against the cameras
+    # errors from the wrong scale alone are not attributed to the cameras
     assessed_errors = scaled_errors if factor != 1 else rig_errors
     findings += list_rig_findings(rig, detections, board, factor * board_mm, assessed_errors)
     fit = assess_fit(summarise_errors(assessed_errors), assessed_errors, board.grid, findings)
     for line in fit.findings:
         reporter.warn(line)
-    return RigCheck(found, rig_errors, fit, factor)
+    return RigCheck(score, rig_errors, fit, factor)
 
 
 def _detect_board(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> BoardDetections:
-    """Return the corners that cameras of the rig see, or InputError where too few or other cameras took them."""
+    """Return the corners that the rig's cameras see; raise InputError if these are too few or have other sizes."""
     capture = read_capture(folder)
     for name in rig.cameras:
         if name not in capture.cameras:
             reporter.warn(f"{folder / name}: no images of camera {name}; going on without it")
-    common = capture.only(tuple(rig.cameras))
+    common = capture.select_cameras(tuple(rig.cameras))
     if len(common.cameras) < 2:
         raise InputError(
             f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}; "
@@ -107,22 +107,22 @@ def _detect_board(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> B
 
 
 def _describe_board_differences(rig: Rig, board: Board) -> Iterator[str]:
-    """Yield a line where the board is described otherwise than the one that the rig was calibrated with."""
+    """Yield a line if the board's description differs from that of the rig's calibration."""
     own = _get_rig_board(rig)
     if own is None:
         return
-    given = plain(board.model_dump(exclude={"legacy", "inverted"}))
+    given = to_plain(board.model_dump(exclude={"legacy", "inverted"}))
     other = [key for key in given if own.get(key) != given[key]]
     if other:
         differences = ", ".join(f"{key} = {given[key]} (the rig's: {own.get(key)})" for key in other)
         yield (
-            f"the board is not described as the one the rig was calibrated with: {differences}; correct board.toml if it is "
-            "the same board"
+            f"the board is not described as the one the rig was calibrated with: {differences}; correct board.toml if "
+            "it is the same board"
         )
 
 
 def _require_same_square(folder: Path, rig: Rig, board: Board, factor: float) -> None:
-    """Raise InputError where the squares measure what the rig's own board has, and not what is stated."""
+    """Raise InputError if the squares measure as those of the rig's own board, not as stated."""
     size = (_get_rig_board(rig) or {}).get("square_mm")
     measured = factor * board.square_mm
     if (
@@ -138,15 +138,15 @@ def _require_same_square(folder: Path, rig: Rig, board: Board, factor: float) ->
 
 
 def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
-    """(P, 3) the board's own shape, where the rig was found with the same board and it was not as drawn."""
+    """Return the board's shape (P, 3) if the rig was calibrated with this board and it deviates from the drawing."""
     corners = rig.quality.get("board_corners_mm")
-    if corners is None or _get_rig_board(rig) != plain(board.model_dump()):
+    if corners is None or _get_rig_board(rig) != to_plain(board.model_dump()):
         return None
     points = np.asarray(corners, np.float64)
     return points if points.shape == (board.grid[0] * board.grid[1], 3) else None
 
 
 def _get_rig_board(rig: Rig) -> dict[str, Any] | None:
-    """Return the board that the rig was calibrated with, as rig.json has it; None where it is not known."""
-    own = plain(rig.quality.get("board"))
+    """Return the board of the rig's calibration from rig.json; None if it is unknown."""
+    own = to_plain(rig.quality.get("board"))
     return own if isinstance(own, dict) else None

@@ -17,7 +17,7 @@ from beltscape.files.rasters.images import read_image
 from beltscape.files.reconstruction import FrameResult, read_frame
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
-from beltscape.pipeline.measuring.solids import solids_document
+from beltscape.pipeline.measuring.solids import make_solids_document
 from beltscape.report.measuring.features import features_page
 from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import read_module
@@ -53,7 +53,7 @@ def _plain(path: Path, frame: FrameResult) -> NDArray[np.float32]:
         raise InputError(f"{path}: {error}; give an image of the core camera {frame.rig.core}") from error
 
 
-def features_document(measured: MeasuredModule) -> Mapping[str, Any]:
+def make_features_document(measured: MeasuredModule) -> Mapping[str, Any]:
     """What ``measure features --json`` answers."""
     pose = measured.core_from_module
     return {
@@ -73,7 +73,7 @@ def features_document(measured: MeasuredModule) -> Mapping[str, Any]:
             "core_from_module": {"rotation": pose.rotation, "translation_mm": pose.translation_mm},
             "agreement": measured.agreement,
         },
-        "solids": solids_document(measured),
+        "solids": make_solids_document(measured),
         "warnings": list(measured.warnings),
     }
 
@@ -81,12 +81,12 @@ def features_document(measured: MeasuredModule) -> Mapping[str, Any]:
 def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> None:
     """features.json, features.csv and report.html."""
     ensure_output_folder(out)
-    write_json(out / "features.json", features_document(measured))
-    write_text(out / "features.csv", features_csv(measured))
+    write_json(out / "features.json", make_features_document(measured))
+    write_text(out / "features.csv", format_features_csv(measured))
     write_text(out / "report.html", features_page(frame.depth, frame.rig.core_camera, frame.image, measured))
 
 
-def features_csv(measured: MeasuredModule) -> str:
+def format_features_csv(measured: MeasuredModule) -> str:
     """One row per quantity, under its header; an empty value was not measured."""
     rows = ["name,quantity,nominal_mm,measured_mm,error_mm,sigma_mm,points"]
     for q in measured.quantities:

@@ -51,7 +51,7 @@ class FrameLumps:
     """(H, W, 3) RGB on the core's grid, from the frame's cloud; None where it has none."""
 
 
-def lumps_of_frame(
+def measure_lumps_of_frame(
     loaded: Path, settings: LumpSettings, *, empty: Path | None, reporter: Reporter | None = None
 ) -> FrameLumps:
     """Lumps of a frame folder of beltscape reconstruct, over the empty belt where it is given.
@@ -73,7 +73,7 @@ def lumps_of_frame(
     return FrameLumps(frame, lumps, image_from_cloud(frame.folder / "cloud.ply", frame.depth.measured))
 
 
-def lumps_document(lumps: Lumps) -> Mapping[str, Any]:
+def make_lumps_document(lumps: Lumps) -> Mapping[str, Any]:
     """What ``measure lumps --json`` answers."""
     alarm = lumps.oversize
     return {
@@ -110,13 +110,13 @@ def write_lumps(out: Path, seen: FrameLumps) -> None:
     """lumps.json, lumps.csv, sieve.csv, labels.png (16 bit, on the core's grid), report.html."""
     ensure_output_folder(out)
     write_image(out / "labels.png", seen.lumps.labels)
-    write_json(out / "lumps.json", lumps_document(seen.lumps))
-    write_text(out / "lumps.csv", lumps_csv(seen.lumps))
-    write_text(out / "sieve.csv", sieve_csv(seen.lumps))
+    write_json(out / "lumps.json", make_lumps_document(seen.lumps))
+    write_text(out / "lumps.csv", format_lumps_csv(seen.lumps))
+    write_text(out / "sieve.csv", format_sieve_csv(seen.lumps))
     write_text(out / "report.html", lumps_page(seen.lumps, seen.frame.depth, seen.picture))
 
 
-def lumps_csv(lumps: Lumps) -> str:
+def format_lumps_csv(lumps: Lumps) -> str:
     """One row per lump."""
     rows = [",".join(_COLUMNS)]
     for lump in lumps.lumps:
@@ -136,7 +136,7 @@ def _cell(value: float | int | bool) -> str:
     )
 
 
-def sieve_csv(lumps: Lumps) -> str:
+def format_sieve_csv(lumps: Lumps) -> str:
     """``sieve_mm,passing,passing_fully_visible``: shares of the mass, 0..1; empty without lumps."""
     rows = ["sieve_mm,passing,passing_fully_visible"]
     for sieve, share, whole in zip(lumps.all.sieves_mm, lumps.all.passing, lumps.whole.passing, strict=True):

@@ -68,7 +68,7 @@ def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
         )
 
 
-def volume_document(volume: Volume) -> Mapping[str, Any]:
+def make_volume_document(volume: Volume) -> Mapping[str, Any]:
     """What ``measure volume --json`` answers."""
     belt, centre, summit = volume.belt, volume.centre, volume.summit
     return {
@@ -125,22 +125,22 @@ def write_volume(out: Path, volume: Volume) -> None:
     write_height_tiff(out / "load_sigma.tiff", load, sigma=True)
     first = (load.origin_mm[0], float(load.y_mm[-1]))
     grid = {"origin_mm": first, "cell_mm": load.cell_mm, "rows": "along -y", "columns": "along x"}
-    write_json(out / "volume.json", {**volume_document(volume), "load_grid": grid})
+    write_json(out / "volume.json", {**make_volume_document(volume), "load_grid": grid})
     for name, mesh in (("surface.stl", build_surface_mesh(volume)), ("load.stl", build_load_mesh(volume))):
         write_stl(out / name, mesh.vertices_mm, mesh.faces)
-    write_text(out / "profiles.csv", profiles_csv(volume))
-    write_text(out / "areas.csv", areas_csv(volume))
+    write_text(out / "profiles.csv", format_profiles_csv(volume))
+    write_text(out / "areas.csv", format_areas_csv(volume))
     write_text(out / "report.html", volume_page(volume, warnings=()))
 
 
-def areas_csv(volume: Volume) -> str:
+def format_areas_csv(volume: Volume) -> str:
     """One row per cross-section: ``y_mm,area_mm2,coverage``."""
     rows = ["y_mm,area_mm2,coverage"]
     rows += [f"{p.y_mm:.3f},{p.area_mm2:.3f},{p.coverage:.4f}" for p in volume.profiles]
     return "\n".join(rows) + "\n"
 
 
-def profiles_csv(volume: Volume) -> str:
+def format_profiles_csv(volume: Volume) -> str:
     """One row per point of every cross-section: ``y_mm,x_mm,height_mm``."""
     rows = ["y_mm,x_mm,height_mm"]
     for profile in volume.profiles:

@@ -37,7 +37,7 @@ from beltscape.stereo.pointcloud.cloud import CloudBuilder
 
 METHODS = ("multiview", "pairwise", "binocular")
 """What `reconstruct` can do: all auxiliaries at once, or the paper's methods."""
-LOOKS = 5
+RANGE_FRAMES = 5
 """Frames of a sequence in which the depth range is looked for."""
 
 
@@ -82,7 +82,7 @@ def reconstruct_capture(
         With one line that names what is wrong and the mend.
     """
     capture, out = as_path(capture, "capture"), as_path(out, "out")
-    wanted = auxiliaries_for(method, rig, pair)
+    wanted = select_auxiliaries(method, rig, pair)
     if preset not in PRESETS:
         raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
     source = open_capture(capture, rig, reporter)
@@ -93,8 +93,8 @@ def reconstruct_capture(
         )
     ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
-    near_far = depth_range_mm or depth_range(source, rig, reporter)
-    matcher = _matcher(method, preset, rig, near_far, auxiliaries)
+    near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
+    matcher = _make_matcher(method, preset, rig, near_far, auxiliaries)
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
     builder = CloudBuilder(rig.core_camera)
@@ -154,7 +154,7 @@ def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
     return FolderSource(capture, {name: camera.size_px for name, camera in rig.cameras.items()}, reporter)
 
 
-def auxiliaries_for(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
+def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
     """Which auxiliary cameras a method uses.
 
     Raises
@@ -171,9 +171,9 @@ def auxiliaries_for(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
     return (pair or horizontal_auxiliary(rig),) if method == "binocular" else rig.auxiliaries
 
 
-def depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
+def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
     """Near and far end (mm) of what a few frames, spread over the capture, show."""
-    chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, LOOKS).astype(int))}
+    chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))}
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
     for frame_set in source.select_frames(chosen):
@@ -210,15 +210,15 @@ def _no_surface(frame_set: FrameSet, rig: Rig) -> str:
     return sparse_cause(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
 
 
-def _matcher(
+def _make_matcher(
     method: str, preset: str, rig: Rig, near_far: tuple[float, float], auxiliaries: tuple[str, ...]
 ) -> CheckedMatcher:
-    def matcher_of(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
+    def make_matcher(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
         if method != "multiview":
             return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=names)
         return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=names)
 
-    return CheckedMatcher(rig, auxiliaries, near_far, matcher_of)
+    return CheckedMatcher(rig, auxiliaries, near_far, make_matcher)
 
 
 def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:

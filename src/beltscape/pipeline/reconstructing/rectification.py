@@ -13,7 +13,7 @@ from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import write_image
-from beltscape.pipeline.reconstructing.reconstruction import depth_range, open_capture
+from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.rectification import check_picture
 from beltscape.sources.folder import FolderSource
@@ -48,7 +48,7 @@ def rectify_capture(
     source = open_capture(capture, rig, reporter)
     ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
-    near_far = depth_range_mm or depth_range(source, rig, reporter)
+    near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []
     for frame_set, pairs, consistency, doubts in rectify(source, rig, near_far, reporter):
         folder = out / frame_set.frame
@@ -107,7 +107,7 @@ def rectify(
         consistency = camera_consistency(frame_set, rig, None, names)
         doubts = [
             *doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency)),
-            *_off_rows(images, consistency),
+            *_describe_row_errors(images, consistency),
         ]
         for line in doubts:
             reporter.warn(f"frame {frame_set.frame}: {line}")
@@ -115,7 +115,7 @@ def rectify(
         yield frame_set, images, consistency, doubts
 
 
-def _off_rows(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
+def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
     """Return a line for every pair whose rows do not meet, but for those in doubt already."""
     lines = []
     for each in pairs:

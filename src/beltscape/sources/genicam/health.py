@@ -9,8 +9,8 @@ import numpy as np
 
 from beltscape.core.frames import Image, saturated_fraction
 from beltscape.core.live import CameraHealth, CameraState
+from beltscape.sources.genicam.matching_types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.sources.genicam.shots import CameraStatistics
 
 OVEREXPOSED = 0.2
 """Share of saturated pixels from which a view is called overexposed."""

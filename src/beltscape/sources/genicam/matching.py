@@ -10,7 +10,7 @@ from typing import Generic
 import numpy as np
 
 from beltscape.sources.genicam.clock import CameraClock
-from beltscape.sources.genicam.shots import (
+from beltscape.sources.genicam.matching_types import (
     CameraImage,
     CameraStatistics,
     MatchedInstant,

@@ -15,10 +15,10 @@ from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, Open
 from beltscape.sources.genicam.device import RawImage
 from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s
 from beltscape.sources.genicam.matching import InstantMatcher
+from beltscape.sources.genicam.matching_types import CameraImage, MatchedInstant, MatchingRules
 from beltscape.sources.genicam.pixels import decode_image
 from beltscape.sources.genicam.position import BeltCounter
 from beltscape.sources.genicam.settings import WINDOW_SHARE, CamerasSettings
-from beltscape.sources.genicam.shots import CameraImage, MatchedInstant, MatchingRules
 
 READY = 16
 """Longest queue of frame sets; beyond it the oldest are dropped."""

@@ -1,4 +1,4 @@
-"""pattern.json: ``beltscape-pattern/1``, the pattern with every dot, so that it can be drawn and found again."""
+"""pattern.json: ``beltscape-pattern/1``, the pattern with every dot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
 from beltscape.files.documents.json_text import read_json, to_json
-from beltscape.files.documents.toml_text import validated
+from beltscape.files.documents.toml_text import validate
 from beltscape.files.folders.atomic import write_text
 from beltscape.target.speckle.pattern import (
     MARKERS,
@@ -58,7 +58,7 @@ class _Document(_Entry):
 
 
 def write_pattern(path: Path, pattern: Pattern) -> None:
-    """Write a pattern, atomically, with full float precision; one dot a line."""
+    """Write a pattern, atomically, with full float precision; one dot per line."""
     settings = pattern.settings.model_dump(exclude={"size_px", "seed"})
     document = {
         "format": FORMAT,
@@ -76,20 +76,20 @@ def write_pattern(path: Path, pattern: Pattern) -> None:
 
 
 def read_pattern(path: Path) -> Pattern:
-    """Read pattern.json, or InputError naming the key that does not fit."""
+    """Read pattern.json, or raise InputError naming the invalid key."""
     document: Any = read_json(path)
-    found = document.get("format") if isinstance(document, dict) else None
-    if found != FORMAT:
+    format_name = document.get("format") if isinstance(document, dict) else None
+    if format_name != FORMAT:
         raise InputError(
-            f"{path}: format is {found!r}, not {FORMAT!r}; give a pattern.json of beltscape target pattern"
+            f"{path}: format is {format_name!r}, not {FORMAT!r}; give a pattern.json of beltscape target pattern"
         )
-    read = validated(path, _Document, document)
-    settings = {"size_px": read.size_px, "seed": read.seed, **read.parameters.model_dump()}
-    if len(read.dots) != read.parameters.count:
+    content = validate(path, _Document, document)
+    settings = {"size_px": content.size_px, "seed": content.seed, **content.parameters.model_dump()}
+    if len(content.dots) != content.parameters.count:
         raise InputError(
-            f"{path}: {len(read.dots)} dots, but parameters.count is {read.parameters.count}; "
+            f"{path}: {len(content.dots)} dots, but parameters.count is {content.parameters.count}; "
             "give the file as it was written"
         )
-    markers = tuple(Marker(m.row, m.col, m.center_px, m.radius_px) for m in read.markers)
-    dots = np.array(read.dots, dtype=np.float64)
-    return Pattern(validated(path, PatternSettings, settings), dots, markers)
+    markers = tuple(Marker(m.row, m.col, m.center_px, m.radius_px) for m in content.markers)
+    dots = np.array(content.dots, dtype=np.float64)
+    return Pattern(validate(path, PatternSettings, settings), dots, markers)

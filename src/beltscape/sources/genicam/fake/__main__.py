@@ -13,11 +13,11 @@ from pathlib import Path
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import Image
 from beltscape.sources.genicam.fake.album import read_album
-from beltscape.sources.genicam.fake.bench import SimulatedCameras
 from beltscape.sources.genicam.fake.camera import COUNTER, FakeCamera
 from beltscape.sources.genicam.fake.capture import read_pictures
 from beltscape.sources.genicam.fake.instants import InstantCounter
 from beltscape.sources.genicam.fake.network import add_addresses
+from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 
 _SKEW = 0.3
 """Allowed skew as a share of the time between frames; [cameras] takes less than `settings.WINDOW_SHARE` = 0.4."""

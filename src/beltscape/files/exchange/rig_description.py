@@ -1,4 +1,4 @@
-"""What a file of another program says of a rig, before a core camera is chosen."""
+"""The content of another program's rig file, before a core camera is chosen."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from beltscape.core.rig import Rig
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
-    """Cameras, and where those stand whose place the file tells."""
+class RigDescription:
+    """Cameras, and the poses of those that have one in the file."""
 
     cameras: Mapping[str, Camera]
     """By name."""
     cam_from_reference: Mapping[str, Pose]
-    """By name; the reference is any frame that all of them share. Cameras without a place are absent."""
+    """By name; the reference is any frame that all of them share. Cameras without a pose are absent."""
     core: str
-    """The camera the file itself refers to, or the first."""
+    """The file's reference camera, or the first."""
 
     def rig(self, core: str | None = None) -> Rig:
-        """The rig about ``core``, or ValueError where a camera's place is not told."""
+        """Return the rig relative to ``core``; ValueError if a camera has no pose."""
         core = core or self.core
         if core not in self.cameras:
             raise ValueError(f"no camera {core!r}; choose the core among {', '.join(self.cameras)}")
@@ -31,7 +31,7 @@ class Described:
         unplaced = [name for name in self.cameras if name not in self.cam_from_reference]
         if unplaced:
             raise ValueError(
-                f"does not tell where {', '.join(unplaced)} stands; add its transform, or use the file as intrinsics"
+                f"has no pose of {', '.join(unplaced)}; add its transform, or use the file as intrinsics"
             )
         poses = dict(self.cam_from_reference)
         if core != self.core or (poses[core].rotation_vector.any() or poses[core].translation_mm.any()):
@@ -41,6 +41,6 @@ class Described:
         return Rig(core, self.cameras, {**poses, core: Pose.identity()})
 
 
-def core_first(rig: Rig) -> list[str]:
-    """Names of the cameras, the core at the head, for formats whose first camera is the reference."""
+def names_core_first(rig: Rig) -> list[str]:
+    """Return the cameras' names, the core first, for formats whose first camera is the reference."""
     return [rig.core, *rig.auxiliaries]

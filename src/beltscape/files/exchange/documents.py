@@ -1,4 +1,4 @@
-"""YAML as OpenCV, Kalibr and ROS write it, parsed and written; JSON and XML where a file is named so and looks it."""
+"""Parsing of YAML (as OpenCV, Kalibr and ROS write it), JSON and XML documents; writing of YAML."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from xml.etree import ElementTree
 import yaml
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.json_text import plain, read_json
+from beltscape.files.documents.json_text import read_json, to_plain
 from beltscape.files.folders.atomic import write_text
 
 OPENCV_MATRIX = "tag:yaml.org,2002:opencv-matrix"
 
 
 class Matrix(dict[str, Any]):
-    """``{rows, cols, dt, data}`` that is written with OpenCV's tag ``!!opencv-matrix``."""
+    """``{rows, cols, dt, data}``, written with OpenCV's tag ``!!opencv-matrix``."""
 
 
 class Quoted(str):
-    """Text that is written in double quotes, which every YAML reader takes, OpenCV's own included."""
+    """Text written in double quotes, which every YAML reader accepts, including OpenCV's."""
 
     __slots__ = ()
 
 
 class _Loader(yaml.SafeLoader):
-    """Safe, and takes OpenCV's matrices as plain tables."""
+    """Safe loader that reads OpenCV's matrices as plain tables."""
 
 
 class _Dumper(yaml.SafeDumper):
-    """Safe, and indents lists below their key: OpenCV's parser insists on it."""
+    """Safe dumper that indents lists below their key, as OpenCV's parser requires."""
 
     def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:  # noqa: ARG002
-        """Never without indentation."""
+        """Always indent."""
         super().increase_indent(flow, False)
 
 
@@ -46,7 +46,7 @@ _Dumper.add_representer(
 
 
 def read_document(path: Path) -> Any:
-    """A parsed YAML or JSON file, an XML file's root element, or InputError naming the place that is wrong."""
+    """Parse a YAML or JSON file, or an XML file to its root element; InputError with the position of an error."""
     try:
         data = path.read_bytes()
         if data.startswith(b"<?xml"):
@@ -62,7 +62,7 @@ def read_document(path: Path) -> Any:
         ) from error
     if path.suffix.lower() == ".json" and text.lstrip()[:1] in ("{", "["):
         return read_json(path)
-    if text.startswith("%YAML:"):  # OpenCV before 5 writes a colon that YAML does not know
+    if text.startswith("%YAML:"):  # OpenCV before 5 writes a colon that is not valid YAML
         text = "#" + text
     try:
         return yaml.load(text, _Loader)
@@ -74,7 +74,7 @@ def read_document(path: Path) -> Any:
 
 
 def _xml(path: Path, data: bytes) -> ElementTree.Element:
-    """The root element; the document itself says its encoding."""
+    """Return the root element; the document declares its encoding."""
     try:
         return ElementTree.fromstring(data)
     except ElementTree.ParseError as error:
@@ -89,13 +89,13 @@ def write_yaml(path: Path, document: Mapping[str, Any], head: str = "") -> None:
     write_text(path, head + body)
 
 
-def floats(values: Any) -> list[Any]:
-    """An array as nested lists of plain floats."""
-    return plain(values)
+def to_floats(values: Any) -> list[Any]:
+    """Convert an array to nested lists of floats."""
+    return to_plain(values)
 
 
 def yaml_files(folder: Path) -> list[Path]:
-    """The YAML files of a folder by name, or InputError where there is none."""
+    """Return the YAML files of a folder, sorted by name; InputError if there is none."""
     found = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".yaml", ".yml") and f.is_file())
     found = [file for file in found if not file.name.startswith(".")]
     if not found:

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Back up the data folder of a running beltscape, and its settings.
 
-Writes TARGET/<UTC time>/ and keeps the newest of them. Databases are copied by SQLite's own backup, each a moment's
-whole state while the program goes on writing, and read back; all else is copied as it is, but for recordings.
-Nothing is left half done: a folder gets its name when all of it is on disk. Needs Python 3.11 and nothing else.
+Writes TARGET/<UTC time>/ and keeps the newest backups. Databases are copied by SQLite's backup API, which gives a
+consistent state while the program continues to write, and are checked afterwards. All other files except recordings
+are copied as they are. A backup folder gets its name only when it is complete on disk. Needs only Python 3.11.
 """
 
 import argparse
@@ -14,54 +14,54 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-LEFT_OUT = {"recordings", "reserve"}
-"""Large, or worth nothing elsewhere."""
-NO_FILES = (".db", ".db-wal", ".db-shm", ".db-journal", ".lock", ".part")
-FIRST = "totals.json"
-"""Never newer than the database, so that a restored history is whole."""
+EXCLUDED = {"recordings", "reserve"}
+"""Too large, or useless on another machine."""
+EXCLUDED_ENDINGS = (".db", ".db-wal", ".db-shm", ".db-journal", ".lock", ".part")
+COPIED_FIRST = "totals.json"
+"""Copied before the database, so that it is never newer and a restored history is complete."""
 
 
 def main(arguments):
-    """Exit status 0; 1 with one line where the backup could not be made."""
+    """Make a backup; return exit status 0, or 1 with one line if that fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path, help="data folder of project.toml")
     parser.add_argument("target", type=Path, help="folder of the backups")
     parser.add_argument("--settings", type=Path, help="folder of project.toml, rig.json, belt.json")
-    parser.add_argument("--keep", type=int, default=14, help="how many backups are kept (14)")
-    asked = parser.parse_args(arguments)
-    if not (asked.data / "history.db").is_file():
-        return _failed(f"{asked.data}: no history.db there; give the data folder of project.toml")
+    parser.add_argument("--keep", type=int, default=14, help="number of backups to keep (14)")
+    options = parser.parse_args(arguments)
+    if not (options.data / "history.db").is_file():
+        return _report_failure(f"{options.data}: no history.db there; give the data folder of project.toml")
     name = datetime.now(UTC).strftime("%Y-%m-%dT%H%M%SZ")
-    part = asked.target / f".{name}.part"
+    part = options.target / f".{name}.part"
     try:
         part.mkdir(parents=True, mode=0o700)
-        copy_data(asked.data, part / "data")
-        if asked.settings is not None:
-            shutil.copytree(asked.settings, part / "settings", ignore=shutil.ignore_patterns("data"))
+        copy_data(options.data, part / "data")
+        if options.settings is not None:
+            shutil.copytree(options.settings, part / "settings", ignore=shutil.ignore_patterns("data"))
         os.sync()
-        part.rename(asked.target / name)
-        _prune(asked.target, max(1, asked.keep))
+        part.rename(options.target / name)
+        _prune(options.target, max(1, options.keep))
     except (OSError, sqlite3.Error) as error:
         shutil.rmtree(part, ignore_errors=True)
-        return _failed(f"{asked.target}: no backup was made ({error}); check space and rights")
-    print(asked.target / name)
+        return _report_failure(f"{options.target}: no backup was made ({error}); check space and rights")
+    print(options.target / name)
     return 0
 
 
 def copy_data(source, target):
-    """The data folder. Day files come after the databases: what those hand on meanwhile, these hold."""
+    """Copy the data folder. Day files follow the databases, so that records moved meanwhile are not lost."""
     target.mkdir()
-    if (source / FIRST).is_file():
-        shutil.copy2(source / FIRST, target / FIRST)
+    if (source / COPIED_FIRST).is_file():
+        shutil.copy2(source / COPIED_FIRST, target / COPIED_FIRST)
     for path in sorted(source.glob("*.db")):
         _copy_database(path, target / path.name)
     for path in sorted(source.rglob("*")):
         place = path.relative_to(source)
         if (
-            place.parts[0] in LEFT_OUT
-            or str(place) == FIRST
+            place.parts[0] in EXCLUDED
+            or str(place) == COPIED_FIRST
             or path.is_symlink()
-            or path.name.endswith(NO_FILES)
+            or path.name.endswith(EXCLUDED_ENDINGS)
         ):
             continue
         if path.is_dir():
@@ -74,30 +74,30 @@ def _copy_file(path, target):
     try:
         shutil.copy2(path, target)
     except FileNotFoundError:
-        return  # its time was over meanwhile
+        return  # deleted meanwhile by the retention
 
 
 def _copy_database(source, target):
-    """One whole state, read back."""
-    held, copy = sqlite3.connect(source, timeout=60), sqlite3.connect(target)
+    """Copy a consistent state of a database and check it."""
+    original, copy = sqlite3.connect(source, timeout=60), sqlite3.connect(target)
     try:
-        held.backup(copy)  # in one go: done by pages it would begin again with every record
+        original.backup(copy)  # in one step: a backup by pages would restart with every new record
         copy.execute("PRAGMA journal_mode=DELETE")
         (answer,) = copy.execute("PRAGMA quick_check(1)").fetchone()
         if answer != "ok":
             raise sqlite3.DatabaseError(f"{source}: {answer}")
     finally:
         copy.close()
-        held.close()
+        original.close()
 
 
 def _prune(target, keep):
-    done = sorted(one for one in target.iterdir() if one.is_dir() and not one.name.startswith("."))
-    for old in done[:-keep]:
+    backups = sorted(one for one in target.iterdir() if one.is_dir() and not one.name.startswith("."))
+    for old in backups[:-keep]:
         shutil.rmtree(old)
 
 
-def _failed(line):
+def _report_failure(line):
     print(line, file=sys.stderr)
     return 1
 

@@ -153,7 +153,7 @@ def test_an_alarm_is_heard_of_and_acknowledged_by_keys_alone(site):
     page.keyboard.press("a")
     page.keyboard.press("Enter")
     page.wait_for_selector(".alarm[data-state=acknowledged]")
-    assert "seen by ana" in shown(page, ".alarm")
+    assert "acknowledged by ana" in shown(page, ".alarm")
     assert site.works.plant.alarms["overload"].by == "ana"
     site.works.plant.raise_alarm(replace(site.works.plant.alarms["overload"], state="clear"))
     page.wait_for_selector("#alarms-none:visible")

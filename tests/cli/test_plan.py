@@ -107,7 +107,7 @@ def test_every_option_reaches_a_setting(capsys):
         (["--plan", "plan.toml"], "belt = 3\n", "plan.toml: belt = 3"),
         (["--plan", "gone.toml"], "", "gone.toml: no such file"),
         (["--plan", "plan.toml"], "[belt\n", "plan.toml: not TOML"),
-        (["--baseline", "9000"], "", "baseline_mm = 9000: auxiliaries would look past the belt"),
+        (["--baseline", "9000"], "", "baseline_mm = 9000: auxiliaries would see past the belt"),
     ],
 )
 def test_what_cannot_be_is_one_line(capsys, words, toml, line):

@@ -51,7 +51,7 @@ def test_the_belts_section_keeps_its_lengths():
          "max_height_mm = 3000: a lens of 50 mm sees the span of 780 mm only from 4688 mm above the belt on; "
          "give a lens of at most 31.7 mm"),
         (PlanSettings(rig=RigSettings(height_mm=700)),
-         "height_mm = 700: a lens of 8 mm does not see the span of 780 mm from there; give at least 809 mm, "
+         "height_mm = 700: a lens of 8 mm does not see the span of 780 mm from that height; give at least 809 mm, "
          "recommended are 908 mm"),
         (PlanSettings(rig=RigSettings(height_mm=900, max_height_mm=850)),
          "height_mm = 900 is above max_height_mm = 850; lower it"),

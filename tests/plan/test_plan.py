@@ -38,12 +38,12 @@ def test_rougher_loads_bring_the_cameras_closer(paper):
 def test_a_told_baseline_is_taken_and_its_price_named():
     plan = make_plan(PlanSettings(rig=RigSettings(baseline_mm=600)))
     assert plan.planned.baseline_mm == 600
-    assert any(line.startswith("the baseline of 600 mm has its price: wider than") for line in plan.warnings)
+    assert any(line.startswith("the baseline of 600 mm is not ideal: wider than") for line in plan.warnings)
 
 
 def test_a_baseline_beyond_the_horizon_is_refused():
     settings = PlanSettings(rig=RigSettings(baseline_mm=5000))
-    with pytest.raises(InputError, match="baseline_mm = 5000: auxiliaries would look past the belt"):
+    with pytest.raises(InputError, match="baseline_mm = 5000: auxiliaries would see past the belt"):
         choose_baseline(settings, list_alternatives(settings, 900.0))
 
 

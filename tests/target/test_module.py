@@ -49,8 +49,8 @@ def test_a_module_is_read_and_its_features_stand_in_order(tmp_path):
         ("edge_mm = 100", "edge_mm = 0", "cube[0].edge_mm = 0: must be greater than 0"),
         ("diameter_mm = 70", "diameter_mm = inf", "sphere[0].diameter_mm = inf: must be a finite number"),
         ("height_mm = 90\n", "", "cylinder[0].height_mm is missing"),
-        ('"cube40"', '"cube100"', "the name cube100 is taken twice; give every feature its own"),
-        ('"post"', '"base"', "the name base is taken twice; give every feature its own"),
+        ('"cube40"', '"cube100"', "the name cube100 is used twice; give every feature its own name"),
+        ('"post"', '"base"', "the name base is used twice; give every feature its own name"),
         ("[[cylinder]]", "[[cone]]", "unknown key cone; known: name, base, cube, sphere, cylinder"),
     ],
 )

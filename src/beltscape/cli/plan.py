@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def _read_overrides(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What was given on the command line, in plan.toml's form."""
+    """Return the options given on the command line, in plan.toml's form."""
     overrides: dict[str, Any] = {}
     for option in _OPTIONS:
         value = getattr(arguments, option.flag[2:].replace("-", "_"))
@@ -92,7 +92,7 @@ def _read_overrides(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Format the result in a few lines."""
     hang, rig, move, light = (result[key] for key in ("mounting", "rig", "motion", "light"))
     sigma, edges = result["depth_sigma"], result["planes"][1]
     count = len(rig["cameras"])

@@ -12,7 +12,7 @@ from beltscape.core.progress import Reporter
 
 SCENES = ("calibration", "module", "belt_empty", "belt_loaded", "belt_moving")
 SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
-"""Name → share of the sensor's pixels in each direction."""
+"""Share of the sensor's pixels in each direction, by name."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def _read_overrides(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What was given on the command line, in the scene file's form."""
+    """Return the options given on the command line, in the scene file's form."""
     rig = {
         "scale": SIZES[arguments.size] if arguments.size else None,
         "file": str(arguments.rig) if arguments.rig else None,
@@ -60,7 +60,7 @@ def _read_overrides(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Format the result in a few lines."""
     return "\n".join(
         [
             f"{result['scene']}: {result['frames']} frames of {len(result['cameras'])} cameras",

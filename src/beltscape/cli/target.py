@@ -77,7 +77,7 @@ def _add_board(board: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Make the target."""
+    """Generate the target."""
     from beltscape.files.folders.atomic import ensure_output_folder
 
     make = _board if arguments.target == "board" else _pattern
@@ -158,7 +158,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Format the result in a few lines."""
     if result["target"] == "board":
         (width, height), files = result["page_mm"], result["files"]
         return (

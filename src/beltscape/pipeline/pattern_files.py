@@ -1,4 +1,4 @@
-"""Everything one gets of a pattern, in one folder."""
+"""The files of a speckle pattern: images, pattern.json and its quality."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beltscape.target.speckle.pattern_svg import pattern_to_svg
 def write_pattern_files(
     folder: Path, pattern: Pattern, *, bits: Literal[8, 16] = 8, image_format: Literal["png", "tiff"] = "png"
 ) -> tuple[dict[str, Path], BlueNoise]:
-    """Write pattern.png or .tiff, .svg, .json, quality.json and .png; what was written, and the quality."""
+    """Write pattern.png or .tiff, .svg, .json, quality.json and .png; return their paths and the quality."""
     image, quality = draw_pattern(pattern, bits), measure_blue_noise(pattern)
     files = {
         "image": folder / f"pattern.{image_format}",

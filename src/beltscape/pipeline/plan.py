@@ -1,4 +1,4 @@
-"""What is given → a plan, and its files."""
+"""The settings of a plan, and its files."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from beltscape.report.planning.plan import render_plan_page
 
 
 def read_plan_settings(path: Path | None, overrides: Mapping[str, Any]) -> PlanSettings:
-    """Settings from plan.toml, where there is one, with what was told beside it on top.
+    """Read settings from plan.toml, where given; ``overrides`` take precedence over the file.
 
     ``overrides`` has the file's form: a value by key, tables as mappings.
 
     Raises
     ------
     InputError
-        With one line that names the key, the value and what it may be.
+        With one line that names the key, the value and the permitted values.
     """
     values = read_toml(path) if path else {}
     for key, value in overrides.items():
-        below = values.get(key)
-        if isinstance(value, Mapping) and (below is None or isinstance(below, dict)):
-            values[key] = {**(below or {}), **value}
+        base = values.get(key)
+        if isinstance(value, Mapping) and (base is None or isinstance(base, dict)):
+            values[key] = {**(base or {}), **value}
         else:
             values[key] = value
     return validate(path or Path("plan"), PlanSettings, values)
 
 
 def write_plan(out: Path, plan: Plan) -> None:
-    """plan.json, rig.json (nominal) and report.html."""
+    """Write plan.json, rig.json (nominal) and report.html."""
     ensure_output_folder(out)
     write_json(out / "plan.json", {**plan_to_document(plan), "warnings": list(plan.warnings)})
     write_rig(out / "rig.json", plan.planned.rig)

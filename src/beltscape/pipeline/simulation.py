@@ -1,4 +1,4 @@
-"""A scenario → a capture folder as the cameras would have left it, and its truth beside it."""
+"""Simulation of a scenario: a capture folder as the cameras would record it, and its truth beside it."""
 
 from __future__ import annotations
 
@@ -44,14 +44,15 @@ from beltscape.target.speckle.pattern import PRESETS
 
 
 def read_scenario(scene: str, overrides: Mapping[str, Any]) -> Scenario:
-    """A scene by its name, or by the path of its TOML file; what was told beside it goes before the file.
+    """Read a scene by its name, or from its TOML file; ``overrides`` take precedence over the file.
 
-    ``overrides`` has the file's form: a value by key, tables as mappings. Paths in the file are taken from its folder.
+    ``overrides`` has the file's form: a value by key, tables as mappings. Paths in the file are relative to
+    its folder.
 
     Raises
     ------
     InputError
-        With one line that names the key, the value and what it may be.
+        With one line that names the key, the value and the permitted values.
     """
     path = Path(scene)
     if scene in KINDS:
@@ -62,23 +63,23 @@ def read_scenario(scene: str, overrides: Mapping[str, Any]) -> Scenario:
     else:
         raise InputError(f"{scene}: no such scene; give a .toml file, or one of {', '.join(KINDS)}")
     for key, value in overrides.items():
-        own = values.get(key, {})
+        base = values.get(key, {})
         if not isinstance(value, Mapping):
             values[key] = value
-        elif isinstance(own, Mapping):  # what is no table is told of below
-            values[key] = {**own, **value}
+        elif isinstance(base, Mapping):  # the validation below reports a value that is no table
+            values[key] = {**base, **value}
     return validate(path if path.suffix == ".toml" else Path(scene), Scenario, values)
 
 
 def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    """Render the capture and write it with its truth; the result names what was written.
+    """Render the capture and write it with its truth; return the paths and numbers of the result.
 
     Raises
     ------
     InputError, SettingsError
-        Before anything is written, when the scene cannot be rendered or the folder holds another capture.
+        Before anything is written, if the scene cannot be rendered or the folder holds another capture.
     OutputError
-        When the folder cannot be written to.
+        If the folder cannot be written to.
     """
     scenario = _with_engine(scenario)
     scene = SimulatedScene(scenario)
@@ -93,7 +94,7 @@ def simulate(scenario: Scenario, out: Path, reporter: Reporter) -> Mapping[str, 
             write_image(out / name / f"{images.frame}.png", image)
         if scenario.tof is not None:
             _write_tof(scene, frame, out / "tof")
-        if frame == count // 2:  # of a moving heap: when it is there
+        if frame == count // 2:  # the middle frame shows a moving heap
             view = trace_core_view(scene.world_at(frame), scene.station)
             write_image(out / "preview.png", draw_simulated_frame(images, view.depth_mm))
         reporter.step("rendering", frame + 1, count)
@@ -121,26 +122,28 @@ def _with_engine(scenario: Scenario) -> Scenario:
 
 
 def _check_scene(scene: SimulatedScene) -> None:
-    """Everything that may be refused, before anything is written."""
-    known, scenario = scene.station.rig.cameras, scene.scenario
+    """Make all objects that may be refused, before anything is written."""
+    cameras, scenario = scene.station.rig.cameras, scene.scenario
     faults = scenario.faults
     for fault in (*faults.dirt, *faults.moved_camera, *faults.over_exposure, *faults.missing_frames):
-        if fault.camera not in known:
-            raise InputError(f"faults: the rig has no camera {fault.camera}; it has {', '.join(known)}")
+        if fault.camera not in cameras:
+            raise InputError(f"faults: the rig has no camera {fault.camera}; it has {', '.join(cameras)}")
     _ = (scene.current_station, scene.projector, scene.heap, scene.world_from_module, scene.world_from_board)
-    for camera in known.values():
-        Lens(camera, scenario.optics, 1).make_coarse_pinhole()  # refuses a distortion that folds
+    for camera in cameras.values():
+        Lens(camera, scenario.optics, 1).make_coarse_pinhole()  # raises if the distortion folds
 
 
 def _check_folder(scene: SimulatedScene, out: Path) -> None:
-    """InputError when images of another capture would stay among the new ones."""
+    """Raise InputError if images of another capture would remain among the new ones."""
     frames = range(scene.frame_count)
-    own = {
+    expected = {
         out / name / f"{scene.frame_name(frame)}.png"
         for frame in frames
         for name in scene.delivering_cameras(frame)
     }
-    others = sorted(path for path in out.glob("*/*") if path.suffix.lower() in EXTENSIONS and path not in own)
+    others = sorted(
+        path for path in out.glob("*/*") if path.suffix.lower() in EXTENSIONS and path not in expected
+    )
     if others:
         raise InputError(
             f"{out}: holds another capture ({others[0].relative_to(out)}); choose another folder"
@@ -148,11 +151,15 @@ def _check_folder(scene: SimulatedScene, out: Path) -> None:
 
 
 def _resolve_paths(values: dict[str, Any], folder: Path) -> None:
-    """Relative paths of a scene's file, taken from its folder."""
+    """Make the relative paths of a scene's file relative to its folder."""
     for table, key in (("rig", "file"), ("module", "file"), ("board", "file"), ("projector", "pattern")):
-        own = values.get(table)
-        if isinstance(own, dict) and isinstance(own.get(key), str) and own[key] not in PRESETS:
-            own[key] = str(folder / own[key])
+        values_of_table = values.get(table)
+        if (
+            isinstance(values_of_table, dict)
+            and isinstance(values_of_table.get(key), str)
+            and values_of_table[key] not in PRESETS
+        ):
+            values_of_table[key] = str(folder / values_of_table[key])
 
 
 def _write_truth(scene: SimulatedScene, folder: Path, reporter: Reporter) -> None:
@@ -165,13 +172,13 @@ def _write_truth(scene: SimulatedScene, folder: Path, reporter: Reporter) -> Non
     elif scenario.kind == "belt_moving":
         _write_moving_truth(scene, folder)
     else:
-        known = SceneDetails(scenario.belt, scene.heap, scene.module, scene.world_from_module)
-        write_truth(folder, scenario.kind, scene.world_at(0), scene.station, known)
+        details = SceneDetails(scenario.belt, scene.heap, scene.module, scene.world_from_module)
+        write_truth(folder, scenario.kind, scene.world_at(0), scene.station, details)
     reporter.step("truth", 1, 1)
 
 
 def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
-    """Where the heap is in every frame, its cross-sections from end to end, and the depth the core has before it."""
+    """Write the heap's position in every frame, its cross-sections from end to end, and the core's true depth."""
     scenario = scene.scenario
     write_station(folder, scene.station, scene.projector)
     write_belt(folder, scenario.belt)
@@ -215,17 +222,17 @@ def _format_encoder(scene: SimulatedScene) -> str:
 
 
 def _write_tof(scene: SimulatedScene, frame: int, folder: Path) -> None:
-    """What the time-of-flight camera measures, as a reconstruction that `measure` takes."""
+    """Write the depth of the time-of-flight camera as a reconstruction, the input of `measure`."""
     spec = scene.scenario.tof
     if spec is None:
         return
     tof_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
-    found = render_tof(scene.world_at(frame), tof_from_world, spec.camera, seed=scene.frame_seed(frame))
+    tof_frame = render_tof(scene.world_at(frame), tof_from_world, spec.camera, seed=scene.frame_seed(frame))
     camera = replace(make_tof_camera(spec.camera), name="tof")
     write_rig(folder / "rig.json", Rig("tof", {"tof": camera}, {"tof": Pose.identity()}))
     for name, values in (
-        ("depth", found.depth_mm),
-        ("sigma", found.sigma_mm),
-        ("amplitude", found.amplitude_e),
+        ("depth", tof_frame.depth_mm),
+        ("sigma", tof_frame.sigma_mm),
+        ("amplitude", tof_frame.amplitude_e),
     ):
         write_float_tiff(folder / scene.frame_name(frame) / f"{name}.tiff", values.astype(np.float32))

@@ -1,4 +1,4 @@
-"""How far the auxiliaries stand from the core: precision against what they can still see."""
+"""The baseline of the auxiliaries: precision against the visibility of the load."""
 
 from __future__ import annotations
 
@@ -17,34 +17,36 @@ from beltscape.plan.station import PlannedRig, make_planned_rig
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """A baseline and what comes of it."""
+    """A baseline and its consequences."""
 
     baseline_mm: float
     tilt_deg: float
     sigma_mm: float
-    """Of the height at the spot where all axes meet, all cameras seeing it."""
+    """σ of the height at the point where all axes meet, seen by all cameras."""
     seen: tuple[float, ...]
-    """Chance that at least 0, 1, …, n auxiliaries see a spot between lumps that the core sees; worst place."""
+    """Probability that at least 0, 1, …, n auxiliaries see a spot between lumps that the core sees; worst spot."""
     covered: tuple[float, ...]
-    """Share of the strip at the edges that at least 0, 1, …, n auxiliaries have in their image; least plane."""
+    """Share of the strip at the edges that lies in at least 0, 1, …, n auxiliary images; smallest of the planes."""
     refused: str
-    """Why it is not taken; empty: it could be."""
+    """Reason why the baseline is not acceptable; empty if it is."""
 
 
 def list_alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alternative, ...]:
-    """Baselines from near to far, in even steps of tilt's tangent, with the asked-for one where it is told."""
+    """Return baselines from short to long, in even steps of the tilt's tangent, with the requested one if given."""
     rig = settings.rig
     depth = height_mm - sum(settings.belt.material_mm) / 2
     shares = (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8)
     baselines = {round(depth * share / 5) * 5.0 for share in shares}
     if rig.baseline_mm is not None:
         baselines.add(rig.baseline_mm)
-    found = [assess_baseline(settings, height_mm, baseline) for baseline in sorted(baselines) if baseline > 0]
-    return tuple(each for each in found if each is not None)
+    assessed = [
+        assess_baseline(settings, height_mm, baseline) for baseline in sorted(baselines) if baseline > 0
+    ]
+    return tuple(candidate for candidate in assessed if candidate is not None)
 
 
 def assess_baseline(settings: PlanSettings, height_mm: float, baseline_mm: float) -> Alternative | None:
-    """One baseline judged; None where a camera would look past the belt to the horizon."""
+    """Assess one baseline; None where a camera would see past the belt to the horizon."""
     planned = make_planned_rig(settings, height_mm, baseline_mm)
     try:
         covered = _covered_shares(settings, planned)
@@ -59,23 +61,29 @@ def assess_baseline(settings: PlanSettings, height_mm: float, baseline_mm: float
 
 
 def choose_baseline(settings: PlanSettings, candidates: Sequence[Alternative]) -> Alternative:
-    """The told baseline, or the most precise of those that nothing speaks against.
+    """Return the requested baseline, or the most precise of the acceptable ones.
 
-    Where something speaks against all of them, the one that auxiliaries see best.
+    Where none is acceptable, the one that the auxiliaries see best is returned.
     """
-    told = settings.rig.baseline_mm
-    if told is not None:
-        found = [each for each in candidates if each.baseline_mm == told]
-        if not found:
+    requested = settings.rig.baseline_mm
+    if requested is not None:
+        matching = [candidate for candidate in candidates if candidate.baseline_mm == requested]
+        if not matching:
             raise InputError(
-                f"baseline_mm = {told:g}: auxiliaries would look past the belt to the horizon; give a shorter one"
+                f"baseline_mm = {requested:g}: auxiliaries would see past the belt to the horizon; give a shorter one"
             )
-        return found[0]
+        return matching[0]
     number = settings.rig.required_views
-    free = [each for each in candidates if not each.refused]
-    if free:
-        return min(free, key=lambda each: each.sigma_mm)
-    return max(candidates, key=lambda each: (min(each.seen[number], each.covered[number]), -each.baseline_mm))
+    acceptable = [candidate for candidate in candidates if not candidate.refused]
+    if acceptable:
+        return min(acceptable, key=lambda candidate: candidate.sigma_mm)
+    return max(
+        candidates,
+        key=lambda candidate: (
+            min(candidate.seen[number], candidate.covered[number]),
+            -candidate.baseline_mm,
+        ),
+    )
 
 
 def _describe_refusal(
@@ -95,7 +103,7 @@ def _describe_refusal(
 
 
 def _visible_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
-    """The worst of the middle and the edges of the load."""
+    """Return the smallest shares over the middle and the edges of the load."""
     middle, half = planned.target_mm[2], settings.belt.span_mm / 2
     worst: tuple[float, ...] | None = None
     for x in (0.0, half, -half):
@@ -111,12 +119,12 @@ def _visible_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float,
 
 
 def _covered_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
-    """The least share over the planes, of the strip that the core sees."""
-    rig, found = planned.rig, []
+    """Return the smallest shares over the planes, of the strip that the core sees."""
+    rig, shares = planned.rig, []
     for height, width in settings.belt.planes:
         base = clip_to_strip(width, project_footprint(planned, rig.core, height))
         if area_mm2(base) > 0:
-            found.append(
+            shares.append(
                 overlap_shares(base, [project_footprint(planned, name, height) for name in rig.auxiliaries])
             )
-    return tuple(map(min, zip(*found, strict=True)))
+    return tuple(map(min, zip(*shares, strict=True)))

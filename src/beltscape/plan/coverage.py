@@ -1,4 +1,4 @@
-"""Which part of the belt is seen by how many cameras, how finely, and how long the strip is that a frame gives."""
+"""Coverage of the belt: the number of cameras at each position, the pixel size, and the length of belt in a frame."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from beltscape.plan.station import PlannedRig
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneCoverage:
-    """Of one level plane over the belt."""
+    """Coverage of one level plane above the belt."""
 
     name: str
     height_mm: float
     width_mm: float
-    """To be seen."""
+    """Width that must be seen."""
     polygons: Mapping[str, Polygon]
-    """By camera: its image's rim."""
+    """By camera: the border of its image on the plane."""
     all_cameras: Polygon
-    """Seen by every camera."""
+    """The area seen by every camera."""
     at_least: tuple[float, ...]
-    """Share of the strip that the core sees which at least 0, 1, …, n auxiliaries see too."""
+    """Share of the strip seen by the core that at least 0, 1, …, n auxiliaries see too."""
     overlap: Mapping[str, float]
     """By auxiliary: its share of that strip."""
     core_length_mm: float
-    """Along the belt: how long the core sees the full width."""
+    """Length along the belt over which the core sees the full width."""
     lengths_mm: tuple[float, ...]
-    """The same together with at least 0, 1, …, n auxiliaries."""
+    """The same for the core with at least 0, 1, …, n auxiliaries."""
     pixel_mm: Mapping[str, tuple[float, float, float]]
-    """By camera: finest, middle, coarsest edge of a square with the area of a pixel on the plane, over the strip."""
+    """By camera: finest, median, coarsest pixel size over the strip, as the edge of a square of equal area."""
 
 
 def compute_plane_coverage(
     planned: PlannedRig, name: str, height_mm: float, width_mm: float
 ) -> PlaneCoverage:
-    """Everything about one plane."""
+    """Return the coverage of one plane."""
     rig = planned.rig
     polygons = {camera: project_footprint(planned, camera, height_mm) for camera in rig.cameras}
     base = clip_to_strip(width_mm, polygons[rig.core])
@@ -65,7 +65,7 @@ def compute_plane_coverage(
 
 
 def compute_coverage(settings: PlanSettings, planned: PlannedRig) -> tuple[PlaneCoverage, ...]:
-    """Of the belt's level middle, its edges and the load at its highest."""
+    """Return the coverage of the belt's level middle, its edges and the top of the load."""
     names = ("belt", "edges", "top")
     return tuple(
         compute_plane_coverage(planned, name, height, width)
@@ -74,30 +74,30 @@ def compute_coverage(settings: PlanSettings, planned: PlannedRig) -> tuple[Plane
 
 
 def usable_length_mm(planes: tuple[PlaneCoverage, ...], auxiliaries: int) -> float:
-    """How much belt a frame gives over the full width, seen by the core and so many auxiliaries, at every height."""
+    """Return the length of belt that a frame covers at full width and every height, by core and n auxiliaries."""
     return min(plane.lengths_mm[auxiliaries] for plane in planes)
 
 
 def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries: int) -> float:
-    """Twice the largest |y| up to which the whole width is seen by the core and so many auxiliaries."""
+    """Return twice the largest |y| up to which the core and n auxiliaries see the whole width."""
     across = np.linspace(-width_mm / 2, width_mm / 2, 81)
 
-    def whole(y: float) -> bool:
+    def is_whole_width_seen(y: float) -> bool:
         points = np.array([[x, side * y, height_mm] for side in (-1, 1) for x in across])
         seen = sum(planned.sees(name, points).astype(int) for name in planned.rig.auxiliaries)
         return bool((planned.sees(planned.rig.core, points) & (seen >= auxiliaries)).all())
 
-    if not whole(0.0):
+    if not is_whole_width_seen(0.0):
         return 0.0
     low, high = 0.0, float(np.abs(project_footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
     for _ in range(24):
         middle = (low + high) / 2
-        low, high = (middle, high) if whole(middle) else (low, middle)
+        low, high = (middle, high) if is_whole_width_seen(middle) else (low, middle)
     return 2 * low
 
 
 def _pixel_mm(planned: PlannedRig, name: str, height_mm: float, base: Polygon) -> tuple[float, float, float]:
-    """Finest, median, coarsest pixel over the strip's box, where the camera sees it; NaN where it sees nothing."""
+    """Return the finest, median, coarsest pixel over the strip's box, where the camera sees it; NaN if nowhere."""
     (x0, y0), (x1, y1) = base.min(axis=0), base.max(axis=0)
     x, y = np.meshgrid(np.linspace(x0, x1, 25), np.linspace(y0, y1, 25))
     points = np.stack([x, y, np.full_like(x, height_mm)], axis=-1).reshape(-1, 3)

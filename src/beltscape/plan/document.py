@@ -1,4 +1,4 @@
-"""The plan as plain values: what plan.json holds and ``--json`` prints."""
+"""The plan as plain values: the content of plan.json and of ``--json``."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ FORMAT = "beltscape-plan/1"
 
 
 def plan_to_document(plan: Plan) -> dict[str, Any]:
-    """Everything but the σ maps' cells; world frame: x across, y along, z up, origin on the belt under the core."""
-    hang, planned = plan.mounting, plan.planned
+    """Return the plan without the cells of the σ maps; world: x across, y along, z up, origin below the core."""
+    mounting, planned = plan.mounting, plan.planned
     return {
         "format": FORMAT,
         "units": "mm",
         "settings": plan.settings.model_dump(mode="json"),
         "mounting": {
-            **asdict(hang),
+            **asdict(mounting),
             "angle_deg": np.rad2deg(plan.settings.camera.angle_rad),
             "lens_angle_deg": np.rad2deg(plan.settings.camera.lens_angle_rad),
             "edges_above_belt_mm": plan.settings.belt.edge_mm,
@@ -44,13 +44,13 @@ def plan_to_document(plan: Plan) -> dict[str, Any]:
                 for name in planned.rig.cameras
             },
         },
-        "alternatives": [_alternative(each, plan.chosen) for each in plan.alternatives],
+        "alternatives": [_alternative(entry, plan.chosen) for entry in plan.alternatives],
         "planes": [_plane(plane) for plane in plan.planes],
         "depth_sigma": {
             "matching_sigma_px": plan.settings.precision.sigma_px,
             "median_mm": plan.sigma_median_mm,
             "in_this_light_mm": plan.sigma_in_this_light_mm,
-            "maps": [_sigma(each) for each in plan.sigma],
+            "maps": [_sigma(entry) for entry in plan.sigma],
         },
         "motion": asdict(plan.motion),
         "light": asdict(plan.light),
@@ -62,8 +62,8 @@ def _pose(pose: Any) -> dict[str, Any]:
     return {"rotation": pose.rotation, "translation_mm": pose.translation_mm}
 
 
-def _alternative(each: Alternative, chosen: Alternative) -> Mapping[str, Any]:
-    return {**asdict(each), "chosen": each is chosen}
+def _alternative(alternative: Alternative, chosen: Alternative) -> Mapping[str, Any]:
+    return {**asdict(alternative), "chosen": alternative is chosen}
 
 
 def _plane(plane: PlaneCoverage) -> Mapping[str, Any]:
@@ -80,13 +80,13 @@ def _plane(plane: PlaneCoverage) -> Mapping[str, Any]:
     }
 
 
-def _sigma(each: SigmaMap) -> Mapping[str, Any]:
-    known = each.sigma_mm[np.isfinite(each.sigma_mm)]
-    low, middle, high = np.percentile(known, [0, 50, 100]) if len(known) else (np.nan,) * 3
+def _sigma(sigma_map: SigmaMap) -> Mapping[str, Any]:
+    finite = sigma_map.sigma_mm[np.isfinite(sigma_map.sigma_mm)]
+    low, middle, high = np.percentile(finite, [0, 50, 100]) if len(finite) else (np.nan,) * 3
     return {
-        "height_mm": each.height_mm,
+        "height_mm": sigma_map.height_mm,
         "best_mm": low,
         "median_mm": middle,
         "worst_mm": high,
-        "seen": float(np.isfinite(each.sigma_mm).mean()),
+        "seen": float(np.isfinite(sigma_map.sigma_mm).mean()),
     }

@@ -1,8 +1,8 @@
-"""How much light reaches a pixel: lumens on the belt → electrons, noise, and the exposure that would do.
+"""The light budget of a pixel: from lumens on the belt to electrons, noise, and the required exposure.
 
-Plain radiometry of a diffuse surface seen through a lens: luminance L = ρE/π; illuminance behind a lens of f-number
-N at magnification m, E' = π L τ / (4 N² (1 + m)²) (the camera equation), the corner of the image darker by cos⁴.
-Photons per lux follow from the light's lumens per watt and mean wavelength; noise is shot noise and read noise (the
+Radiometry of a diffuse surface seen through a lens: luminance L = ρE/π; illuminance behind a lens of f-number N at
+magnification m, E' = π L τ / (4 N² (1 + m)²) (the camera equation), the corner of the image darker by cos⁴. Photons
+per lux follow from the light's lumens per watt and mean wavelength; the noise is shot noise and read noise (the
 linear camera model of EMVA Standard 1288).
 """
 
@@ -19,38 +19,38 @@ LIGHT_M_S = 299_792_458.0
 REFERENCE_SNR = 255 / 2
 """Contrast over noise at which the matching σ is set: noise of 2 of 255 grey levels."""
 REFERENCE_FLOOR_PX = 0.012
-"""What of the matching σ is image noise there, with a patch of 21 px: √(2σ_n² / ΣI_x²) for 25,000 dots."""
+"""Part of the matching σ due to image noise there, with a patch of 21 px: √(2σ_n² / ΣI_x²) for 25,000 dots."""
 
 
 @dataclass(frozen=True, slots=True)
 class LightBudget:
-    """Of a lit dot and a dark gap on the darkest material, in the middle of the core's image."""
+    """Light of a lit dot and a dark gap on the darkest material, in the middle of the core's image."""
 
     illuminance_lux: float
-    """By the projector, on the belt."""
+    """Illuminance by the projector on the belt."""
     exposure_us: float
     dot_e: float
     """Electrons of a pixel in a lit dot."""
     gap_e: float
-    """In a dark gap: the hall's light alone."""
+    """Electrons in a dark gap: ambient light alone."""
     noise_e: float
-    """In a dot: shot and read noise, one standard deviation."""
+    """Shot and read noise in a dot, one standard deviation."""
     snr: float
-    """Contrast of dot and gap over the noise in a dot."""
+    """Contrast between dot and gap over the noise in a dot."""
     corner: float
-    """Light in the image's corner as a share of the middle's (cos⁴)."""
+    """Relative illumination of the image's corner (cos⁴)."""
     needed_exposure_us: float
-    """For the target SNR; inf where the projector is off."""
+    """Exposure for the target SNR; inf where the projector is off."""
     needed_lumens: float
-    """For the target SNR at this exposure."""
+    """Luminous flux for the target SNR at this exposure."""
     saturated: bool
-    """A white surface (reflectance 0.8) fills the pixel."""
+    """Whether a white surface (reflectance 0.8) saturates the pixel."""
     matching_sigma_px: float
-    """The matching σ as set, with its part of image noise raised to this light's."""
+    """Matching σ as set, with its part of image noise raised to this light."""
 
 
 def electrons_per_lux_s(settings: PlanSettings, depth_mm: float) -> float:
-    """Electrons of a pixel per lux on the darkest material and second of exposure."""
+    """Return the electrons of a pixel per lux on the darkest material and second of exposure."""
     camera, light = settings.camera, settings.light
     magnification = camera.focal_mm / (depth_mm - camera.focal_mm)
     share = light.reflectance * camera.transmission / (4 * camera.f_number**2 * (1 + magnification) ** 2)
@@ -62,7 +62,7 @@ def electrons_per_lux_s(settings: PlanSettings, depth_mm: float) -> float:
 def compute_light_budget(
     settings: PlanSettings, depth_mm: float, lit_area_mm2: float, exposure_us: float
 ) -> LightBudget:
-    """For material at a depth, under a projector whose picture covers so much."""
+    """Return the light budget of material at a depth, under a projector picture of this area."""
     light, camera = settings.light, settings.camera
     projector_lux = light.projector_lm / (lit_area_mm2 * 1e-6)
     rate = electrons_per_lux_s(settings, depth_mm) * 1e-6  # per lux and µs
@@ -88,21 +88,21 @@ def compute_light_budget(
 
 
 def matching_sigma_px(settings: PlanSettings, snr: float) -> float:
-    """σ of a matched coordinate at a contrast over noise; never better than as set."""
+    """Return the σ of a matched coordinate at an SNR; never better than as set."""
     if snr <= 0:
         return float("inf")
     floor = REFERENCE_FLOOR_PX * 21 / settings.precision.patch_px
-    more = max(0.0, (REFERENCE_SNR / snr) ** 2 - 1)
-    return float(np.sqrt(settings.precision.sigma_px**2 + floor**2 * more))
+    excess = max(0.0, (REFERENCE_SNR / snr) ** 2 - 1)
+    return float(np.sqrt(settings.precision.sigma_px**2 + floor**2 * excess))
 
 
 def needed_contrast_e(snr: float, gap_e: float, read_noise_e: float) -> float:
-    """Contrast c in electrons with c / √(c + gap + read²) = SNR."""
+    """Return the contrast c in electrons with c / √(c + gap + read²) = SNR."""
     return float(snr**2 + np.sqrt(snr**4 + 4 * snr**2 * (gap_e + read_noise_e**2))) / 2
 
 
 def _needed_exposure_us(settings: PlanSettings, rate: float, projector_lux: float) -> float:
-    """Exposure t with a t / √(b t + read²) = SNR; a, b electrons per µs of contrast and of everything."""
+    """Return the exposure t with a t / √(b t + read²) = SNR; a, b electrons per µs of contrast and of all light."""
     a, b = rate * projector_lux, rate * (projector_lux + settings.light.ambient_lux)
     if a <= 0:
         return float("inf")
@@ -111,7 +111,7 @@ def _needed_exposure_us(settings: PlanSettings, rate: float, projector_lux: floa
 
 
 def defocus_px(settings: PlanSettings, focus_mm: float, depth_mm: float) -> float:
-    """Diameter of the blur disc of a thin lens focused at ``focus_mm``, for a surface at ``depth_mm``."""
+    """Return the diameter of the blur disc of a thin lens focused at ``focus_mm``, for a surface at ``depth_mm``."""
     camera = settings.camera
     aperture = camera.focal_mm / camera.f_number
     disc_mm = aperture * camera.focal_mm / (focus_mm - camera.focal_mm) * abs(depth_mm - focus_mm) / depth_mm

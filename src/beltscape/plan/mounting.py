@@ -1,4 +1,4 @@
-"""How high the core camera hangs: the paper's Eq. 26, and what material and margins add to it."""
+"""The mounting height of the core camera: the paper's Eq. 26, extended by material and margins."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from beltscape.core.errors import InputError
 from beltscape.plan.settings import PlanSettings
 
 CLEARANCE_MM = 50.0
-"""Least distance between lenses and load."""
+"""Minimum distance between lenses and load."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Heights in mm; those named ``above_belt`` are over the level middle of the belt."""
+    """Heights in mm; those named ``above_belt`` are above the level middle of the belt."""
 
     eq26_mm: float
     """Eq. 26 with the stated angle: from the lens down to the idlers' vertices."""
     eq26_lens_mm: float
-    """The same with the angle that pixels and focal length give."""
+    """Eq. 26 with the angle from pixels and focal length."""
     recommended_above_belt_mm: float
-    """Sees the span, and the load at its highest, with a margin on either side."""
+    """Height from which the span and the top of the load are seen, with a margin on either side."""
     above_belt_mm: float
-    """Where the core camera hangs in this plan."""
+    """Height of the core camera in this plan."""
 
     def depth_mm(self, height_mm: float) -> float:
-        """Depth before the core camera of a surface so high above the level middle."""
+        """Return the depth in the core camera of a surface at this height above the level middle."""
         return self.above_belt_mm - height_mm
 
 
 def mounting_height_mm(span_mm: float, angle_rad: float) -> float:
-    """Eq. 26, h ≥ (w/2) / tan(α/2): the least height from which an angle α sees a span w.
+    """Return Eq. 26, h ≥ (w/2) / tan(α/2): the minimum height from which an angle α covers a span w.
 
     References
     ----------
@@ -42,7 +42,7 @@ def mounting_height_mm(span_mm: float, angle_rad: float) -> float:
 
 
 def compute_mounting(settings: PlanSettings) -> Mounting:
-    """Heights for a plan, or InputError where the belt cannot be seen whole."""
+    """Return the heights of a plan, or raise InputError where the belt does not fit the view."""
     belt, camera, rig = settings.belt, settings.camera, settings.rig
     angle = min(camera.angle_rad, camera.lens_angle_rad)
     needed = [height + mounting_height_mm(width + 2 * rig.margin_mm, angle) for height, width in belt.planes]
@@ -79,7 +79,7 @@ def _check_height(settings: PlanSettings, height: float, least: float, recommend
     if height < least:
         raise InputError(
             f"{key} = {height:g}: a lens of {settings.camera.focal_mm:g} mm does not see the span of "
-            f"{belt.span_mm:g} mm from there; give at least {np.ceil(least):g} mm, recommended are "
+            f"{belt.span_mm:g} mm from that height; give at least {np.ceil(least):g} mm, recommended are "
             f"{np.ceil(recommended):g} mm"
         )
     if height <= belt.top_mm + CLEARANCE_MM:

@@ -1,4 +1,4 @@
-"""The depth's predicted standard deviation: matching noise through every camera's projection."""
+"""The predicted standard deviation of depth: matching noise propagated through the projections of all cameras."""
 
 from __future__ import annotations
 
@@ -23,53 +23,57 @@ class SigmaMap:
     x_mm: Array
     """(Nx,) across the belt."""
     y_mm: Array
-    """(Ny,) along it."""
+    """(Ny,) along the belt."""
     sigma_mm: Array
-    """(Ny, Nx); NaN where the core or all auxiliaries do not see the place."""
+    """(Ny, Nx); NaN where the core or all auxiliaries do not see the point."""
     cameras: NDArray[np.int64]
-    """(Ny, Nx) how many see it."""
+    """(Ny, Nx) number of cameras that see the point."""
 
 
 def predict_sigma_mm(
     planned: PlannedRig, points_mm: Array, sigma_px: float, calibration_mm: float = 0.0
 ) -> Array:
-    """(N,) σ of the height of points (N, 3) of the world, triangulated by all cameras that see them.
+    """Return (N,) σ of the height of world points (N, 3), triangulated by all cameras that see them.
 
-    With J the derivative of a camera's pixel by the point, the point's covariance is σ²(Σ JᵀJ)⁻¹: what independent
-    noise of ``sigma_px`` on either coordinate of every camera leaves (Gauss–Markov). Calibration is added in
+    With J the derivative of a camera's pixel by the point, the point's covariance is σ²(Σ JᵀJ)⁻¹ for independent
+    noise of ``sigma_px`` on either coordinate of every camera (Gauss–Markov). The calibration's σ is added in
     quadrature. NaN where fewer than two cameras, or not the core, see the point.
     """
-    normal, seen_by = np.zeros((len(points_mm), 3, 3)), np.zeros(len(points_mm), np.int64)
+    normal, views = np.zeros((len(points_mm), 3, 3)), np.zeros(len(points_mm), np.int64)
     for name, camera in planned.rig.cameras.items():
-        seen = planned.sees(name, points_mm)
-        jacobian = projection_jacobian(camera, planned.cam_from_world(name), points_mm) * seen[:, None, None]
+        is_seen = planned.sees(name, points_mm)
+        jacobian = (
+            projection_jacobian(camera, planned.cam_from_world(name), points_mm) * is_seen[:, None, None]
+        )
         normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
-        seen_by += seen
-    usable = (seen_by >= 2) & planned.sees(planned.rig.core, points_mm)
+        views += is_seen
+    is_measurable = (views >= 2) & planned.sees(planned.rig.core, points_mm)
     result = np.full(len(points_mm), np.nan)
-    result[usable] = np.hypot(sigma_px * np.sqrt(np.linalg.inv(normal[usable])[:, 2, 2]), calibration_mm)
+    result[is_measurable] = np.hypot(
+        sigma_px * np.sqrt(np.linalg.inv(normal[is_measurable])[:, 2, 2]), calibration_mm
+    )
     return result
 
 
 def projection_jacobian(camera: Camera, cam_from_world: Pose, points_mm: Array) -> Array:
-    """(N, 2, 3) derivative of a distortion-free camera's pixels by points (N, 3) of the world, px/mm."""
+    """Return (N, 2, 3) derivative of a distortion-free camera's pixels by world points (N, 3), px/mm."""
     x, y, z = cam_from_world.apply(points_mm).T
     zero = np.zeros_like(z)
     fx, fy = camera.focal_px
-    slope = np.array([[fx / z, zero, -fx * x / z**2], [zero, fy / z, -fy * y / z**2]])
-    return np.einsum("rin,ij->nrj", slope, cam_from_world.rotation)
+    jacobian = np.array([[fx / z, zero, -fx * x / z**2], [zero, fy / z, -fy * y / z**2]])
+    return np.einsum("rin,ij->nrj", jacobian, cam_from_world.rotation)
 
 
 def predict_sigma_map(
     settings: PlanSettings, planned: PlannedRig, height_mm: float, length_mm: float
 ) -> SigmaMap:
-    """σ over the span and so much belt, at one height."""
+    """Return σ over the span and ``length_mm`` of belt, at one height."""
     half = settings.belt.span_mm / 2
     x = np.linspace(-half, half, 61)
     y = np.linspace(-length_mm / 2, length_mm / 2, max(9, round(60 * length_mm / (2 * half)) | 1))
     points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), height_mm)], axis=-1).reshape(-1, 3)
     precision = settings.precision
     sigma = predict_sigma_mm(planned, points, precision.sigma_px, precision.calibration_sigma_mm)
-    seen = sum(planned.sees(name, points).astype(np.int64) for name in planned.rig.cameras)
+    views = sum(planned.sees(name, points).astype(np.int64) for name in planned.rig.cameras)
     shape = (len(y), len(x))
-    return SigmaMap(height_mm, x, y, sigma.reshape(shape), np.asarray(seen).reshape(shape))
+    return SigmaMap(height_mm, x, y, sigma.reshape(shape), np.asarray(views).reshape(shape))

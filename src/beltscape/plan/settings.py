@@ -1,4 +1,4 @@
-"""What a plan is made from; the defaults are the paper's rig (Table 1, section 3.1)."""
+"""Settings of a plan; the defaults are the paper's rig (Table 1, section 3.1)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 TABLE_1_ANGLE_DEG = 57.0
-"""The horizontal angle of view that the paper states for its camera and lens."""
+"""Horizontal angle of view that the paper states for its camera and lens."""
 
 Length = Annotated[float, Field(gt=0, le=20_000, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -21,21 +21,21 @@ class _Part(BaseModel):
 
 
 class BeltSettings(_Part):
-    """The belt's cross-section and what lies on it."""
+    """The belt's cross-section and its load."""
 
     width_mm: Length = 800.0
-    """Of the belt, along its surface."""
+    """Width of the belt, measured along its surface."""
     span_mm: Length = 780.0
-    """w: between the vertices of the two side idlers, level."""
+    """w: horizontal distance between the vertices of the two side idlers."""
     flat_mm: Annotated[float, Field(ge=0, le=20_000)] = 300.0
-    """Of the level middle."""
+    """Width of the level middle."""
     material_mm: tuple[Annotated[float, Field(ge=0, le=20_000)], Length] = (0.0, 150.0)
     """Lowest and highest surface to measure, above the level middle."""
     top_width_mm: Length | None = None
-    """How wide the load may be at its highest; None: as wide as the span, so that nothing that passes is missed."""
+    """Maximum width of the load at its top; None: the span, so that no load is missed."""
     speed_m_s: Annotated[float, Field(ge=0, le=50)] = 2.0
     lump_cover: Annotated[float, Field(ge=0, lt=1)] = 0.4
-    """Share of the load's area covered by lumps that stand out of it: what cameras may not see past."""
+    """Share of the load's area covered by protruding lumps, which occlude the view of cameras."""
 
     @model_validator(mode="after")
     def _check_order(self) -> BeltSettings:
@@ -51,22 +51,22 @@ class BeltSettings(_Part):
 
     @property
     def trough_rad(self) -> float:
-        """Slope of the wings, from width, span and flat middle."""
+        """Return the slope of the wings, from width, span and level middle."""
         return float(np.arccos((self.span_mm - self.flat_mm) / (self.width_mm - self.flat_mm)))
 
     @property
     def edge_mm(self) -> float:
-        """How high the belt's edges (the idlers' vertices) lie above the level middle."""
+        """Return the height of the belt's edges (the idlers' vertices) above the level middle."""
         return (self.width_mm - self.flat_mm) / 2 * float(np.sin(self.trough_rad))
 
     @property
     def top_mm(self) -> float:
-        """The highest surface."""
+        """Return the highest surface."""
         return self.material_mm[1]
 
     @property
     def planes(self) -> tuple[tuple[float, float], ...]:
-        """(height above the level middle, width to be seen there), mm: belt, edges, top of the load."""
+        """Return (height above the level middle, width to be seen there), mm: belt, edges, top of the load."""
         top = self.top_width_mm or self.span_mm
         return ((0.0, max(self.flat_mm, 10.0)), (self.edge_mm, self.span_mm), (self.top_mm, top))
 
@@ -80,29 +80,29 @@ class CameraSettings(_Part):
     focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
     f_number: Annotated[float, Field(ge=0.7, le=64)] = 2.8
     angle_deg: Annotated[float, Field(gt=1, lt=170)] | None = None
-    """α, the horizontal angle of view as its maker states it; None: from pixels and focal length."""
+    """α, the horizontal angle of view stated by the maker; None: from pixels and focal length."""
     max_fps: Positive = 79.1
     quantum_efficiency: Share = 0.62
-    """Electrons per photon; of the brightest colour where the sensor has a colour mosaic."""
+    """Electrons per photon; of the most sensitive colour for a sensor with a colour mosaic."""
     read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
     full_well_e: Positive = 10_500.0
     transmission: Share = 0.9
-    """Of the lens."""
+    """Transmission of the lens."""
     bytes_per_pixel: Annotated[float, Field(ge=1, le=8)] = 1.0
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels."""
+        """Return the focal length in pixels."""
         return self.focal_mm * 1000 / self.pitch_um
 
     @property
     def lens_angle_rad(self) -> float:
-        """Horizontal angle of view of a pinhole with this focal length."""
+        """Return the horizontal angle of view of a pinhole with this focal length."""
         return float(2 * np.arctan(self.size_px[0] / 2 / self.focal_px))
 
     @property
     def angle_rad(self) -> float:
-        """α for Eq. 26: as stated, or Table 1's for Table 1's camera, or from the lens."""
+        """Return α for Eq. 26: as stated, or Table 1's for Table 1's camera, or from the lens."""
         if self.angle_deg is not None:
             return float(np.deg2rad(self.angle_deg))
         table = CameraSettings.model_fields
@@ -113,75 +113,76 @@ class CameraSettings(_Part):
 
 
 class RigSettings(_Part):
-    """Where cameras may stand."""
+    """Constraints on the positions of the cameras."""
 
     auxiliaries: Annotated[int, Field(ge=1, le=8)] = 4
     first_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """Direction of the first auxiliary, from across the belt (+x) towards along it (+y)."""
     height_mm: Length | None = None
-    """Of the core camera above the level middle of the belt; None: recommended."""
+    """Height of the core camera above the level middle of the belt; None: recommended."""
     baseline_mm: Length | None = None
-    """From the core to each auxiliary; None: chosen."""
+    """Distance from the core to each auxiliary; None: chosen."""
     max_height_mm: Length = 3000.0
-    """Room above the belt."""
+    """Available height above the belt."""
     max_baseline_mm: Length | None = None
-    """Room beside the core; None: half the span."""
+    """Available distance beside the core; None: half the span."""
     max_angle_deg: Annotated[float, Field(gt=1, le=80)] = 25.0
-    """Between core and auxiliary, seen from the load: images of one patch grow unlike beyond it."""
+    """Angle between core and auxiliary, seen from the load; beyond it images of a patch differ too much."""
     margin_mm: Annotated[float, Field(ge=0, le=5000)] = 10.0
-    """To be seen beside the belt on either side."""
+    """Margin to be seen beside the belt on either side."""
     min_seen: Share | None = None
-    """Share of what the core sees that enough auxiliaries must see too; None: 0.95, and 0.85 with one or two."""
+    """Share of the area seen by the core that enough auxiliaries must see; None: 0.95, or 0.85 with one or two."""
 
     @property
     def required_views(self) -> int:
-        """How many auxiliaries are to see a spot: two, so that one can contradict the other; one, of one or two."""
+        """Return the number of auxiliaries that must see a point: two for redundancy, or one of one or two."""
         return 2 if self.auxiliaries > 2 else 1
 
     @property
     def required_share(self) -> float:
-        """`min_seen`, told or not."""
+        """Return `min_seen`, or its default where it is None."""
         return self.min_seen or (0.95 if self.auxiliaries > 2 else 0.85)
 
 
 class PrecisionSettings(_Part):
-    """How well a patch is matched."""
+    """The precision of matching a patch."""
 
     matching_sigma_px: Annotated[float, Field(gt=0, le=10)] = 0.03
-    """One standard deviation of a matched image coordinate in each camera, with the reference patch: 0.03 is cautious
-    for multi-view matching of projected speckle, which reaches 0.01; pairwise matching reaches 0.1."""
+    """One standard deviation of a matched image coordinate in each camera, with the reference patch. 0.03 is
+    cautious for multi-view matching of projected speckle, which reaches 0.01; pairwise matching reaches 0.1.
+    """
     patch_px: Annotated[int, Field(ge=3, le=501)] = 21
-    """Edge of the patch; σ falls with it as 1/edge from the reference of 21 px."""
+    """Edge of the patch; σ is proportional to 1/edge, from the reference of 21 px."""
     calibration_sigma_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
-    """Depth's σ from calibration, where it is known."""
+    """σ of depth due to calibration, where it is known."""
 
     @property
     def sigma_px(self) -> float:
-        """Of a coordinate, with this patch."""
+        """Return σ of a coordinate with this patch."""
         return self.matching_sigma_px * 21 / self.patch_px
 
 
 class LightSettings(_Part):
-    """The projector, the hall and the exposure."""
+    """The projector, the ambient light and the exposure."""
 
     projector_lm: Annotated[float, Field(ge=0, le=1e7)] = 3000.0
     lit_area_mm: tuple[Length, Length] | None = None
-    """What the projector's picture covers at the belt; None: what the core camera sees there."""
+    """Area of the projector's picture on the belt; None: the core camera's view of it."""
     ambient_lux: Annotated[float, Field(ge=0, le=2e5)] = 300.0
     reflectance: Share = 0.05
-    """Of the darkest material; rubber and coal."""
+    """Reflectance of the darkest material; rubber and coal."""
     lumens_per_watt: Annotated[float, Field(gt=10, le=683)] = 300.0
-    """Of the light itself; white LEDs about 300."""
+    """Luminous efficacy of radiation; about 300 for white LEDs."""
     wavelength_nm: Annotated[float, Field(ge=300, le=1100)] = 560.0
     exposure_us: Annotated[float, Field(ge=1, le=1e6)] | None = None
-    """None: the longest that keeps motion blur within `max_blur_px`, and a frame's time."""
+    """None: the longest within `max_blur_px` of motion blur and the frame time."""
     max_blur_px: Annotated[float, Field(gt=0, le=100)] = 0.5
     target_snr: Annotated[float, Field(gt=0, le=1000)] = 30.0
-    """Of a lit dot on the darkest material."""
+    """SNR of a lit dot on the darkest material."""
 
 
 class PlanSettings(_Part):
-    """Everything."""
+    """All settings of a plan."""
 
     belt: BeltSettings = BeltSettings()
     camera: CameraSettings = CameraSettings()
@@ -189,7 +190,7 @@ class PlanSettings(_Part):
     precision: PrecisionSettings = PrecisionSettings()
     light: LightSettings = LightSettings()
     frames_per_point: Annotated[int, Field(ge=1, le=100)] = 3
-    """How many frames are to see each piece of belt, so that they can be fused."""
+    """Number of frames that show each piece of belt, for their fusion."""
 
     @field_validator("frames_per_point", mode="before")
     @classmethod

@@ -1,4 +1,4 @@
-"""The planned rig: the core straight above the belt, the auxiliaries around it, all looking at one spot."""
+"""The planned rig: the core vertically above the belt, the auxiliaries around it, all aimed at one point."""
 
 from __future__ import annotations
 
@@ -13,45 +13,45 @@ from beltscape.core.rig import Rig
 from beltscape.plan.settings import CameraSettings, PlanSettings
 
 CORE_FROM_WORLD = np.diag([1.0, -1.0, -1.0])
-"""Rotation of a camera that looks straight down, its rows across the belt."""
+"""Rotation of a camera that looks vertically down, its rows across the belt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedRig:
-    """World: x across the belt, y along it, z up, mm; the origin on its level middle under the core."""
+    """A rig in the world: x across the belt, y along it, z up, mm; origin on its level middle below the core."""
 
     rig: Rig
     core_from_world: Pose
     baseline_mm: float
     tilt_rad: float
-    """Between the optical axes of an auxiliary and the core."""
+    """Angle between the optical axes of an auxiliary and the core."""
     target_mm: NDArray[np.float64]
-    """(3,) where all axes meet."""
+    """(3,) the point where all axes meet."""
 
     def cam_from_world(self, name: str) -> Pose:
-        """Of one camera."""
+        """Return the pose of one camera."""
         return self.rig.cam_from_core[name] @ self.core_from_world
 
     def position_mm(self, name: str) -> NDArray[np.float64]:
-        """(3,) of one camera in the world."""
+        """Return (3,) the position of one camera in the world."""
         return self.cam_from_world(name).center_mm
 
     def project(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 2) where a camera sees points (..., 3) of the world."""
+        """Return (..., 2) pixels of world points (..., 3) in a camera."""
         return self.rig.cameras[name].project(self.cam_from_world(name).apply(points_mm))
 
     def sees(self, name: str, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(...) whether points (..., 3) of the world fall on a camera's image."""
+        """Return (...) whether world points (..., 3) project into the image of a camera."""
         pixels = self.project(name, points_mm)
         inside = (pixels >= -0.5) & (pixels <= np.array(self.rig.cameras[name].size_px) - 0.5)
         return np.asarray(inside.all(axis=-1))
 
 
 def make_planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: float) -> PlannedRig:
-    """Core at ``height_mm``, auxiliaries level with it at 360°/n, each tilted towards the middle of the load.
+    """Return the core at ``height_mm`` and auxiliaries level with it at 360°/n, tilted to the middle of the load.
 
-    An auxiliary is the core turned about the one level axis that brings its own axis to the spot, so that all
-    images are the same way up.
+    An auxiliary is the core rotated about the one horizontal axis that turns its optical axis towards the point,
+    so that all images have the same orientation.
     """
     middle = sum(settings.belt.material_mm) / 2
     target = np.array([0.0, 0.0, middle])
@@ -64,7 +64,7 @@ def make_planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: floa
         name = f"cam{i + 1}"
         angle = np.deg2rad(settings.rig.first_deg) + 2 * np.pi * i / count
         across, along = np.cos(angle), np.sin(angle)
-        # in the core's axes (y down the image, against the belt's y) the camera stands at (across, -along)
+        # in the core's axes (image y opposite to the belt's y) the camera is at (across, -along)
         cam_from_core = rotation_from_vector(tilt * np.array([along, across, 0.0]))
         poses[name] = Pose(cam_from_core, -cam_from_core @ (baseline_mm * np.array([across, -along, 0.0])))
         cameras[name] = _make_camera(name, settings.camera)
@@ -73,7 +73,7 @@ def make_planned_rig(settings: PlanSettings, height_mm: float, baseline_mm: floa
 
 
 def _make_camera(name: str, settings: CameraSettings) -> Camera:
-    """The nominal camera: the lens's focal length, the axis through the middle, no distortion."""
+    """Return the nominal camera: the lens's focal length, a centred principal point, no distortion."""
     size = settings.size_px
     return Camera(
         name, size, np.full(2, settings.focal_px), (np.array(size, np.float64) - 1) / 2, np.zeros(5)

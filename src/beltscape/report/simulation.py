@@ -1,4 +1,4 @@
-"""A simulated frame at a glance: what every camera sees, and the true depth before the core."""
+"""The preview of a simulated frame: the image of every camera, and the true depth of the core."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltscape.report.drawing.pictures import Panel, sheet, span, to_rgb
 
 
 def draw_simulated_frame(frame_set: FrameSet, depth_mm: NDArray[np.float64], columns: int = 3) -> Rgb:
-    """(H, W, 3) RGB: the cameras' images, brightened, and the core's true depth (H, W) in its undistorted image."""
+    """Return (H, W, 3) RGB: the cameras' images, brightened, and the core's true depth (H, W)."""
     scale = Scale(*span(depth_mm), NEAR_TO_FAR)
     panels = [Panel(to_rgb(image), name) for name, image in frame_set.images.items()]
     panels.append(Panel(scale.colored(depth_mm), "true depth, mm", scale))

@@ -55,8 +55,8 @@ class CharucoBoard(BaseModel):
         (columns, rows), available = self.squares, len(_load_dictionary(self.dictionary).bytesList)
         if columns * rows // 2 > available:
             raise ValueError(
-                f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, {self.dictionary} has {available}; "
-                "correct squares or dictionary"
+                f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, "
+                f"{self.dictionary} has {available}; correct squares or dictionary"
             )
         return self
 

@@ -1,4 +1,4 @@
-"""The plan's report: can it be built, where everything goes, what it will see."""
+"""The plan's report: feasibility, positions of all devices, and what the rig will see."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from beltscape.report.planning.plan_tables import (
 
 
 def render_plan_page(plan: Plan) -> str:
-    """report.html of a plan."""
+    """Return report.html of a plan."""
     sections = [
         Section("The plan", "", [_make_tiles(plan)]),
         Section(
@@ -35,7 +35,7 @@ def render_plan_page(plan: Plan) -> str:
         Section("Baseline", _describe_baseline(plan), [make_alternatives_table(plan)]),
         Section(
             "What is seen",
-            "Shares of the strip of belt that the core sees. Seen: in the image; what lumps hide is told above.",
+            "Shares of the strip of belt that the core sees. Occlusion by lumps is in the table above.",
             [make_coverage_table(plan), make_pixels_table(plan)],
         ),
         Section("Depth", _describe_sigma(plan), [make_sigma_chart(plan)]),
@@ -46,51 +46,55 @@ def render_plan_page(plan: Plan) -> str:
 
 
 def summarise(plan: Plan) -> str:
-    """The plan in a sentence or two."""
-    hang, count, edges = plan.mounting, len(plan.planned.rig.cameras), plan.planes[1]
+    """Summarise the plan in a sentence or two."""
+    mounting, count, edges = plan.mounting, len(plan.planned.rig.cameras), plan.planes[1]
     seen = edges.at_least[plan.required_views]
     text = (
-        f"{count} cameras: the core {hang.above_belt_mm:.0f} mm above the belt, the others "
+        f"{count} cameras: the core {mounting.above_belt_mm:.0f} mm above the belt, the others "
         f"{plan.planned.baseline_mm:.0f} "
         f"mm from it and tilted by {np.rad2deg(plan.planned.tilt_rad):.1f}°, see {seen:.1%} of the "
         "belt under the core "
         f"{plan.required_views + 1} times, with {edges.pixel_mm['cam0'][1]:.2f} mm pixels and a depth σ of "
         f"{plan.sigma_median_mm:.3f} mm from matching. "
     )
-    lacks = []
+    shortages = []
     if plan.light.snr < 0.995 * plan.settings.light.target_snr:
-        lacks.append(f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)")
+        shortages.append(
+            f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)"
+        )
     if plan.motion.fps > plan.settings.camera.max_fps:
-        lacks.append("frame rate")
+        shortages.append("frame rate")
     if plan.motion.blur_px > plan.settings.light.max_blur_px * (1 + 1e-9):
-        lacks.append("a shorter exposure")
-    return text + (f"What is missing: {', '.join(lacks)}." if lacks else "Light and frame rate suffice.")
+        shortages.append("a shorter exposure")
+    return text + (
+        f"What is missing: {', '.join(shortages)}." if shortages else "Light and frame rate suffice."
+    )
 
 
 def _make_tiles(plan: Plan) -> Tiles:
-    hang, move, core = plan.mounting, plan.motion, plan.planes[1].pixel_mm["cam0"]
+    mounting, motion, core = plan.mounting, plan.motion, plan.planes[1].pixel_mm["cam0"]
     return Tiles(
         [
-            Tile("least height by Eq. 26", f"{hang.eq26_mm:.1f}", "mm", "lens to the idlers' vertices"),
-            Tile("core above the belt", f"{hang.above_belt_mm:.0f}", "mm",
-                 f"recommended {hang.recommended_above_belt_mm:.0f} mm"),
+            Tile("least height by Eq. 26", f"{mounting.eq26_mm:.1f}", "mm", "lens to the idlers' vertices"),
+            Tile("core above the belt", f"{mounting.above_belt_mm:.0f}", "mm",
+                 f"recommended {mounting.recommended_above_belt_mm:.0f} mm"),
             Tile("baseline", f"{plan.planned.baseline_mm:.0f}", "mm",
                  f"tilt {np.rad2deg(plan.planned.tilt_rad):.2f}°"),
             Tile("pixel at the belt's edges", f"{core[1]:.3f}", "mm"),
             Tile("depth σ, matching", f"{plan.sigma_median_mm:.3f}", "mm",
                  f"{plan.sigma_in_this_light_mm:.3f} mm in this light"),
-            Tile("frames per second", f"{move.fps:.1f}", "",
-                 f"{move.gap_free_fps:.1f} without gaps; {move.data_mb_s:.0f} MB/s"),
-            Tile("exposure", f"{move.exposure_us:.0f}", "µs", f"{move.blur_px:.2f} px of motion blur"),
-            Tile("SNR of a dot", f"{plan.light.snr:.1f}", "", f"{plan.settings.light.target_snr:g} asked"),
+            Tile("frames per second", f"{motion.fps:.1f}", "",
+                 f"{motion.gap_free_fps:.1f} without gaps; {motion.data_mb_s:.0f} MB/s"),
+            Tile("exposure", f"{motion.exposure_us:.0f}", "µs", f"{motion.blur_px:.2f} px of motion blur"),
+            Tile("SNR of a dot", f"{plan.light.snr:.1f}", "", f"{plan.settings.light.target_snr:g} requested"),
         ]
     )  # fmt: skip
 
 
 def _describe_mounting(plan: Plan) -> str:
-    hang, belt = plan.mounting, plan.settings.belt
+    mounting, belt = plan.mounting, plan.settings.belt
     return (
-        f"Eq. 26: h ≥ (w/2) / tan(α/2) = {hang.eq26_mm:.1f} mm for w = {belt.span_mm:g} mm and α = "
+        f"Eq. 26: h ≥ (w/2) / tan(α/2) = {mounting.eq26_mm:.1f} mm for w = {belt.span_mm:g} mm and α = "
         f"{np.rad2deg(plan.settings.camera.angle_rad):.2f}°, down to the idlers' vertices, which lie "
         f"{belt.edge_mm:.0f} mm "
         f"above the level middle of the belt. Recommended is what also sees the load's top, "
@@ -138,8 +142,8 @@ def _describe_sigma(plan: Plan) -> str:
 
 def make_sigma_chart(plan: Plan) -> Chart:
     """Return the σ maps as a chart, one scale for all."""
-    known = np.concatenate([each.sigma_mm[np.isfinite(each.sigma_mm)] for each in plan.sigma])
-    low, high = (float(known.min()), float(np.percentile(known, 98))) if len(known) else (0.0, 1.0)
+    finite = np.concatenate([sigma_map.sigma_mm[np.isfinite(sigma_map.sigma_mm)] for sigma_map in plan.sigma])
+    low, high = (float(finite.min()), float(np.percentile(finite, 98))) if len(finite) else (0.0, 1.0)
     label = f"depth σ, mm; {DARK_IS_SURE}"
     scale = Scale(low, max(high, low + 1e-6), DOUBT, label=label)
     return Chart.draw(partial(_draw_sigma_maps, plan, scale), "Empty: fewer than two cameras.", scale)
@@ -147,23 +151,27 @@ def make_sigma_chart(plan: Plan) -> Chart:
 
 def _draw_sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
     width, length = (
-        max(float(np.ptp(getattr(each, name))) for each in plan.sigma) for name in ("x_mm", "y_mm")
+        max(float(np.ptp(getattr(sigma_map, name))) for sigma_map in plan.sigma) for name in ("x_mm", "y_mm")
     )
     height = map_height(form, width, length, columns=3)
     figure, axes = panels(len(plan.sigma), form, columns=3, height=height + 14)
-    for axis, each, plane in zip(axes, plan.sigma, plan.planes, strict=True):
-        extent = (each.x_mm[0], each.x_mm[-1], each.y_mm[0], each.y_mm[-1])
+    for axis, sigma_map, plane in zip(axes, plan.sigma, plan.planes, strict=True):
+        extent = (sigma_map.x_mm[0], sigma_map.x_mm[-1], sigma_map.y_mm[0], sigma_map.y_mm[-1])
         show_map(
-            axis, faded(scale.colored(each.sigma_mm), each.sigma_mm, np.ones(each.sigma_mm.shape)), extent
+            axis,
+            faded(scale.colored(sigma_map.sigma_mm), sigma_map.sigma_mm, np.ones(sigma_map.sigma_mm.shape)),
+            extent,
         )
-        axis.set(title=f"{plane.name}, {each.height_mm:.0f} mm", xlabel="x across, mm", ylabel="y along, mm")
+        axis.set(
+            title=f"{plane.name}, {sigma_map.height_mm:.0f} mm", xlabel="x across, mm", ylabel="y along, mm"
+        )
     return figure
 
 
 def _describe_motion(plan: Plan) -> str:
-    move, belt = plan.motion, plan.settings.belt
+    motion, belt = plan.motion, plan.settings.belt
     return (
-        f"At {belt.speed_m_s:g} m/s; a frame gives {move.frame_length_mm:.0f} mm of belt over the "
+        f"At {belt.speed_m_s:g} m/s; a frame gives {motion.frame_length_mm:.0f} mm of belt over the "
         "full width at every "
         f"height, seen by the core and another camera. Each piece of belt in {plan.settings.frames_per_point} frames "
         "lets them be fused."

@@ -1,4 +1,4 @@
-"""The planned rig drawn to scale: from above and from the side, as SVG."""
+"""Drawings of the planned rig to scale, from above and from the side, as SVG."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _BELT, _LOAD, _INK, _PAPER, _FRAME, _SHARED = (
     light(role) for role in ("belt", "load", "ink", "paper", "common", "shared")
 )
 _TEXT_ROOM = 22.0
-"""About a drawing, for a line of text."""
+"""Margin of a drawing for a line of text."""
 _MAX_HEIGHT = 560.0
-"""Height of a drawing at most: it is seen whole on a screen."""
+"""Maximum height of a drawing, so that it fits a screen."""
 _HALF_WIDTH = 390.0
-"""Width of a side view of which two share a wide screen."""
+"""Width of a side view; two share a wide screen."""
 
 
 class Drawing:
-    """Millimetres, second axis upwards → SVG; its unit is the charts'."""
+    """A drawing in millimetres, second axis upwards, written as SVG in the charts' unit."""
 
     def __init__(
         self, low: Sequence[float], high: Sequence[float], width: float, *,
         above: float = _TEXT_ROOM, below: float = _TEXT_ROOM,
     ) -> None:  # fmt: skip
-        """``width``, and the room ``above`` and ``below`` what lies between the corners, are in the charts' unit."""
+        """``width`` and the margins ``above`` and ``below`` the corners are in the charts' unit."""
         tall = (_MAX_HEIGHT - above - below) / (high[1] - low[1])
         self.width = width
         self.px_per_mm = min((width - 2 * _TEXT_ROOM) / (high[0] - low[0]), tall)
@@ -46,54 +46,57 @@ class Drawing:
         self.parts: list[str] = []
 
     def to_picture(self, point: Sequence[float] | NDArray[np.float64]) -> tuple[float, float]:
-        """Where a point in mm lies in the picture."""
+        """Return the position of a point in mm in the picture."""
         return (float(point[0]) - self.left) * self.px_per_mm, (self.top - float(point[1])) * self.px_per_mm
 
     def draw_shape(
         self, points: Sequence[Sequence[float]] | Polygon, *, fill: str = "none", stroke: str = "none",
         width: float = 1.5, closed: bool = True, dashed: bool = False,
     ) -> None:  # fmt: skip
-        """A polygon or a line."""
-        where = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.to_picture, points))
+        """Draw a polygon or a line."""
+        coordinates = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.to_picture, points))
         dash = ' stroke-dasharray="7 5"' if dashed else ""
         self.parts.append(
-            f'<{"polygon" if closed else "polyline"} points="{where}" fill="{fill}" '
+            f'<{"polygon" if closed else "polyline"} points="{coordinates}" fill="{fill}" '
             f'stroke="{stroke}" stroke-width="{width:g}"{dash}/>'
         )
 
     def draw_dot(self, point: Sequence[float] | NDArray[np.float64], color: str, radius: float = 6) -> None:
-        """A disc of fixed size."""
+        """Draw a disc of fixed size."""
         x, y = self.to_picture(point)
         self.parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}" fill="{color}"/>')
 
     def draw_text(
-        self, point: Sequence[float] | NDArray[np.float64], words: str, *, color: str = _INK,
+        self, point: Sequence[float] | NDArray[np.float64], label: str, *, color: str = _INK,
         shift: tuple[float, float] = (0, 0), anchor: str = "middle",
     ) -> None:  # fmt: skip
-        """Words at a place, moved by so many px."""
+        """Draw text at a point, shifted by ``shift`` px."""
         x, y = self.to_picture(point)
         self.parts.append(
             f'<text x="{x + shift[0]:.1f}" y="{y + shift[1]:.1f}" fill="{color}" text-anchor="{anchor}" '
-            f'stroke="{_PAPER}" stroke-width="4" paint-order="stroke">{escape(words)}</text>'
+            f'stroke="{_PAPER}" stroke-width="4" paint-order="stroke">{escape(label)}</text>'
         )
 
-    def draw_dimension(self, a: Sequence[float], b: Sequence[float], words: str, *, up: float = 0.0) -> None:
-        """A dimension line with its length, so far above its place."""
+    def draw_dimension(self, a: Sequence[float], b: Sequence[float], label: str, *, up: float = 0.0) -> None:
+        """Draw a dimension line with its length, ``up`` px above its place."""
         a, b = ((end[0], end[1] + up / self.px_per_mm) for end in (a, b))
         self.draw_shape([a, b], stroke=_INK, width=1, closed=False)
         for end in (a, b):
             self.draw_dot(end, _INK, 2.5)
-        upright = abs(a[0] - b[0]) < abs(a[1] - b[1])
+        is_vertical = abs(a[0] - b[0]) < abs(a[1] - b[1])
         middle = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
         self.draw_text(
-            middle, words, shift=(8, 4) if upright else (0, -7), anchor="start" if upright else "middle"
+            middle,
+            label,
+            shift=(8, 4) if is_vertical else (0, -7),
+            anchor="start" if is_vertical else "middle",
         )
 
     def to_svg(self) -> str:
-        """The picture."""
+        """Return the picture."""
         return (
             f'<svg viewBox="0 0 {self.width:.0f} {self.height:.0f}" data-px-per-mm="{self.px_per_mm:.5f}" '
-            f'font-size="{FONT_PT:g}">{re.sub(_HEX, lambda found: css_color(found[0]), "".join(self.parts))}</svg>'
+            f'font-size="{FONT_PT:g}">{re.sub(_HEX, lambda match: css_color(match[0]), "".join(self.parts))}</svg>'
         )
 
 
@@ -123,7 +126,7 @@ def _make_chart(view: Callable[[Form], str], caption: str, *entries: Entry, half
 
 
 def draw_top_view(plan: Plan, form: Form) -> str:
-    """Belt, image rectangles at the belt's edges, cameras; x to the right, y upwards."""
+    """Draw belt, image borders at the height of the belt's edges, and cameras; x to the right, y upwards."""
     plane, planned = plan.planes[1], plan.planned
     positions = {name: planned.position_mm(name) for name in planned.rig.cameras}
     corners = np.vstack([*plane.polygons.values(), *(p[None, :2] for p in positions.values())])
@@ -148,7 +151,7 @@ def draw_top_view(plan: Plan, form: Form) -> str:
 
 
 def _draw_belt(drawing: Drawing, plan: Plan, low: float, high: float) -> None:
-    """The belt from above, what all cameras see of the plane, and the ends of the level middle."""
+    """Draw the belt from above, the area seen by all cameras, and the ends of the level middle."""
     half, flat = plan.planes[1].width_mm / 2, plan.settings.belt.flat_mm / 2
     drawing.draw_shape([(-half, low), (half, low), (half, high), (-half, high)], fill=_BELT)
     drawing.draw_shape(plan.planes[1].all_cameras, fill=_SHARED)
@@ -157,7 +160,7 @@ def _draw_belt(drawing: Drawing, plan: Plan, low: float, high: float) -> None:
 
 
 def draw_side_view(plan: Plan, form: Form, *, along: bool = False) -> str:
-    """Cameras, their views and the trough; across the belt, or along it, on one scale."""
+    """Draw cameras, their views and the trough, across the belt or along it, on one scale."""
     belt, planned = plan.settings.belt, plan.planned
     half, flat, edge, top = belt.span_mm / 2, belt.flat_mm / 2, belt.edge_mm, belt.top_mm
     positions = {name: planned.position_mm(name)[[int(along), 2]] for name in planned.rig.cameras}
@@ -177,27 +180,27 @@ def draw_side_view(plan: Plan, form: Form, *, along: bool = False) -> str:
     drawing.draw_shape(trough, stroke=_INK, width=3.5, closed=False)
     for name in [*planned.rig.auxiliaries, planned.rig.core]:
         drawing.draw_dot(positions[name], CORE if name == planned.rig.core else AUXILIARY, 5)
-    for place, names in _group_cameras(positions).items():
-        core = planned.rig.core in names  # its row is above the others': on a phone they would meet
+    for position, names in _group_cameras(positions).items():
+        core = planned.rig.core in names  # its row is above the others', which it would overlap on a phone
         color, lift = (CORE, -26) if core else (AUXILIARY, -10)
-        drawing.draw_text((place, highest), ", ".join(names), color=color, shift=(0, lift))
+        drawing.draw_text((position, highest), ", ".join(names), color=color, shift=(0, lift))
     _draw_dimensions(drawing, plan, along)
     return drawing.to_svg()
 
 
 def _side_reach_mm(plan: Plan) -> float:
-    """Half the length that both side views show, so that they have one scale."""
-    grounds = np.abs(np.vstack(list(plan.planes[0].polygons.values())))
+    """Return half the length that both side views show, so that they have one scale."""
+    footprints = np.abs(np.vstack(list(plan.planes[0].polygons.values())))
     lenses = [np.abs(plan.planned.position_mm(name)[:2]).max() for name in plan.planned.rig.cameras]
-    return max(plan.settings.belt.span_mm / 2, float(grounds.max()), *map(float, lenses))
+    return max(plan.settings.belt.span_mm / 2, float(footprints.max()), *map(float, lenses))
 
 
 def _group_cameras(positions: Mapping[str, NDArray[np.float64]]) -> dict[float, list[str]]:
-    """Names of the cameras that are drawn at one place, by its first coordinate."""
-    found: dict[float, list[str]] = {}
+    """Return the names of cameras drawn at one position, by its first coordinate."""
+    groups: dict[float, list[str]] = {}
     for name, position in positions.items():
-        found.setdefault(round(float(position[0])) + 0.0, []).append(name)
-    return found
+        groups.setdefault(round(float(position[0])) + 0.0, []).append(name)
+    return groups
 
 
 def _draw_dimensions(drawing: Drawing, plan: Plan, along: bool) -> None:

@@ -1,4 +1,4 @@
-"""The plan's tables."""
+"""The tables of the plan's report."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from beltscape.report.page import Table
 
 
 def make_poses_table(plan: Plan) -> Table:
-    """Where each lens is."""
+    """Tabulate the position of each lens."""
     rows = []
     for name in plan.planned.rig.cameras:
         x, y, z = plan.planned.position_mm(name)
@@ -24,16 +24,16 @@ def make_poses_table(plan: Plan) -> Table:
 
 
 def make_alternatives_table(plan: Plan) -> Table:
-    """Baselines and what speaks against them."""
+    """Tabulate the baselines and the reasons against them."""
     count = plan.settings.rig.auxiliaries
     levels = sorted({1, plan.required_views, count})
     rows = [
         [
-            f"{each.baseline_mm:.0f}" + (" ◄" if each is plan.chosen else ""), f"{each.tilt_deg:.1f}",
-            f"{each.sigma_mm:.4f}", *(f"{100 * each.seen[k]:.1f}" for k in levels),
-            f"{100 * each.covered[1]:.1f}", f"{100 * each.covered[-1]:.1f}", each.refused or "–",
+            f"{candidate.baseline_mm:.0f}" + (" ◄" if candidate is plan.chosen else ""), f"{candidate.tilt_deg:.1f}",
+            f"{candidate.sigma_mm:.4f}", *(f"{100 * candidate.seen[k]:.1f}" for k in levels),
+            f"{100 * candidate.covered[1]:.1f}", f"{100 * candidate.covered[-1]:.1f}", candidate.refused or "–",
         ]
-        for each in plan.alternatives
+        for candidate in plan.alternatives
     ]  # fmt: skip
     names = ["baseline mm", "tilt °", "σ mm", *(f"≥ {k} see %" for k in levels)]
     caption = (
@@ -43,7 +43,7 @@ def make_alternatives_table(plan: Plan) -> Table:
 
 
 def make_coverage_table(plan: Plan) -> Table:
-    """Shares seen, and lengths of belt."""
+    """Tabulate the shares seen and the lengths of belt."""
     count = plan.settings.rig.auxiliaries
     names = ["plane", "height mm", "width mm", *(f"core + ≥ {k} %" for k in range(1, count + 1))]
     rows = [
@@ -59,7 +59,7 @@ def make_coverage_table(plan: Plan) -> Table:
 
 
 def make_pixels_table(plan: Plan) -> Table:
-    """Pixels' edges on the belt."""
+    """Tabulate the pixel sizes on the belt."""
     rows = [
         [name, *("{1:.3f} ({0:.3f} … {2:.3f})".format(*plane.pixel_mm[name]) for plane in plan.planes)]
         for name in plan.planned.rig.cameras
@@ -69,21 +69,21 @@ def make_pixels_table(plan: Plan) -> Table:
 
 
 def make_motion_table(plan: Plan) -> Table:
-    """Exposure, frame rate, data."""
-    move, camera = plan.motion, plan.settings.camera
+    """Tabulate exposure, frame rate and data rate."""
+    motion, camera = plan.motion, plan.settings.camera
     rows = [
-        ["longest exposure for the allowed blur", f"{move.max_exposure_us:.0f} µs"],
-        ["motion blur in this plan", f"{move.blur_mm:.3f} mm, {move.blur_px:.2f} px"],
-        ["frame rate without gaps", f"{move.gap_free_fps:.2f} per second"],
-        [f"with {plan.settings.frames_per_point} frames per point", f"{move.fps:.2f} per second"],
-        ["fastest belt with that many", f"{move.max_speed_m_s:.1f} m/s at {camera.max_fps:g} per second"],
-        ["data of all cameras", f"{move.data_mb_s:.0f} MB/s"],
+        ["longest exposure for the allowed blur", f"{motion.max_exposure_us:.0f} µs"],
+        ["motion blur in this plan", f"{motion.blur_mm:.3f} mm, {motion.blur_px:.2f} px"],
+        ["frame rate without gaps", f"{motion.gap_free_fps:.2f} per second"],
+        [f"with {plan.settings.frames_per_point} frames per point", f"{motion.fps:.2f} per second"],
+        ["fastest belt with that many", f"{motion.max_speed_m_s:.1f} m/s at {camera.max_fps:g} per second"],
+        ["data of all cameras", f"{motion.data_mb_s:.0f} MB/s"],
     ]
     return Table(["", ""], rows)
 
 
 def make_light_table(plan: Plan) -> Table:
-    """Electrons and what is missing."""
+    """Tabulate electrons, noise and the required light."""
     light = plan.light
     blur = ", ".join(
         f"{name} {px:.1f}" for name, px in zip(("belt", "edges", "top"), plan.defocus_px, strict=True)
@@ -92,8 +92,8 @@ def make_light_table(plan: Plan) -> Table:
         ["projector on the belt", f"{light.illuminance_lux:.0f} lx"],
         ["electrons in a lit dot, in a gap", f"{light.dot_e:.0f}, {light.gap_e:.0f}"],
         ["noise in a dot", f"{light.noise_e:.1f}"],
-        ["SNR of a dot", f"{light.snr:.1f} (asked {plan.settings.light.target_snr:g})"],
-        ["exposure for the asked SNR", f"{light.needed_exposure_us:.0f} µs"],
+        ["SNR of a dot", f"{light.snr:.1f} (requested {plan.settings.light.target_snr:g})"],
+        ["exposure for the requested SNR", f"{light.needed_exposure_us:.0f} µs"],
         ["or projector while exposing", f"{light.needed_lumens:.0f} lm"],
         ["light in the image's corner", f"{100 * light.corner:.0f} %"],
         ["out of focus, px", blur],

@@ -5,12 +5,6 @@ millimetre behind the hit are therefore intersected again in float64 (Möller an
 doi:10.1080/10867651.1997.10487468), and the nearest is taken: distances are exact to less than 1e-6 mm. Two cases
 remain: a ray that passes the outline of a solid by less than Embree's error may miss it, and of two surfaces closer
 to each other than that error the farther one may be returned.
-
-Embree's answer is right to some 1e-4 mm. What a ray meets within a hundredth of a millimetre, and the triangles
-around it, are therefore intersected once more in float64 (Möller and Trumbore, doi:10.1080/10867651.1997.10487468)
-and the nearest is taken: distances are exact to less than 1e-6 mm. What stays are two cases: a ray that passes the
-outline of a solid by less than Embree's own error may miss it, and of two surfaces nearer to each other than that
-error the farther may be named.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """The simulated world: solids on a belt, the cameras above it, and the projector that lights it.
 
 World frame: x across the belt, y along it, z up, mm; the origin lies on the empty level belt under the rig.
-
-World frame: x across the belt, y along it, z up, mm; the origin lies on the empty flat belt under the rig.
 """
 
 from __future__ import annotations

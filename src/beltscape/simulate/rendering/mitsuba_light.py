@@ -2,9 +2,6 @@
 
 A white diffuse surface in the open yields 1 under ambient light of 1, and `Projector.power` at 1000 mm under a
 white pixel.
-
-A white diffuse surface in the open gives 1 under ambient light of 1, and `Projector.power` at 1000 mm under a
-white pixel.
 """
 
 from __future__ import annotations

@@ -3,10 +3,6 @@
 Light on a diffuse surface is its colour times the incident light, so the two are rendered separately: the colours as
 emission, which needs no light paths, and the light on white surfaces. Highlights of glossy surfaces are a third
 appearance. Only for light between surfaces are all three combined in the "real" appearance.
-
-Light on a diffuse surface is its colour times what falls on it, so the two are looked at apart: the colours as if
-surfaces shone by themselves, which takes no light paths, and the light on surfaces that are white. Highlights of
-glossy surfaces are a third look. Only where light is to go from surface to surface are they real in one.
 """
 
 from __future__ import annotations

@@ -2,9 +2,6 @@
 
 Distortion is exact: every pixel has its own grid of sub-samples, each undistorted to its position in the pinholes'
 fine pictures and weighted by the lens's blur and the pixel's area.
-
-Distortion is exact: every pixel gathers its own grid of sub-samples, each undistorted to where the pinholes' fine
-pictures have it; the lens's blur and the pixel's own area weigh them.
 """
 
 from __future__ import annotations

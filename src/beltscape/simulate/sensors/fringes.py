@@ -3,10 +3,6 @@
 Phase shifting: N pictures 1/2 + 1/2·cos(φ − 2πk/N), k = 0 … N − 1, of each number of fringes; several numbers of
 fringes resolve the order of the fringe (Zuo et al., Optics and Lasers in Engineering 109, 2018, 23-59,
 doi:10.1016/j.optlaseng.2018.04.019, and 85, 2016, 84-103, doi:10.1016/j.optlaseng.2016.04.022).
-
-Phase shifting: N pictures 1/2 + 1/2·cos(φ − 2πk/N), k = 0 … N − 1, of each number of fringes; several numbers of
-fringes tell the periods apart (Zuo et al., Optics and Lasers in Engineering 109, 2018, 23-59,
-doi:10.1016/j.optlaseng.2018.04.019, and 85, 2016, 84-103, doi:10.1016/j.optlaseng.2016.04.022).
 """
 
 from __future__ import annotations

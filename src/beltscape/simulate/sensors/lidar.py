@@ -4,11 +4,6 @@ The beam has a width: the range is the mean over rays spread over it, weighted b
 on an edge reports a point in between. Range noise is added. The geometry is of the class of SICK's LMS4000: 70° in
 steps of 0.0833° (operating instructions 8023198). Assumed are 600 profiles a second, a range noise of 1 mm, a spot
 of 3 mm, and that no surface is too dark.
-
-The beam has a width: the range is the mean over rays spread over it, weighted by the light that comes back, so that
-a beam on an edge reports a place between. To that comes the range's own noise. Geometry as a scanner of the class
-of SICK's LMS4000 has it: 70° in steps of 0.0833° (operating instructions 8023198); 600 profiles a second, a range
-noise of 1 mm and a spot of 3 mm are assumed, and so is that nothing is too dark.
 """
 
 from __future__ import annotations

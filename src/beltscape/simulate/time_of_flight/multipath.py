@@ -9,15 +9,6 @@ gets is the radiosity form factor
 and the light's path is camera – disc – point – camera. It is summed at every few pixels and interpolated in between.
 Not modelled: occlusion between disc and point, surfaces outside the image or hidden from the camera, further bounces,
 gloss. Jiménez et al., Image and Vision Computing 32(1), 2014, 1-13, fit the same model instead of applying it.
-
-One bounce between diffuse surfaces. The image is cut into blocks; the surface in the middle of each stands for it as
-a disc of the block's area, lit by the camera. What a receiving point gets of a disc is the radiosity form factor
-
-    F = cos θ cos θ' A / (π r² + A)
-
-and the light's way is camera – disc – point – camera. It is summed at every few pixels and interpolated between.
-Left out: what hides a disc from a point, surfaces outside the image or hidden from the camera, more bounces, gloss.
-The same model, fitted instead of applied, is in Jiménez et al., Image and Vision Computing 32(1), 2014, 1-13.
 """
 
 from __future__ import annotations

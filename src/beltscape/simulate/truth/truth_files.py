@@ -177,9 +177,9 @@ def _summary(world: World, truth: CoreTruth, load: TrueLoad) -> dict[str, Any]:
         "units": "mm",
         "labels": labels,
         "ceilings": {
-            name: measurable_shares(truth, np.isin(truth.label, wanted))
-            for name, wanted in regions.items()
-            if np.isin(truth.label, wanted).any()
+            name: measurable_shares(truth, np.isin(truth.label, label_group))
+            for name, label_group in regions.items()
+            if np.isin(truth.label, label_group).any()
         },
         "volume": {
             "definition": "integral over the box of max(z seen from above - z of the empty belt, 0), vertical in "

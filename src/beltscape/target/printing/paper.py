@@ -1,4 +1,4 @@
-"""Paper sizes, and whether something fits them."""
+"""Paper sizes, and the choice of a page for a given size."""
 
 from __future__ import annotations
 
@@ -14,46 +14,46 @@ PAPERS_MM: dict[str, tuple[float, float]] = {
     "A1": (594, 841),
     "A0": (841, 1189),
 }
-"""ISO 216, width and height upright, from small to large."""
+"""ISO 216, width and height in portrait, from small to large."""
 
 LARGEST_MM = 5080.0
 """A PDF page is at most 14,400 points wide (ISO 32000-1, Annex C)."""
 
 
 def choose_page(needed_mm: tuple[float, float], page: str | None) -> tuple[float, float]:
-    """Width and height in mm of a page that holds ``needed_mm``, turned as suits it best.
+    """Return width and height in mm of a page that holds ``needed_mm``, in the better orientation.
 
     Parameters
     ----------
     page
-        A4 … A0, or WxH in mm (taken as it is); None takes the smallest of A4 … A0 that will do.
+        A4 … A0, or WxH in mm (used unrotated); None chooses the smallest sufficient one of A4 … A0.
 
     Raises
     ------
     SettingsError
-        When the page is unknown or too small, with one that is not.
+        If the page is unknown or too small; the message names a sufficient one.
     """
-    wanted = None if page is None else _page_sizes(page)
-    for width, height in wanted or [size for name in PAPERS_MM for size in _page_sizes(name)]:
+    sizes = None if page is None else _page_sizes(page)
+    for width, height in sizes or [size for name in PAPERS_MM for size in _page_sizes(name)]:
         landscape = width > height
         if _is_large_enough(needed_mm, (width, height)):
-            turned = (height, width)
-            better = landscape != (needed_mm[0] > needed_mm[1]) and _is_large_enough(needed_mm, turned)
-            return turned if better and wanted != [(width, height)] else (width, height)
-    short = "more than A0" if page is None else f"more than page {page}"
+            rotated = (height, width)
+            is_better = landscape != (needed_mm[0] > needed_mm[1]) and _is_large_enough(needed_mm, rotated)
+            return rotated if is_better and sizes != [(width, height)] else (width, height)
+    limit = "more than A0" if page is None else f"more than page {page}"
     raise SettingsError(
-        f"the board with margin, ruler and text needs {ceil(needed_mm[0])}×{ceil(needed_mm[1])} mm, {short}; "
+        f"the board with margin, ruler and text needs {ceil(needed_mm[0])}×{ceil(needed_mm[1])} mm, {limit}; "
         f"give {_suggest_page(needed_mm)}smaller squares"
     )
 
 
 def _page_sizes(page: str) -> list[tuple[float, float]]:
-    """Sizes a page can have: a named one upright or turned."""
+    """Return the possible sizes of a page: a named one in portrait or landscape."""
     if page.upper() in PAPERS_MM:
         width, height = PAPERS_MM[page.upper()]
         return [(width, height), (height, width)]
-    told = re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)", page)
-    size = (float(told[1]), float(told[2])) if told else (0.0, 0.0)
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)", page)
+    size = (float(match[1]), float(match[2])) if match else (0.0, 0.0)
     if min(size) <= 0 or max(size) > LARGEST_MM:
         raise SettingsError(
             f"page {page!r} is not known; give {', '.join(PAPERS_MM)}, or WxH in mm up to {LARGEST_MM:g}, as 600x400"
@@ -66,7 +66,7 @@ def _is_large_enough(needed: tuple[float, float], page: tuple[float, float]) -> 
 
 
 def _suggest_page(needed: tuple[float, float]) -> str:
-    """The smallest page that does, where there is one."""
+    """Return the smallest sufficient page as text, or an empty text."""
     for name in PAPERS_MM:
         if any(_is_large_enough(needed, size) for size in _page_sizes(name)):
             return f"page {name}, or "

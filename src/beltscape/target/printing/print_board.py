@@ -1,4 +1,4 @@
-"""A calibration board as a sheet to print, in true size, with a ruler to check the print."""
+"""A calibration board as a sheet to print in true size, with a ruler to check the print."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from beltscape.target.printing.sheet_png import sheet_to_png
 from beltscape.target.printing.sheet_svg import sheet_to_svg
 
 MARGIN_MM = 5.0
-"""White all round: what most printers cannot reach."""
+"""White margin on all sides, which most printers cannot print."""
 RULER_MM = 100.0
 FONT_MM = 2.6
 FOOT_MM = 11.0
-"""Ruler and text below the board."""
+"""Height of ruler and text below the board."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,43 +32,44 @@ class PrintedBoard:
     board: Board
     sheet: Sheet
     origin_mm: tuple[float, float]
-    """The board's top left corner on the page."""
+    """The board's top-left corner on the page."""
 
 
 def lay_out(board: Board, page: str | None = None) -> PrintedBoard:
-    """Put a board on a page (A4 … A0, WxH in mm, or None: the smallest that holds it), or SettingsError.
+    """Lay a board out on a page (A4 … A0, WxH in mm, or None: the smallest sufficient one), or SettingsError.
 
-    A ChArUco board is drawn the way OpenCV draws it since 4.6, neither legacy nor inverted.
+    A ChArUco board is drawn as by OpenCV since 4.6, neither legacy nor inverted.
     """
     if isinstance(board, CharucoBoard):
         board = board.model_copy(update={"legacy": False, "inverted": False})
     columns, rows = board.grid
     size = ((columns + 1) * board.square_mm, (rows + 1) * board.square_mm)
     outlines, text_mm = outline_text(make_caption(board), FONT_MM)
-    widest = max(size[0], RULER_MM + 1, text_mm)
-    page_mm = choose_page((widest + 2 * MARGIN_MM, size[1] + FOOT_MM + 2 * MARGIN_MM), page)
+    width = max(size[0], RULER_MM + 1, text_mm)
+    page_mm = choose_page((width + 2 * MARGIN_MM, size[1] + FOOT_MM + 2 * MARGIN_MM), page)
     x, y = (page_mm[0] - size[0]) / 2, (page_mm[1] - size[1] - FOOT_MM) / 2
-    start = ((page_mm[0] - RULER_MM) / 2, y + size[1] + 3.5)
+    ruler_origin = ((page_mm[0] - RULER_MM) / 2, y + size[1] + 3.5)
     text_at = ((page_mm[0] - text_mm) / 2, y + size[1] + FOOT_MM - 0.8)
-    rectangles = np.concatenate([_shift(black_squares(board), (x, y)), _shift(make_ruler(), start)])
+    rectangles = np.concatenate([_shift(black_squares(board), (x, y)), _shift(make_ruler(), ruler_origin)])
     sheet = Sheet(page_mm, make_caption(board), rectangles, tuple(outline + text_at for outline in outlines))
     return PrintedBoard(board, sheet, (x, y))
 
 
 def make_caption(board: Board) -> str:
-    """What the board is, as printed below it."""
+    """Return the description of the board that is printed below it."""
     if isinstance(board, CharucoBoard):
-        what = (
+        description = (
             f"ChArUco, {board.squares[0]} × {board.squares[1]} squares of {board.square_mm:g} mm, "
             f"markers {board.marker_mm:g} mm, {board.dictionary}"
         )
     else:
-        what = f"chessboard, {board.corners[0]} × {board.corners[1]} inner corners, squares of {board.square_mm:g} mm"
-    return f"{what}; print at 100 %: the ruler is {RULER_MM:g} mm long"
+        columns, rows = board.corners
+        description = f"chessboard, {columns} × {rows} inner corners, squares of {board.square_mm:g} mm"
+    return f"{description}; print at 100 %: the ruler is {RULER_MM:g} mm long"
 
 
 def black_squares(board: Board) -> NDArray[np.float64]:
-    """(R, 4) x, y, width, height in mm of what is black, from the board's top left corner."""
+    """Return (R, 4) x, y, width, height in mm of the black rectangles, from the board's top-left corner."""
     columns, rows = board.grid
     row, column = np.indices((rows + 1, columns + 1), dtype=np.float64)
     # OpenCV since 4.6 and the chessboard agree: the top left square is black
@@ -79,13 +80,15 @@ def black_squares(board: Board) -> NDArray[np.float64]:
 
 
 def _marker_bits(board: CharucoBoard) -> list[NDArray[np.float64]]:
-    """(R, 4) black bits of each marker, neighbours in a row joined."""
-    theirs = board.to_opencv(legacy=False)
-    dictionary = theirs.getDictionary()
+    """Return (R, 4) black bits of each marker, merged along rows."""
+    opencv_board = board.to_opencv(legacy=False)
+    dictionary = opencv_board.getDictionary()
     bits = int(dictionary.markerSize) + 2  # the border is one bit wide
     bit_mm = board.marker_mm / bits
     boxes = []
-    for number, corners in zip(theirs.getIds().ravel().tolist(), theirs.getObjPoints(), strict=True):
+    for number, corners in zip(
+        opencv_board.getIds().ravel().tolist(), opencv_board.getObjPoints(), strict=True
+    ):
         cell = np.floor(np.asarray(corners, dtype=np.float64)[:, :2].min(axis=0) / board.square_mm)
         corner = cell * board.square_mm + (board.square_mm - board.marker_mm) / 2  # in double precision
         runs = _runs(dictionary.generateImageMarker(number, bits) == 0)
@@ -94,12 +97,12 @@ def _marker_bits(board: CharucoBoard) -> list[NDArray[np.float64]]:
 
 
 def _shift(boxes: NDArray[np.float64], by: Iterable[float]) -> NDArray[np.float64]:
-    """Boxes (R, 4) shifted by x, y."""
+    """Return boxes (R, 4) shifted by x, y."""
     return boxes + np.array([*by, 0, 0])
 
 
 def _runs(black: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(R, 4) x, y, length, 1 of black cells in a row."""
+    """Return (R, 4) x, y, length, 1 of runs of black cells in a row."""
     steps = np.diff(np.pad(black, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, start = np.nonzero(steps == 1)
     end = np.nonzero(steps == -1)[1]
@@ -107,7 +110,7 @@ def _runs(black: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def make_ruler() -> NDArray[np.float64]:
-    """(R, 4) boxes of a ruler: its end ticks' middles are RULER_MM apart, at x = 0 and x = RULER_MM."""
+    """Return (R, 4) boxes of a ruler: the centres of its end ticks are at x = 0 and x = RULER_MM."""
     at = np.arange(RULER_MM + 1)
     long = np.where(at % 10 == 0, 3.0, np.where(at % 5 == 0, 2.2, 1.4))
     thick = 0.15
@@ -117,7 +120,7 @@ def make_ruler() -> NDArray[np.float64]:
 
 
 def board_to_toml(board: Board) -> str:
-    """board.toml of a board as it is printed."""
+    """Return board.toml of a board as it is printed."""
     if isinstance(board, CharucoBoard):
         return (
             f'kind = "charuco"\nsquares = [{board.squares[0]}, {board.squares[1]}]\n'
@@ -131,7 +134,7 @@ def board_to_toml(board: Board) -> str:
 
 
 def write_board_files(folder: Path, printed: PrintedBoard, dpi: float = 300) -> dict[str, Path]:
-    """Write board.pdf, board.svg, board.png and board.toml; what was written."""
+    """Write board.pdf, board.svg, board.png and board.toml; return their paths."""
     png = sheet_to_png(printed.sheet, dpi)
     files = {kind: folder / f"board.{kind}" for kind in ("pdf", "svg", "png", "toml")}
     write_bytes(files["pdf"], sheet_to_pdf(printed.sheet))

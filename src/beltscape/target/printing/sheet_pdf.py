@@ -1,4 +1,4 @@
-"""A sheet as PDF: one page of exactly its size, the same bytes every time."""
+"""A sheet as PDF: one page of exactly its size, with the same bytes every time."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ POINTS_PER_MM = 72 / 25.4
 
 
 def sheet_to_pdf(sheet: Sheet) -> bytes:
-    """The page. One path holds all rectangles, so that no hairline shows where they touch.
+    """Return the PDF file. One path holds all rectangles, so that no hairline appears where they touch.
 
-    Viewers are asked not to scale when they print (ISO 32000-1, 12.2).
+    The file requests that viewers do not scale the print (ISO 32000-1, 12.2).
     """
     width, height = (side * POINTS_PER_MM for side in sheet.size_mm)
     content = _draw_content(sheet, height)
@@ -29,7 +29,7 @@ def sheet_to_pdf(sheet: Sheet) -> bytes:
 
 
 def _draw_content(sheet: Sheet, height_points: float) -> bytes:
-    """Drawing operators, in mm with y down."""
+    """Return the drawing operators, in mm with y down."""
     scale = f"{POINTS_PER_MM:.12f}"
     lines = [f"{scale} 0 0 -{scale} 0 {format_length(height_points)} cm", "0 g"]
     lines += [" ".join(map(format_length, row)) + " re" for row in sheet.rectangles_mm.tolist()]
@@ -45,7 +45,7 @@ def _draw_polygon(outline: NDArray[np.float64]) -> list[str]:
 
 
 def _assemble_file(objects: list[bytes]) -> bytes:
-    """Header, objects, cross-reference table, trailer (ISO 32000-1, 7.5)."""
+    """Return header, objects, cross-reference table and trailer (ISO 32000-1, 7.5)."""
     data, starts = b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n", []
     for index, body in enumerate(objects, start=1):
         starts.append(len(data))

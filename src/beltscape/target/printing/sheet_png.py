@@ -1,4 +1,4 @@
-"""A sheet as a grey image at a given resolution, edges drawn exactly wherever they fall in a pixel."""
+"""A sheet as a grey image at a given resolution, with exact anti-aliasing of edges."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ LETTER_OVERSAMPLE = 8
 
 
 def draw_sheet(sheet: Sheet, dpi: float) -> NDArray[np.uint8]:
-    """(H, W) grey; each pixel is the mean of the paper in it. x mm lies at pixel x·dpi/25.4 - 0.5.
+    """Return (H, W) grey; each pixel is the mean of the paper in it. x mm lies at pixel x·dpi/25.4 - 0.5.
 
     Raises
     ------
     SettingsError
-        When the image would be too large to handle.
+        If the image would be too large.
     """
     scale = dpi / 25.4
     width, height = (max(round(side * scale), 1) for side in sheet.size_mm)
     if width * height > MAX_PIXELS:
-        most = int(dpi * (MAX_PIXELS / (width * height)) ** 0.5)
-        raise SettingsError(f"dpi {dpi:g} makes an image of {width}×{height} px; give at most {most} dpi")
-    left, top, wide, high = sheet.rectangles_mm.T * scale
-    edges = np.stack([left, top, left + wide, top + high], axis=-1)
+        max_dpi = int(dpi * (MAX_PIXELS / (width * height)) ** 0.5)
+        raise SettingsError(f"dpi {dpi:g} makes an image of {width}×{height} px; give at most {max_dpi} dpi")
+    left, top, box_width, box_height = sheet.rectangles_mm.T * scale
+    edges = np.stack([left, top, left + box_width, top + box_height], axis=-1)
     image = np.empty((height, width), dtype=np.uint8)
     for start in range(0, height, STRIP_ROWS):
         ink = np.zeros((min(STRIP_ROWS, height - start), width), dtype=np.float32)
@@ -46,7 +46,7 @@ def draw_sheet(sheet: Sheet, dpi: float) -> NDArray[np.uint8]:
 
 
 def sheet_to_png(sheet: Sheet, dpi: float) -> bytes:
-    """The drawn sheet as PNG that knows its resolution, so that it too prints in true size."""
+    """Return the sheet as PNG with its resolution, so that it also prints in true size."""
     data = encode_image(draw_sheet(sheet, dpi))
     per_metre = round(dpi / 0.0254)
     chunk = b"pHYs" + struct.pack(">IIB", per_metre, per_metre, 1)
@@ -62,7 +62,7 @@ def _add_box(ink: NDArray[np.float32], x0: float, y0: float, x1: float, y1: floa
 
 
 def _covered_shares(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float32]]:
-    """Which of ``count`` cells [i, i + 1] an interval touches, and the share of each that it covers."""
+    """Return the slice of ``count`` cells [i, i + 1] that an interval touches, and the covered share of each."""
     first, last = max(int(np.floor(low)), 0), min(int(np.ceil(high)), count)
     cells = np.arange(first, max(last, first))
     share = np.minimum(cells + 1, high) - np.maximum(cells, low)

@@ -1,4 +1,4 @@
-"""A sheet as SVG: its width and height in mm, one unit is 1 mm."""
+"""A sheet as SVG: its size in mm, one unit is 1 mm."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from beltscape.target.printing.sheet import Sheet, format_length
 
 
 def sheet_to_svg(sheet: Sheet) -> str:
-    """The SVG text; one path holds all rectangles, so that no hairline shows where they touch."""
+    """Return the SVG text; one path holds all rectangles, so that no hairline appears where they touch."""
     width, height = map(format_length, sheet.size_mm)
     boxes = "\n".join(
         f"M{format_length(x)} {format_length(y)}h{format_length(w)}v{format_length(h)}h{format_length(-w)}z"

@@ -1,4 +1,4 @@
-"""Discs drawn exactly: each pixel gets the share of its area that the disc covers."""
+"""Anti-aliased discs: each pixel gets the exact share of its area that the disc covers."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 CHUNK = 1 << 20
-"""Pixel corners worked on at once."""
+"""Pixel corners processed at once."""
 
 
 def compute_disc_coverage(size_px: tuple[int, int], discs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum of the discs' weights times the share of each pixel they cover.
+    """Return the sum of the discs' weights times the share of each pixel that they cover.
 
     Parameters
     ----------
     size_px
         Width and height. Pixel (0, 0) is the square of side 1 centred on (0, 0).
     discs
-        (N, 4) x, y, radius > 0, weight; px. What lies outside the image is cut off.
+        (N, 4) x, y, radius > 0, weight; px. Parts outside the image are cut off.
 
     Returns
     -------
@@ -27,10 +27,10 @@ def compute_disc_coverage(size_px: tuple[int, int], discs: NDArray[np.float64]) 
     image = np.zeros(width * height)
     spans = np.ceil(2 * discs[:, 2]).astype(np.int64) + 1  # pixels that a disc can touch in a row
     for span in np.unique(spans):
-        alike = discs[spans == span]
+        same_span = discs[spans == span]
         step = max(CHUNK // int(span + 1) ** 2, 1)
-        for start in range(0, len(alike), step):
-            _add_discs(image, size_px, alike[start : start + step], int(span))
+        for start in range(0, len(same_span), step):
+            _add_discs(image, size_px, same_span[start : start + step], int(span))
     return image.reshape(height, width)
 
 
@@ -48,12 +48,12 @@ def _add_discs(
     share = np.diff(np.diff(below, axis=1), axis=2)
     columns, rows = column[:, None] + np.arange(span), row[:, None] + np.arange(span)
     inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None, :]
-    place = (rows * width)[:, :, None] + columns[:, None, :]
-    image += np.bincount(place[inside], share[inside], minlength=image.size)
+    index = (rows * width)[:, :, None] + columns[:, None, :]
+    image += np.bincount(index[inside], share[inside], minlength=image.size)
 
 
 def _area_below(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, rows, columns) area of the unit disc left of u (n, columns) and above v (n, rows)."""
+    """Return (n, rows, columns) area of the unit disc left of u (n, columns) and above v (n, rows)."""
     u, v = np.clip(u, -1, 1)[:, None, :], np.clip(v, -1, 1)[:, :, None]
     half = np.sqrt(1 - v * v)  # the chord at v reaches from -half to half
     end = np.clip(u, -half, half)
@@ -64,5 +64,5 @@ def _area_below(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def _integrate_half_chord(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """∫ √(1 - t²) dt from 0 to u."""
+    """Return ∫ √(1 - t²) dt from 0 to u."""
     return (u * np.sqrt(1 - u * u) + np.arcsin(u)) / 2

@@ -1,4 +1,4 @@
-"""How many dots dart throwing can place before the plane is full."""
+"""Capacity of a plane for dart throwing: the number of dots before it is full."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ from collections.abc import Callable
 from math import pi
 
 SATURATED_SHARE = 0.5470735
-"""Area share of discs of diameter d_min thrown at random until none fits: Zhang & Torquato, Phys. Rev. E 88, 053312
-(2013), doi:10.1103/PhysRevE.88.053312."""
+"""Area share of discs of diameter d_min placed at random until none fits: Zhang & Torquato, Phys. Rev. E 88,
+053312 (2013), doi:10.1103/PhysRevE.88.053312.
+"""
 
 MAX_SHARE = 0.97
-"""Share of the saturated number that is thrown without hunting for the last gaps; more is refused."""
+"""Maximum share of the saturated number; filling the last gaps would take too long."""
 
 AUTOMATIC_SHARE = 0.95
-"""Share of the saturated number that an automatic d_min asks for."""
+"""Share of the saturated number for an automatic d_min."""
 
 BORDER_D_MIN = 0.45
-"""Centres may lie on the border, so the plane acts as if this many d_min larger; measured, as its half at discs."""
+"""Centres may lie on the border: the plane acts as if larger by this many d_min (measured); half at discs."""
 
 
 def saturated_count(size_px: tuple[int, int], d_min_px: float, keep_out_px: float, discs: int) -> float:
-    """Saturated number of dots in W × H px with ``discs`` kept-out discs of that radius; 0 where these fill it."""
+    """Return the saturated number of dots in W × H px with ``discs`` keep-out discs; 0 where these fill the plane."""
     width, height = size_px
     radius = max(keep_out_px - BORDER_D_MIN * d_min_px / 2, 0)
     area = (width + BORDER_D_MIN * d_min_px) * (
@@ -30,9 +31,9 @@ def saturated_count(size_px: tuple[int, int], d_min_px: float, keep_out_px: floa
 
 
 def find_largest_d_min(saturated: Callable[[float], float], count: float) -> float:
-    """The largest d_min, in steps of 0.01 px, at which ``saturated(d_min)`` is still ``count``.
+    """Return the largest d_min, in steps of 0.01 px, for which ``saturated(d_min)`` is at least ``count``.
 
-    ``saturated`` must not grow with d_min. 0.0 when even 0.01 px is too much.
+    ``saturated`` must not increase with d_min. 0.0 when 0.01 px is too large.
     """
     step, low, high = 0.01, 0, 1
     while saturated(high * step) >= count:

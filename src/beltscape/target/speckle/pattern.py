@@ -1,4 +1,4 @@
-"""The projector's speckle pattern: random dots that keep their distance, and 16 markers."""
+"""The projector's speckle pattern: random dots with a minimum distance, and 16 markers."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from beltscape.target.speckle.darts import throw_darts
 from beltscape.target.speckle.packing import AUTOMATIC_SHARE, MAX_SHARE, find_largest_d_min, saturated_count
 
 PRESETS = {"paper": 25_000, "fine": 50_000, "dense": 100_000}
-"""Preset → number of dots; ``paper`` is the paper's pattern."""
+"""Number of dots by preset; ``paper`` is the paper's pattern."""
 
 MARKERS = 4
 """Rows and columns of markers."""
 
 MARKER_RATIO = 10
-"""A marker's radius over a dot's."""
+"""Ratio of a marker's radius to a dot's."""
 
 RADIUS_OF_D_MIN = 0.34
-"""Dot radius over d_min where none is given; dots then cover about a quarter of the plane."""
+"""Default ratio of dot radius to d_min; dots then cover about a quarter of the plane."""
 
 MIN_RADIUS_PX = 0.3
-"""Finer dots are only a grey shade of one pixel."""
+"""Finer dots only change the grey level of one pixel."""
 
 
 def _parse_color(text: str) -> str:
@@ -44,7 +44,7 @@ Color = Annotated[str, AfterValidator(_parse_color)]
 
 
 class PatternSettings(BaseModel):
-    """What a pattern is made from; None is chosen to suit the rest."""
+    """Settings of a pattern; None is chosen to suit the others."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     size_px: tuple[Side, Side] = (1920, 1200)
@@ -80,7 +80,7 @@ class Pattern:
     """A pattern to project. Pixel (0, 0) is the centre of the top-left pixel."""
 
     settings: PatternSettings
-    """With nothing left open."""
+    """Resolved: no value is None."""
     dots: NDArray[np.float64]
     """(N, 4) x, y, radius in px, level 0..1 between background and dot colour; in the order of acceptance."""
     markers: tuple[Marker, ...]
@@ -88,21 +88,21 @@ class Pattern:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Width and height."""
+        """Return width and height."""
         return self.settings.size_px
 
     def keep_out(self) -> NDArray[np.float64]:
-        """(16, 3) x, y, radius of the discs about the markers that hold no dot's centre, px."""
+        """Return (16, 3) x, y, radius of the discs about the markers that contain no dot's centre, px."""
         return _keep_out_discs(self.settings, self.markers)
 
 
 def make_pattern(settings: PatternSettings) -> Pattern:
-    """Throw the dots of a pattern (Eqs. 4-6); the same settings give the same pattern.
+    """Generate the dots of a pattern (Eqs. 4-6); the same settings give the same pattern.
 
     Raises
     ------
     SettingsError
-        When the dots do not fit, in words that name what would.
+        If the dots do not fit; the message names settings that do.
 
     References
     ----------
@@ -110,20 +110,22 @@ def make_pattern(settings: PatternSettings) -> Pattern:
     """
     settings = resolve_settings(settings)
     markers = make_markers(settings)
-    # levels have their own stream: a change of the grey range leaves every dot where it is
-    places, levels = (np.random.default_rng((settings.seed, stream)) for stream in range(2))
+    # levels have a separate random stream, so that the grey range does not affect the positions
+    position_rng, level_rng = (np.random.default_rng((settings.seed, stream)) for stream in range(2))
     d_min = _resolved_length(settings.d_min_px)
-    xy = throw_darts(settings.size_px, settings.count, d_min, _keep_out_discs(settings, markers), places)
+    xy = throw_darts(
+        settings.size_px, settings.count, d_min, _keep_out_discs(settings, markers), position_rng
+    )
     if len(xy) < settings.count:
         raise SettingsError(_describe_excess(settings, d_min, len(xy)))
     low, high = settings.grey
-    level = np.round(low + (high - low) * levels.random(len(xy)), 3)
+    level = np.round(low + (high - low) * level_rng.random(len(xy)), 3)
     dots = np.column_stack([xy, np.full(len(xy), settings.radius_px), level])
     return Pattern(settings, dots, markers)
 
 
 def make_markers(settings: PatternSettings) -> tuple[Marker, ...]:
-    """The markers of resolved settings (Eq. 6)."""
+    """Return the markers of resolved settings (Eq. 6)."""
     width, height = settings.size_px
     radius = _marker_radius(_resolved_length(settings.radius_px))
     return tuple(
@@ -134,22 +136,22 @@ def make_markers(settings: PatternSettings) -> tuple[Marker, ...]:
 
 
 def resolve_settings(settings: PatternSettings) -> PatternSettings:
-    """The settings with d_min and radius chosen where they were open, or SettingsError where they do not fit."""
+    """Return the settings with d_min and radius chosen where they are None, or raise SettingsError."""
     d_min = settings.d_min_px or _choose_d_min(settings)
     radius = _choose_radius(settings, d_min)
-    widest = _max_dot_radius(settings)
+    max_radius = _max_dot_radius(settings)
     if radius < MIN_RADIUS_PX:
-        most = _max_count(settings, MIN_RADIUS_PX / RADIUS_OF_D_MIN, AUTOMATIC_SHARE)
+        max_count = _max_count(settings, MIN_RADIUS_PX / RADIUS_OF_D_MIN, AUTOMATIC_SHARE)
         raise SettingsError(
-            f"{settings.count} dots on {_format_size(settings)} would be finer than a radius of {MIN_RADIUS_PX:g} px; "
-            f"give at most {most}"
+            f"{settings.count} dots on {_format_size(settings)} would be finer than a radius of "
+            f"{MIN_RADIUS_PX:g} px; give at most {max_count}"
         )
     if d_min < 2 * radius:
         raise SettingsError(_describe_overlap(settings, d_min, radius))
-    if radius > widest:
+    if radius > max_radius:
         raise SettingsError(
             f"dots of radius {radius:g} px have markers of {_marker_radius(radius):g} px, too large for their blocks "
-            f"on {_format_size(settings)}; give a dot radius up to {_round_down(widest):g} px"
+            f"on {_format_size(settings)}; give a dot radius up to {_round_down(max_radius):g} px"
         )
     if settings.count > _max_count(settings, d_min):
         raise SettingsError(_describe_excess(settings, d_min, _max_count(settings, d_min)))
@@ -157,12 +159,12 @@ def resolve_settings(settings: PatternSettings) -> PatternSettings:
 
 
 def _max_dot_radius(settings: PatternSettings) -> float:
-    """Radius of a dot whose marker is half as wide as its block."""
+    """Return the radius of a dot whose marker is half as wide as its block."""
     return min(settings.size_px) / MARKERS / 4 / MARKER_RATIO
 
 
 def _choose_radius(settings: PatternSettings, d_min_px: float) -> float:
-    """As told, or in proportion to d_min but not too wide for the markers that go with it."""
+    """Return the given radius, or one in proportion to d_min that is not too wide for the markers."""
     return settings.radius_px or min(
         round(RADIUS_OF_D_MIN * d_min_px, 2), _round_down(_max_dot_radius(settings))
     )
@@ -173,7 +175,7 @@ def _marker_radius(radius_px: float) -> float:
 
 
 def _clearance(radius_px: float, d_min_px: float) -> float:
-    """How far a dot's centre stays from a marker's: their rims are as far apart as two dots' may be."""
+    """Return the distance of a dot's centre from a marker's: rims are as far apart as those of two dots."""
     return _marker_radius(radius_px) + d_min_px - radius_px
 
 
@@ -183,13 +185,13 @@ def _keep_out_discs(settings: PatternSettings, markers: tuple[Marker, ...]) -> N
 
 
 def _max_count(settings: PatternSettings, d_min_px: float, share: float = MAX_SHARE) -> int:
-    """How many dots fit at this d_min, as a share of those that fill the plane."""
+    """Return the number of dots that fit at this d_min, as a share of those that fill the plane."""
     clearance = _clearance(_choose_radius(settings, d_min_px), d_min_px)
     return floor(share * saturated_count(settings.size_px, d_min_px, clearance, MARKERS**2))
 
 
 def _choose_d_min(settings: PatternSettings) -> float:
-    """The largest d_min at which the count is comfortably thrown."""
+    """Return the largest d_min that leaves enough free area for the count."""
     return find_largest_d_min(lambda d: _max_count(settings, d, AUTOMATIC_SHARE), settings.count)
 
 
@@ -197,7 +199,8 @@ def _describe_excess(settings: PatternSettings, d_min_px: float, most: int) -> s
     largest = find_largest_d_min(lambda d: _max_count(settings, d), settings.count)
     least = 2 * (settings.radius_px or MIN_RADIUS_PX / RADIUS_OF_D_MIN / 2)
     fix = f", or d_min up to {largest:g} px" if largest >= least else ""
-    return f"{settings.count} dots do not fit {_format_size(settings)} at d_min {d_min_px:g} px; at most {most} do{fix}"
+    size = _format_size(settings)
+    return f"{settings.count} dots do not fit {size} at d_min {d_min_px:g} px; at most {most} do{fix}"
 
 
 def _describe_overlap(settings: PatternSettings, d_min_px: float, radius_px: float) -> str:
@@ -221,7 +224,7 @@ def _format_size(settings: PatternSettings) -> str:
 
 
 def _resolved_length(value: float | None) -> float:
-    """A length of resolved settings."""
+    """Return a length of resolved settings."""
     if value is None:
-        raise SettingsError("the pattern's lengths are still open; resolve its settings first")
+        raise SettingsError("the pattern's lengths are not chosen yet; resolve its settings first")
     return value

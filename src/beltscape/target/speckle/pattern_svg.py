@@ -9,7 +9,7 @@ from beltscape.target.speckle.pattern_image import hex_from_rgb, rgb_from_hex
 
 
 def pattern_to_svg(pattern: Pattern) -> str:
-    """The pattern's SVG text; one unit is one pixel, and (0, 0) the centre of the top-left one."""
+    """Return the SVG text of a pattern; one unit is one pixel, (0, 0) the centre of the top-left one."""
     (width, height), settings = pattern.size_px, pattern.settings
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '

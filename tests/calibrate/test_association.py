@@ -14,7 +14,7 @@ from beltscape.calibrate.solver.se3 import exp
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import make_detections
+from synthetic.detections import make_detections
 
 COVARIANCE = np.diag(np.repeat([1e-4, 0.1], 3) ** 2)
 
@@ -117,7 +117,7 @@ def test_errors_that_pairs_share_do_not_open_loops(rig, board, poses):
         joint += [e.chi2_per_dof for e in associate_cameras("b", pairs).loop_errors]
         alone += [
             e.chi2_per_dof
-            for e in associate_cameras("b", [replace(p, influence={}) for p in pairs]).loop_errors
+            for e in associate_cameras("b", [replace(p, sensitivity={}) for p in pairs]).loop_errors
         ]
     assert np.mean(joint) == pytest.approx(1.0, abs=0.3)
     assert np.mean(alone) < 0.1

@@ -19,7 +19,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.sightings import make_detections, seen
+from synthetic.detections import make_detections, seen
 
 ODD = Chessboard(corners=(7, 5), square_mm=40)
 EVEN = Chessboard(corners=(8, 6), square_mm=35)

@@ -19,7 +19,7 @@ from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import CharucoBoard
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.sightings import make_detections
+from synthetic.detections import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 

@@ -11,7 +11,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.sightings import make_detections, seen
+from synthetic.detections import make_detections, seen
 
 FRAMES = range(12)
 

@@ -9,7 +9,7 @@ from beltscape.calibrate.solver.se3 import log
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import make_detections, seen, spoiled
+from synthetic.detections import make_detections, seen, spoiled
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.network.synchronisation import find_frame_misfits
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses
-from synthetic.sightings import make_detections
+from synthetic.detections import make_detections
 
 FRAMES = 10
 

@@ -11,7 +11,7 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.rig import Rig
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.sightings import make_detections, spoiled
+from synthetic.detections import make_detections, spoiled
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import CharucoBoard
 from synthetic.boards import board_poses, row_of_cameras
 from synthetic.demo import DEMO, TRUE_RIG, only_json
-from synthetic.sightings import make_detections
+from synthetic.detections import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 RIG = row_of_cameras(["a", "b", "c"])

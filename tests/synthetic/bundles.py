@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.target.board import corner_points_mm
-from synthetic.sightings import make_detections
+from synthetic.detections import make_detections
 
 
 def problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_sigma_mm=0.0):

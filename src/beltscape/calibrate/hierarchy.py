@@ -90,12 +90,13 @@ def solve_hierarchy(
     return HierarchyResult(rig, detections.restrict(order, detections.frames), kept, network)
 
 
-def _warn_if_uncertain(found: MonocularCalibration, reporter: Reporter) -> None:
-    worst = max(found.sigma[name] for name in ("fx", "fy", "cx", "cy"))
-    if worst > MAX_UNCERTAINTY * found.camera.focal_px.mean():
+def _warn_if_uncertain(calibration: MonocularCalibration, reporter: Reporter) -> None:
+    worst = max(calibration.sigma[name] for name in ("fx", "fy", "cx", "cy"))
+    if worst > MAX_UNCERTAINTY * calibration.camera.focal_px.mean():
         reporter.warn(
-            f"camera {found.camera.name}: its {len(found.cam_from_board)} views leave the focal length or the "
-            f"principal point uncertain by {worst:.0f} px; add views with the board tilted about 30° to every side"
+            f"camera {calibration.camera.name}: its {len(calibration.cam_from_board)} views leave the focal length "
+            f"or the principal point uncertain by {worst:.0f} px; add views with the board tilted about 30° to every "
+            "side"
         )
 
 

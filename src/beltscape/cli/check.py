@@ -14,7 +14,7 @@ from beltscape.core.progress import Reporter
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of board views")
-    parser.add_argument("--rig", type=Path, required=True, help="rig.json to judge")
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json to check")
     parser.add_argument("--board", type=Path, required=True, help="board.toml")
 
 
@@ -25,20 +25,20 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.target.board import read_board
 
     board, rig = read_board(arguments.board), read_rig(arguments.rig)
-    found = check(arguments.capture, rig, board, reporter)
+    result = check(arguments.capture, rig, board, reporter)
     return {
-        "fit": found.fit.document(),
-        "scale": found.scale,
-        "score": found.score.document(),
+        "fit": result.fit.document(),
+        "scale": result.scale,
+        "score": result.score.document(),
         "cameras": {
             name: {frame: view.rms_px for frame, view in views.items()}
-            for name, views in found.rig_errors.residuals.items()
+            for name, views in result.rig_errors.residuals.items()
         },
     }
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines: what speaks against the rig first."""
+    """Return the result in a few lines, findings against the rig first."""
     s = result["score"]
     lines = [
         *format_findings(result["fit"]),

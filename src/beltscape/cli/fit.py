@@ -1,4 +1,4 @@
-"""How the doubts about a fit are printed."""
+"""Findings against a fit, formatted for the terminal."""
 
 from __future__ import annotations
 
@@ -7,5 +7,7 @@ from typing import Any
 
 
 def format_findings(fit: Mapping[str, Any]) -> list[str]:
-    """Return what speaks against a fit, one line each below a heading; empty for a sound fit."""
-    return ["The fit is in doubt:", *(f"- {doubt}" for doubt in fit["doubts"]), ""] if fit["doubts"] else []
+    """Return the findings against a fit, one line each below a heading; empty for a sound fit."""
+    return (
+        ["The fit is in doubt:", *(f"- {finding}" for finding in fit["doubts"]), ""] if fit["doubts"] else []
+    )

@@ -1,4 +1,4 @@
-"""The calibration's report: verdict first, then where it comes from."""
+"""Report of a calibration: the summary first, then scores, rig, depth, views and network."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def calibration_page(
     fit: FitQuality,
     warnings: Sequence[str],
 ) -> str:
-    """report.html of a calibration."""
+    """Return report.html of a calibration."""
     score = held_out or training
     sections = [
         Section(
-            "How good it is",
+            "Quality",
             f"Board: {board.describe()}; {_describe_shape(adjustment)}.",
             [_make_tiles(score, depth_sigma[1]), _make_score_table(held_out, training), _make_fit_table(fit)],
         ),
@@ -66,30 +66,32 @@ def calibration_page(
 
 
 def _describe_verdict(
-    hierarchy: HierarchyResult, board: Board, score: Score, unseen: bool, fit: FitQuality
+    hierarchy: HierarchyResult, board: Board, score: Score, is_held_out: bool, fit: FitQuality
 ) -> str:
     views = (
-        "views the rig was not found from" if unseen else "the views it was found from (too few for halves)"
+        "views that the rig was not calibrated with"
+        if is_held_out
+        else "the views that the rig was calibrated with (too few for two halves)"
     )
     doubt = "" if fit.is_sound else f"The fit is in doubt: {'; '.join(fit.findings)}. "
     return (
-        f"{doubt}{len(hierarchy.rig.cameras)} cameras about {hierarchy.rig.core}. On {views}, the reprojection error is "
-        f"{score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, and a {board.square_mm:g} mm square "
+        f"{doubt}{len(hierarchy.rig.cameras)} cameras about {hierarchy.rig.core}. On {views}, the reprojection error "
+        f"is {score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, and a {board.square_mm:g} mm square "
         f"measures {board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
     )
 
 
 def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Section:
-    caption = "By place in the core camera's view; empty: two cameras do not see it."
+    caption = "Over the core camera's view; empty where fewer than two cameras see the point."
     raised = (
-        f" The views disagree {inflation:.1f} times more than the noise of single corners explains (a board that "
-        "bends, a lens the model does not follow): σ is raised by as much."
+        f" The views scatter {inflation:.1f} times more than the noise of the corners explains (a board that bends, "
+        "a lens that the model does not describe); σ includes this factor."
     )
     return Section(
-        "What it does to depth",
+        "Standard deviation of depth",
         "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
-        "the farthest boards were. Matching adds its own; heights over the belt suffer less: most of it is common."
-        + (raised if inflation > 1 else ""),
+        "the farthest boards were. Matching adds to it. Heights over the belt are affected less, since most of the "
+        "error is common to belt and load." + (raised if inflation > 1 else ""),
         [depth_sigma_chart(depth_sigma, caption)],
     )
 
@@ -98,7 +100,7 @@ def _next_section(
     adjustment: BundleAdjustmentResult, board: Board, following: NextBestView | None
 ) -> Section:
     if following is None:
-        return Section("Next view", "No board pose would be seen by two cameras.", [])
+        return Section("Next view", "Two cameras would see the board in no pose.", [])
     return Section("Next view", following.describe(), [_next_view(adjustment, board, following)])
 
 
@@ -107,12 +109,12 @@ def _view_sections(adjustment: BundleAdjustmentResult, rig_errors: RigErrors) ->
     return [
         Section(
             "Coverage",
-            "Where the board was seen in each image. Empty corners leave the distortion there to guesswork.",
+            "Where the board was seen in each image. In empty corners the distortion is not determined.",
             [coverage],
         ),
         Section(
             "Residuals",
-            "Arrows from projected to found corners, magnified. A pattern means that the model does not fit; "
+            "Arrows from projected to detected corners, magnified. A pattern means that the model does not fit; "
             "an even scatter is noise.",
             [residual_chart(adjustment.rig, rig_errors)],
         ),
@@ -122,8 +124,8 @@ def _view_sections(adjustment: BundleAdjustmentResult, rig_errors: RigErrors) ->
 def _network_section(hierarchy: HierarchyResult) -> Section:
     return Section(
         "The network",
-        "Every pair that shares views, calibrated by itself, and how far it disagrees with the way through the "
-        "core; every triangle of cameras, and how far it is from closing (Eq. 16). χ² per degree of freedom is about "
+        "Every pair that shares views, calibrated alone, with its misclosure against the path through the core; "
+        "every triangle of cameras with its misclosure (Eq. 16). χ² per degree of freedom is about "
         "1 where noise explains it.",
         [_make_pair_table(hierarchy), *_make_triangle_tables(hierarchy)],
     )
@@ -134,7 +136,7 @@ def _left_out(hierarchy: HierarchyResult, images: Sequence[tuple[str, Image]]) -
     if not rejected:
         return []
     pictures = [Pictures([Panel(to_rgb(image), why) for why, image in images], columns=2)] if images else []
-    intro = "Views that fit far worse than the rest: blur, a finger on the board, a moving board."
+    intro = "Rejected views fit far worse than the rest: blur, a finger on the board, a moving board."
     return [Section("Left out", intro, [Lines(rejected), *pictures])]
 
 
@@ -168,7 +170,7 @@ def _make_score_table(held_out: Score | None, training: Score) -> Table:
              f"{s.planarity_rms_mm:.4f}", f"{s.views}", f"{s.corners}"]
             for name, s in rows if s is not None
         ],
-        "Held out: each half of the frames judged by the rig found from the other half; training flatters.",
+        "Held out: each half of the frames scored with the rig from the other half. Training scores are optimistic.",
     )  # fmt: skip
 
 
@@ -180,18 +182,18 @@ def _make_fit_table(fit: FitQuality) -> Table:
     return Table(
         ["camera", "σ of residuals px", "noise of corners px", "χ² / dof"],
         rows,
-        "Residuals against what neighbouring corners disagree by: about 1 where noise is all there is, far more "
-        "where the model, a camera's place or the board is wrong.",
+        "Residuals compared with the noise of the corners, which is estimated from neighbouring corners: about 1 if "
+        "noise explains them, far more if the model, a camera's pose or the board is wrong.",
     )
 
 
 def _describe_shape(adjustment: BundleAdjustmentResult) -> str:
     if not np.any(adjustment.shape_mm):
-        return "as flat and as even as drawn, within what the views tell"
+        return "flat and regular as drawn, within the accuracy of the views"
     off = np.sqrt((adjustment.shape_mm**2).mean(axis=0))
     return (
-        f"its corners lie off the drawing by {off[2]:.3f} mm out of plane and {np.hypot(*off[:2]):.3f} mm in "
-        "plane (RMS), which was measured and is accounted for"
+        f"its corners deviate from the drawing by {off[2]:.3f} mm out of plane and {np.hypot(*off[:2]):.3f} mm in "
+        "plane (RMS), which was measured and is corrected"
     )
 
 
@@ -200,12 +202,12 @@ def _next_view(adjustment: BundleAdjustmentResult, board: Board, following: Next
     middle = float(np.median(np.linalg.norm(adjustment.geometry.board_translation_mm, axis=1)))
     return Turnable(
         rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
-        "The board as it would be held.",
+        "The recommended pose of the board.",
     )
 
 
 def _outline_board(adjustment: BundleAdjustmentResult, board: Board) -> NDArray[np.float64]:
-    """(n, 3) closed outline of the board's corners in its own frame."""
+    """Return the closed outline (n, 3) of the board's corners in its own frame."""
     columns, rows = board.grid
     grid = adjustment.geometry.points_mm.reshape(rows, columns, 3)
     return np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2::-1, 0]])
@@ -250,7 +252,7 @@ def _make_camera_table(
         "cy px",
         "from core mm",
         "path",
-        "held",
+        "fixed",
     ]
     return Table(names, rows, "After the joint adjustment, with one standard deviation each.")
 

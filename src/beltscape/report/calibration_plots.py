@@ -1,4 +1,4 @@
-"""The plots of a calibration's report."""
+"""Charts of a calibration's report."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 _COLORS = 12
-"""Steps of colour of the corners' errors: as many as dots of this size show."""
+"""Colour steps of the corners' errors: finer ones are not visible in dots of this size."""
 _MOST_ARROWS = 400
-"""Residuals of a camera that are drawn; more cover one another."""
+"""Largest number of drawn residuals of a camera; more would cover one another."""
 
 
 def depth_sigma_chart(maps: Sequence[DepthSigma], caption: str) -> Chart:
@@ -74,7 +74,7 @@ def _coverage(rig: Rig, rig_errors: RigErrors, scale: Scale, form: Form) -> Figu
 
 
 def residual_chart(rig: Rig, rig_errors: RigErrors) -> Chart:
-    """Return residual arrows in each camera's image, and the caption that says how far they are magnified."""
+    """Return residual arrows in each camera's image, and the caption with their magnification."""
     median = float(np.median(np.linalg.norm(rig_errors.compute_errors_px(), axis=1)))
     magnify = 0.02 * max(max(c.size_px) for c in rig.cameras.values()) / max(median, 1e-6)
     most = max(len(_residuals(rig_errors, name)[0]) for name in rig.cameras)
@@ -89,7 +89,7 @@ def _residual_arrows(rig: Rig, rig_errors: RigErrors, magnify: float, every: int
     for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
         pixels, errors = _residuals(rig_errors, name)
         start, arrow = pixels[::every], magnify * errors[::every]
-        left, right = (arrow @ np.array([[-0.3, 0.16 * way], [-0.16 * way, -0.3]]) for way in (1, -1))
+        left, right = (arrow @ np.array([[-0.3, 0.16 * side], [-0.16 * side, -0.3]]) for side in (1, -1))
         tip = start + arrow
         _draw_lines(
             axis, np.stack([start, tip, tip + left, tip, tip + right], axis=1),
@@ -107,7 +107,7 @@ def _draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
 
 
 def _residuals(rig_errors: RigErrors, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n, 2) places of a camera's corners and (n, 2) their residuals, px."""
+    """Return the positions (n, 2) of a camera's corners and their residuals (n, 2), px."""
     views = rig_errors.residuals[name].values()
     none = np.empty((0, 2))
     return (

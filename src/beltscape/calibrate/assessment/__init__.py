@@ -1,1 +1,1 @@
-"""How good a rig is: scores on held-out views, covariance, jackknife, the next best view."""
+"""Assessment of a rig: scores on held-out views, covariance, jackknife, findings, the next-best view."""

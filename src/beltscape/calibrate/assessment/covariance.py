@@ -1,4 +1,4 @@
-"""What the calibration's covariance does to a measured depth."""
+"""Covariance of a calibrated rig, and its propagation to the standard deviation of triangulated depths."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ POSE_NAMES = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigCovariance:
-    """Covariance of a rig's parameters; a held parameter has variance 0."""
+    """Covariance of a rig's parameters; a fixed parameter has variance 0."""
 
     parameters: tuple[str, ...]
     """``camera.parameter``: intrinsics of every camera, then the pose of every camera but the core.
 
-    A pose's turn is about the axes of the camera's own frame: ``exp(turn) @ rotation``, ``translation + shift``.
+    A pose's rotation is about the axes of the camera's own frame: ``exp(turn) @ rotation``, ``translation + shift``.
     """
     matrix: Array
     """(G, G)."""
     inflation: float
-    """Factor that the standard deviations include because the views disagree by more than their noise; 1: none."""
+    """Factor included in the standard deviations because the views scatter by more than their noise; 1: none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,25 +49,31 @@ class DepthSigma:
 
 
 def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
-    """Covariance of the cameras' parameters, everything else marginalised; raised where the views disagree."""
+    """Return the covariance of the cameras' parameters, all others marginalised, inflated if the views disagree."""
     cameras = list(adjustment.rig.cameras)
-    names = [f"{name}.{what}" for name in cameras for what in INTRINSIC_NAMES]
-    names += [f"{name}.{what}" for name in cameras if name != adjustment.rig.core for what in POSE_NAMES]
+    names = [f"{name}.{parameter}" for name in cameras for parameter in INTRINSIC_NAMES]
+    names += [
+        f"{name}.{parameter}" for name in cameras if name != adjustment.rig.core for parameter in POSE_NAMES
+    ]
     free = adjustment.bundle.free
-    of_cameras = free[free < adjustment.bundle.point_start]
+    camera_parameters = free[free < adjustment.bundle.point_start]
     full = np.zeros((len(names), len(names)))
-    own = adjustment.linearise().covariance()[: len(of_cameras), : len(of_cameras)]
+    camera_covariance = adjustment.linearise().covariance()[
+        : len(camera_parameters), : len(camera_parameters)
+    ]
     distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
     jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[
-        :, of_cameras
+        :, camera_parameters
     ]
-    inflation = estimate_inflation(adjustment, own, jacobian[np.isfinite(jacobian).all(axis=1)])
-    full[np.ix_(of_cameras, of_cameras)] = inflation**2 * (own + own.T) / 2
+    inflation = estimate_inflation(adjustment, camera_covariance, jacobian[np.isfinite(jacobian).all(axis=1)])
+    full[np.ix_(camera_parameters, camera_parameters)] = (
+        inflation**2 * (camera_covariance + camera_covariance.T) / 2
+    )
     return RigCovariance(tuple(names), full, inflation)
 
 
 def compute_depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:
-    """σ of depths triangulated at ``depth_mm`` in front of the core, propagated from (G, G) to first order."""
+    """Return σ of depths triangulated at ``depth_mm`` from the core, propagated from (G, G) to first order."""
     x, y = make_view_grid(rig, depth_mm, columns)
     jacobian = compute_depth_jacobian(rig, make_view_points(rig, depth_mm, columns))
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", jacobian, covariance, jacobian))
@@ -75,7 +81,7 @@ def compute_depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns
 
 
 def make_view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Array]:
-    """X (Nx,) and y (Ny,) of a grid over the core camera's view at a depth, mm."""
+    """Return x (Nx,) and y (Ny,) of a grid over the core camera's view at a depth, mm."""
     camera = rig.core_camera
     width, height = camera.size_px
     rows = max(3, round(columns * height / width))
@@ -85,27 +91,27 @@ def make_view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Arra
 
 
 def make_view_points(rig: Rig, depth_mm: float, columns: int) -> Array:
-    """(Ny·Nx, 3) the points of `make_view_grid`, row by row, in the core frame, mm."""
+    """Return the points (Ny·Nx, 3) of `make_view_grid`, row by row, in the core frame, mm."""
     x, y = make_view_grid(rig, depth_mm, columns)
     return np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), depth_mm)], axis=-1).reshape(-1, 3)
 
 
 def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
-    """(N, G) how a point's triangulated depth moves with each parameter of the rig; NaN where two do not see it.
+    """Return derivatives (N, G) of triangulated depths by the rig's parameters; NaN with fewer than two views.
 
-    All cameras that see the point enter: it moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ when the parameters move by δθ.
+    All cameras that see a point contribute: it moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ if the parameters change by δθ.
     """
     cameras = len(rig.cameras)
     count = INTRINSICS * cameras + 6 * (cameras - 1)
     normal, mixed = np.zeros((len(points_mm), 3, 3)), np.zeros((len(points_mm), 3, count))
     visible_views = np.zeros(len(points_mm))
     for i, name in enumerate(rig.cameras):
-        jacobian, by_rig, seen = differentiate_camera(rig, name, points_mm)
-        jacobian = jacobian * seen[:, None, None]
+        jacobian, by_rig, visible = differentiate_camera(rig, name, points_mm)
+        jacobian = jacobian * visible[:, None, None]
         normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
         columns = list_parameter_columns(i, cameras)
         mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_rig[:, :, : len(columns)])
-        visible_views += seen
+        visible_views += visible
     usable = visible_views >= 2
     jacobian = np.full((len(points_mm), count), np.nan)
     jacobian[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
@@ -113,25 +119,25 @@ def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
 
 
 def list_parameter_columns(index: int, cameras: int) -> NDArray[np.int64]:
-    """Columns of the camera of that index: 9 of its lens, then 6 of its pose (none for the core, index 0)."""
+    """Return the columns of a camera: 9 of its lens, then 6 of its pose (none for the core, index 0)."""
     lens = np.arange(INTRINSICS * index, INTRINSICS * (index + 1))
     pose = INTRINSICS * cameras + 6 * (index - 1) + np.arange(6 if index else 0)
     return np.concatenate([lens, pose])
 
 
 def differentiate_camera(rig: Rig, name: str, points_mm: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Of a camera's pixels of points (N, 3) in the core frame: by the point (N, 2, 3), by lens and pose (N, 2, 15).
+    """Differentiate a camera's pixels of points (N, 3) in the core frame.
 
-    And whether the camera sees them.
+    Return derivatives by the point (N, 2, 3), by lens and pose (N, 2, 15), and the visibility of the points (N,).
     """
     camera, pose = rig.cameras[name], rig.cam_from_core[name]
-    turned = points_mm @ pose.rotation.T
-    inside = turned + pose.translation_mm
-    ahead = inside[:, 2] > 0
-    inside[~ahead] = (0, 0, 1)
+    rotated = points_mm @ pose.rotation.T
+    in_camera = rotated + pose.translation_mm
+    ahead = in_camera[:, 2] > 0
+    in_camera[~ahead] = (0, 0, 1)
     pixels, by_point, by_lens = project_with_jacobians(
-        inside, np.tile(pack_intrinsics(camera), (len(points_mm), 1))
+        in_camera, np.tile(pack_intrinsics(camera), (len(points_mm), 1))
     )
-    seen = ahead & ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
-    by_rig = np.concatenate([by_lens, differentiate_by_pose(by_point, turned)], axis=-1)
-    return np.einsum("nij,jk->nik", by_point, pose.rotation), by_rig, seen
+    visible = ahead & ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
+    by_rig = np.concatenate([by_lens, differentiate_by_pose(by_point, rotated)], axis=-1)
+    return np.einsum("nij,jk->nik", by_point, pose.rotation), by_rig, visible

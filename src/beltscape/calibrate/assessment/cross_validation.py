@@ -1,4 +1,4 @@
-"""The score that counts: a rig found from half of the frames, held against the other half."""
+"""Cross-validation: the score of rigs from half of the frames on the other half."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from beltscape.target.board import Board
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CrossValidation:
-    """What two halves of the views say of each other."""
+    """Result of the cross-validation of two halves of the views."""
 
     score: Score
-    """Each half judged by the rig of the other."""
+    """Score of each half under the rig of the other half."""
     split_ratio: float
-    """RMS difference of depths under the two rigs over what the covariances promise; 1 where they are right."""
+    """RMS difference of depths under the two rigs over their standard deviation; 1 if the covariances are right."""
 
 
 def cross_validate(
@@ -41,7 +41,7 @@ def cross_validate(
     *,
     known: Mapping[str, Camera] | None = None,
 ) -> CrossValidation | None:
-    """Even frames judge the rig of the odd ones and the other way round; None where half is too little."""
+    """Score even frames under the rig of the odd ones and vice versa; return None if half the frames are too few."""
     frames = [frame for frame in detections.frames if _count_cameras(detections, frame) > 1]
     halves = frames[::2], frames[1::2]
     try:
@@ -51,13 +51,13 @@ def cross_validate(
         ]
         rig_errors = [
             compute_rig_errors(
-                found.rig,
+                trained.rig,
                 detections.restrict(detections.cameras, test),
                 board,
                 kernels,
-                corners_mm=found.geometry.points_mm,
+                corners_mm=trained.geometry.points_mm,
             )
-            for found, test in zip(rigs, halves[::-1], strict=True)
+            for trained, test in zip(rigs, halves[::-1], strict=True)
         ]
     except CalibrationError:
         return None
@@ -73,7 +73,7 @@ def _calibrate_rig(
 def _compute_split_ratio(
     first: BundleAdjustmentResult, second: BundleAdjustmentResult, kernels: Kernels
 ) -> float:
-    """See `CrossValidation.split_ratio`; NaN where the two rigs have no common view."""
+    """Return `CrossValidation.split_ratio`; NaN if the two rigs have no common view."""
     names = list(first.rig.cameras)
     if names != list(second.rig.cameras):
         return float("nan")

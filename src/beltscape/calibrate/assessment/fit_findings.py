@@ -1,4 +1,4 @@
-"""What speaks against a calibration's fit, each in one line with the likely reason and the fix."""
+"""Findings against a calibration's fit, each in one line with the likely reason and the fix."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from beltscape.calibrate.network.fault_isolation import describe_fault
 from beltscape.core.camera import Camera
 
 MAX_CHI2, MIN_OPEN_PX = 6.0, 0.25
-"""χ² per degree of freedom of a path or loop, and its angle in the image, from which on it does not close.
+"""A path or loop is open if its χ² per degree of freedom and its angle in the image exceed these.
 
 Sound sets have at most 1.2 and 0.01 px, blurred or asynchronous views 18 to 440 and 1 to 20 px.
 """
 MAX_OVERFIT, MIN_OVERFIT_PX = 1.5, 0.1
-"""RMS held out over RMS in training, and their difference, from which on the views are too few; sound: below 1.12."""
+"""The views are too few if held-out over training RMS, and their difference, exceed these; sound: below 1.12."""
 
 
 def list_calibration_findings(
@@ -31,9 +31,9 @@ def list_calibration_findings(
     *,
     explained: Sequence[str] = (),
 ) -> list[str]:
-    """Return what speaks against a calibration, the likeliest cause first; empty for a sound one.
+    """Return the findings against a calibration, the likeliest cause first; empty for a sound one.
 
-    Why the ``explained`` cameras do not fit is known already.
+    The misfit of the ``explained`` cameras has been reported already.
     """
     alone = {name: fit for name, fit in fits.items() if name not in explained}
     causes = [*_find_asynchronous(hierarchy), *_find_fault(hierarchy), *_find_own_misfit(hierarchy, alone)]
@@ -53,7 +53,7 @@ ALONE = (
 
 
 def describe_pattern(names: Sequence[str], fits: Mapping[str, CameraFit], reason: str) -> list[str]:
-    """Return the doubt that residuals of these cameras are more than noise; empty without a camera."""
+    """Return the finding that residuals of these cameras are more than noise; empty without a camera."""
     if not names:
         return []
     sizes = ", ".join(
@@ -64,7 +64,7 @@ def describe_pattern(names: Sequence[str], fits: Mapping[str, CameraFit], reason
 
 
 def _find_asynchronous(hierarchy: HierarchyResult) -> list[str]:
-    """Return which pairs fit worse than their cameras alone."""
+    """Return the finding that pairs fit worse than their cameras alone."""
     unsynchronised = find_unsynchronised_pairs(hierarchy)
     if not unsynchronised:
         return []
@@ -79,24 +79,24 @@ def _find_asynchronous(hierarchy: HierarchyResult) -> list[str]:
 
 
 def _find_fault(hierarchy: HierarchyResult) -> list[str]:
-    """Return who opens the loops."""
-    found = describe_fault(hierarchy.network)
-    return [] if found is None else [found]
+    """Return the finding of the camera or pair whose loops are open."""
+    fault = describe_fault(hierarchy.network)
+    return [] if fault is None else [fault]
 
 
 def _find_own_misfit(hierarchy: HierarchyResult, fits: Mapping[str, CameraFit]) -> list[str]:
-    """Return which cameras do not fit their own views, whatever the other cameras see."""
-    own = {
+    """Return the finding that cameras do not fit their own views, independently of the other cameras."""
+    own_fits = {
         name: CameraFit(hierarchy.monocular[name].rms_px / np.sqrt(2), fit.corner_noise_px)
         for name, fit in fits.items()
     }
     return describe_pattern(
-        [name for name in fits if own[name].is_pattern() and fits[name].is_pattern()], own, ALONE
+        [name for name in fits if own_fits[name].is_pattern() and fits[name].is_pattern()], own_fits, ALONE
     )
 
 
 def _find_open_loops(hierarchy: HierarchyResult) -> list[str]:
-    """Return the path or loop that closes worst, where noise does not explain it."""
+    """Return the finding of open paths and loops, with the one that closes worst."""
     network = hierarchy.network
     errors = (*network.path_errors, *network.loop_errors)
     open_ones = [
@@ -121,7 +121,7 @@ def _compute_angle_px(error: Misclosure, cameras: Iterable[Camera]) -> float:
 
 
 def _find_overfit(halves: CrossValidation | None, training: Score) -> list[str]:
-    """Return the doubt that views are too few or too alike."""
+    """Return the finding that views are too few or too alike."""
     if halves is None:
         return []
     rms_px = halves.score.rms_px

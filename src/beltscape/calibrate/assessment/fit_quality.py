@@ -1,4 +1,4 @@
-"""Does a rig explain its board views? RMS against median, residuals against the corners' noise, held out or not."""
+"""Quality of a rig's fit to board views: RMS against median, residuals against the corners' noise."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.corner_noise import estimate_corner_noise_px, estimate_robust_sigma
+from beltscape.calibrate.assessment.corner_noise import estimate_corner_noise_px
 from beltscape.calibrate.assessment.score import RigErrors, Score
+from beltscape.calibrate.solver.robust import estimate_robust_sigma
 
 MAX_TAIL, MIN_TAIL_PX = 2.5, 0.2
 """RMS over median, and RMS, from which on some views fit far worse than the rest.
@@ -24,21 +25,21 @@ Sound sets have 0.6 to 3, lenses or boards that the model does not follow 10 to 
 150 to 700.
 """
 FAR = 4.5
-"""Corners farther off than so many robust standard deviations of their camera are far off."""
+"""Corners with larger errors, in robust standard deviations of their camera, are far off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFit:
-    """How one camera's residuals compare with its corners' noise."""
+    """Residuals of one camera compared with the noise of its corners."""
 
     sigma_px: float
     """Robust standard deviation of a residual's coordinate."""
     corner_noise_px: float
-    """One standard deviation of a corner's coordinate by its neighbours; NaN with too few of them."""
+    """One standard deviation of a corner's coordinate, from its neighbours; NaN with too few of them."""
 
     @property
     def chi2_per_dof(self) -> float:
-        """Variance of the residuals over that of the corners' noise: about 1 where noise is all there is."""
+        """Variance of the residuals over that of the corners' noise, about 1 if noise explains them."""
         return (self.sigma_px / self.corner_noise_px) ** 2 if self.corner_noise_px > 0 else float("nan")
 
     def is_pattern(self, limit_px: float = PATTERN_PX) -> bool:
@@ -48,7 +49,7 @@ class CameraFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitQuality:
-    """A fit, judged by its own figures."""
+    """Assessment of a fit by its own residuals."""
 
     rms_over_median: float
     """Of the reprojection errors; 1.2 for normal noise."""
@@ -56,15 +57,15 @@ class FitQuality:
     """Share of the corners that are far off."""
     cameras: Mapping[str, CameraFit]
     findings: tuple[str, ...]
-    """What speaks against the fit, each in one line with the likely reason and the fix; empty for a sound fit."""
+    """Faults of the fit, each in one line with the likely reason and the fix; empty for a sound fit."""
 
     @property
     def is_sound(self) -> bool:
-        """Whether nothing speaks against it."""
+        """Whether the fit has no faults."""
         return not self.findings
 
     def document(self) -> dict[str, object]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "sound": self.is_sound,
             "doubts": self.findings,
@@ -101,7 +102,7 @@ def compute_camera_fits(rig_errors: RigErrors, grid: tuple[int, int]) -> dict[st
 def assess_fit(
     score: Score, rig_errors: RigErrors, grid: tuple[int, int], findings: Sequence[str] = ()
 ) -> FitQuality:
-    """Judge a fit by its score and residuals; ``findings`` known already come before what is found here."""
+    """Assess a fit by its score and residuals; the given ``findings`` come before those made here."""
     cameras = compute_camera_fits(rig_errors, grid)
     far = _mask_far_off(rig_errors, cameras)
     return FitQuality(
@@ -115,7 +116,7 @@ def assess_fit(
 def _mask_far_off(
     rig_errors: RigErrors, cameras: Mapping[str, CameraFit]
 ) -> dict[tuple[str, str], NDArray[np.bool_]]:
-    """By camera and frame: (n,) which corners are far off."""
+    """Return by camera and frame (n,) whether corners are far off."""
     return {
         (name, frame): np.linalg.norm(view.errors_px, axis=1) > FAR * cameras[name].sigma_px
         for name, views in rig_errors.residuals.items()
@@ -126,7 +127,7 @@ def _mask_far_off(
 def _describe_tail(
     score: Score, rig_errors: RigErrors, far: Mapping[tuple[str, str], NDArray[np.bool_]]
 ) -> list[str]:
-    """Return the doubt that some views fit far worse than the rest, with their names; empty where none does."""
+    """Return the finding that some views fit far worse than the rest, with their names; empty if none do."""
     if score.rms_px < MAX_TAIL * score.median_px or score.rms_px < MIN_TAIL_PX:
         return []
     sizes = {(camera, frame): rig_errors.residuals[camera][frame].rms_px for camera, frame in far}

@@ -1,4 +1,4 @@
-"""Do the views agree as well as their noise says? The rig without each frame in turn tells."""
+"""Jackknife over frames: inflation of the covariance if the views scatter by more than their noise."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from beltscape.calibrate.solver.deterministic import single_thread
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.99
-"""Views disagree when their scatter would be less with this probability were the noise all."""
+"""Probability of a smaller scatter from noise alone above which the views are taken to disagree."""
 
 
 def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, jacobian: Array) -> float:
-    """By how much the scatter between frames exceeds the formal standard deviations; 1 where it does not clearly.
+    """Return the ratio of the scatter between frames to the formal standard deviations; 1 if not significant.
 
-    A corner's noise is taken for independent. A board that bends between views, a lens that the model does not
-    follow, cameras not quite synchronous make errors that all corners of a frame share; then the formal
-    covariance is too small. Leaving out one frame after the other needs no such model (Efron & Stein 1981,
+    The formal covariance takes the corners' noise as independent. It is too small if all corners of a frame share
+    errors: from a board that bends between views, a lens that the model does not describe, cameras that are not quite
+    synchronous. Leaving out one frame at a time needs no such assumption (Efron & Stein 1981,
     doi:10.1214/aos/1176345462): the variance is (F − 1)/F·Σ(d_f − d̄)².
 
     Parameters
     ----------
     covariance
         (R, R) formal covariance of the free parameters of the cameras.
-    moves
-        (N, R) what is asked about: how N quantities move with these parameters.
+    jacobian
+        (N, R) derivatives of the N quantities of interest by these parameters.
     """
     without = _leave_out_frames(adjustment, len(covariance)) @ jacobian.T
     frames = len(without)
@@ -41,13 +41,13 @@ def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, ja
 
 
 def _leave_out_frames(adjustment: BundleAdjustmentResult, count: int) -> Array:
-    """(F, R) how the cameras' free parameters move when a frame is left out, to first order."""
+    """Return the change (F, R) of the cameras' free parameters if a frame is left out, to first order."""
     bundle = adjustment.bundle
     observed = bundle.observations.frame
-    moved = []
+    changes = []
     with single_thread():
         for frame in np.unique(observed[adjustment.kept]):
             weights = (adjustment.kept & (observed != frame)).astype(np.float64)
             rest = Bundle(bundle.observations, bundle.prior, weights)
-            moved.append(rest.linearise(adjustment.geometry).solve_step(0.0)[:count])
-    return np.array(moved)
+            changes.append(rest.linearise(adjustment.geometry).solve_step(0.0)[:count])
+    return np.array(changes)

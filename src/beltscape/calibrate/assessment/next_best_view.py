@@ -1,4 +1,4 @@
-"""Which board pose to take next: the one that lowers the depth's standard deviation most."""
+"""Next-best view: the board pose that lowers the standard deviation of depth most."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TILTS = {
     "left near": (0.0, -1.0),
 }
 MIN_GAIN = 0.05
-"""A view that lowers σ by less than this share is not worth taking."""
+"""Least relative decrease of σ for which a further view is recommended."""
 MIN_CORNERS = 8
 
 
@@ -47,31 +47,31 @@ class NextBestView:
     sigma_now_mm: float
     """RMS depth σ over the core's view at the boards' usual distance."""
     sigma_then_mm: float
-    """The same with this view added."""
+    """RMS depth σ with this view added."""
     placement: str
-    """Where to hold the board."""
+    """Description of the board's pose."""
 
     @property
     def is_sufficient(self) -> bool:
-        """Whether even this view would hardly help."""
+        """Whether the present views suffice, because even this one lowers σ by little."""
         return self.sigma_then_mm > (1 - MIN_GAIN) * self.sigma_now_mm
 
     def describe(self) -> str:
-        """In a sentence."""
+        """Return the recommendation in one sentence."""
         if self.is_sufficient:
             gain = 1 - self.sigma_then_mm / self.sigma_now_mm
             return f"Enough views: the most useful further one would lower the depth σ by {gain:.1%} only."
         return (
-            f"Next, hold the board {self.placement}, so that {', '.join(self.seen_by)} see it: the depth σ would fall "
-            f"from {self.sigma_now_mm:.3f} to {self.sigma_then_mm:.3f} mm."
+            f"Next, hold the board {self.placement}, so that {', '.join(self.seen_by)} see it: the depth σ would "
+            f"fall from {self.sigma_now_mm:.3f} to {self.sigma_then_mm:.3f} mm."
         )
 
 
 def find_next_best_view(adjustment: BundleAdjustmentResult, covariance: RigCovariance) -> NextBestView | None:
-    """Try the board at places, distances and tilts over the core's view; None where no camera would see it.
+    """Return the best of a grid of board positions, distances and tilts; None if two cameras see none of them.
 
-    A view adds the information of its corners, less what its own unknown pose takes; the best one leaves the
-    smallest mean variance of depth.
+    A view adds the information of its corners with its own pose marginalised; the best view leaves the smallest mean
+    variance of depth.
     """
     rig, geometry = adjustment.rig, adjustment.geometry
     distance = float(np.median(geometry.board_translation_mm[:, 2]))
@@ -99,19 +99,19 @@ def find_next_best_view(adjustment: BundleAdjustmentResult, covariance: RigCovar
 
 
 def _list_candidates(rig: Rig, corners_mm: Array, distance_mm: float) -> list[tuple[Pose, str]]:
-    """Poses of the board and where they are, in words."""
+    """Return candidate poses of the board with their descriptions."""
     middle = (corners_mm.min(axis=0) + corners_mm.max(axis=0)) / 2
     camera = rig.core_camera
-    found = []
+    candidates = []
     for (u, v), share, (tilt, turns) in product(product(CENTERS, CENTERS), DISTANCES, TILTS.items()):
         depth = share * distance_mm
         pixel = (np.array([u, v]) + 0.5) * np.array(camera.size_px)
         center = np.append((pixel - camera.center_px) / camera.focal_px, 1.0) * depth
         rotation = rotation_from_vector(TILT_RAD * np.array([*turns, 0.0]))
-        found.append(
+        candidates.append(
             (Pose(rotation, center - rotation @ middle), _describe_placement(u, v, depth, tilt, rig.core))
         )
-    return found
+    return candidates
 
 
 def _describe_placement(u: float, v: float, depth_mm: float, tilt: str, core: str) -> str:
@@ -125,21 +125,21 @@ def _describe_placement(u: float, v: float, depth_mm: float, tilt: str, core: st
 def _compute_information(
     rig: Rig, points_mm: Array, pose: Pose, corners_mm: Array, sigma_px: Array
 ) -> tuple[Array, tuple[str, ...]]:
-    """(G, G) what a view of the board at ``pose`` says of the rig, its pose unknown; and who sees it."""
+    """Return the information (G, G) of a view of the board at an unknown ``pose``, and the cameras that see it."""
     cameras = len(rig.cameras)
     count = list_parameter_columns(cameras - 1, cameras)[-1] + 1
     shared, boards, seen_by = [], [], []
     on_board = corners_mm @ pose.rotation.T
     for i, name in enumerate(rig.cameras):
-        by_point, by_rig, seen = differentiate_camera(rig, name, points_mm)
-        if seen.sum() < MIN_CORNERS:
+        by_point, by_rig, visible = differentiate_camera(rig, name, points_mm)
+        if visible.sum() < MIN_CORNERS:
             continue
         columns = list_parameter_columns(i, cameras)
-        block = np.zeros((int(seen.sum()), 2, count))
-        block[:, :, columns] = by_rig[seen][:, :, : len(columns)] / sigma_px[i]
+        block = np.zeros((int(visible.sum()), 2, count))
+        block[:, :, columns] = by_rig[visible][:, :, : len(columns)] / sigma_px[i]
         shared.append(block.reshape(-1, count))
-        turn = np.cross(on_board[seen][:, None, :], by_point[seen])
-        boards.append((np.concatenate([turn, by_point[seen]], axis=-1) / sigma_px[i]).reshape(-1, 6))
+        turn = np.cross(on_board[visible][:, None, :], by_point[visible])
+        boards.append((np.concatenate([turn, by_point[visible]], axis=-1) / sigma_px[i]).reshape(-1, 6))
         seen_by.append(name)
     if not seen_by:
         return np.zeros((count, count)), ()

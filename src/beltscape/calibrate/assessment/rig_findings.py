@@ -1,4 +1,4 @@
-"""What speaks against a rig that is held against new board views, with the likely reason and the fix."""
+"""Findings against a rig on new board views, with the likely reason and the fix."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from beltscape.target.board import Board
 Array = NDArray[np.float64]
 
 MAX_GROWTH, MIN_LIMIT_PX = 3.0, 0.02
-"""A rig is held to this multiple of its own residuals on held-out views, and to no less than these px."""
+"""Limit of a rig's residuals, as a multiple of those on its held-out views, and the least limit in px."""
 MAX_SHARE_WITHOUT = 0.5
-"""A camera is named when the others fit this much better without it, and no other camera's absence does as much."""
+"""A camera is reported if the residuals without it fall below this share, of all and of those without another."""
 MAX_SCALE_ERROR = 0.002
-"""Share of a square's edge by which the mean of the triangulated edges may be off; sound sets have at most 0.0005."""
+"""Largest relative error of the mean triangulated edge; sound sets have at most 0.0005."""
 LENS = (
     "their intrinsics do not fit these views: focus, zoom or crop changed since the calibration, it is another "
     "camera, or the board bends; calibrate anew"
 )
 MIN_STANDARD_ERRORS = 4.0
-"""Standard errors of that mean, by its scatter between frames, from which on it is not chance."""
+"""Standard errors of that mean, from its scatter between frames, above which it is significant."""
 
 
 def list_rig_findings(
     rig: Rig, detections: BoardDetections, board: Board, board_mm: Array, rig_errors: RigErrors
 ) -> list[str]:
-    """Return why these views do not bear a rig out, the likeliest cause; empty where they do."""
+    """Return why these views contradict a rig, by the likeliest cause; empty if they do not."""
     fits, limit_px = compute_camera_fits(rig_errors, board.grid), _compute_limit_px(rig)
     patterned = [name for name, fit in fits.items() if fit.is_pattern(limit_px)]
     if not patterned:
@@ -53,23 +53,23 @@ def list_rig_findings(
 
 
 def _compute_limit_px(rig: Rig) -> float:
-    """Return the σ of residuals that is too much for this rig: far above what it had on held-out views, px."""
+    """Return the limit of σ of this rig's residuals: far above that on its held-out views, px."""
     held_out = rig.quality.get("held_out")
-    own = held_out.get("rms_px") if isinstance(held_out, dict) else None
-    if not isinstance(own, int | float):
+    held_out_rms = held_out.get("rms_px") if isinstance(held_out, dict) else None
+    if not isinstance(held_out_rms, int | float):
         return PATTERN_PX
-    return min(PATTERN_PX, max(MIN_LIMIT_PX, MAX_GROWTH * own / 2**0.5))
+    return min(PATTERN_PX, max(MIN_LIMIT_PX, MAX_GROWTH * held_out_rms / 2**0.5))
 
 
 def estimate_scale_factor(board: Board, rig_errors: RigErrors, score: Score) -> float:
-    """Return the triangulated over the stated edge of a square where they differ for certain, else exactly 1."""
+    """Return triangulated over stated edge of a square if they differ significantly, else exactly 1."""
     factor = 1 + score.square_bias_mm / board.square_mm
     certain = abs(score.square_bias_mm) > MIN_STANDARD_ERRORS * rig_errors.compute_edge_bias_error_mm()
     return factor if certain and abs(factor - 1) > MAX_SCALE_ERROR else 1.0
 
 
 def describe_scale(board: Board, factor: float) -> str:
-    """Return the doubt that the board's squares, or the rig's baselines, have another size than stated."""
+    """Return the finding that the board's squares, or the rig's baselines, have another size than stated."""
     return (
         f"with this rig the board's squares measure {board.square_mm * factor:.4g} mm, not {board.square_mm:g} mm "
         f"(factor {factor:.4f}): either square_mm of this board is wrong, or the one the rig was calibrated with "
@@ -78,7 +78,7 @@ def describe_scale(board: Board, factor: float) -> str:
 
 
 def _describe_displacement(rig: Rig, detections: BoardDetections, board_mm: Array) -> str:
-    """Return in words which camera is not where the rig has it."""
+    """Return the description of the displaced camera, as far as it can be isolated."""
     names = [name for name in rig.cameras if name in detections.cameras and detections.views[name]]
     whole = _fit_together(rig, detections, names, board_mm)
     without = {
@@ -111,7 +111,7 @@ def _fit_together(rig: Rig, detections: BoardDetections, names: Iterable[str], b
 
 
 def _fit_alone(rig: Rig, detections: BoardDetections, name: str, board: Board, board_mm: Array) -> CameraFit:
-    """Return how one camera fits its own views, with boards posed by it alone."""
+    """Return the fit of one camera to its own views, with board poses from it alone."""
     views: list[ViewResiduals] = []
     for corners in detections.views[name].values():
         pose = fit_board_pose(rig, {name: corners}, board_mm)

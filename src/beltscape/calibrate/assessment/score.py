@@ -1,4 +1,4 @@
-"""How good a rig is on board views: in pixels, and in millimetres on the board itself."""
+"""Score of a rig on board views: reprojection errors in pixels, errors on the board in millimetres."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from beltscape.target.board import Board, adjacent_corners, corner_points_mm
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """A rig's score on board views; only the board's pose in each frame was fitted to them."""
+    """Score of a rig on board views, to which only the board's pose in each frame was fitted."""
 
     views: int
     frames: int
@@ -29,14 +29,14 @@ class Score:
     median_px: float
     """Median length of the reprojection errors."""
     square_bias_mm: float
-    """Mean of triangulated square edge minus the true one."""
+    """Mean of triangulated minus true square edges."""
     square_rms_mm: float
-    """RMS of triangulated square edge minus the true one."""
+    """RMS of triangulated minus true square edges."""
     planarity_rms_mm: float
-    """RMS distance of triangulated corners from the board, square to it."""
+    """RMS out-of-plane distance of triangulated corners from the board."""
 
     def document(self) -> dict[str, float]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return asdict(self)
 
 
@@ -45,11 +45,11 @@ class ViewResiduals:
     """Reprojection errors of one view."""
 
     ids: NDArray[np.int64]
-    """(n,) which corner of the board."""
+    """(n,) index of the corner on the board."""
     pixels: NDArray[np.float64]
-    """(n, 2) where the corners were found."""
+    """(n, 2) detected position of the corners."""
     errors_px: NDArray[np.float64]
-    """(n, 2) found minus projected."""
+    """(n, 2) detected minus projected."""
 
     @property
     def rms_px(self) -> float:
@@ -59,7 +59,7 @@ class ViewResiduals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigErrors:
-    """What a rig does to board views, before it is summed up."""
+    """Errors of a rig on board views."""
 
     residuals: Mapping[str, Mapping[str, ViewResiduals]]
     """By camera and frame."""
@@ -67,14 +67,14 @@ class RigErrors:
     edge_errors_mm: NDArray[np.float64]
     """(e,) triangulated minus true square edges."""
     edge_frames: NDArray[np.int64]
-    """(e,) number of the frame of each edge."""
+    """(e,) index of the frame of each edge."""
     plane_distances_mm: NDArray[np.float64]
-    """(p,) triangulated corners off the board, laid on them as a rigid body, square to it."""
+    """(p,) out-of-plane distances of triangulated corners from the board, which is fitted to them rigidly."""
 
     def compute_edge_bias_error_mm(self) -> float:
-        """Standard error of the mean edge error, by the scatter of the frames' means.
+        """Return the standard error of the mean edge error, from the scatter of the frames' means.
 
-        A single frame's is that of its edges: errors within a frame are not independent.
+        For a single frame it is the scatter of its edges, since errors within a frame are not independent.
         """
         means = [self.edge_errors_mm[self.edge_frames == i].mean() for i in np.unique(self.edge_frames)]
         if len(means) < 2:
@@ -82,7 +82,7 @@ class RigErrors:
         return float(np.std(means, ddof=1) / np.sqrt(len(means)))
 
     def compute_errors_px(self) -> NDArray[np.float64]:
-        """(n, 2) all reprojection errors."""
+        """Return all reprojection errors (n, 2)."""
         return np.concatenate([v.errors_px for views in self.residuals.values() for v in views.values()])
 
 
@@ -94,9 +94,9 @@ def compute_rig_errors(
     *,
     corners_mm: NDArray[np.float64] | None = None,
 ) -> RigErrors:
-    """Hold a rig against the frames that at least two of its cameras see.
+    """Compute the errors of a rig in the frames that at least two of its cameras see.
 
-    ``corners_mm`` (P, 3) are the board's corners where its own shape is known; as drawn by default.
+    ``corners_mm`` (P, 3) are the board's corners if its shape is known; the nominal ones by default.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def compute_rig_errors(
 
 
 def summarise_errors(*rig_errors: RigErrors) -> Score:
-    """Sum up one or several folds of evidence."""
+    """Summarise the errors of one or several folds."""
     lengths = np.linalg.norm(np.concatenate([e.compute_errors_px() for e in rig_errors]), axis=1)
     edges = np.concatenate([e.edge_errors_mm for e in rig_errors])
     heights = np.concatenate([e.plane_distances_mm for e in rig_errors])
@@ -151,14 +151,14 @@ def _compute_rms(values: NDArray[np.float64]) -> float:
 def project_board(
     rig: Rig, name: str, core_from_board: Pose, points_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n, 2) where a camera sees points (n, 3) of a board, px."""
+    """Project points (n, 3) of a board into a camera's image (n, 2), px."""
     return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
 
 
 def _triangulate_corners(
     rig: Rig, views: Mapping[str, Corners], count: int, kernels: Kernels
 ) -> NDArray[np.float64]:
-    """(count, 3) corners in the core frame, mm; NaN where fewer than two cameras see one (Eqs. 2-3)."""
+    """Triangulate corners (count, 3) in the core frame, mm; NaN where fewer than two cameras see one (Eqs. 2-3)."""
     pixels = np.full((len(views), count, 2), np.nan)
     for i, (name, corners) in enumerate(views.items()):
         camera = rig.cameras[name]
@@ -169,7 +169,7 @@ def _triangulate_corners(
 def _compute_edge_errors(
     points_mm: NDArray[np.float64], board_mm: NDArray[np.float64], board: Board
 ) -> NDArray[np.float64]:
-    """Measured minus true length of every edge of a square of which both ends were triangulated."""
+    """Return measured minus true length of every square edge of which both ends were triangulated."""
     first, second = adjacent_corners(board).T
     lengths, true = (np.linalg.norm(p[first] - p[second], axis=1) for p in (points_mm, board_mm))
     return (lengths - true)[np.isfinite(lengths)]
@@ -178,7 +178,7 @@ def _compute_edge_errors(
 def _compute_form_errors(
     points_mm: NDArray[np.float64], board_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Out-of-plane distance of triangulated corners from the board, laid on them as a rigid body (Kabsch)."""
+    """Return out-of-plane distances of triangulated corners from the board, fitted to them rigidly (Kabsch)."""
     known = np.isfinite(points_mm).all(axis=1)
     if known.sum() < 8:
         return np.empty(0)

@@ -1,1 +1,1 @@
-"""The board's corners: found in images, refined to a hundredth of a pixel, checked against the described board."""
+"""Detection of the board's corners: in images, to a hundredth of a pixel, with a check of the described board."""

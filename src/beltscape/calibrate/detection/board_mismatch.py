@@ -1,4 +1,4 @@
-"""What the images show when they do not show the board one was told of."""
+"""Description of the board that images show if it is not the described one."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 
 
 def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
-    """What board the images (H, W) uint8 show, in words, as far as one can tell; None for no board at all."""
+    """Describe the board that images (H, W) uint8 show, as far as it can be determined; None without any board."""
     images = list(images)
     inverted = [cv2.bitwise_not(image) for image in images]
-    found = [(_detect_markers(views, family), family, note) for family in _FAMILIES
+    candidates = [(_detect_markers(views, family), family, note) for family in _FAMILIES
              for views, note in ((images, ""), (inverted, ", inverted"))]  # fmt: skip
-    markers, family, note = max(found, key=lambda item: sum(len(ids) for ids, _ in item[0]))
+    markers, family, note = max(candidates, key=lambda item: sum(len(ids) for ids, _ in item[0]))
     if sum(len(ids) for ids, _ in markers) >= 6:
         top = max(int(ids.max()) for ids, _ in markers)
         columns = _estimate_columns(markers)
@@ -39,16 +39,16 @@ def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> s
 def _detect_markers(images: list[NDArray[np.uint8]], family: str) -> Markers:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family))
     detector = cv2.aruco.ArucoDetector(dictionary)
-    found: Markers = []
+    markers: Markers = []
     for image in images:
         corners, ids, _ = detector.detectMarkers(image)
         if ids is not None and len(ids) >= 3:
-            found.append((ids.ravel().astype(np.int64), np.array(corners).reshape(-1, 4, 2).mean(axis=1)))
-    return found
+            markers.append((ids.ravel().astype(np.int64), np.array(corners).reshape(-1, 4, 2).mean(axis=1)))
+    return markers
 
 
 def _name_dictionary(family: str, top: int) -> str:
-    """The smallest dictionary of a family that has the id ``top``."""
+    """Return the name of the family's smallest dictionary that contains the id ``top``."""
     if not family.endswith("_1000"):
         return family
     size = next(size for size in _SIZES if top < size)
@@ -56,7 +56,7 @@ def _name_dictionary(family: str, top: int) -> str:
 
 
 def _estimate_columns(markers: Markers) -> int | None:
-    """How many squares a ChArUco row has: the number under which the markers lie in a plane grid."""
+    """Estimate the squares in a ChArUco row: the number for which the markers form a plane grid."""
     votes: Counter[int] = Counter()
     for ids, centers in markers:
         if len(ids) >= 6:
@@ -68,15 +68,15 @@ def _estimate_columns(markers: Markers) -> int | None:
 
 
 def _compute_misfit(ids: NDArray[np.int64], centers: NDArray[np.float64], columns: int) -> float:
-    """Median residual in squares when markers (n,) are laid row by row on ``columns`` squares.
+    """Return the median residual, in squares, of markers (n,) placed row by row on ``columns`` squares.
 
-    OpenCV starts a row with a black square, legacy boards of an even number of rows with a marker.
+    OpenCV starts a row with a black square, legacy boards with an even number of rows start with a marker.
     """
     return min(_compute_grid_misfit(_place_markers(ids, columns, first), centers) for first in (1, 0))
 
 
 def _place_markers(ids: NDArray[np.int64], columns: int, first: int) -> NDArray[np.float64]:
-    """(n, 2) column and row of each marker when the first one stands in column ``first``."""
+    """Return column and row (n, 2) of each marker if the first one is in column ``first``."""
     upper = (columns - first + 1) // 2  # markers in an even row
     pair, rest = np.divmod(ids, columns)
     lower = rest >= upper
@@ -95,13 +95,13 @@ def _compute_grid_misfit(grid: NDArray[np.float64], centers: NDArray[np.float64]
 
 
 def _find_chessboard_grid(images: list[NDArray[np.uint8]]) -> tuple[int, int] | None:
-    """The chessboard grid that most images show, longer side first."""
+    """Return the chessboard grid that most images show, longer side first; None without any."""
     votes: Counter[tuple[int, int]] = Counter()
     for image in images:
         scale = min(1.0, 960 / max(image.shape))
         small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags)
-        if found and meta.size >= 20:  # smaller grids turn up by chance in any texture
+        if found and meta.size >= 20:  # smaller grids occur by chance in any texture
             votes[max(meta.shape), min(meta.shape)] += 1
     return votes.most_common(1)[0][0] if votes else None

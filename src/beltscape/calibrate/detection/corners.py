@@ -1,4 +1,4 @@
-"""What calibration works on: the board's corners found in images."""
+"""Detected board corners, the data of every calibration."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corners:
-    """Corners of one board found in one image."""
+    """Corners of one board detected in one image."""
 
     ids: NDArray[np.int64]
-    """(n,) which corner of the board, ascending."""
+    """(n,) index of the corner on the board, ascending."""
     pixels: NDArray[np.float64]
-    """(n, 2) where, in the distorted image."""
+    """(n, 2) position in the distorted image."""
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def select(self, mask: NDArray[np.bool_]) -> Corners:
-        """Some of them."""
+        """Return the corners of a mask (n,)."""
         return Corners(self.ids[mask], self.pixels[mask])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardDetections:
-    """All corners of a capture, by camera and frame; a view without a usable board is absent."""
+    """All detected corners of a capture, by camera and frame; views without a usable board are absent."""
 
     sizes_px: Mapping[str, tuple[int, int]]
     """camera → (width, height)."""
     views: Mapping[str, Mapping[str, Corners]]
     """camera → frame → corners."""
     images: Mapping[str, int]
-    """camera → how many images were looked at."""
+    """camera → number of images searched."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -48,7 +48,7 @@ class BoardDetections:
         return tuple(dict.fromkeys(frame for views in self.views.values() for frame in views))
 
     def restrict(self, cameras: Iterable[str], frames: Iterable[str]) -> BoardDetections:
-        """Only some cameras and frames."""
+        """Return the detections of some cameras and frames."""
         kept, wanted = tuple(cameras), set(frames)
         return BoardDetections(
             {name: self.sizes_px[name] for name in kept},
@@ -57,7 +57,7 @@ class BoardDetections:
         )
 
     def find_common_corners(self, first: str, second: str) -> dict[str, NDArray[np.int64]]:
-        """Frame → corner ids that both cameras see."""
+        """Return frame → ids of the corners that both cameras see."""
         shared: dict[str, NDArray[np.int64]] = {}
         for frame, corners in self.views[first].items():
             other = self.views[second].get(frame)
@@ -69,7 +69,7 @@ class BoardDetections:
 
 
 def has_planar_extent(points: NDArray[np.float64]) -> bool:
-    """Whether points (n, 2) do not lie (nearly) on one line, as a pose needs."""
+    """Return whether points (n, 2) are not (nearly) collinear, as a pose requires."""
     if len(points) < 4:
         return False
     singular_values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)

@@ -99,11 +99,13 @@ def _collect_detections(
     sizes: dict[str, tuple[int, int]] = {}
     views: dict[str, dict[str, Corners]] = {}
     for camera in capture.cameras:
-        own = [(frame, path, result) for (name, frame, path), result in results if name == camera]
-        for _, _, result in own:
+        camera_results = [(frame, path, result) for (name, frame, path), result in results if name == camera]
+        for _, _, result in camera_results:
             if isinstance(result, str):
                 reporter.warn(result)
-        read = [(frame, path, result) for frame, path, result in own if not isinstance(result, str)]
+        read = [
+            (frame, path, result) for frame, path, result in camera_results if not isinstance(result, str)
+        ]
         if not read:
             reporter.warn(
                 f"{capture.folder / camera}: none of its images can be read; going on without {camera}"
@@ -111,10 +113,10 @@ def _collect_detections(
             continue
         size = Counter(result[0] for _, _, result in read).most_common(1)[0][0]
         sizes[camera], views[camera] = size, {}
-        for frame, path, (own_size, corners) in read:
-            if own_size != size:
+        for frame, path, (image_size, corners) in read:
+            if image_size != size:
                 reporter.warn(
-                    f"{path}: {own_size[0]}×{own_size[1]} px, but {camera}'s other images have "
+                    f"{path}: {image_size[0]}×{image_size[1]} px, but {camera}'s other images have "
                     f"{size[0]}×{size[1]}; going on without this image"
                 )
             elif corners is not None:

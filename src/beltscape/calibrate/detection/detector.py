@@ -1,4 +1,4 @@
-"""Finding the board's corners in one image."""
+"""Detection of the board's corners in one image."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Detector = Callable[[Image], Corners | None]
 
 @dataclass(frozen=True, slots=True)
 class PrintVariant:
-    """How a ChArUco board was printed."""
+    """Print variant of a ChArUco board."""
 
     legacy: bool = False
     inverted: bool = False
 
     def describe(self) -> str:
-        """In the words of board.toml."""
+        """Return the variant as keys and values of board.toml."""
         return f"legacy = {str(self.legacy).lower()}, inverted = {str(self.inverted).lower()}"
 
 
@@ -34,7 +34,7 @@ DEFAULT_VARIANT = PrintVariant()
 
 
 def make_detector(board: Board, variant: PrintVariant) -> Detector:
-    """A function image → corners, or None where the board is not usable."""
+    """Return a function image → corners; its result is None if the board is not usable."""
     if isinstance(board, Chessboard):
         return lambda image: _reject_outliers(
             board, _refine(board, image, find_chessboard(image, board.corners))
@@ -56,7 +56,7 @@ def _refine(
 
 
 def convert_to_8_bit(image: Image) -> NDArray[np.uint8]:
-    """(H, W) uint8 luminance; 16-bit images are scaled by their own brightest counts."""
+    """Return the luminance (H, W) uint8; 16-bit images are scaled by their own brightest values."""
     luminance = to_grey(image)
     if image.dtype == np.uint16:
         luminance = luminance * (255.0 / max(float(np.quantile(luminance, 0.999)), 1.0))
@@ -84,7 +84,7 @@ def _find_charuco(image: Image, board: CharucoBoard, variant: PrintVariant) -> C
 
 
 def find_chessboard(image: Image, grid: tuple[int, int]) -> Corners | None:
-    """Inner corners of a plain chessboard, to about a pixel: two detectors are tried."""
+    """Detect the inner corners of a plain chessboard to about a pixel, with two detectors in turn."""
     image = convert_to_8_bit(image)
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
     found, pixels = cv2.findChessboardCorners(image, grid, flags=flags | cv2.CALIB_CB_FAST_CHECK)
@@ -104,7 +104,7 @@ def find_chessboard(image: Image, grid: tuple[int, int]) -> Corners | None:
 
 
 def _orient_rows(pixels: NDArray[np.float64], grid: tuple[int, int]) -> NDArray[np.float64]:
-    """Rows numbered so that the board is seen from its front: columns, then rows, turn clockwise in the image."""
+    """Return the corners ordered for the board's front: from columns to rows is clockwise in the image."""
     corners = pixels.reshape(grid[1], grid[0], 2)
     across, down = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
     mirrored = across[0] * down[1] - across[1] * down[0] < 0
@@ -114,9 +114,9 @@ def _orient_rows(pixels: NDArray[np.float64], grid: tuple[int, int]) -> NDArray[
 def _order_from_dark_end(
     image: NDArray[np.uint8], pixels: NDArray[np.float64], grid: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Number the corners from the same end in every camera: from the end whose first inner square is dark.
+    """Return the corners ordered from the end whose first inner square is dark, which is the same in every camera.
 
-    A board whose sides are both even or both odd looks the same upside down; it stays as it was found.
+    A board whose sides are both even or both odd looks the same upside down; its order is unchanged.
     """
     columns, rows = grid
     if (columns + rows) % 2 == 0:
@@ -130,13 +130,13 @@ def _order_from_dark_end(
 
 
 def _reject_outliers(board: Board, corners: Corners | None) -> Corners | None:
-    """Corners that lie where a plane seen by a lens can put them, if enough of them do."""
+    """Return the corners that a homography of the board explains, or None if they are too few."""
     if corners is None or len(corners) < MIN_CORNERS:
         return None
     on_board = corner_points_mm(board)[corners.ids, :2]
     if not has_planar_extent(on_board):
         return None
-    tolerance = 0.03 * float(np.linalg.norm(np.ptp(corners.pixels, axis=0)))  # leaves room for distortion
+    tolerance = 0.03 * float(np.linalg.norm(np.ptp(corners.pixels, axis=0)))  # allows for lens distortion
     homography, inlier = cv2.findHomography(on_board, corners.pixels, cv2.RANSAC, tolerance)
     if homography is None:
         return None

@@ -1,4 +1,4 @@
-"""The image of a chessboard's corner: two blurred edges that cross, fitted to its pixels by least squares."""
+"""Saddle model of a chessboard corner: two crossing blurred edges, fitted to the pixels by least squares."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Array = NDArray[np.float64]
 
 PARAMETERS = 9
 BLUR_PX = 0.3, 8.0
-"""Between a pixel's own width and what no corner survives."""
+"""Bounds of the blur: about a pixel's own width, and a blur in which no corner is visible."""
 CONVERGED_PX = 5e-4
-"""Corners that move less have arrived."""
+"""The fit has converged if all corners move by less."""
 MAX_STEPS = 10
 
 
@@ -23,21 +23,21 @@ class Windows:
     """Pixels around n corners, m each."""
 
     x: Array
-    """(n, m) px to the right of where the corner is looked for."""
+    """(n, m) px to the right of the corner's start."""
     y: Array
-    """(n, m) px below it."""
+    """(n, m) px below the corner's start."""
     values: Array
     """(n, m) grey values."""
     used: Array
-    """(n, m) 1 where a pixel counts, else 0."""
+    """(n, m) 1 where a pixel is used, else 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Saddles:
     """I = m + g·(x − x₀) + c·erf(d₁/√2s)·erf(d₂/√2s), with the distances d₁, d₂ of a pixel from two straight edges.
 
-    Across an edge the model turns into its negative, so what ink, exposure or gamma do to light and dark alike on
-    all sides leaves x₀ where it is.
+    The model is antisymmetric across each edge, so effects of ink, exposure or gamma that are alike on all sides do
+    not bias x₀.
     """
 
     parameters: Array
@@ -45,7 +45,7 @@ class Saddles:
 
     @property
     def offset_px(self) -> Array:
-        """(n, 2) from where the corners were looked for."""
+        """(n, 2) offset from the corners' start."""
         return self.parameters[:, :2]
 
     @property
@@ -59,7 +59,7 @@ class Saddles:
         return np.abs(self.parameters[:, 8])
 
     def linearise(self, windows: Windows) -> tuple[Array, Array]:
-        """Grey values (n, m) and their derivatives (n, 9, m) by the parameters."""
+        """Return grey values (n, m) and their derivatives (n, 9, m) by the parameters."""
         p = self.parameters[:, :, None]
         x, y, width = windows.x - p[:, 0], windows.y - p[:, 1], np.sqrt(2) * np.exp(p[:, 4])
         c1, s1, c2, s2 = np.cos(p[:, 2]), np.sin(p[:, 2]), np.cos(p[:, 3]), np.sin(p[:, 3])
@@ -80,9 +80,9 @@ class Saddles:
 
 
 def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
-    """Levenberg-Marquardt on all corners at once, each with its own damping.
+    """Fit all corners at once by Levenberg–Marquardt, each with its own damping.
 
-    Returns the corners and the RMS (n,) of what the model leaves of the grey values.
+    Return the corners and the RMS (n,) of the residual grey values.
     """
     current, damping = start, np.full(len(start.parameters), 1e-3)
     values, derivatives = current.linearise(windows)
@@ -118,7 +118,7 @@ def _compute_cost(windows: Windows, values: Array) -> Array:
 
 
 def _form_normal_equations(windows: Windows, values: Array, derivatives: Array) -> tuple[Array, Array]:
-    """Normal equations (n, 9, 9) and (n, 9)."""
+    """Return the normal equations (n, 9, 9) and (n, 9)."""
     weighted = derivatives * windows.used[:, None]
     hessian = weighted @ derivatives.transpose(0, 2, 1)
     return hessian, (weighted @ (windows.values - values)[..., None])[..., 0]

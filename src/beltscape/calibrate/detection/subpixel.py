@@ -1,4 +1,4 @@
-"""Corners that a detector found, once more: where the two edges through each cross, to a hundredth of a pixel."""
+"""Subpixel refinement of detected corners: the crossing of two fitted edges, to a hundredth of a pixel."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from beltscape.calibrate.detection.saddle import PARAMETERS, Saddles, Windows, f
 Array = NDArray[np.float64]
 
 WINDOW_REACH = 0.7
-"""Share of a square that a window reaches along the edges; the next corner's edges begin at 1."""
+"""Reach of a window along the edges, in squares; the next corner's edges begin at 1."""
 MAX_RADIUS_PX = 12
 MARGIN_BLURS = 2.0
-"""Blurs that a window keeps from what is not in the model: markers, the next corner's edges."""
+"""Distance of a window, in blurs, from structures outside the model: markers, the next corner's edges."""
 START_BLUR_PX = 1.0
 MIN_PIXELS = 30
 MAX_SHIFT_PX, MAX_SHIFT = 1.5, 0.05
-"""A corner that moves by more px, and by a larger share of the square, ran off to something else."""
+"""A corner that moves by more px, and by a larger share of the square, has converged to another structure."""
 MAX_RESIDUAL = 0.25
-"""Of the contrast: a corner that the model leaves so far off is covered, glaring or no corner."""
+"""Limit of the RMS residual over the contrast; above it a corner is covered, glaring, or no corner."""
 
 
 def refine_corners(luminance: NDArray[np.float32], corners: Corners, squares: Array, gap: float) -> Corners:
-    """Fit every corner; those where no pair of crossing edges is found near by go.
+    """Refine every corner; corners without a pair of crossing edges nearby are dropped.
 
     Parameters
     ----------
     luminance
         (H, W) linear or not, in any unit.
     corners
-        Found to about a pixel.
+        Detected to about a pixel.
     squares
-        (n, 2) the same corners on the board, in squares.
+        (n, 2) positions of these corners on the board, in squares.
     gap
-        Share of a square that is empty beside its edges: 1 where there are no markers.
+        Share of a square beside its edges that is empty: 1 without markers.
     """
     homography, _ = cv2.findHomography(squares, corners.pixels) if len(corners) >= 4 else (None, None)
     if homography is None:
@@ -54,7 +54,7 @@ def refine_corners(luminance: NDArray[np.float32], corners: Corners, squares: Ar
 
 
 def _compute_square_axes(homography: Array, squares: Array) -> Array:
-    """(n, 2, 2) pixels per square: columns along the board's x and y."""
+    """Return pixels per square (n, 2, 2), columns along the board's x and y."""
     mapped = np.column_stack([squares, np.ones(len(squares))]) @ homography.T
     pixels = mapped[:, :2] / mapped[:, 2:]
     return (homography[:2, :2] - pixels[:, :, None] * homography[2, :2]) / mapped[:, 2, None, None]
@@ -63,7 +63,7 @@ def _compute_square_axes(homography: Array, squares: Array) -> Array:
 def _initialise(
     luminance: NDArray[np.float32], pixels: Array, axes: Array, gap: float
 ) -> tuple[Saddles, Windows]:
-    """Square windows around the corners, and what the board's pose says of the edges in them."""
+    """Return round windows about the corners, and start values of their edges from the board's pose."""
     sides = np.linalg.norm(axes, axis=1)
     radius = int(np.clip(np.ceil(WINDOW_REACH * sides.max()), 3, MAX_RADIUS_PX))
     grid = np.arange(-radius, radius + 1)
@@ -86,7 +86,7 @@ def _initialise(
 
 
 def _mask_windows(windows: Windows, axes: Array, gap: float, saddles: Saddles, blur_px: Array) -> Windows:
-    """Only the pixels that nothing but the two edges determines: clear of the markers in light squares."""
+    """Restrict windows to pixels that only the two edges affect: away from the markers in light squares."""
     across, down = (np.abs(a) for a in _map_to_board(windows, axes))
     margin = MARGIN_BLURS * blur_px[:, None] / np.linalg.norm(axes, axis=1)  # in squares
     reach = np.minimum(WINDOW_REACH, 1 - margin)
@@ -97,7 +97,7 @@ def _mask_windows(windows: Windows, axes: Array, gap: float, saddles: Saddles, b
 
 
 def _map_to_board(windows: Windows, axes: Array) -> tuple[Array, Array]:
-    """(n, m) twice: the pixels from the corner in squares, along the board's x and y."""
+    """Return the pixels' offsets (n, m) from the corner in squares, along the board's x and y."""
     inverse = np.linalg.inv(axes)
     across = inverse[:, 0, :1] * windows.x + inverse[:, 0, 1:] * windows.y
     down = inverse[:, 1, :1] * windows.x + inverse[:, 1, 1:] * windows.y
@@ -105,7 +105,7 @@ def _map_to_board(windows: Windows, axes: Array) -> tuple[Array, Array]:
 
 
 def _compute_normals(along: Array, towards: Array) -> Array:
-    """(n, 2) square to the first, on the side of the second."""
+    """Return unnormalised normals (n, 2) of the first, on the side of the second."""
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     return normal * np.sign((normal * towards).sum(axis=1, keepdims=True))
 

@@ -1,4 +1,4 @@
-"""How a camera's intrinsics, and the pose of a pair, hang on the corners they were found from."""
+"""Sensitivity of a camera's intrinsics, and of a pair's pose, to the corners they were estimated from."""
 
 from __future__ import annotations
 
@@ -17,48 +17,51 @@ from beltscape.core.pose import Pose
 Array = NDArray[np.float64]
 
 NOISE_FLOOR_PX = 0.005
-"""No detector finds corners better than so, whatever the residuals say."""
+"""Least noise of a detected corner that is assumed, however small the residuals are."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LensSensitivity:
-    """A camera's intrinsics, and how they hang on its corners."""
+    """A camera's intrinsics and their derivatives by its corners."""
 
     camera: str
     intrinsics: Array
     """(9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     free: NDArray[np.bool_]
-    """(9,) those that were found from the corners; the others are held to be known."""
+    """(9,) which ones were estimated from the corners; the others are taken as exact."""
     rows: Mapping[str, int]
-    """Frame → where the coordinates of its corners start among all of the camera's."""
+    """Frame → index of its first coordinate among all coordinates of the camera's corners."""
     by_corners: Array
-    """(2m, free) derivatives of the free ones by all corners' coordinates, px."""
+    """(2m, free) derivatives of the free intrinsics by all corners' coordinates, px."""
     sigma_px: float
-    """Noise of a coordinate, from the camera's own residuals."""
+    """One standard deviation of a coordinate, from the camera's own residuals."""
 
 
 def compute_lens_sensitivity(
-    detections: BoardDetections, own: MonocularCalibration, board_mm: Array
+    detections: BoardDetections, calibration: MonocularCalibration, board_mm: Array
 ) -> LensSensitivity:
-    """Implicit differentiation of the minimum that a camera's calibration found."""
-    name, views = own.camera.name, detections.views[own.camera.name]
+    """Differentiate a camera's calibration by its corners, implicitly at the minimum."""
+    name, views = calibration.camera.name, detections.views[calibration.camera.name]
     ends = np.cumsum([2 * len(corners) for corners in views.values()])
     rows = {frame: int(end) - 2 * len(views[frame]) for frame, end in zip(views, ends, strict=True)}
-    lens = pack_intrinsics(own.camera)
-    free = np.array([own.sigma[parameter] > 0 for parameter in PARAMETERS])
-    used = [views[frame] for frame in own.cam_from_board]
+    lens = pack_intrinsics(calibration.camera)
+    free = np.array([calibration.sigma[parameter] > 0 for parameter in PARAMETERS])
+    used = [views[frame] for frame in calibration.cam_from_board]
     rotated = np.concatenate(
-        [board_mm[c.ids] @ pose.rotation.T for c, pose in zip(used, own.cam_from_board.values(), strict=True)]
+        [
+            board_mm[c.ids] @ pose.rotation.T
+            for c, pose in zip(used, calibration.cam_from_board.values(), strict=True)
+        ]
     )
     counts = [len(corners) for corners in used]
-    shifts = np.repeat([pose.translation_mm for pose in own.cam_from_board.values()], counts, axis=0)
+    shifts = np.repeat([pose.translation_mm for pose in calibration.cam_from_board.values()], counts, axis=0)
     pixels, by_point, by_lens = project_with_jacobians(rotated + shifts, lens)
     jacobian = _eliminate_board_poses(
         differentiate_by_pose(by_point, rotated).reshape(-1, 6),
         by_lens.reshape(-1, 9)[:, free],
         _split_rows(2 * np.array(counts)),
     )
-    where = np.concatenate([rows[f] + np.arange(2 * len(views[f])) for f in own.cam_from_board])
+    where = np.concatenate([rows[f] + np.arange(2 * len(views[f])) for f in calibration.cam_from_board])
     squares = float(((pixels - np.concatenate([corners.pixels for corners in used])) ** 2).sum())
     freedom = 2 * sum(counts) - 6 * len(used) - int(free.sum())
     sigma = np.sqrt(squares / freedom) if freedom > 0 else 0.0
@@ -75,9 +78,9 @@ def compute_pair_sensitivity(
     board_mm: Array,
     common: Mapping[str, NDArray[np.int64]],
 ) -> tuple[dict[str, Array], Array]:
-    """A pair's `sensitivity` and `covariance`: implicit differentiation of the minimum that its calibration found.
+    """Return a pair's `sensitivity` and `covariance` by implicit differentiation at the minimum.
 
-    ``common`` are the corners' ids that both cameras see, by frame.
+    ``common`` are the ids of the corners that both cameras see, by frame.
     """
     counts = 2 * np.array([len(ids) for ids in common.values()])
     by_board, by_rest, pixels = _differentiate_pair(
@@ -89,24 +92,24 @@ def compute_pair_sensitivity(
         for run in _split_rows(counts)
     ]
     jacobian = _eliminate_board_poses(by_board, by_rest, frames)
-    direct = _compute_pseudo_inverse(jacobian[:, :6])  # (6, rows): ξ by each coordinate, intrinsics held
+    direct = _compute_pseudo_inverse(jacobian[:, :6])  # (6, rows): ξ by each coordinate at fixed intrinsics
     by_lens = np.split(direct @ jacobian[:, 6:], [int(lenses[0].free.sum())], axis=1)
     freedom = max(1 - (6 + 6 * len(common)) / (2 * side_rows), 0.1)
     sensitivity, covariance = {}, np.zeros((6, 6))
     for side, lens in enumerate(lenses):
         views = detections.views[lens.camera]
         at = {frame: np.searchsorted(views[frame].ids, ids) for frame, ids in common.items()}
-        found = np.concatenate([views[frame].pixels[corners] for frame, corners in at.items()])
-        own = -lens.by_corners @ by_lens[side].T
+        detected = np.concatenate([views[frame].pixels[corners] for frame, corners in at.items()])
+        by_corners = -lens.by_corners @ by_lens[side].T
         where = [
             (lens.rows[frame] + 2 * corners[:, None] + np.arange(2)).ravel() for frame, corners in at.items()
         ]
         here = direct[:, side * side_rows : (side + 1) * side_rows]
-        own[np.concatenate(where)] += here.T
-        sensitivity[lens.camera] = lens.sigma_px * own
-        # what the pair shows beyond the camera's own noise was not there when the lens was found
-        seen = float(((pixels[side] - found) ** 2).sum()) / side_rows / freedom
-        beyond = max(seen - lens.sigma_px**2, 0.0)
+        by_corners[np.concatenate(where)] += here.T
+        sensitivity[lens.camera] = lens.sigma_px * by_corners
+        # noise of the pair beyond the camera's own did not enter the estimate of the lens
+        variance = float(((pixels[side] - detected) ** 2).sum()) / side_rows / freedom
+        beyond = max(variance - lens.sigma_px**2, 0.0)
         covariance += sensitivity[lens.camera].T @ sensitivity[lens.camera] + beyond * here @ here.T
     return sensitivity, covariance
 
@@ -118,11 +121,11 @@ def _differentiate_pair(
     board_mm: Array,
     common: Mapping[str, NDArray[np.int64]],
 ) -> tuple[Array, Array, tuple[Array, Array]]:
-    """All n corners frame by frame, all of the first camera before all of the second.
+    """Differentiate a pair's n corners, frame by frame, all of the first camera before all of the second.
 
     Returns
     -------
-    (4n, 6) derivatives by the board's pose; (4n, 6 + free) by ξ and both cameras' free intrinsics; their pixels.
+    (4n, 6) derivatives by the board's pose; (4n, 6 + free) by ξ and both cameras' free intrinsics; both pixels.
     """
     poses = [first_from_board[frame] for frame in common]
     rotated = np.concatenate(
@@ -148,16 +151,16 @@ def _differentiate_pair(
 def _eliminate_board_poses(
     by_board: Array, by_others: Array, frames: Sequence[slice | NDArray[np.int64]]
 ) -> Array:
-    """Derivatives (n, c) less what each frame's own board pose can make good: a root of the Schur complement."""
-    left = np.empty_like(by_others)
+    """Return derivatives (n, c) with each frame's board pose projected out: a root of the Schur complement."""
+    projected = np.empty_like(by_others)
     for rows in frames:
-        own, others = by_board[rows], by_others[rows]
-        left[rows] = others - own @ np.linalg.solve(own.T @ own, own.T @ others)
-    return left
+        boards, others = by_board[rows], by_others[rows]
+        projected[rows] = others - boards @ np.linalg.solve(boards.T @ boards, boards.T @ others)
+    return projected
 
 
 def _compute_pseudo_inverse(jacobian: Array) -> Array:
-    """(c, n) how the least-squares solution moves with each of n right sides: the pseudo-inverse."""
+    """Return the pseudo-inverse (c, n): derivatives of the least-squares solution by its n right sides."""
     orthonormal, triangle = np.linalg.qr(jacobian)
     return np.linalg.solve(triangle, orthonormal.T)
 

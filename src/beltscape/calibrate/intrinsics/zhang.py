@@ -1,4 +1,4 @@
-"""Monocular calibration: Zhang's method, one camera at a time (the paper's Section 2.2.1)."""
+"""Monocular calibration of one camera by Zhang's method (the paper's Section 2.2.1)."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from beltscape.core.pose import Pose
 MIN_VIEWS = 3
 """Zhang's equations need three views in general position."""
 OUTLIER_FACTOR = 3.5
-"""A view whose RMS exceeds the median view's by this factor is left out."""
+"""A view whose RMS exceeds the median view's by this factor is rejected."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MonocularCalibration:
-    """One camera, calibrated by itself."""
+    """Calibration of one camera from its own views."""
 
     camera: Camera
     sigma: Mapping[str, float]
-    """One standard deviation of fx, fy, cx, cy (px) and k1, k2, p1, p2, k3; 0 for one that was held."""
+    """One standard deviation of fx, fy, cx, cy (px) and k1, k2, p1, p2, k3; 0 for a fixed one."""
     rms_px: float
-    """Reprojection RMS over the views used (they are the ones it was found from)."""
+    """Reprojection RMS over the views that the calibration used."""
     cam_from_board: Mapping[str, Pose]
     """By frame, for the views used."""
     view_rms_px: Mapping[str, float]
     """By frame, for the views used."""
     rejected: Mapping[str, str] = field(default_factory=dict)
-    """Frame → why it was left out."""
+    """Frame → reason of the rejection."""
     held: tuple[str, ...] = ()
-    """Parameters that the images do not determine, held at their default."""
+    """Fixed parameters: those that the images do not determine, or all of a camera with given intrinsics."""
 
 
 def calibrate_camera(
@@ -51,12 +51,11 @@ def calibrate_camera(
     known: Camera | None = None,
     min_views: int = MIN_VIEWS,
 ) -> MonocularCalibration:
-    """Intrinsics and distortion of one camera from board points (n, 3) in mm.
+    """Calibrate intrinsics and distortion of one camera from board points (n, 3) in mm.
 
-    A ``known`` camera is held as it is; only the board's poses are found.
-
-    Views that fit far worse than the others are left out and named; k3 is held at 0 unless the images say
-    more than three standard deviations about it.
+    The intrinsics of a ``known`` camera are fixed; only the board's poses are estimated. Views that fit far worse
+    than the others are rejected with the reason; k3 is fixed at 0 unless it differs from 0 by more than three
+    standard deviations.
 
     Raises
     ------
@@ -86,10 +85,10 @@ def calibrate_camera(
     for _ in range(3):
         median = float(np.median(list(solution.view_rms_px.values())))
         limit = max(OUTLIER_FACTOR * median, 0.3)
-        bad = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
-        if not bad or len(views) - len(bad) < max(min_views, len(views) // 2):
+        outliers = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
+        if not outliers or len(views) - len(outliers) < max(min_views, len(views) // 2):
             break
-        for frame, rms in bad.items():
+        for frame, rms in outliers.items():
             rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
             del views[frame]
         solution = calibrate()
@@ -116,12 +115,14 @@ def _calibrate_views(
 def _fit_without_k3(
     free: MonocularCalibration, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
 ) -> MonocularCalibration | None:
-    """The minimum with k3 held at 0, from the one where it is free; None where it is not found from there."""
+    """Refit with k3 fixed at 0, starting at the fit with free k3; return None if that does not converge."""
     lens, poses = pack_intrinsics(free.camera), list(free.cam_from_board.values())
     lens[-1] = 0.0
     free_mask = np.arange(len(lens)) < len(lens) - 1
     bundle = Bundle(
-        Observations.of((0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())),
+        Observations.from_views(
+            (0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())
+        ),
         BundlePrior(lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
     )
     start = Geometry(
@@ -129,14 +130,14 @@ def _fit_without_k3(
         np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
     )  # fmt: skip
     try:
-        found = minimise(bundle, start)
-        variance = np.diag(bundle.linearise(found.state).covariance())
+        minimum = minimise(bundle, start)
+        variance = np.diag(bundle.linearise(minimum.state).covariance())
     except np.linalg.LinAlgError:
         return None
-    if not found.converged:
+    if not minimum.converged:
         return None
-    squares = (bundle.compute_errors_px(found.state) ** 2).sum(axis=1)
-    frame, state = bundle.observations.frame, found.state
+    squares = (bundle.compute_errors_px(minimum.state) ** 2).sum(axis=1)
+    frame, state = bundle.observations.frame, minimum.state
     freedom = max(2 * len(frame) - len(variance) - 6 * len(poses), 1)
     sigma = np.sqrt(variance * squares.sum() / freedom)
     lens, per_view = state.intrinsics[0], np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
@@ -156,7 +157,7 @@ def _fit_without_k3(
 def _fit_poses(
     name: str, views: Mapping[str, Corners], known: Camera, board_mm: NDArray[np.float64]
 ) -> MonocularCalibration:
-    """The board's poses under intrinsics that are known."""
+    """Fit the board's poses with given intrinsics."""
     poses, rms = {}, {}
     for frame, corners in views.items():
         points, ideal = board_mm[corners.ids], known.undistort(corners.pixels)

@@ -1,1 +1,1 @@
-"""Several cameras: pairs, pose chains, association, global optimisation, and faults found on the way."""
+"""Networks of cameras: pairs, pose chains, association, global optimisation and fault isolation."""

@@ -1,4 +1,4 @@
-"""Multi-camera association: from pairs to one rig about the core camera (the paper's Section 2.2.3)."""
+"""Multi-camera association: the cameras of all pairs in the core camera's frame (the paper's Section 2.2.3)."""
 
 from __future__ import annotations
 
@@ -19,40 +19,40 @@ from beltscape.core.pose import Pose
 Array = NDArray[np.float64]
 
 NEGLIGIBLE_VARIANCE = 1e-7
-"""Share of the pairs' own variance below which propagation to first order cannot tell an error from 0."""
+"""Share of the pairs' variance below which first-order propagation cannot distinguish a variance from 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Misclosure:
-    """A rigid motion that ought to be the identity, and how large noise alone would make it."""
+    """A rigid motion that should be the identity, with its expected size from noise alone."""
 
     cameras: tuple[str, ...]
     """The pair of a path error, the triangle of a loop error."""
     rotation_deg: float
     translation_mm: float
-    """How far a camera centre is displaced."""
+    """Displacement of a camera centre."""
     twist: Array
-    """(6,) its logarithm, rad and mm, in the frame of the first camera."""
+    """(6,) logarithm of the motion, rad and mm, in the frame of the first camera."""
     covariance: Array
-    """(6, 6) of the twist, from the corners' noise as each camera by itself shows it."""
+    """(6, 6) of the twist, from the corners' noise as each camera's own residuals show it."""
     chi2: float
-    """Squared twist over its covariance; NaN with 0 degrees of freedom."""
+    """Squared Mahalanobis length of the twist; NaN with 0 degrees of freedom."""
     dof: int
     """6; fewer where directions are free of error by construction."""
 
     @property
     def chi2_per_dof(self) -> float:
-        """About 1 where noise explains the misfit."""
+        """χ² per degree of freedom, about 1 if noise explains the misclosure; NaN without any."""
         return self.chi2 / self.dof if self.dof else float("nan")
 
     @property
     def p_value(self) -> float:
-        """Probability that noise alone makes a misfit as large; NaN where nothing can be said."""
+        """Probability of a misclosure at least this large from noise alone; NaN with 0 degrees of freedom."""
         return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2)) if self.dof else float("nan")
 
 
 class PathError(Misclosure):
-    """ε_path: how far a measured pair and the way through the core disagree (Eq. 16)."""
+    """ε_path: disagreement of a measured pair with the chain through the core (Eq. 16)."""
 
     __slots__ = ()
 
@@ -63,14 +63,14 @@ class PathError(Misclosure):
 
 
 class LoopError(Misclosure):
-    """ε_loop: how far the three measured pairs of a triangle are from closing (Eq. 16)."""
+    """ε_loop: misclosure of the three measured pairs of a triangle (Eq. 16)."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraNetwork:
-    """Every camera's pose about the core, and the way it was found on."""
+    """Poses of all cameras relative to the core, with the paths and misclosures of the network."""
 
     core: str
     cam_from_core: Mapping[str, Pose]
@@ -78,35 +78,35 @@ class CameraNetwork:
     """camera → the cameras from the core to it, both ends included."""
     pairs: tuple[Pair, ...]
     path_errors: tuple[PathError, ...]
-    """For every pair but those that agree by construction, as the steps of a path do."""
+    """For every pair except those that agree by construction, as the pairs of a path do."""
     loop_errors: tuple[LoopError, ...]
-    """For every three cameras of which all three pairs were measured: no choice of poses changes them."""
+    """For every three cameras with three measured pairs; they do not depend on the poses."""
     initial: CameraNetwork | None = None
-    """The network as it was before global optimisation; None where there was none."""
+    """The network before global optimisation; None if it was not optimised."""
 
 
 def find_groups(cameras: Iterable[str], pairs: Sequence[Pair]) -> list[tuple[str, ...]]:
-    """Cameras that hang together through shared views, largest group first."""
+    """Return the connected components of the cameras under shared views, the largest first."""
     remaining = list(cameras)
-    found: list[tuple[str, ...]] = []
+    components: list[tuple[str, ...]] = []
     while remaining:
         reached = set(_find_paths(remaining[0], pairs)[0])
-        found.append(tuple(name for name in remaining if name in reached))
+        components.append(tuple(name for name in remaining if name in reached))
         remaining = [name for name in remaining if name not in reached]
-    return sorted(found, key=len, reverse=True)
+    return sorted(components, key=len, reverse=True)
 
 
 def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
-    """Bring every camera that hangs together with the core into its frame, by the best path.
+    """Compute the pose of every camera that is connected to the core, by the best path.
 
-    The best path has the least summed variance of its pairs; where the core sees what a camera sees that is
-    the direct one, otherwise one through other cameras (Eqs. 9-13).
+    The best path has the least summed variance of its pairs. It is the direct one if core and camera share enough
+    views, otherwise it leads through other cameras (Eqs. 9-13).
     """
     kept = tuple(pairs)
     _, previous = _find_paths(core, kept)
     poses, paths = {core: Pose.identity()}, {core: (core,)}
     jacobians = {core: np.zeros((6, 6 * len(kept)))}
-    for name, before in previous.items():  # in the order they were reached: `before` is known
+    for name, before in previous.items():  # in the order they were reached: the pose of `before` is known
         chain = find_pair_chain(kept, before, name)
         poses[name] = chain.pose @ poses[before]
         jacobians[name] = adjoint(chain.pose) @ (jacobians[before] + chain.jacobian)
@@ -123,9 +123,9 @@ def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
 
 
 def select_core(detections: BoardDetections, pairs: Sequence[Pair]) -> str:
-    """The most central camera among those that share the most views: the paper's best field of view.
+    """Return the most central camera among those that share the most views: the paper's best field of view.
 
-    A camera counts when it shares at least 80 % of the corners that the best one shares with the others.
+    A camera is eligible if it shares at least 80 % of the corners that the best one shares with the others.
     """
     group = find_groups(detections.cameras, pairs)[0]
     shared = {name: sum(p.corners for p in pairs if name in (p.first, p.second)) for name in group}
@@ -141,7 +141,7 @@ def select_core(detections: BoardDetections, pairs: Sequence[Pair]) -> str:
 
 
 def _find_paths(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dict[str, str]]:
-    """Dijkstra from the core: cost to each camera, and the camera before it, in the order reached."""
+    """Return, by Dijkstra from the core, the cost of each camera and its predecessor, in the order reached."""
     costs: dict[str, float] = {}
     previous: dict[str, str] = {}
     queue = [(0.0, core, core)]
@@ -162,11 +162,11 @@ def _find_paths(core: str, pairs: Sequence[Pair]) -> tuple[dict[str, float], dic
 def compute_path_errors(
     pairs: Sequence[Pair], cam_from_core: Mapping[str, Pose], jacobians: Mapping[str, Array], joint: Array
 ) -> tuple[PathError, ...]:
-    """ε_path of every pair whose two cameras have a pose, but for those that agree by construction.
+    """Return ε_path of every pair whose two cameras have a pose, except those that agree by construction.
 
-    ``jacobians`` tell how the errors of all pairs moved each pose: ``cam_from_core = exp(jacobian ξ) @ true``.
+    ``jacobians`` are derivatives of the poses by all pairs' errors: ``cam_from_core = exp(jacobian ξ) @ true``.
     """
-    found = []
+    errors = []
     for pair in pairs:
         if not {pair.first, pair.second} <= cam_from_core.keys():
             continue
@@ -179,14 +179,14 @@ def compute_path_errors(
         if dof:
             covariance = jacobian @ joint @ jacobian.T
             cameras = (pair.first, pair.second)
-            found.append(PathError(cameras, error.angle_deg, shift, log(error), covariance, chi2, dof))
-    return tuple(found)
+            errors.append(PathError(cameras, error.angle_deg, shift, log(error), covariance, chi2, dof))
+    return tuple(errors)
 
 
 def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
-    """ε_loop of every triangle: once around by its three measured pairs."""
-    alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # as if pairs shared nothing
-    found = []
+    """Return ε_loop of every triangle, the composition of its three measured pairs."""
+    alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # pairs taken as independent
+    errors = []
     for triangle in list_triangles(pairs, cameras):
         a, b, c = triangle
         loop = (
@@ -197,12 +197,12 @@ def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Ar
         twist, covariance = log(loop.pose), loop.jacobian @ joint @ loop.jacobian.T
         chi2, dof = _compute_chi2(twist, loop.jacobian, joint, loop.jacobian @ alone @ loop.jacobian.T)
         shift = float(np.linalg.norm(loop.pose.center_mm))
-        found.append(LoopError(triangle, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
-    return tuple(found)
+        errors.append(LoopError(triangle, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
+    return tuple(errors)
 
 
 def _compute_chi2(twist: Array, jacobian: Array, joint: Array, unit: Array) -> tuple[float, int]:
-    """χ² of a twist ``jacobian ξ`` and its degrees of freedom, with ``unit`` (6, 6) the scale that tells 0 from small."""
+    """Return χ² of a twist ``jacobian ξ`` and its degrees of freedom; ``unit`` (6, 6) scales negligible variances."""
     root = np.linalg.cholesky(unit)
     whitened = np.linalg.solve(root, jacobian)
     variances, axes = np.linalg.eigh(whitened @ joint @ whitened.T)

@@ -1,4 +1,4 @@
-"""Which camera, or which pair, the others contradict: told from the loops that do not close."""
+"""Fault isolation in the camera network: the camera or the pair whose loops do not close."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ import numpy as np
 from beltscape.calibrate.network.association import CameraNetwork, LoopError
 
 FAULT_RATIO = 12.0
-"""A loop's χ² per degree of freedom, over the common scale, from which on noise does not explain it."""
+"""Limit of a loop's χ² per degree of freedom over the common scale; above it the loop is open."""
 SINGLE_LOOP_RATIO = 100.0
-"""The same where a single loop, or none, tells the common scale."""
+"""The same limit if a single loop, or none, determines the common scale."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFault:
-    """Who opens the loops."""
+    """A camera or pair whose loops do not close."""
 
     cameras: tuple[str, ...]
-    """One camera; the two of a pair; or all that are in question, where the loops cannot tell."""
+    """One camera; the two of a pair; or all candidates, if the loops do not isolate the fault."""
     excess: float
-    """Median χ² per degree of freedom of their loops, over that of all others."""
+    """Median χ² per degree of freedom of their loops over that of all other loops."""
     rotation_deg: float
-    """Worst of their loops."""
+    """Largest of their loops."""
     translation_mm: float
-    """Worst of their loops."""
+    """Largest of their loops."""
 
     def describe(self) -> str:
-        """In words, with what to look for."""
+        """Return the fault and its likely causes in one line."""
         size = f"by up to {self.rotation_deg:.2g}° and {self.translation_mm:.2g} mm"
         if len(self.cameras) == 1:
             (camera,) = self.cameras
@@ -51,18 +51,18 @@ class CameraFault:
 
 
 def describe_fault(network: CameraNetwork) -> str | None:
-    """The guilty camera or pair in words; None where all loops close as well as each other."""
+    """Return the isolated fault in one line; None if all loops close equally well."""
     fault = isolate_fault(network.loop_errors)
     return fault.describe() if fault else None
 
 
 def isolate_fault(loops: Sequence[LoopError]) -> CameraFault | None:
-    """Who opens loops beyond the common scale.
+    """Return the camera or pair whose loops are open beyond the common scale.
 
-    Errors that all loops share, as those of a bent board, raise all χ² alike: what counts is a loop's χ² per degree
-    of freedom over the median of the loops that a suspect is no part of (never below 1). A suspect is guilty when
-    most of its loops are outstanding and no other loop is; of several, the one that is part of fewest loops, so
-    that a pair goes before its cameras. Where no single suspect explains all, all with outstanding loops are named.
+    Errors that all loops share, such as those of a bent board, raise all χ² alike. A loop is therefore compared by
+    its χ² per degree of freedom over the median of the loops without the candidate (at least 1). A candidate is at
+    fault if most of its loops are open and no other loop is. Pairs are tested before cameras, since they are part of
+    fewer loops. If no single candidate explains all open loops, all their cameras are returned.
     """
     loops = [loop for loop in loops if loop.dof]
     cameras = list(dict.fromkeys(name for loop in loops for name in loop.cameras))
@@ -78,7 +78,7 @@ def isolate_fault(loops: Sequence[LoopError]) -> CameraFault | None:
     for summary, limit in (
         (_lower_median, FAULT_RATIO),
         (min, SINGLE_LOOP_RATIO),
-    ):  # against most of the loops, or the best one
+    ):  # relative to most of the loops, or to the best one
         scale = _compute_scale(loops, summary)
         open_loops = [loop for loop in loops if loop.chi2_per_dof > limit * scale]
         if open_loops:
@@ -89,14 +89,14 @@ def isolate_fault(loops: Sequence[LoopError]) -> CameraFault | None:
 
 
 def _test_candidate(candidate: tuple[str, ...], loops: Sequence[LoopError]) -> CameraFault | None:
-    own = [loop for loop in loops if set(candidate) <= set(loop.cameras)]
-    others = [loop for loop in loops if loop not in own]
+    candidate_loops = [loop for loop in loops if set(candidate) <= set(loop.cameras)]
+    others = [loop for loop in loops if loop not in candidate_loops]
     if not others:
         return None
     scale = _compute_scale(others, _lower_median)
     if _compute_scale(others, max) > FAULT_RATIO * scale:
         return None
-    fault = _make_fault(candidate, own, scale)
+    fault = _make_fault(candidate, candidate_loops, scale)
     return fault if fault.excess > FAULT_RATIO else None
 
 
@@ -105,14 +105,14 @@ def _compute_scale(loops: Sequence[LoopError], summary: Callable[[list[float]], 
 
 
 def _lower_median(values: list[float]) -> float:
-    """The lower one of two: between a closed and an open loop there is no middle."""
+    """Return the median, of two middle values the lower: the mean of a closed and an open loop has no meaning."""
     return float(np.percentile(values, 50, method="lower"))
 
 
-def _make_fault(candidates: Iterable[str], own: Sequence[LoopError], scale: float) -> CameraFault:
+def _make_fault(candidates: Iterable[str], candidate_loops: Sequence[LoopError], scale: float) -> CameraFault:
     return CameraFault(
         cameras=tuple(candidates),
-        excess=_lower_median([loop.chi2_per_dof for loop in own]) / scale,
-        rotation_deg=max(loop.rotation_deg for loop in own),
-        translation_mm=max(loop.translation_mm for loop in own),
+        excess=_lower_median([loop.chi2_per_dof for loop in candidate_loops]) / scale,
+        rotation_deg=max(loop.rotation_deg for loop in candidate_loops),
+        translation_mm=max(loop.translation_mm for loop in candidate_loops),
     )

@@ -26,7 +26,7 @@ Poses = Mapping[str, Pose]
 
 @dataclass(frozen=True, slots=True)
 class NetworkWeights:
-    """λ1 and λ2 of Eq. 18; loops repeat what paths say, and cost accuracy where they weigh as much."""
+    """λ1 and λ2 of Eq. 18; loops repeat the information of paths, so equal weights lower the accuracy."""
 
     path: float = 1.0
     loop: float = 0.1
@@ -34,21 +34,21 @@ class NetworkWeights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Constraint:
-    """A measured way between two cameras that the transmitted one, T*_ij = T_kj T_ki⁻¹, is held against."""
+    """A measured chain between two cameras that constrains the transmitted pose T*_ij = T_kj T_ki⁻¹."""
 
     first: str
     second: str
     chain: PoseChain
     root: Array
-    """(6, 6) √λ Σ^-½: makes the residual's components independent, of unit variance over λ."""
+    """(6, 6) √λ Σ^-½, the whitening of the residual."""
 
     def compute_residual(self, cam_from_core: Poses) -> Array:
-        """(6,) √λ Σ^-½ log(T*⁻¹ T), unitless."""
+        """Return the residual (6,) √λ Σ^-½ log(T*⁻¹ T), unitless."""
         transmitted = cam_from_core[self.second] @ cam_from_core[self.first].inverse()
         return self.root @ log(transmitted.inverse() @ self.chain.pose)
 
     def compute_jacobians(self, cam_from_core: Poses) -> tuple[Array, Array]:
-        """(6, 6) each, by δ of the first and of the second camera in ``exp(δ) @ cam_from_core``.
+        """Return the derivatives (6, 6) by δ of the first and of the second camera in ``exp(δ) @ cam_from_core``.
 
         T* becomes exp(δ_j) T* exp(−δ_i), hence T*⁻¹ T becomes exp(δ_i) exp(−Ad(T*⁻¹) δ_j) T*⁻¹ T.
         """
@@ -59,7 +59,7 @@ class Constraint:
 
 
 class NetworkProblem:
-    """Eq. 18 for `levenberg.minimise`; the state is ``cam_from_core``, the inverses of the paper's T_ki."""
+    """Eq. 18 as a problem for `levenberg_marquardt.minimise`; the state is ``cam_from_core``, the paper's T_ki⁻¹."""
 
     def __init__(self, core: str, cameras: Sequence[str], constraints: Sequence[Constraint]) -> None:
         auxiliaries = [name for name in cameras if name != core]
@@ -67,39 +67,39 @@ class NetworkProblem:
         self.constraints = constraints
 
     def cost(self, state: Poses) -> float:
-        """F: half of λ1 Σ ε_path² + λ2 Σ ε_loop²."""
+        """Return F, half of λ1 Σ ε_path² + λ2 Σ ε_loop²."""
         return 0.5 * float(
             sum((constraint.compute_residual(state) ** 2).sum() for constraint in self.constraints)
         )
 
     def linearise(self, state: Poses) -> LinearisedNetwork:
-        """Residuals and their analytic derivatives at a state."""
+        """Return the residuals and their analytic derivatives at a state."""
         residual = np.concatenate([constraint.compute_residual(state) for constraint in self.constraints])
         jacobian = np.zeros((len(residual), 6 * len(self.columns)))
         for i, constraint in enumerate(self.constraints):
             ends = (constraint.first, constraint.second)
             for name, differentiate_by_pose in zip(ends, constraint.compute_jacobians(state), strict=True):
-                if name in self.columns:  # the core stays where it is
+                if name in self.columns:  # the core is fixed
                     jacobian[6 * i : 6 * i + 6, self.columns[name]] = differentiate_by_pose
         return LinearisedNetwork(residual, jacobian)
 
     def apply_step(self, state: Poses, step: Array) -> Poses:
-        """Every auxiliary's pose disturbed on its left."""
-        moved = {name: exp(step[columns]) @ state[name] for name, columns in self.columns.items()}
-        return {name: moved.get(name, pose) for name, pose in state.items()}
+        """Return the poses with every auxiliary's perturbed on its left."""
+        perturbed = {name: exp(step[columns]) @ state[name] for name, columns in self.columns.items()}
+        return {name: perturbed.get(name, pose) for name, pose in state.items()}
 
     def compute_pose_jacobians(self, state: Poses) -> dict[str, Array]:
-        """(6, 6P) by camera, the core's 0: how the errors of all pairs move the minimum, to first order."""
+        """Return by camera the derivatives (6, 6P) of the minimum by the errors of all pairs, 0 for the core."""
         linear = self.linearise(state)
         by_pairs = np.concatenate([c.root @ c.chain.jacobian for c in self.constraints])
         orthonormal, triangle = np.linalg.qr(linear.jacobian)
-        moves = -solve_triangular(triangle, orthonormal.T @ by_pairs)
-        still = np.zeros((6, by_pairs.shape[1]))
-        return {name: moves[self.columns[name]] if name in self.columns else still for name in state}
+        jacobian = -solve_triangular(triangle, orthonormal.T @ by_pairs)
+        fixed = np.zeros((6, by_pairs.shape[1]))
+        return {name: jacobian[self.columns[name]] if name in self.columns else fixed for name in state}
 
 
 class LinearisedNetwork:
-    """The network's least squares, linearised."""
+    """The normal equations of the network at a state."""
 
     def __init__(self, residual: Array, jacobian: Array) -> None:
         self.cost = 0.5 * float(residual @ residual)
@@ -108,43 +108,43 @@ class LinearisedNetwork:
         self._gradient = jacobian.T @ residual
 
     def solve_step(self, damping: float) -> Array:
-        """Eq. 19 with Marquardt's scaling."""
+        """Return the damped step of Eq. 19 with Marquardt's scaling."""
         damped = self._hessian + damping * np.diag(np.diag(self._hessian))
         return cho_solve(cho_factor(damped), -self._gradient)
 
     def predict_decrease(self, step: Array) -> float:
-        """F(X) − L(X + δ)."""
+        """Return F(X) − L(X + δ)."""
         return -float(self._gradient @ step + 0.5 * step @ self._hessian @ step)
 
 
 def optimise_network(
     network: CameraNetwork, weights: NetworkWeights | None = None, damping: Damping | None = None
 ) -> CameraNetwork:
-    """The poses that all measured pairs agree on best, instead of a path for each (Eqs. 17-20).
+    """Estimate the poses from all measured pairs jointly, instead of one path for each camera (Eqs. 17-20).
 
-    Unknown are the poses of all cameras but the core (Eq. 17). ε_path of a pair, core pairs included, is the
-    logarithm of what the measured pair leaves after the transmitted one; ε_loop the same for two measured pairs of
-    a triangle in turn, which the transmitted third side closes. Each is weighted by its own covariance. The network
-    that was given is kept as ``initial``. Without redundancy, as with two cameras, the poses stay as they are.
+    The unknowns are the poses of all cameras but the core (Eq. 17). ε_path of a pair, core pairs included, is the
+    logarithm of the difference between the measured and the transmitted pose; ε_loop is the same for two successive
+    measured pairs of a triangle, which the transmitted third side closes. Each is weighted by its own covariance.
+    The result keeps the given network as ``initial``. Without redundancy, as with two cameras, no pose changes.
     """
     constraints = _make_constraints(network, weights or NetworkWeights())
     if len(network.pairs) < len(network.cam_from_core):  # a tree: nothing to optimise
         return replace(network, initial=network)
     problem = NetworkProblem(network.core, tuple(network.cam_from_core), constraints)
-    found = minimise(problem, network.cam_from_core, damping).state
+    poses = minimise(problem, network.cam_from_core, damping).state
     pairs, joint = network.pairs, compute_joint_covariance(network.pairs)
     return replace(
         network,
-        cam_from_core=found,
-        path_errors=compute_path_errors(pairs, found, problem.compute_pose_jacobians(found), joint),
+        cam_from_core=poses,
+        path_errors=compute_path_errors(pairs, poses, problem.compute_pose_jacobians(poses), joint),
         initial=network,
     )
 
 
 def _make_constraints(network: CameraNetwork, weights: NetworkWeights) -> list[Constraint]:
-    """Paths first, then loops; only those that count."""
+    """Return the constraints of nonzero weight, paths first, then loops."""
     pairs, known = network.pairs, network.cam_from_core
-    # weights take the pairs for independent: what they share says how far they err together, not which one errs
+    # the weights take the pairs as independent: their common errors do not show which pair is wrong
     alone = np.zeros((6 * len(pairs), 6 * len(pairs)))
     for i, pair in enumerate(pairs):
         alone[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
@@ -153,9 +153,9 @@ def _make_constraints(network: CameraNetwork, weights: NetworkWeights) -> list[C
         root = np.linalg.cholesky(chain.jacobian @ alone @ chain.jacobian.T / weight)
         return Constraint(first, second, chain, np.linalg.inv(root))
 
-    found = []
+    constraints = []
     if weights.path > 0:
-        found += [
+        constraints += [
             constraint(p.first, p.second, find_pair_chain(pairs, p.first, p.second), weights.path)
             for p in pairs
             if {p.first, p.second} <= known.keys()
@@ -163,6 +163,6 @@ def _make_constraints(network: CameraNetwork, weights: NetworkWeights) -> list[C
     if weights.loop > 0:
         for three in list_triangles(pairs, known):
             for a, b, c in (three, three[1:] + three[:1], three[2:] + three[:2]):
-                way = find_pair_chain(pairs, a, b).extend(find_pair_chain(pairs, b, c))
-                found.append(constraint(a, c, way, weights.loop))
-    return found
+                chain = find_pair_chain(pairs, a, b).extend(find_pair_chain(pairs, b, c))
+                constraints.append(constraint(a, c, chain, weights.loop))
+    return constraints

@@ -1,4 +1,4 @@
-"""Binocular calibration: the pose between every two cameras that share views (the paper's Section 2.2.2)."""
+"""Binocular calibration: the relative pose of every two cameras that share views (the paper's Section 2.2.2)."""
 
 from __future__ import annotations
 
@@ -27,40 +27,40 @@ from beltscape.core.progress import Reporter
 Array = NDArray[np.float64]
 
 MISFIT_FACTOR = 1.5
-"""Two cameras may fit so much worse than each alone before their frames are taken for different instants."""
+"""Factor on the cameras' own RMS above which a pair's frames are taken to be of different instants."""
 MIN_COMMON = 6
-"""Corners that two cameras must share in a frame for it to count."""
+"""Corners that two cameras must share in a frame for the frame to be used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """Two cameras and the pose between them."""
+    """Two cameras and their relative pose."""
 
     first: str
     second: str
     second_from_first: Pose
     rms_px: float
-    """Reprojection RMS in both images over the frames used, intrinsics fixed."""
+    """Reprojection RMS in both images over the frames used, with fixed intrinsics."""
     frames: tuple[str, ...]
     corners: int
     """Corners seen by both, over the frames used."""
     covariance: Array
     """(6, 6) of the twist ξ = (rad, mm) in ``second_from_first = true @ exp(ξ)`` (Eq. 14), to first order.
 
-    It contains the noise of the corners, as large as the pair's own residuals show it, what the cameras' own noise
-    does by way of the intrinsics found from the same corners, and, where the pair fits worse than its cameras alone,
-    that the frames are not of one instant. It does not contain a bent board or a lens the model does not describe.
+    It contains the noise of the corners, estimated from the pair's own residuals; the noise of the intrinsics, which
+    were estimated from the same corners; and, if the pair fits worse than its cameras alone, the effect of frames
+    that are not of one instant. It does not contain a bent board or a lens that the model does not describe.
     """
     rejected: Mapping[str, str] = field(default_factory=dict)
-    """Frame → why it was left out."""
+    """Frame → reason of the rejection."""
     sensitivity: Mapping[str, Array] = field(default_factory=dict)
-    """camera → (2m, 6): ξ by each coordinate of all m corners of that camera, per standard deviation of the noise
-    that the camera alone shows. Pairs share corners, so their errors hang together: ``Σ A.T @ B`` over the cameras of
+    """camera → (2m, 6): derivatives of ξ by each coordinate of all m corners of that camera, in standard deviations
+    of the camera's own noise. Pairs share corners, so their errors are correlated: ``Σ A.T @ B`` over the cameras of
     both pairs is the covariance between them. Empty: independent of all other pairs."""
 
     @property
     def variance(self) -> float:
-        """How far the pair can be trusted, px²: the squared RMS over the corners that share it."""
+        """Variance that ranks pairs, px²: the squared RMS over the number of corners."""
         return self.rms_px**2 / self.corners
 
 
@@ -70,19 +70,19 @@ def calibrate_pairs(
     board_mm: NDArray[np.float64],
     reporter: Reporter,
 ) -> tuple[Pair, ...]:
-    """Every pair of cameras that shares views: n(n-1)/2 of them in a rig where all see the board (Eqs. 7-8)."""
+    """Calibrate every pair of cameras that shares views, n(n-1)/2 pairs if all see the board (Eqs. 7-8)."""
     sensitivities = {
-        name: compute_lens_sensitivity(detections, own, board_mm) for name, own in cameras.items()
+        name: compute_lens_sensitivity(detections, camera, board_mm) for name, camera in cameras.items()
     }
-    found: list[Pair] = []
+    pairs: list[Pair] = []
     candidates = list(combinations(cameras, 2))
     for done, (first, second) in enumerate(candidates, start=1):
         both = sensitivities[first], sensitivities[second]
         pair = calibrate_pair(detections, cameras[first], cameras[second], board_mm, both)
         if pair is not None:
-            found.append(pair)
+            pairs.append(pair)
         reporter.step("calibrating pairs", done, len(candidates))
-    return tuple(found)
+    return tuple(pairs)
 
 
 def calibrate_pair(
@@ -92,7 +92,7 @@ def calibrate_pair(
     board_mm: NDArray[np.float64],
     sensitivities: tuple[LensSensitivity, LensSensitivity] | None = None,
 ) -> Pair | None:
-    """The pose between two cameras, or None where they share no usable view.
+    """Calibrate the relative pose of two cameras; return None if they share no usable view.
 
     ``sensitivities`` of the two, where they are known already, save their computation.
 
@@ -113,11 +113,11 @@ def calibrate_pair(
         solution = _solve_pair(detections, first, second, board_mm, common)
         per_view = solution.view_rms_px
         median = float(np.median(list(per_view.values())))
-        bad = {frame: e for frame, e in per_view.items() if e > max(OUTLIER_FACTOR * median, 0.3)}
-        if not bad or len(bad) > len(common) // 3:
+        outliers = {frame: e for frame, e in per_view.items() if e > max(OUTLIER_FACTOR * median, 0.3)}
+        if not outliers or len(outliers) > len(common) // 3:
             corners = sum(len(ids) for ids in common.values())
             a, b = sensitivities or [
-                compute_lens_sensitivity(detections, own, board_mm) for own in (first, second)
+                compute_lens_sensitivity(detections, camera, board_mm) for camera in (first, second)
             ]
             pose, boards = solution.second_from_first, solution.first_from_board
             sensitivity, covariance = compute_pair_sensitivity(
@@ -127,7 +127,7 @@ def calibrate_pair(
             return Pair(
                 *names, pose, solution.rms_px, tuple(common), corners, covariance, rejected, sensitivity
             )  # fmt: skip
-        for frame, error in bad.items():
+        for frame, error in outliers.items():
             rejected[frame] = f"RMS {error:.2f} px in the pair, the median frame has {median:.2f} px"
             del common[frame]
     return None
@@ -136,16 +136,16 @@ def calibrate_pair(
 def _compute_misfit_covariance(
     solution: _Solution, first: MonocularCalibration, second: MonocularCalibration
 ) -> Array:
-    """(6, 6) what frames that are not of one instant add: each is off by what the two cameras fit worse than alone.
+    """Return the covariance (6, 6) that frames of different instants add, from the excess of the pair's RMS.
 
-    The board moved in between, by a distance and a turn of which the pixels tell the size only; over F frames it
-    averages to 1/√F. Without it, weights by the noise alone would follow one such frame into the absurd.
+    The board moved in between; the pixels determine only the size of that translation and rotation. Over F frames it
+    averages to 1/√F. Without this term, weights from noise alone would follow a single such frame.
     """
     alone = max(first.rms_px, second.rms_px)
     excess_px = np.sqrt(max(solution.rms_px**2 - (MISFIT_FACTOR * alone) ** 2, 0.0))
     boards = solution.first_from_board.values()
     distance_mm = float(np.median([pose.translation_mm[2] for pose in boards]))
-    angle = excess_px / float(np.mean([own.camera.focal_px.mean() for own in (first, second)]))
+    angle = excess_px / float(np.mean([camera.camera.focal_px.mean() for camera in (first, second)]))
     return np.diag(np.repeat([angle, angle * distance_mm], 3) ** 2) / len(solution.first_from_board)
 
 
@@ -164,23 +164,23 @@ def _solve_pair(
     board_mm: NDArray[np.float64],
     common: Mapping[str, NDArray[np.int64]],
 ) -> _Solution:
-    """The bundle of two cameras with known lenses and a board as drawn (Eqs. 7-8)."""
+    """Adjust the bundle of two cameras with fixed lenses and the nominal board (Eqs. 7-8)."""
     bundle = Bundle(
         _collect_observations(detections, first, second, common), _make_prior(first, second, board_mm)
     )
     try:
-        found = minimise(bundle, _initialise_geometry(first, second, board_mm, tuple(common))).state
+        geometry = minimise(bundle, _initialise_geometry(first, second, board_mm, tuple(common))).state
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             f"cameras {first.camera.name} and {second.camera.name}: "
             f"their {len(common)} common views give no pose ({error})"
         ) from error
-    squares = (bundle.compute_errors_px(found) ** 2).sum(axis=1)
+    squares = (bundle.compute_errors_px(geometry) ** 2).sum(axis=1)
     frame = bundle.observations.frame
     per_view = np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
-    boards = zip(common, found.board_rotation, found.board_translation_mm, strict=True)
+    boards = zip(common, geometry.board_rotation, geometry.board_translation_mm, strict=True)
     return _Solution(
-        Pose(found.cam_rotation[1], found.cam_translation_mm[1]),
+        Pose(geometry.cam_rotation[1], geometry.cam_translation_mm[1]),
         float(np.sqrt(squares.mean())),
         {f: float(e) for f, e in zip(common, per_view, strict=True)},
         {f: Pose(rotation, translation) for f, rotation, translation in boards},
@@ -193,32 +193,32 @@ def _collect_observations(
     second: MonocularCalibration,
     common: Mapping[str, NDArray[np.int64]],
 ) -> Observations:
-    """The common corners, in both images."""
-    return Observations.of(
-        (camera, frame, ids, view.pixels[np.searchsorted(view.ids, ids)])
+    """Return the common corners in both images."""
+    return Observations.from_views(
+        (index, frame, ids, view.pixels[np.searchsorted(view.ids, ids)])
         for frame, (name, ids) in enumerate(common.items())
-        for camera, own in enumerate((first, second))
-        for view in (detections.views[own.camera.name][name],)
+        for index, camera in enumerate((first, second))
+        for view in (detections.views[camera.camera.name][name],)
     )
 
 
 def _make_prior(first: MonocularCalibration, second: MonocularCalibration, board_mm: Array) -> BundlePrior:
-    """Neither lenses nor board are adjusted."""
-    lenses = np.stack([pack_intrinsics(own.camera) for own in (first, second)])
+    """Return a prior that fixes lenses and board."""
+    lenses = np.stack([pack_intrinsics(camera.camera) for camera in (first, second)])
     return BundlePrior(lenses, np.zeros((2, 9, 9)), np.zeros((2, 9), bool), board_mm, np.zeros(3))
 
 
 def _initialise_geometry(
     first: MonocularCalibration, second: MonocularCalibration, board_mm: Array, frames: Sequence[str]
 ) -> Geometry:
-    """The pose that most frames agree on, the board as the first camera alone sees it."""
+    """Return the medoid of the frames' relative poses, with the board's poses of the first camera."""
     boards = [first.cam_from_board[frame] for frame in frames]
     pair = _select_medoid(
         [second.cam_from_board[f] @ board.inverse() for f, board in zip(frames, boards, strict=True)],
         float(np.median([np.linalg.norm(board.translation_mm) for board in boards])),
     )
     return Geometry(
-        np.stack([pack_intrinsics(own.camera) for own in (first, second)]),
+        np.stack([pack_intrinsics(camera.camera) for camera in (first, second)]),
         np.stack([np.eye(3), pair.rotation]),
         np.stack([np.zeros(3), pair.translation_mm]),
         np.stack([board.rotation for board in boards]),
@@ -228,7 +228,7 @@ def _initialise_geometry(
 
 
 def _select_medoid(poses: Sequence[Pose], distance_mm: float) -> Pose:
-    """The pose that is nearest to the others, turns counted by what they move at a distance."""
+    """Return the medoid of poses; rotations are weighted by the displacement that they cause at a distance."""
     features = np.stack(
         [np.concatenate([distance_mm * pose.rotation.ravel(), pose.center_mm]) for pose in poses]
     )

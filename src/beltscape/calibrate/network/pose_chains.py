@@ -1,4 +1,4 @@
-"""Measured ways between cameras, pair after pair, and how the errors of all pairs move them."""
+"""Chains of measured pairs between cameras, with first-order propagation of the pairs' errors."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseChain:
-    """A measured way between two cameras, ``pose = true @ exp(jacobian ξ)``, ξ (6P,) the errors of all pairs in turn."""
+    """A measured chain between two cameras, ``pose = true @ exp(jacobian ξ)``; ξ (6P,) are all pairs' errors."""
 
     pose: Pose
     jacobian: Array
     """(6, 6P)."""
 
     def extend(self, other: PoseChain) -> PoseChain:
-        """Go on by ``other`` from where one ends."""
+        """Return the chain extended by ``other``, which starts where this one ends."""
         return PoseChain(
             other.pose @ self.pose, adjoint(self.pose.inverse()) @ other.jacobian + self.jacobian
         )
 
 
 def find_pair_chain(pairs: Sequence[Pair], origin: str, to: str) -> PoseChain:
-    """The pair between two cameras as ``to_from_origin``.
+    """Return the measured pair between two cameras as a chain ``to_from_origin``.
 
     Raises
     ------
     KeyError
-        When the two were not measured together.
+        When the two cameras are no measured pair.
     """
     for i, pair in enumerate(pairs):
         jacobian = np.zeros((6, 6 * len(pairs)))
@@ -51,7 +51,7 @@ def find_pair_chain(pairs: Sequence[Pair], origin: str, to: str) -> PoseChain:
 
 
 def list_triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[str, str, str]]:
-    """Every three of some cameras of which all three pairs were measured, in the pairs' order."""
+    """Return every three of some cameras with three measured pairs, in the pairs' order."""
     known = {frozenset((pair.first, pair.second)) for pair in pairs}
     wanted = set(cameras)
     names = dict.fromkeys(name for pair in pairs for name in (pair.first, pair.second) if name in wanted)
@@ -63,7 +63,7 @@ def list_triangles(pairs: Sequence[Pair], cameras: Iterable[str]) -> list[tuple[
 
 
 def compute_joint_covariance(pairs: Sequence[Pair]) -> Array:
-    """(6P, 6P) of the errors of all pairs, with what pairs have in common because they share corners."""
+    """Return the covariance (6P, 6P) of the errors of all pairs, correlated by the corners that they share."""
     joint = np.zeros((6 * len(pairs), 6 * len(pairs)))
     by_camera: dict[str, list[int]] = {}
     for i, pair in enumerate(pairs):

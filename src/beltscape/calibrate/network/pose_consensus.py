@@ -1,4 +1,4 @@
-"""Two groups of cameras that see one board: how they stand to each other, whichever end each numbered it from."""
+"""Pose consensus: the relative pose of two groups of cameras, whichever end of the board each numbers from."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from beltscape.core.pose import Pose
 Array = NDArray[np.float64]
 
 TOLERANCE = 0.1
-"""Boards lie on each other when their outer corners are no farther apart, RMS, than this share of the diagonal.
+"""Two boards coincide if their outer corners are no farther apart, RMS, than this share of the diagonal.
 
-A board numbered from the wrong end has its corners a whole diagonal away.
+The corners of a board that is numbered from the wrong end are a whole diagonal away.
 """
 LOG_LIKELIHOOD_MARGIN = 8.0
-"""One way of numbering beats another when it is more likely by e to this power, ..."""
+"""A numbering is preferred to another if it is more likely by e to this power, ..."""
 RESIDUAL_RATIO = 1.5
-"""... and leaves residuals smaller by this factor, as residuals are not all noise."""
+"""... and its residuals are smaller by this factor, because residuals are not only noise."""
 MAX_PROPOSALS = 30
-"""Relative poses are guessed from so many views, evenly spread."""
+"""Number of views, evenly spread, that each propose a relative pose."""
 ROUNDS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseConsensus:
-    """The pose between two groups that most views agree on."""
+    """The relative pose of two groups that most views agree on."""
 
     second_from_first: Pose
     turns: dict[int, int]
-    """Instant → quarter turns by which the second group's numbering is to be moved on."""
+    """Instant → quarter turns to apply to the second group's numbering."""
     instants: int
-    """How many instants agree."""
+    """Number of instants that agree."""
     rms_mm: float
     """RMS distance of the outer corners over the views that agree."""
     unambiguous: bool
-    """Whether no other numbering fits about as well."""
+    """Whether every other numbering fits clearly worse."""
 
 
 def find_pose_consensus(
@@ -47,9 +47,9 @@ def find_pose_consensus(
 
     ``first`` and ``second`` are (n, 4, 3) float64 mm: the board's outer corners, going round, as one camera of each
     group sees them, in the group's axes, at ``instants`` (n,), which may repeat; ``turns`` are quarter turns under
-    which the board looks the same, 0 first. The relative pose is one and the same at all instants only if the
-    numberings fit. Each view and turn proposes a pose, which is refined on the views that follow it. Of numberings
-    that fit equally well the one with the fewest turns is taken. None where no more than half of the views agree.
+    which the board looks the same, 0 first. The relative pose is the same at all instants only if the numberings
+    agree. Each view and turn proposes a pose, which is refined on the views that agree with it. Of numberings that
+    fit equally well, the one with the fewest turns is selected. Return None unless more than half of the views agree.
     """
     turned = np.stack([np.roll(second, -turn, axis=1) for turn in turns], axis=1)
     tolerance = TOLERANCE * float(np.median(np.linalg.norm(first[:, 0] - first[:, 2], axis=-1)))
@@ -71,7 +71,7 @@ def find_pose_consensus(
     equivalent = _find_equivalent_poses(rms, best, count, tolerance)
     numberings = {choice[i, inlier].tobytes() for i in equivalent}
     best = min(equivalent, key=lambda i: (np.count_nonzero(choice[i, inlier]), rms[i]))
-    votes = np.where(inlier, 1.0, 1e-6)  # views that do not agree count where there are no others
+    votes = np.where(inlier, 1.0, 1e-6)  # views that disagree only count if there are no others
     return PoseConsensus(
         Pose(rotations[best], shifts[best]),
         {
@@ -85,7 +85,7 @@ def find_pose_consensus(
 
 
 def _propose_poses(first: Array, turned: Array) -> tuple[Array, Array]:
-    """Rotations (h, 3, 3) and shifts (h, 3): the pose that one view and one turn ask for."""
+    """Return rotations (h, 3, 3) and shifts (h, 3) of the poses that follow from one view and one turn each."""
     proposals = np.unique(np.linspace(0, len(first) - 1, min(len(first), MAX_PROPOSALS)).astype(int))
     goals = turned[proposals].reshape(-1, 4, 3)
     return _fit_rigid_motions(
@@ -94,8 +94,8 @@ def _propose_poses(first: Array, turned: Array) -> tuple[Array, Array]:
 
 
 def _find_equivalent_poses(rms_mm: Array, best: int, instants: int, tolerance_mm: float) -> list[int]:
-    """Poses whose residuals (h,) over the same views do not tell them from the best; it is one of them."""
-    freedom = 6 * (instants - 1)  # each board has six, and the pose takes six away
+    """Return the poses, the best included, whose residuals (h,) over the same views are not clearly worse."""
+    freedom = 6 * (instants - 1)  # six for each board, less six for the relative pose
     limit = max(RESIDUAL_RATIO, float(np.exp(LOG_LIKELIHOOD_MARGIN / freedom))) if freedom else np.inf
     floor = 1e-6 * tolerance_mm  # without noise all residuals are rounding errors
     return [int(i) for i in np.flatnonzero(rms_mm <= limit * max(rms_mm[best], floor))] or [best]
@@ -104,7 +104,7 @@ def _find_equivalent_poses(rms_mm: Array, best: int, instants: int, tolerance_mm
 def _select_turns(
     rotations: Array, shifts: Array, first: Array, turned: Array
 ) -> tuple[NDArray[np.int64], Array]:
-    """By pose (h) and view (n): which turn brings the boards nearest to each other, and their RMS distance, mm."""
+    """Return by pose (h) and view (n) the turn that brings the boards closest, and their RMS distance, mm."""
     transformed = np.einsum("hij,nkj->hnki", rotations, first) + shifts[:, None, None, :]
     squared_distances = np.stack(
         [((transformed - turned[:, s]) ** 2).sum(axis=-1).mean(axis=-1) for s in range(turned.shape[1])],
@@ -115,7 +115,7 @@ def _select_turns(
 
 
 def _fit_rigid_motions(points: Array, onto: Array, weights: Array) -> tuple[Array, Array]:
-    """Rotations (h, 3, 3) and shifts (h, 3) that bring points (h, m, 3) onto others in the sense of least squares.
+    """Fit rotations (h, 3, 3) and shifts (h, 3) that map points (h, m, 3) onto others, by weighted least squares.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Quarter turns of a board about its centre, after which its corners may be numbered as before."""
+"""Quarter turns of a board about its centre: its rotational symmetries and the renumbering of its corners."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from beltscape.target.board import Board, Chessboard, corner_points_mm
 
 
 def list_quarter_turns(board: Board) -> tuple[int, ...]:
-    """Quarter turns after which the corners of a board may be numbered as before; 0 is the first."""
+    """Return the quarter turns under which a board looks the same, 0 first."""
     columns, rows = board.grid
     if not isinstance(board, Chessboard) or (columns + rows) % 2:
         return (0,)
@@ -18,7 +18,7 @@ def list_quarter_turns(board: Board) -> tuple[int, ...]:
 
 
 def make_board_turn(board: Board, turn: int) -> Pose:
-    """``board_from_turned``: the board's axes as drawn from those after quarter turns about its centre."""
+    """Return ``board_from_turned``, the pose of a board after quarter turns about its centre."""
     center = corner_points_mm(board).mean(axis=0)
     cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[turn % 4]
     rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float64)
@@ -26,7 +26,7 @@ def make_board_turn(board: Board, turn: int) -> Pose:
 
 
 def turn_corners(corners: Corners, board: Board, turn: int) -> Corners:
-    """The same corners of an image, numbered on a board after quarter turns; ids ascend again."""
+    """Renumber the corners of an image for a board after quarter turns; ids ascend again."""
     columns, rows = board.grid
     former = np.rot90(np.arange(columns * rows).reshape(rows, columns), turn).ravel()
     ids = np.argsort(former)[corners.ids]

@@ -1,4 +1,4 @@
-"""A board's pose under a rig that is known, from all cameras that see it."""
+"""Resection of a board: its pose from all cameras of a known rig that see it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> Pose:
-    """The board's pose (core_from_board) that fits all cameras of one frame best, reprojection errors weighted alike.
+    """Fit the board's pose (core_from_board) to all cameras of one frame, with equal weights of all corners.
 
     ``board_mm`` (P, 3) are the board's corners in its own frame.
     """
@@ -47,22 +47,22 @@ def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> P
 
 
 class ResectionProblem:
-    """Reprojection errors of one board, all weighted alike, as a problem for `levenberg.minimise`."""
+    """Reprojection errors of one board with equal weights, as a problem for `levenberg_marquardt.minimise`."""
 
     def __init__(self, lenses: Array, cam_from_core: Array, points_mm: Array, pixels: Array) -> None:
-        """By corner: (N, 9) of its camera's lens, (N, 3, 4) pose of its camera, (N, 3) place on the board, (N, 2)."""
+        """Set up the problem by corner: (N, 9) intrinsics, (N, 3, 4) camera pose, (N, 3) on the board, (N, 2)."""
         self.lenses, self.points_mm, self.pixels = lenses, points_mm, pixels
         self.rotations, self.shifts = cam_from_core[:, :, :3], cam_from_core[:, :, 3]
 
     def cost(self, state: Pose) -> float:
-        """Half the sum of squares."""
+        """Return half the sum of squares."""
         errors = (
             project_points(self._transform_to_cameras(state.apply(self.points_mm)), self.lenses) - self.pixels
         )
         return 0.5 * float((errors**2).sum())
 
     def linearise(self, state: Pose) -> LinearisedResection:
-        """Errors and their derivatives by a turn and a shift of the board in the core frame."""
+        """Return errors and their derivatives by rotation and translation of the board in the core frame."""
         on_board = self.points_mm @ state.rotation.T
         pixels, by_point, _ = project_with_jacobians(
             self._transform_to_cameras(on_board + state.translation_mm), self.lenses
@@ -71,7 +71,7 @@ class ResectionProblem:
         return LinearisedResection((pixels - self.pixels).ravel(), jacobian)
 
     def apply_step(self, state: Pose, step: Array) -> Pose:
-        """The pose after a step."""
+        """Return the pose after a step."""
         return Pose(rotation_from_vector(step[:3]) @ state.rotation, state.translation_mm + step[3:])
 
     def _transform_to_cameras(self, in_core: Array) -> Array:
@@ -79,17 +79,17 @@ class ResectionProblem:
 
 
 class LinearisedResection:
-    """Six normal equations."""
+    """The six normal equations of a resection."""
 
     def __init__(self, errors: Array, jacobian: Array) -> None:
         self.cost = 0.5 * float(errors @ errors)
         self._hessian, self._gradient = jacobian.T @ jacobian, jacobian.T @ errors
 
     def solve_step(self, damping: float) -> Array:
-        """Eq. 19 with Marquardt's scaling."""
+        """Return the damped step of Eq. 19 with Marquardt's scaling."""
         damped = self._hessian + damping * np.diag(np.diag(self._hessian))
         return np.asarray(-np.linalg.solve(damped, self._gradient), np.float64)
 
     def predict_decrease(self, step: Array) -> float:
-        """F(X) − L(X + δ)."""
+        """Return F(X) − L(X + δ)."""
         return -float(self._gradient @ step + 0.5 * step @ self._hessian @ step)

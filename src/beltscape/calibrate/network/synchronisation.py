@@ -1,4 +1,4 @@
-"""Do the cameras' frames of one name belong to one instant? Told from the poses that each camera sees alone."""
+"""Check of synchronisation: frames of one name belong to one instant if the relative poses of the cameras agree."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
 from beltscape.core.pose import Pose
 
 SHIFTS = range(-3, 4)
+"""Frame shifts that are tested."""
 MIN_FRAMES = 5
 CLEAR_IMPROVEMENT = 0.2
-"""A shift counts when it leaves less than this share of the scatter."""
+"""A shift is accepted if it leaves less than this share of the scatter."""
 MAX_SCATTER = 0.05
-"""Relative poses that scatter by more than this share of the distance do not belong together."""
+"""Relative poses are inconsistent if they scatter by more than this share of the board's distance."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameMisfit:
-    """A camera whose frames do not belong to the others'."""
+    """A camera whose frames belong to other instants than those of the others."""
 
     camera: str
     shift: int | None
-    """The others' frame number k is its number k + shift; None: no shift mends it."""
+    """The others' frame number k is its number k + shift; None: no shift makes the poses consistent."""
     others: tuple[str, ...]
-    """The cameras that it does not fit."""
+    """The cameras that it disagrees with."""
 
     def describe(self) -> str:
-        """In words, with the mend."""
+        """Return the fault and the fix in one line."""
         against = ", ".join(self.others)
         if self.shift is None:
             return (
                 f"camera {self.camera}: its frames do not belong to those of {against} of the same name; "
                 "check its trigger or the names of its images"
             )
-        way = "low" if self.shift < 0 else "high"
+        direction = "low" if self.shift < 0 else "high"
         return (
-            f"camera {self.camera}: its frame numbers are {abs(self.shift)} too {way} against {against}; "
+            f"camera {self.camera}: its frame numbers are {abs(self.shift)} too {direction} against {against}; "
             "rename its images"
         )
 
@@ -48,10 +49,10 @@ class FrameMisfit:
 def find_frame_misfits(
     cameras: Mapping[str, MonocularCalibration], frames: Sequence[str]
 ) -> tuple[FrameMisfit, ...]:
-    """Cameras whose frames are shifted against the majority's, or torn from them.
+    """Return the cameras whose frames are shifted against the majority's, or belong to other instants.
 
-    Two cameras stand still about each other, so the pose between them is the same in every frame; where it
-    scatters, their frames of one name are not of one instant.
+    The relative pose of two rigidly mounted cameras is the same in every frame. If it scatters, their frames of one
+    name do not belong to one instant.
     """
     fits = {
         (a, b): fit
@@ -69,9 +70,9 @@ def find_frame_misfits(
 @dataclass(frozen=True, slots=True)
 class _ShiftFit:
     shift: int
-    """Frames by which the second camera's names are to be moved to fit the first's."""
+    """Frames by which the second camera's names must be shifted to fit the first's."""
     is_consistent: bool
-    """Whether the poses agree after the shift."""
+    """Whether the relative poses agree after the shift."""
 
     @property
     def is_synchronous(self) -> bool:
@@ -79,7 +80,7 @@ class _ShiftFit:
 
 
 def _find_largest_consistent(names: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> list[str]:
-    """The largest set of cameras of which no two disagree, grown from each camera in turn; of equals the first."""
+    """Return the largest set of cameras without a disagreement, grown from each camera; the first of equal ones."""
     groups = []
     for first_name in names:
         group = [first_name]
@@ -93,12 +94,12 @@ def _find_largest_consistent(names: Sequence[str], fits: Mapping[tuple[str, str]
 def _is_mostly_inconsistent(
     name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]
 ) -> bool:
-    known = [good for other in others if (good := _is_synchronous(name, other, fits)) is not None]
-    return 2 * known.count(False) > len(known)
+    results = [result for other in others if (result := _is_synchronous(name, other, fits)) is not None]
+    return 2 * results.count(False) > len(results)
 
 
 def _is_synchronous(a: str, b: str, fits: Mapping[tuple[str, str], _ShiftFit]) -> bool | None:
-    """Whether two cameras agree; None where too few frames tell."""
+    """Return whether two cameras are synchronous; None with too few shared frames."""
     fit = fits.get((a, b)) or fits.get((b, a))
     return None if fit is None else fit.is_synchronous
 
@@ -115,7 +116,7 @@ def _find_shift(name: str, others: Sequence[str], fits: Mapping[tuple[str, str],
 def _fit_shift(
     first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str]
 ) -> _ShiftFit | None:
-    """How the second camera's frames fit the first's; None where too few are shared to tell."""
+    """Fit the frame shift of the second camera to the first; return None with too few shared frames."""
     scatters = {
         shift: scatter
         for shift in SHIFTS
@@ -132,7 +133,7 @@ def _fit_shift(
 def _compute_scatter(
     first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str], shift: int
 ) -> float | None:
-    """Median scatter of the relative pose, as a share of the distance to the board."""
+    """Return the median scatter of the relative pose over the board's distance; None with too few frames."""
     poses: list[Pose] = []
     distances: list[float] = []
     for k, frame in enumerate(frames):

@@ -1,4 +1,4 @@
-"""Bundle adjustment: intrinsics, camera poses, board poses and the board's own shape, from all corners together."""
+"""Bundle adjustment of intrinsics, camera poses, board poses and the board's shape from all corners together."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Indices = NDArray[np.int64]
 
 INTRINSICS = 9
 LENS, CAMERA, BOARD = slice(0, 9), slice(9, 15), slice(15, 21)
-"""Where a corner's derivatives by its camera's lens and pose and by its board's pose are."""
+"""Rows of a corner's derivatives by the lens and pose of its camera and by the pose of its board."""
 GAUGE = 1e8
-"""Information with which the board's seven free modes (pose and scale) are held at their nominal place."""
+"""Information that fixes the board's seven gauge modes (pose and scale) at their nominal values."""
 
 
 class Bundle:
-    """The adjustment as a problem for `levenberg.minimise`."""
+    """The bundle adjustment as a problem for `levenberg_marquardt.minimise`."""
 
     def __init__(self, observations: Observations, prior: BundlePrior, weights: Array | None = None) -> None:
-        """``weights`` (N,) in 0..1 take the trust from single corners."""
+        """Set up the problem; ``weights`` (N,) in 0..1 reduce the influence of single corners, 1 by default."""
         self.observations = observations
         self.prior = prior
         self.weights = np.ones(len(observations.pixels)) if weights is None else weights
@@ -52,7 +52,7 @@ class Bundle:
         self.view_camera, self.view_frame = observations.camera[starts], observations.frame[starts]
 
     def compute_errors_px(self, state: Geometry) -> Array:
-        """(N, 2) projected minus found."""
+        """Return the reprojection errors (N, 2), projected minus detected."""
         _, in_camera = self._transform_points(state)
         return (
             project_points(in_camera, _gather(state.intrinsics, self.observations.camera))
@@ -60,21 +60,21 @@ class Bundle:
         )
 
     def cost(self, state: Geometry) -> float:
-        """Half the weighted sum of squares of corners and priors."""
+        """Return half the weighted sum of squares of corners and priors."""
         standardised = self.compute_errors_px(state) / self.observations.sigma_px[:, None]
         return 0.5 * float((self.weights[:, None] * standardised**2).sum()) + self._compute_prior_cost(state)
 
     def linearise(self, state: Geometry) -> LinearisedBundle:
-        """Normal equations with the board poses eliminated (Schur complement)."""
+        """Return the normal equations at a state; their solution eliminates the board poses (Schur complement)."""
         rows, by_corner = self._differentiate(state)
         grams = self._form_gram_matrices(rows)
         hessian = self.information.copy()
         gradient = self.information @ self._compute_prior_residual(state)
         count = len(state.board_rotation)
-        own, own_gradient = np.zeros((count, 6, 6)), np.zeros((count, 6))
+        blocks, block_gradient = np.zeros((count, 6, 6)), np.zeros((count, 6))
         coupling = np.zeros((count, self.columns, 6))
-        np.add.at(own, self.view_frame, grams[:, BOARD, BOARD])
-        np.add.at(own_gradient, self.view_frame, grams[:, BOARD, -1])
+        np.add.at(blocks, self.view_frame, grams[:, BOARD, BOARD])
+        np.add.at(block_gradient, self.view_frame, grams[:, BOARD, -1])
         for camera in range(self.cameras):
             views = self.view_camera == camera
             own_columns, used = self._camera_columns(camera)
@@ -89,13 +89,13 @@ class Bundle:
         cost = 0.5 * float(grams[:, -1, -1].sum()) + self._compute_prior_cost(state)
         coupling = coupling[:, free].swapaxes(0, 1).reshape(len(free), 6 * count)
         return LinearisedBundle(
-            cost, hessian[np.ix_(free, free)], gradient[free], own, coupling, own_gradient.ravel()
+            cost, hessian[np.ix_(free, free)], gradient[free], blocks, coupling, block_gradient.ravel()
         )
 
     def _differentiate(self, state: Geometry) -> tuple[Array, Array]:
-        """(22, 2, N) by lens (9), camera (6) and board pose (6), then the residual; (3, 2, N) by the board's corner.
+        """Return derivatives divided by each corner's standard deviation.
 
-        All over the corner's standard deviation.
+        (22, 2, N) by lens (9), camera pose (6), board pose (6), then the residual; (3, 2, N) by the board's corner.
         """
         o = self.observations
         on_board, in_camera = self._transform_points(state)
@@ -115,17 +115,17 @@ class Bundle:
         return rows, _rotate_derivatives(to_core, _gather(state.board_rotation, o.frame)).T
 
     def _form_gram_matrices(self, rows: Array) -> Array:
-        """(V, 22, 22) products of all rows, summed over each view."""
-        found = np.empty((len(self.views), len(rows), len(rows)))
+        """Return the products (V, 22, 22) of all rows, summed over each view."""
+        grams = np.empty((len(self.views), len(rows), len(rows)))
         for view, corners in enumerate(self.views):
             block = rows[:, :, corners].reshape(len(rows), -1)
-            np.matmul(block, block.T, out=found[view])
-        return found
+            np.matmul(block, block.T, out=grams[view])
+        return grams
 
     def _add_point_blocks(
         self, rows: Array, by_corner: Array, hessian: Array, gradient: Array, coupling: Array
     ) -> None:
-        """What the board's corners have to do with themselves, with the cameras and with the board poses."""
+        """Add the blocks of the board's corners: with themselves, with the cameras and with the board poses."""
         products = np.einsum("krn,jrn->nkj", np.concatenate([rows, by_corner]), by_corner)
         points = slice(self.point_start, None)
         by_camera = self._sum_by_point(products[:, :15], self.observations.camera, self.cameras)
@@ -142,14 +142,14 @@ class Bundle:
         hessian[columns[:, :, None], columns[:, None]] += alone[:, 1:]
 
     def _sum_by_point(self, products: Array, group: Indices, count: int) -> Array:
-        """(count, P, k, 3) sums of (N, k, 3) over the sightings of each corner in each group."""
+        """Return (count, P, k, 3) sums of (N, k, 3) over the detections of each board corner in each group."""
         cells = group * self.points + self.observations.point
         shape = (count * self.points, len(cells))
         rows = csc_array((np.ones(len(cells)), cells, np.arange(len(cells) + 1)), shape=shape)
         return (rows @ products.reshape(len(cells), -1)).reshape(count, self.points, -1, 3)
 
     def _camera_columns(self, camera: int) -> tuple[Indices, slice]:
-        """Columns of a camera's lens and pose (the core has none), and their rows among the `_differentiate`."""
+        """Return the columns of a camera's lens and pose (none for the core), and their rows in `_differentiate`."""
         lens = np.arange(INTRINSICS * camera, INTRINSICS * (camera + 1))
         if camera == 0:
             return lens, LENS
@@ -157,7 +157,7 @@ class Bundle:
         return np.concatenate([lens, pose]), slice(0, 15)
 
     def apply_step(self, state: Geometry, step: Array) -> Geometry:
-        """The geometry after a step: free shared parameters first, then six per frame."""
+        """Return the geometry after a step, which holds the free shared parameters, then six per frame."""
         shared = np.zeros(self.columns)
         shared[self.free] = step[: len(self.free)]
         boards = step[len(self.free) :].reshape(-1, 6)
@@ -175,7 +175,7 @@ class Bundle:
         )
 
     def _transform_points(self, state: Geometry) -> tuple[Array, Array]:
-        """(N, 3) corners turned as the board is, and (N, 3) in the camera's frame."""
+        """Return the corners (N, 3) rotated into the core's axes, and (N, 3) in the camera's frame."""
         o = self.observations
         on_board = rotate_vectors(_gather(state.board_rotation, o.frame), _gather(state.points_mm, o.point))
         in_core = on_board + _gather(state.board_translation_mm, o.frame)
@@ -187,7 +187,7 @@ class Bundle:
         return 0.5 * float(residual @ self.information @ residual)
 
     def _compute_prior_residual(self, state: Geometry) -> Array:
-        """(columns,) distance of the shared parameters from what is known beforehand."""
+        """Return the difference (columns,) of the shared parameters from their prior means."""
         intrinsics = (state.intrinsics - self.prior.intrinsics).ravel()
         points = (state.points_mm - self.prior.points_mm).ravel()
         return np.concatenate([intrinsics, np.zeros(self.point_start - self.pose_start), points])[
@@ -195,11 +195,11 @@ class Bundle:
         ]
 
     def _build_prior_information(self) -> Array:
-        """(columns, columns) of the lens, of the board's corners, and of the gauge."""
+        """Return the information (columns, columns) of lenses, board corners and gauge."""
         information = np.zeros((self.columns, self.columns))
-        for camera, own in enumerate(self.prior.intrinsics_information):
+        for camera, block in enumerate(self.prior.intrinsics_information):
             columns = slice(INTRINSICS * camera, INTRINSICS * (camera + 1))
-            information[columns, columns] = own
+            information[columns, columns] = block
         if self.adjusts_shape:
             points, gauge = slice(self.point_start, None), _build_gauge_modes(self.prior.points_mm)
             with np.errstate(divide="ignore"):
@@ -213,18 +213,18 @@ def _apply_rotations(rotations: Array, vectors: Array) -> Array:
 
 
 def _gather(values: Array, index: Indices) -> Array:
-    """``values[index]`` with the observations last in memory."""
+    """Return ``values[index]`` with the observations last in memory."""
     return np.take(values.T, index, axis=-1).T
 
 
 def _rotate_derivatives(derivatives: Array, rotations: Array) -> Array:
-    """(N, 2, 3) derivatives by a point, by what each rotation (N, 3, 3) turns into it."""
+    """Return derivatives (N, 2, 3) by the points before rotations (N, 3, 3), given those by the rotated points."""
     (a, b, c), r = derivatives.T, rotations.T  # r[j, i]: row i, column j
     return (r[:, 0, None] * a + r[:, 1, None] * b + r[:, 2, None] * c).T
 
 
 def _build_gauge_modes(points_mm: Array) -> Array:
-    """(7, 3P) orthonormal motions of the whole board that no image can tell: shift, turn, scale."""
+    """Return the orthonormal gauge modes (7, 3P) of the board: translations, rotations and scale."""
     centered = points_mm - points_mm.mean(axis=0)
     shifts = [np.tile(axis, (len(points_mm), 1)) for axis in np.eye(3)]
     turns = [np.cross(axis, centered) for axis in np.eye(3)]

@@ -1,4 +1,4 @@
-"""What a bundle adjustment works on: corners, what is adjusted, and what is known beforehand."""
+"""Data of a bundle adjustment: observed corners, the adjusted geometry, and the prior."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class Observations:
     point: Indices
     """(N,) index of the board's corner."""
     pixels: Array
-    """(N, 2) where it was found."""
+    """(N, 2) detected position."""
     sigma_px: Array
     """(N,) one standard deviation of each coordinate."""
 
     @classmethod
-    def of(cls, views: Iterable[tuple[int, int, Indices, Array]]) -> Observations:
-        """Views one after another: camera, frame, ids (n,) and pixels (n, 2) of its corners; σ is 1 px."""
+    def from_views(cls, views: Iterable[tuple[int, int, Indices, Array]]) -> Observations:
+        """Concatenate views, each as camera, frame, ids (n,) and pixels (n, 2) of its corners; σ is 1 px."""
         rows = [
             (np.full(len(ids), camera), np.full(len(ids), frame), ids, px) for camera, frame, ids, px in views
         ]
@@ -39,7 +39,7 @@ class Observations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
-    """What is adjusted."""
+    """The quantities that the bundle adjustment estimates."""
 
     intrinsics: Array
     """(C, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
@@ -57,15 +57,15 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BundlePrior:
-    """What is known beforehand, and what is not adjusted at all."""
+    """Prior knowledge of lenses and board, and which parameters are fixed."""
 
     intrinsics: Array
     """(C, 9)."""
     intrinsics_information: Array
-    """(C, 9, 9) inverse covariance about them; 0 says nothing."""
+    """(C, 9, 9) inverse covariance about them; 0 is no information."""
     intrinsics_free: NDArray[np.bool_]
-    """(C, 9) what is adjusted; the rest is held where it is."""
+    """(C, 9) which parameters are adjusted; the others are fixed."""
     points_mm: Array
     """(P, 3) the nominal board."""
     points_sigma_mm: Array
-    """(3,) how far a corner may lie from its nominal place in x, y, z; 0 holds the board as drawn."""
+    """(3,) one standard deviation of a corner about its nominal position in x, y, z; 0 fixes it there."""

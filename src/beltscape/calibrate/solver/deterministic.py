@@ -1,4 +1,4 @@
-"""The same digits on any number of cores: solvers run on one thread."""
+"""Deterministic solvers: OpenCV and BLAS restricted to one thread, for the same digits on any number of cores."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Parallel sums of OpenCV and of BLAS depend on the number of threads in their last digits; these do not.
+    """Run OpenCV and BLAS on one thread: the last digits of parallel sums depend on the number of threads.
 
-    The matrices are small: one thread is also the fastest.
+    The matrices are small, so one thread is also the fastest.
     """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)

@@ -1,4 +1,4 @@
-"""What is known of any lens beforehand: enough to keep a parameter sane that the images do not determine."""
+"""Prior of any lens: it keeps parameters plausible that the images do not determine."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from beltscape.core.camera import Camera
 Array = NDArray[np.float64]
 
 ASPECT_SIGMA = 0.005
-"""fx and fy differ by so much, over their mean."""
+"""Standard deviation of fx - fy over their mean."""
 CENTER_SIGMA = 0.03
-"""The principal point is so far from the image's centre, over its width."""
+"""Standard deviation of the principal point about the image's centre, over the image's width."""
 DISTORTION_SIGMA = np.array([0.5, 0.7, 0.005, 0.005, 0.7])
-"""k1, k2, p1, p2, k3 about 0."""
+"""Standard deviations of k1, k2, p1, p2, k3 about 0."""
 
 
 def pack_intrinsics(camera: Camera) -> Array:
-    """(9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """Return the intrinsics (9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
 
 
 def compute_lens_prior(camera: Camera) -> tuple[Array, Array]:
-    """Mean (9,) and information (9, 9) of a lens's parameters; nothing is said about the focal length itself.
+    """Return mean (9,) and information (9, 9) of a lens's parameters; the focal length itself has no prior.
 
-    A hundred times wider than what a good set of views tells, so that it decides only where they say nothing.
+    The prior is a hundred times wider than the estimate from a good set of views, so it matters only without them.
     """
     width, height = camera.size_px
     focal = float(camera.focal_px.mean())

@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt with damping steered by the gain ratio, as the paper has it (Eqs. 19-20)."""
+"""Levenberg–Marquardt minimisation with damping controlled by the gain ratio (the paper's Eqs. 19-20)."""
 
 from __future__ import annotations
 
@@ -15,56 +15,56 @@ class LinearisedProblem(Protocol):
     """A problem linearised at a state."""
 
     cost: float
-    """F there: half the weighted sum of squares."""
+    """F at that state: half the weighted sum of squares."""
 
     def solve_step(self, damping: float) -> NDArray[np.float64]:
         """Solve (JᵀJ + λ diag(JᵀJ)) δ = −Jᵀe (Eq. 19, Marquardt's scaling)."""
         ...
 
     def predict_decrease(self, step: NDArray[np.float64]) -> float:
-        """F(X) − L(X + δ): what the linear model promises."""
+        """Return F(X) − L(X + δ), the decrease of F that the linear model predicts."""
         ...
 
 
 class Problem(Protocol[State]):
-    """Something to minimise over a state, which need not be a vector space."""
+    """A least-squares problem over a state, which need not be a vector space."""
 
     def cost(self, state: State) -> float:
-        """F at a state."""
+        """Return F at a state."""
         ...
 
     def linearise(self, state: State) -> LinearisedProblem:
-        """The linear model at a state."""
+        """Return the problem linearised at a state."""
         ...
 
     def apply_step(self, state: State, step: NDArray[np.float64]) -> State:
-        """The state after a step."""
+        """Return the state after a step."""
         ...
 
 
 ROUNDING = 1e-26
-"""Share of the first F below which F is rounding: residuals of exact data do not fall to zero."""
+"""Share of the first F below which F is rounding error: residuals of exact data do not fall to zero."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damping:
-    """How λ follows the gain ratio ρ = [F(X) − F(X + δ)] / [F(X) − L(X + δ)] (Eq. 20)."""
+    """Rules by which λ follows the gain ratio ρ = [F(X) − F(X + δ)] / [F(X) − L(X + δ)] (Eq. 20)."""
 
     start: float = 1e-4
     high: float = 0.75
-    """η_h: above it the linear model is trusted more, λ falls."""
+    """η_h: λ falls above it, where the linear model is accurate."""
     low: float = 0.25
     """η_l: below it λ rises."""
     fall: float = 5.0
     rise: float = 4.0
     tolerance: float = 1e-9
-    """Stop when a step promises, or brings, less than this share of F."""
+    """The minimisation stops when a step is predicted to lower F, or lowers it, by less than this share."""
     iterations: int = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum(Generic[State]):
-    """Where the minimisation ended."""
+    """Result of a minimisation."""
 
     state: State
     cost: float
@@ -73,7 +73,7 @@ class Minimum(Generic[State]):
 
 
 def minimise(problem: Problem[State], state: State, damping: Damping | None = None) -> Minimum[State]:
-    """Minimise F from ``state`` on; every accepted step makes F smaller.
+    """Minimise F, starting at ``state``; every accepted step lowers F.
 
     References
     ----------

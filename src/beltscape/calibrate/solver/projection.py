@@ -1,6 +1,7 @@
-"""Projection and its derivatives, for many observations at once.
+"""Projection of points through the lens model, with its Jacobians, for many observations at once.
 
-Arrays are returned with the observations last in memory, whatever their shape says: sums over them run fast so.
+Returned arrays have the observations last in memory, whatever their shape: sums over them are faster that way.
+`Camera.project` evaluates the same model for one camera in another order of operations; a test compares the two.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ Array = NDArray[np.float64]
 
 
 def project_with_jacobians(points: Array, intrinsics: Array) -> tuple[Array, Array, Array]:
-    """Points in camera frames → pixels and their derivatives.
+    """Project points in camera frames to pixels, with derivatives.
 
     Parameters
     ----------
     points
-        (N, 3) in the frame of the camera that sees each, mm.
+        (N, 3) each in the frame of the camera that sees it, mm.
     intrinsics
-        (N, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3 of that camera; (9,) where one camera sees them all.
+        (N, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3 of that camera; (9,) if one camera sees all.
 
     Returns
     -------
@@ -31,7 +32,7 @@ def project_with_jacobians(points: Array, intrinsics: Array) -> tuple[Array, Arr
     xx, xy, yy = x * x, x * y, y * y
     r2 = xx + yy
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    # d radial / d r2, twice: times x or y it gives d radial / d x, y
+    # 2 · d radial / d r2; times x or y it is d radial / d x or d y
     slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
     by_p1, by_p2 = (2 * xy, r2 + 2 * yy), (r2 + 2 * xx, 2 * xy)
     xd = x * radial + p1 * by_p1[0] + p2 * by_p2[0]
@@ -58,7 +59,7 @@ def project_with_jacobians(points: Array, intrinsics: Array) -> tuple[Array, Arr
 
 
 def project_points(points: Array, intrinsics: Array) -> Array:
-    """(N, 2) pixels alone, as `project` has them."""
+    """Return the pixels (N, 2) of `project_with_jacobians` without derivatives."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics.T
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     r2, xy = x * x + y * y, 2 * x * y
@@ -69,16 +70,17 @@ def project_points(points: Array, intrinsics: Array) -> Array:
 
 
 def rotate_vectors(rotations: Array, vectors: Array) -> Array:
-    """(N, 3) each vector (N, 3) under its own rotation (N, 3, 3)."""
+    """Return vectors (N, 3), each rotated by its own rotation (N, 3, 3)."""
     x, y, z = vectors.T
     r = rotations.T  # r[j, i]: row i, column j
     return (r[0] * x + r[1] * y + r[2] * z).T
 
 
 def differentiate_by_pose(by_point: Array, rotated: Array) -> Array:
-    """(N, 2, 6) derivatives by a small turn (radians, about the frame it turns into) and shift (mm).
+    """Return derivatives (N, 2, 6) by a small rotation (rad, in the target frame's axes) and translation (mm).
 
-    ``by_point`` (N, 2, 3) is by the transformed point, ``rotated`` (N, 3) the point after rotation, before the shift:
+    ``by_point`` (N, 2, 3) are derivatives by the transformed point; ``rotated`` (N, 3) is the rotated point
+    before translation:
     d(exp(ω) R p + t) = ω × R p + dt.
     """
     (a, b, c), (x, y, z) = by_point.T, rotated.T

@@ -1,7 +1,7 @@
-"""The Lie group SE(3): rigid transforms as 6-vectors (rotation in radians, translation in mm), and back.
+"""The Lie group SE(3): conversion of rigid transforms to 6-vectors (rotation in rad, translation in mm) and back.
 
-A twist ξ = (ω, v) stands for ``exp(ξ)``, the rigid motion it generates in unit time; ``pose @ exp(ξ)`` disturbs a
-pose on its right, in the frame it comes from, ``exp(ξ) @ pose`` on its left, in the frame it leads to.
+A twist ξ = (ω, v) stands for ``exp(ξ)``, the rigid motion that it generates in unit time; ``pose @ exp(ξ)`` perturbs
+a pose on its right, in its source frame, ``exp(ξ) @ pose`` on its left, in its target frame.
 
 References
 ----------
@@ -19,18 +19,18 @@ from beltscape.core.pose import Pose
 Array = NDArray[np.float64]
 
 SERIES_BELOW = 1.0
-"""Angle, radians, below which the Jacobian's series is summed: its closed form loses its digits there."""
+"""Angle, rad, below which the Jacobian's series is summed: the closed form loses digits by cancellation."""
 SERIES_TERMS = 18
 
 
 def exp(twist: Array) -> Pose:
-    """Pose of a twist (6,)."""
+    """Return the pose of a twist (6,)."""
     turn, shift = twist[:3], twist[3:]
     return Pose.of(turn, _turn_jacobian(turn) @ shift)
 
 
 def log(pose: Pose) -> Array:
-    """Twist (6,) of a pose, its angle in 0..π: the inverse of `exp`."""
+    """Return the twist (6,) of a pose, its angle in 0..π: the inverse of `exp`."""
     turn = pose.rotation_vector
     angle = float(np.linalg.norm(turn))
     spin = skew(turn)
@@ -44,13 +44,13 @@ def log(pose: Pose) -> Array:
 
 
 def skew(vector: Array) -> Array:
-    """(3, 3) matrix of the cross product with a vector (3,)."""
+    """Return the matrix (3, 3) of the cross product with a vector (3,)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def adjoint(pose: Pose) -> Array:
-    """(6, 6) Ad with ``pose @ exp(ξ) = exp(Ad ξ) @ pose``."""
+    """Return Ad (6, 6) with ``pose @ exp(ξ) = exp(Ad ξ) @ pose``."""
     matrix = np.zeros((6, 6))
     matrix[:3, :3] = matrix[3:, 3:] = pose.rotation
     matrix[3:, :3] = skew(pose.translation_mm) @ pose.rotation
@@ -58,7 +58,7 @@ def adjoint(pose: Pose) -> Array:
 
 
 def small_adjoint(twist: Array) -> Array:
-    """(6, 6) ad with ``adjoint(exp(ξ)) = expm(ad ξ)``."""
+    """Return ad (6, 6) with ``adjoint(exp(ξ)) = expm(ad ξ)``."""
     matrix = np.zeros((6, 6))
     matrix[:3, :3] = matrix[3:, 3:] = skew(twist[:3])
     matrix[3:, :3] = skew(twist[3:])
@@ -66,7 +66,7 @@ def small_adjoint(twist: Array) -> Array:
 
 
 def left_jacobian(twist: Array) -> Array:
-    """(6, 6) J with ``exp(ξ + δ) ≈ exp(J δ) @ exp(ξ)``: Σ adⁿ / (n + 1)!."""
+    """Return J (6, 6) with ``exp(ξ + δ) ≈ exp(J δ) @ exp(ξ)``: Σ adⁿ / (n + 1)!."""
     ad = small_adjoint(twist)
     a = float(np.linalg.norm(twist[:3]))
     if a < SERIES_BELOW:
@@ -87,12 +87,12 @@ def left_jacobian(twist: Array) -> Array:
 
 
 def left_jacobian_inverse(twist: Array) -> Array:
-    """(6, 6) with ``log(exp(δ) @ exp(ξ)) ≈ ξ + J⁻¹ δ``."""
+    """Return J⁻¹ (6, 6) with ``log(exp(δ) @ exp(ξ)) ≈ ξ + J⁻¹ δ``."""
     return inv(left_jacobian(twist))
 
 
 def _turn_jacobian(turn: Array) -> Array:
-    """(3, 3) left Jacobian of a rotation vector: what a twist's translation becomes while it turns."""
+    """Return the left Jacobian (3, 3) of a rotation vector, which maps a twist's v to the pose's translation."""
     angle = float(np.linalg.norm(turn))
     spin = skew(turn)
     if angle < 1e-2:

@@ -1,1 +1,1 @@
-"""Calibration of captures, and checks of rigs on views they have not seen."""
+"""Calibration of captures, and checks of rigs on views that they were not calibrated with."""

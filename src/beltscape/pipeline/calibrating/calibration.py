@@ -1,4 +1,4 @@
-"""Capture and board → rig, scores and report."""
+"""Calibration of a capture of board views: the rig, its scores and findings."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import Board
 
 MAX_SPLIT_RATIO = 2.0
-"""Halves of the views may differ so much more than their covariances say."""
+"""Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
 MIN_BASELINE = 1e-3
-"""Cameras less than this share of the board's distance apart measure no depth: a planned rig has 0.1 and more."""
+"""Least baseline over the board's distance for which depth can be measured; planned rigs have 0.1 and more."""
 MIN_DISTANCE_MM, MAX_DISTANCE_MM = 90.0, 30_000.0
-"""A board outside these distances was hardly meant."""
+"""Plausible distances of a board; outside them its size was probably given in another unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Everything that calibrating a capture gave."""
+    """Result of calibrating a capture."""
 
     capture: Capture
     board: Board
@@ -57,16 +57,16 @@ class Calibration:
     """The final rig, with its scores and its covariance."""
     covariance: RigCovariance
     depth_sigma: tuple[DepthSigma, ...]
-    """What the calibration does to depths at the nearest, middle and farthest boards."""
+    """σ of depth from the calibration at the nearest, middle and farthest boards."""
     next_best_view: NextBestView | None
     """The most useful further view."""
     rig_errors: RigErrors
     training: Score
-    """On the very views the rig was found from: it flatters."""
+    """Score on the views that the rig was calibrated with; it is optimistic."""
     held_out: Score | None
-    """On views the rig was not found from: the headline. None where half of the views is too little."""
+    """Score on views that the rig was not calibrated with; None if half of the views are too few."""
     fit: FitQuality
-    """The fit, judged by its own figures."""
+    """Assessment of the fit by its own residuals."""
     given: tuple[str, ...]
     """Cameras whose intrinsics were given."""
     warnings: tuple[str, ...]
@@ -80,17 +80,56 @@ def calibrate(
     *,
     known: KnownIntrinsics | None = None,
 ) -> Calibration:
-    """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are held as they are.
+    """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are fixed.
 
-    What speaks against the fit comes first among the warnings.
+    Findings against the fit come first among the warnings.
 
     Raises
     ------
     InputError, CalibrationError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     folder = as_path(folder, "folder")
     reporter = RecordingReporter(reporter)
+    capture = _read_capture(folder, core)
+    known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
+    detections, variant = detect_board(capture, board, reporter)
+    known.require_sizes(detections.sizes_px)
+    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras)
+    _require_baselines(hierarchy, folder)
+    reporter.step("adjusting everything together", 0, 1)
+    adjustment = adjust_bundle(hierarchy, board)
+    covariance = compute_rig_covariance(adjustment)
+    reporter.step("adjusting everything together", 1, 1)
+    rig_errors, halves = _score_rig(hierarchy, adjustment, board, known, reporter)
+    _warn_of_distance(board, adjustment, reporter)
+    _warn_of_split(halves, reporter)
+    training, held_out = summarise_errors(rig_errors), halves.score if halves else None
+    foreign = known.find_foreign(hierarchy, detections, board)
+    fits = compute_camera_fits(rig_errors, board.grid)
+    findings = list_calibration_findings(hierarchy, fits, halves, training, explained=tuple(foreign))
+    fit = assess_fit(held_out or training, rig_errors, board.grid, [*foreign.values(), *findings])
+    others = [line for line in reporter.warnings if line not in fit.findings]
+    for line in fit.findings:
+        reporter.warn(line)
+    rig = replace(
+        adjustment.rig,
+        quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
+        covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
+    )
+    return Calibration(
+        capture=capture, board=board, variant=variant, detections=detections, hierarchy=hierarchy,
+        adjustment=adjustment, rig=rig, covariance=covariance,
+        depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
+        next_best_view=find_next_best_view(adjustment, covariance),
+        rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
+        given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
+        warnings=(*fit.findings, *others),
+    )  # fmt: skip
+
+
+def _read_capture(folder: Path, core: str | None) -> Capture:
+    """Read a capture; raise InputError unless it has two cameras, and the core camera if one is given."""
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
         raise InputError(
@@ -101,64 +140,29 @@ def calibrate(
         raise InputError(
             f"{folder}: no camera {core or repr(core)} in it; it has {', '.join(capture.cameras)}"
         )
-    known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
-    detections, variant = detect_board(capture, board, reporter)
-    known.require_sizes(detections.sizes_px)
-    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras)
-    _require_baselines(hierarchy, folder)
-    kernels = load()
-    own = hierarchy.detections
-    reporter.step("adjusting everything together", 0, 1)
-    adjustment = adjust_bundle(hierarchy, board)
-    covariance = compute_rig_covariance(adjustment)
-    reporter.step("adjusting everything together", 1, 1)
+    return capture
+
+
+def _score_rig(
+    hierarchy: HierarchyResult,
+    adjustment: BundleAdjustmentResult,
+    board: Board,
+    known: KnownIntrinsics,
+    reporter: Reporter,
+) -> tuple[RigErrors, CrossValidation | None]:
+    """Return the rig's errors on its own views, and the cross-validation of two halves of them."""
+    kernels, detections = load(), hierarchy.detections
     rig_errors = compute_rig_errors(
-        adjustment.rig, own, board, kernels, corners_mm=adjustment.geometry.points_mm
+        adjustment.rig, detections, board, kernels, corners_mm=adjustment.geometry.points_mm
     )
     reporter.step("scoring on held-out views", 0, 1)
-    halves = cross_validate(own, board, hierarchy.rig.core, kernels, known=known.cameras)
-    held_out = halves.score if halves else None
+    halves = cross_validate(detections, board, hierarchy.rig.core, kernels, known=known.cameras)
     reporter.step("scoring on held-out views", 1, 1)
-    _warn_of_distance(board, adjustment, reporter)
-    _warn_of_split(halves, reporter)
-    training = summarise_errors(rig_errors)
-    fits = compute_camera_fits(rig_errors, board.grid)
-    foreign = known.find_foreign(hierarchy, detections, board)
-    doubts = [
-        *foreign.values(),
-        *list_calibration_findings(hierarchy, fits, halves, training, explained=tuple(foreign)),
-    ]
-    fit = assess_fit(held_out or training, rig_errors, board.grid, doubts)
-    others = [line for line in reporter.warnings if line not in fit.findings]
-    for line in fit.findings:
-        reporter.warn(line)
-    rig = replace(
-        adjustment.rig,
-        quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
-        covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
-    )
-    return Calibration(
-        capture=capture,
-        board=board,
-        variant=variant,
-        detections=detections,
-        hierarchy=hierarchy,
-        adjustment=adjustment,
-        rig=rig,
-        covariance=covariance,
-        depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
-        next_best_view=find_next_best_view(adjustment, covariance),
-        rig_errors=rig_errors,
-        training=training,
-        held_out=held_out,
-        fit=fit,
-        given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
-        warnings=(*fit.findings, *others),
-    )
+    return rig_errors, halves
 
 
 def _require_baselines(hierarchy: HierarchyResult, folder: Path) -> None:
-    """Raise CalibrationError where two cameras stand at the same place: no depth can be measured with them."""
+    """Raise CalibrationError if two cameras are at the same place: they measure no depth."""
     centers = {name: pose.center_mm for name, pose in hierarchy.rig.cam_from_core.items()}
     boards = [
         pose.translation_mm[2]
@@ -175,7 +179,7 @@ def _require_baselines(hierarchy: HierarchyResult, folder: Path) -> None:
 
 
 def _warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
-    """State it where the standard deviations are too small."""
+    """Warn if the stated standard deviations are too small."""
     if halves is not None and halves.split_ratio > MAX_SPLIT_RATIO:
         reporter.warn(
             f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
@@ -184,7 +188,7 @@ def _warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
 
 
 def _warn_of_distance(board: Board, adjustment: BundleAdjustmentResult, reporter: Reporter) -> None:
-    """State it where the board's size is not believable."""
+    """Warn if the board's size is implausible."""
     distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
     if not MIN_DISTANCE_MM < distance < MAX_DISTANCE_MM:
         factor, unit = (10, "centimetres") if distance < MIN_DISTANCE_MM else (0.001, "micrometres")
@@ -202,7 +206,7 @@ def _make_quality(
     training: Score,
     fit: FitQuality,
 ) -> Mapping[str, Any]:
-    """What rig.json says of itself, with the board's own shape, which `check` needs."""
+    """Return the quality record of rig.json, with the board's shape, which `check` needs."""
     shaped = bool(np.any(adjustment.shape_mm))
     return {
         "held_out": held_out.document() if held_out else None,

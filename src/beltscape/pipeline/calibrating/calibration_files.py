@@ -1,4 +1,4 @@
-"""A calibration on disk: rig.json, calibration.json, report.html."""
+"""Files of a calibration: rig.json, calibration.json, report.html."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.calibrating.calibration import Calibration
 from beltscape.report.calibration import calibration_page
 
-SHOWN = 12
-"""Rejected views shown in the report."""
+MAX_REJECTED = 12
+"""Largest number of rejected views in the report."""
 
 
 def write_calibration(out: Path, calibration: Calibration) -> None:
-    """rig.json, calibration.json and report.html."""
+    """Write rig.json, calibration.json and report.html."""
     write_rig(out / "rig.json", calibration.rig)
     write_json(out / "calibration.json", calibration_document(calibration))
     page = calibration_page(
@@ -46,17 +46,17 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
 
 
 def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
-    """(why, image) of the views that were left out as a whole, for the report."""
-    found: list[tuple[str, Image]] = []
+    """Return (caption, image) of the rejected views for the report."""
+    rejected: list[tuple[str, Image]] = []
     for name, camera in calibration.hierarchy.monocular.items():
-        for frame, why in camera.rejected.items():
+        for frame, reason in camera.rejected.items():
             image = read_image(calibration.capture.files[name][frame])
-            found.append((f"{name}, frame {frame}: {why}", image))
-    return found[:SHOWN]
+            rejected.append((f"{name}, frame {frame}: {reason}", image))
+    return rejected[:MAX_REJECTED]
 
 
 def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
-    """calibration.json: what each level of the hierarchy found."""
+    """Return calibration.json, the results of each level of the hierarchy."""
     hierarchy, adjustment = calibration.hierarchy, calibration.adjustment
     return {
         "format": "beltscape-calibration/1",
@@ -157,7 +157,7 @@ def _closure_document(error: Misclosure) -> Mapping[str, Any]:
 
 
 def _corners_left_out(adjustment: BundleAdjustmentResult) -> list[Mapping[str, Any]]:
-    """Every corner that the final adjustment did without, and how far off it was."""
+    """Return the corners that the final adjustment left out, with their errors."""
     o, names = adjustment.bundle.observations, list(adjustment.rig.cameras)
     off = np.linalg.norm(adjustment.bundle.compute_errors_px(adjustment.geometry), axis=1)
     return [

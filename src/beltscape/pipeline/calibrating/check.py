@@ -108,16 +108,18 @@ def _detect_board(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> B
 
 def _describe_board_differences(rig: Rig, board: Board) -> Iterator[str]:
     """Yield a line if the board's description differs from that of the rig's calibration."""
-    own = _get_rig_board(rig)
-    if own is None:
+    rig_board = _get_rig_board(rig)
+    if rig_board is None:
         return
     given = to_plain(board.model_dump(exclude={"legacy", "inverted"}))
-    other = [key for key in given if own.get(key) != given[key]]
-    if other:
-        differences = ", ".join(f"{key} = {given[key]} (the rig's: {own.get(key)})" for key in other)
+    differing = [key for key in given if rig_board.get(key) != given[key]]
+    if differing:
+        differences = ", ".join(
+            f"{key} = {given[key]} (the rig's: {rig_board.get(key)})" for key in differing
+        )
         yield (
-            f"the board is not described as the one the rig was calibrated with: {differences}; correct board.toml if "
-            "it is the same board"
+            f"the board is not described as the one the rig was calibrated with: {differences}; correct board.toml "
+            "if it is the same board"
         )
 
 
@@ -148,5 +150,5 @@ def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
 
 def _get_rig_board(rig: Rig) -> dict[str, Any] | None:
     """Return the board of the rig's calibration from rig.json; None if it is unknown."""
-    own = to_plain(rig.quality.get("board"))
-    return own if isinstance(own, dict) else None
+    rig_board = to_plain(rig.quality.get("board"))
+    return rig_board if isinstance(rig_board, dict) else None

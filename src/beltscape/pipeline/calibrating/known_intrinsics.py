@@ -1,4 +1,4 @@
-"""Intrinsics that are given, matched to the cameras of a capture: every name and size is accounted for."""
+"""Given intrinsics, matched to the cameras of a capture by name and image size."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from beltscape.target.board import Board, corner_points_mm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownIntrinsics:
-    """Cameras whose intrinsics are held, and where they come from."""
+    """Cameras with given intrinsics, and their source."""
 
     cameras: Mapping[str, Camera]
     """By name."""
     source: str = "known"
-    """The file, or whatever messages are to call them."""
+    """The file, or another name for messages."""
 
     def match_capture(self, capture: Capture, reporter: Reporter) -> KnownIntrinsics:
-        """Return those of the capture's cameras; names that only one side has are stated.
+        """Return the intrinsics of the capture's cameras; warn of names that only one side has.
 
         Raises
         ------
         InputError
-            When none of them is of a camera of the capture.
+            When none of them belongs to a camera of the capture.
         """
         held = {name: camera for name, camera in self.cameras.items() if name in capture.cameras}
         if not held:
@@ -52,16 +52,17 @@ class KnownIntrinsics:
         return KnownIntrinsics(held, self.source)
 
     def require_sizes(self, sizes_px: Mapping[str, tuple[int, int]]) -> None:
-        """Raise InputError where a camera's images have another size than its intrinsics are for."""
-        other = [
+        """Raise InputError if the size of a camera's images differs from that of its intrinsics."""
+        mismatched = [
             name
             for name, camera in self.cameras.items()
             if sizes_px.get(name, camera.size_px) != camera.size_px
         ]
-        if other:
+        if mismatched:
             listed = ", ".join(
-                f"{name} for {_format_size(self.cameras[name].size_px)} px, its images have {_format_size(sizes_px[name])} px"
-                for name in other
+                f"{name} for {_format_size(self.cameras[name].size_px)} px, "
+                f"its images have {_format_size(sizes_px[name])} px"
+                for name in mismatched
             )
             raise InputError(
                 f"{self.source}: intrinsics of another image size ({listed}); give those of this size"
@@ -70,7 +71,7 @@ class KnownIntrinsics:
     def find_foreign(
         self, hierarchy: HierarchyResult, detections: BoardDetections, board: Board
     ) -> dict[str, str]:
-        """Return a line by camera for those whose own views fit far better with intrinsics of their own."""
+        """Return by camera a line for those whose views fit far better with estimated intrinsics."""
         lines: dict[str, str] = {}
         board_mm = corner_points_mm(board)
         for name in self.cameras:

@@ -19,7 +19,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.evaluate.truth.occluded_pixels import never_seen
-from beltscape.evaluate.truth.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rasters.images import read_image
@@ -43,7 +43,7 @@ class Scene:
     true_depth_mm: np.ndarray
     region: np.ndarray
     """(H, W) bool: the scene's own surface, where the projector lights it."""
-    unseen: np.ndarray
+    occluded: np.ndarray
     """(H, W) bool: no auxiliary sees the pixel; of all surfaces along the same stretch."""
     true_volume_mm3: float | None = None
     along_mm: tuple[float, float] = (-VOLUME_MM, VOLUME_MM)
@@ -60,9 +60,9 @@ class Scene:
         return replace(
             self,
             rig=found,
-            true_depth_mm=depth_on_grid_of(found, self.rig, self.true_depth_mm),
-            region=mask_on_grid_of(found, self.rig, self.region),
-            unseen=mask_on_grid_of(found, self.rig, self.unseen),
+            true_depth_mm=resample_depth(found, self.rig, self.true_depth_mm),
+            region=resample_mask(found, self.rig, self.region),
+            occluded=resample_mask(found, self.rig, self.occluded),
         )
 
 
@@ -78,9 +78,9 @@ def rendered(folder: Path, name: str, halvings: int, capture: str | None = None)
     rig = scale_rig(whole, 0.5**halvings)
     arrays = np.load(folder / "truth" / f"{name}_depth_cam0.npz")
     depth, labels = arrays["z_pinhole"].astype(np.float64), arrays["label_pinhole"]
-    unseen = never_seen(whole, depth, load())
+    occluded = never_seen(whole, depth, load())
     if halvings:
-        depth, labels, unseen = _halved_truth(depth, labels, unseen, 2**halvings)
+        depth, labels, occluded = _halved_truth(depth, labels, occluded, 2**halvings)
     core = truth["cameras"]["cam0"]
     world_from_core = Pose.of(core["R"], core["t"]).inverse()
     lit = _lit(rig, depth, world_from_core)
@@ -92,7 +92,7 @@ def rendered(folder: Path, name: str, halvings: int, capture: str | None = None)
     }
     volume = folder / "truth" / f"{name}_volume.json"
     return Scene(
-        capture or name, rig, FrameSet("000", images), depth, np.isin(labels, LABELS[name]) & lit, unseen & lit,
+        capture or name, rig, FrameSet("000", images), depth, np.isin(labels, LABELS[name]) & lit, occluded & lit,
         json.loads(volume.read_text())["volume_mm3"] if volume.is_file() else None,
         (-VOLUME_MM - origin_y, VOLUME_MM - origin_y),
     )  # fmt: skip
@@ -104,13 +104,13 @@ def _lit(rig: Rig, depth_mm: np.ndarray, world_from_core: Pose) -> np.ndarray:
 
 
 def _halved_truth(
-    depth: np.ndarray, labels: np.ndarray, unseen: np.ndarray, step: int
+    depth: np.ndarray, labels: np.ndarray, occluded: np.ndarray, step: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A halved pixel lies between four: their mean, where they are one surface; unseen where all are."""
+    """A halved pixel lies between four: their mean, where they are one surface; occluded where all are."""
     shape = (depth.shape[0] // step, step, depth.shape[1] // step, step)
     blocks = depth.reshape(shape)
     depth = np.where(np.ptp(blocks, axis=(1, 3)) < 4, 1 / (1 / blocks).mean(axis=(1, 3)), np.nan)
-    return depth, labels[::step, ::step], np.asarray(unseen.reshape(shape).all(axis=(1, 3)))
+    return depth, labels[::step, ::step], np.asarray(occluded.reshape(shape).all(axis=(1, 3)))
 
 
 def true_rig(truth: dict) -> Rig:
@@ -145,8 +145,8 @@ def demo_scenes() -> list[Scene]:
         lit = _lit(rig, depth, belt_from_core)
         images = {c: read_image(data / name / c / "000.png") for c in rig.cameras}
         volume = _true_volume(volumes["scenes"].get(name))
-        unseen = never_seen(rig, depth, load()) & lit
-        scenes.append(Scene(name, rig, FrameSet("000", images), depth, lit, unseen, volume))
+        occluded = never_seen(rig, depth, load()) & lit
+        scenes.append(Scene(name, rig, FrameSet("000", images), depth, lit, occluded, volume))
     return scenes
 
 
@@ -173,5 +173,5 @@ def full_size(cache: Path) -> Scene | None:
         depth, label, views = arrays["depth_mm"].astype(np.float64), arrays["label"], arrays["views"]
     lit = _lit(rig, depth, Pose.of(pose["rotation"], pose["translation_mm"]).inverse())
     images = {c: read_image(folder / c / "000.png") for c in rig.cameras}
-    unseen = lit & (views == 0) & np.isfinite(depth)
-    return Scene("belt_loaded", rig, FrameSet("000", images), depth, lit & (label == 2), unseen)
+    occluded = lit & (views == 0) & np.isfinite(depth)
+    return Scene("belt_loaded", rig, FrameSet("000", images), depth, lit & (label == 2), occluded)

@@ -16,11 +16,15 @@ import numpy as np
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
-from beltscape.evaluate.real_pairs.read_pairs import METHODS, dice_auto, dice_gt4, motorcycle
+from beltscape.evaluate.real_pairs.read_pairs import METHODS, read_dice_auto, read_dice_gt4, read_motorcycle
 from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
-from beltscape.evaluate.scores.depth import robust_sigma
+from beltscape.evaluate.scores.depth import compute_robust_sigma
 
-PAIRS = {"dice_gt4_speckle": dice_gt4, "dice_stereo_auto": dice_auto, "middlebury_motorcycle": motorcycle}
+PAIRS = {
+    "dice_gt4_speckle": read_dice_gt4,
+    "dice_stereo_auto": read_dice_auto,
+    "middlebury_motorcycle": read_motorcycle,
+}
 SUBSETS_PX = (1, 9, 25)
 
 
@@ -42,7 +46,7 @@ def real_pairs(folder: Path) -> list[str]:
             off = pair.epipolar_px()
             notes.append(
                 f"{pair.name}: reference beside its epipolar lines by {np.median(off):+.3f} px (median), "
-                f"robust σ {robust_sigma(off):.3f} px, P95 {np.percentile(np.abs(off), 95):.3f} px."
+                f"robust σ {compute_robust_sigma(off):.3f} px, P95 {np.percentile(np.abs(off), 95):.3f} px."
             )
         else:
             shares += _shares(pair)
@@ -61,7 +65,7 @@ def _agreements(pair: SpecklePair) -> list[str]:
             continue
         took = time.perf_counter() - start
         for edge in SUBSETS_PX:
-            a = pair.agreement_px(depth, subset_px=edge)
+            a = pair.compare(depth, subset_px=edge)
             rows.append(
                 f"| {pair.name} | {method} | {edge}×{edge} px | {a.points} | {a.measured:.1%} | "
                 f"{a.median_px:+.4f} | {a.robust_sigma_px:.4f} | {a.p95_px:.3f} | {a.gross:.2%} | {took:.2f} |"
@@ -79,7 +83,7 @@ def _shares(pair: DisparityPair) -> list[str]:
             rows.append(f"| {pair.name} | {method} | {error} |" + " |" * 8)
             continue
         took = time.perf_counter() - start
-        for label, region in (("all", None), ("seen by both", pair.seen_by_both())):
+        for label, region in (("all", None), ("seen by both", pair.covisible_mask())):
             s = pair.score(depth, region)
             rows.append(
                 f"| {pair.name} | {method} | {label} | {s.pixels} | {s.coverage:.1%} | {s.within_half_px:.1%} | "

@@ -5,7 +5,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.evaluate.scores.depth import interior_pixels, robust_sigma, score_depth
+from beltscape.evaluate.scores.depth import compute_robust_sigma, interior_mask, score_depth
 
 
 def depth_map(z: np.ndarray, sigma_mm: float = 0.1) -> DepthMap:
@@ -55,9 +55,9 @@ def test_errors_near_a_step_are_not_interior():
 
 def test_a_steep_slope_is_no_step():
     slope = 700 + 3.0 * np.arange(50)[None, :] + np.zeros((50, 1))
-    assert interior_pixels(slope).all()
+    assert interior_mask(slope).all()
     slope[:, 25:] += 4
-    inside = interior_pixels(slope)
+    inside = interior_mask(slope)
     assert not inside[:, 20:30].any()
     assert inside[:, :16].all()
 
@@ -82,7 +82,7 @@ def test_an_empty_region_has_no_numbers():
 def test_outliers_do_not_move_the_robust_sigma():
     values = np.random.default_rng(0).normal(0, 2, 10_000)
     values[:1000] = 1e6
-    assert robust_sigma(values) == pytest.approx(2.0, rel=0.2)
+    assert compute_robust_sigma(values) == pytest.approx(2.0, rel=0.2)
 
 
 def test_another_grid_is_refused():

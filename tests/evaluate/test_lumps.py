@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.evaluate.scores.lumps import overlap, score_lumps
+from beltscape.evaluate.scores.lumps import compute_overlap, score_lumps
 from beltscape.measure.lumps.distribution import compute_distribution
 from beltscape.measure.lumps.lumps import Lumps
 from beltscape.measure.lumps.shape import Lump
@@ -72,7 +72,7 @@ def test_three_parts_match_nothing_and_a_shift_costs_iou():
     parts[:, 60:] = np.where(parts[:, 60:] > 0, 3, 0)
     assert score(parts, [lump(1, 40.0), lump(2, 40.0), lump(3, 40.0)]).recall == 0
     shifted = np.roll(np.where(squares() == 0, 1, 0), 15, axis=1)
-    found = overlap(shifted, squares(), 1, 4)
+    found = compute_overlap(shifted, squares(), 1, 4)
     assert found.iou[found.rock == 0] == pytest.approx(60 / 90)
 
 

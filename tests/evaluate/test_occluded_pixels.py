@@ -5,7 +5,7 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.truth.occluded_pixels import never_seen
+from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.kernels import load
 
 SIZE = (200, 40)
@@ -31,7 +31,7 @@ def bar_before_a_wall() -> np.ndarray:
 
 
 def test_what_the_bar_hides_and_what_lies_out_of_view():
-    hidden = never_seen(rig(100), bar_before_a_wall(), load())
+    hidden = occluded_mask(rig(100), bar_before_a_wall(), load())
     expected = np.zeros(SIZE[0], bool)
     expected[:30] = True  # left of the auxiliary's image
     expected[70:90] = True  # where the bar, seen 60 px further left, covers the wall seen 30 px further left
@@ -40,7 +40,7 @@ def test_what_the_bar_hides_and_what_lies_out_of_view():
 
 
 def test_two_auxiliaries_hide_only_what_is_hidden_from_both():
-    hidden = never_seen(rig(100, -100), bar_before_a_wall(), load())
+    hidden = occluded_mask(rig(100, -100), bar_before_a_wall(), load())
     assert not hidden[:, 32:168].any()
     assert not hidden[:, 100:120].any()
 
@@ -48,4 +48,4 @@ def test_two_auxiliaries_hide_only_what_is_hidden_from_both():
 def test_pixels_without_truth_are_not_counted():
     depth = bar_before_a_wall()
     depth[:, 75:80] = np.nan
-    assert not never_seen(rig(100), depth, load())[:, 75:80].any()
+    assert not occluded_mask(rig(100), depth, load())[:, 75:80].any()

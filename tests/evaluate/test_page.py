@@ -12,14 +12,14 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.paper.density import densities
-from beltscape.evaluate.paper.dimensions import rows_of
-from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper, paper_document
+from beltscape.evaluate.paper.density import compute_density_gains
+from beltscape.evaluate.paper.dimensions import tabulate_dimensions
+from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper, make_paper_document
 from beltscape.evaluate.paper.laboratory import Laboratory, Scene
-from beltscape.evaluate.paper.numbers import paper_numbers
-from beltscape.evaluate.paper.other_sensors import PEERS
-from beltscape.evaluate.paper.pages.page import paper_page
-from beltscape.evaluate.paper.surfaces import METHODS, Found, nothing
+from beltscape.evaluate.paper.numbers import read_paper_numbers
+from beltscape.evaluate.paper.other_sensors import BASELINES
+from beltscape.evaluate.paper.pages.page import render_paper_page
+from beltscape.evaluate.paper.surfaces import METHODS, ScoredDepth, make_empty_depth_map
 from beltscape.evaluate.paper.tof import TOF
 from beltscape.evaluate.scores.frame_score import score_frame
 from beltscape.evaluate.scores.rig import RigScore
@@ -45,7 +45,7 @@ def truth(kind: str) -> Truth:
     return Truth(rig(), WORLD_UP, depth, label, np.zeros(label.shape, bool))
 
 
-def found(scene: str, by: str, noise_mm: float, share: float = 1.0) -> Found:
+def found(scene: str, by: str, noise_mm: float, share: float = 1.0) -> ScoredDepth:
     true, rng = truth(scene.removesuffix("_nospeckle")), np.random.default_rng(7)
     z = (true.depth_mm + rng.normal(0, noise_mm, true.depth_mm.shape)).astype(np.float32)
     z[rng.uniform(size=z.shape) > share] = np.nan
@@ -53,7 +53,7 @@ def found(scene: str, by: str, noise_mm: float, share: float = 1.0) -> Found:
     depth = DepthMap(
         z, np.full(z.shape, noise_mm, np.float32), ones.astype(np.uint8), ones.astype(np.float32)
     )
-    return Found(scene, by, Path("somewhere"), depth, true, score_frame(depth, rig(), true))
+    return ScoredDepth(scene, by, Path("somewhere"), depth, true, score_frame(depth, rig(), true))
 
 
 def paper(*, alone: bool = False) -> Paper:
@@ -61,8 +61,8 @@ def paper(*, alone: bool = False) -> Paper:
     scenes = ["belt_loaded"] if alone else [s + e for s in LABEL for e in ("", "_nospeckle")]
     surfaces = {(s, m): found(s, m, 0.1, 0.2 if "no" in s else 0.9) for s in scenes for m in METHODS}
     if alone:
-        true, empty = truth("belt_loaded"), nothing(rig())
-        surfaces["belt_loaded", "binocular"] = Found(
+        true, empty = truth("belt_loaded"), make_empty_depth_map(rig())
+        surfaces["belt_loaded", "binocular"] = ScoredDepth(
             "belt_loaded", "binocular", None, empty, true, score_frame(empty, rig(), true)
         )
     lab = Laboratory(
@@ -74,19 +74,21 @@ def paper(*, alone: bool = False) -> Paper:
             for s in scenes
         },
     )
-    names = [peer.name for peer in PEERS]
+    names = [baseline.name for baseline in BASELINES]
     measured = {by: {"cube100 edge": (100.25, 0.1)} for by in (*METHODS, TOF, *names)}
-    numbers = paper_numbers()
+    numbers = read_paper_numbers()
     return Paper(
         numbers=numbers,
         laboratory=lab,
         rig=rig(),
         rig_score=RigScore(0.01, 0.04, {"cam1": 0.001}, {"cam1": 0.01}),
         surfaces=surfaces,
-        density=densities(surfaces),
-        dimensions=() if alone else rows_of(numbers.dimension, measured),
+        density=compute_density_gains(surfaces),
+        dimensions=() if alone else tabulate_dimensions(numbers.dimension, measured),
         tof=None if alone else found("module", TOF, 4.0),
-        peers={} if alone else {(s, n): found(s, n, 0.2) for s in ("belt_loaded", "module") for n in names},
+        baselines={}
+        if alone
+        else {(s, n): found(s, n, 0.2) for s in ("belt_loaded", "module") for n in names},
         moving=() if alone else tuple(found("belt_loaded", f"{t:g} mm", 0.1 + t) for t in TRAVELS_MM),
         seconds={"calibration": 1.0},
         warnings=(),
@@ -94,7 +96,7 @@ def paper(*, alone: bool = False) -> Paper:
 
 
 def test_the_whole_report():
-    page = paper_page(paper())
+    page = render_paper_page(paper())
     for text in (
         "Table 2", "Table 3", "Figs. 13 to 15", "Fig. 16", "Fig. 17", "line laser", "moving belt",
         "100.612", "108.115", "100.250", "+0.250", "9.5 ×", "Hou, Kang &amp; Qiao",
@@ -112,7 +114,7 @@ def _no_nan(page: str) -> bool:
 
 
 def test_what_is_left_out_leaves_no_hole():
-    page = paper_page(paper(alone=True))
+    page = render_paper_page(paper(alone=True))
     assert "Figs. 13 to 15" in page
     for text in ("Table 2", "Table 3", "Fig. 16:", "line laser:", "moving belt"):
         assert text not in page
@@ -120,7 +122,7 @@ def test_what_is_left_out_leaves_no_hole():
 
 
 def test_the_document_is_json_with_all_numbers():
-    document = json.loads(to_json(paper_document(paper())))
+    document = json.loads(to_json(make_paper_document(paper())))
     assert len(document["dimensions"]) == 12
     assert document["dimensions"][0]["measured_mm"]["multiview"] == 100.25
     assert document["dimensions"][1]["measured_mm"]["multiview"] is None

@@ -16,8 +16,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
-from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair, nearest_depth_mm
-from beltscape.evaluate.real_pairs.subsets import find_subsets, turned_to_meet
+from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair, triangulate_depth_mm
+from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose
 
 LENS = np.array([-0.1, 0.05, 1e-3, -5e-4, 0.02])
 POSE = Pose.of([0.02, -0.15, 0.01], [-100.0, 3.0, 8.0])
@@ -51,7 +51,7 @@ def pair() -> SpecklePair:
 
 @pytest.mark.parametrize("subset_px", [1, 9])
 def test_the_true_depth_agrees_through_both_lenses(pair, subset_px):
-    agreement = pair.agreement_px(depth_map(tilted(CAMERAS["a"].rays())), subset_px=subset_px)
+    agreement = pair.compare(depth_map(tilted(CAMERAS["a"].rays())), subset_px=subset_px)
     assert agreement.points == 63
     assert agreement.measured == 1
     np.testing.assert_allclose(agreement.along_px, 0, atol=2e-3)  # float32 and straight lines between pixels
@@ -60,7 +60,7 @@ def test_the_true_depth_agrees_through_both_lenses(pair, subset_px):
 
 def test_a_nearer_surface_differs_by_its_disparity(pair):
     true = tilted(CAMERAS["a"].rays())
-    nearer = pair.agreement_px(depth_map(true / (1 + 1e-3))).along_px
+    nearer = pair.compare(depth_map(true / (1 + 1e-3))).along_px
     # baseline 100 mm, focal length 390 px: 1e-3 of the disparity
     expected = 1e-3 * 390 * 100 / pair.reference_depth_mm()
     np.testing.assert_allclose(nearer, expected, rtol=0.15)
@@ -70,7 +70,7 @@ def test_gaps_and_gross_errors_are_counted(pair):
     depth_mm = tilted(CAMERAS["a"].rays())
     depth_mm[:, :160] = np.nan
     depth_mm[120:] *= 0.9
-    agreement = pair.agreement_px(depth_map(depth_mm))
+    agreement = pair.compare(depth_map(depth_mm))
     assert agreement.measured == pytest.approx(np.isfinite(agreement.along_px).mean())
     assert 0.4 < agreement.measured < 0.6
     assert 0.4 < agreement.gross < 0.6
@@ -80,10 +80,10 @@ def test_across_the_line_is_the_calibrations_error_and_along_the_matchers(pair):
     rays = CAMERAS["a"].undistort(pair.core_px)
     away = replace(pair, aux_px=pair.aux_px + np.array([0.0, 0.3]))  # the baseline lies along u
     assert np.abs(np.abs(away.epipolar_px()) - 0.3).max() < 0.03
-    along = away.agreement_px(depth_map(tilted(CAMERAS["a"].rays()))).along_px
+    along = away.compare(depth_map(tilted(CAMERAS["a"].rays()))).along_px
     assert np.abs(along).max() < 0.06
     np.testing.assert_allclose(
-        nearest_depth_mm(RIG, pair.core_px, pair.aux_px, 700.0), tilted(rays), rtol=1e-9
+        triangulate_depth_mm(RIG, pair.core_px, pair.aux_px, 700.0), tilted(rays), rtol=1e-9
     )
 
 
@@ -95,7 +95,9 @@ def test_a_turned_camera_is_turned_back(pair):
     core_px = np.concatenate([pair.core_px, pair.core_px])
     aux_px = np.concatenate([pair.aux_px, CAMERAS["b"].project(POSE.apply(deeper))])
     aux_px[5, 1] += 8.0  # a false match
-    found = turned_to_meet(replace(RIG, cam_from_core={"a": Pose.identity(), "b": moved}), core_px, aux_px)
+    found = fit_auxiliary_pose(
+        replace(RIG, cam_from_core={"a": Pose.identity(), "b": moved}), core_px, aux_px
+    )
     back = found.cam_from_core["b"]
     assert (back @ POSE.inverse()).angle_deg < 0.01
     np.testing.assert_allclose(back.translation_mm, POSE.translation_mm, atol=0.1)
@@ -162,7 +164,7 @@ def test_every_share_counts_what_it_says_in_px(steps):
 
 
 def test_what_the_post_hides_or_the_image_ends_is_not_seen_by_both(steps):
-    seen = steps.seen_by_both()[0]
+    seen = steps.covisible_mask()[0]
     hidden = np.flatnonzero(~seen)
     # wall at u is hidden where u - 4 = post's u' - 10, u' = 20…23; u < 4 leaves the right image
     assert hidden.tolist() == [0, 1, 2, 3, 14, 15, 16, 17, 39]

@@ -7,9 +7,15 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from beltscape.evaluate.real_pairs.read_pairs import METHODS, dice_auto, dice_auto_plane, dice_gt4, motorcycle
+from beltscape.evaluate.real_pairs.read_pairs import (
+    METHODS,
+    read_dice_auto,
+    read_dice_auto_plane,
+    read_dice_gt4,
+    read_motorcycle,
+)
 from beltscape.evaluate.real_pairs.subsets import find_subsets
-from beltscape.evaluate.scores.depth import robust_sigma
+from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 
 class Points(NamedTuple):
@@ -24,7 +30,7 @@ class Points(NamedTuple):
 
 
 class Shares(NamedTuple):
-    """What a method must reach on the motorcycle, of the pixels that both cameras see."""
+    """What a method must reach on the read_motorcycle, of the pixels that both cameras see."""
 
     coverage: float
     within_half_px: float
@@ -51,7 +57,7 @@ MOTORCYCLE = {
 
 def check_points(pair, method: str, limits: Points) -> None:
     depth = METHODS[method](pair.rig, pair.frame_set, pair.depth_range_mm)
-    single, subset = pair.agreement_px(depth), pair.agreement_px(depth, subset_px=25)
+    single, subset = pair.compare(depth), pair.compare(depth, subset_px=25)
     assert single.measured > limits.measured
     assert abs(single.median_px) < limits.median_px
     assert single.robust_sigma_px < limits.robust_sigma_px
@@ -62,19 +68,19 @@ def check_points(pair, method: str, limits: Points) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_painted_sheet_against_dice(real_data, method):
-    check_points(dice_gt4(real_data("dice_gt4_speckle")), method, GT4[method])
+    check_points(read_dice_gt4(real_data("dice_gt4_speckle")), method, GT4[method])
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_three_specimens_against_their_subsets(real_data, method):
-    check_points(dice_auto(real_data("dice_stereo_auto")), method, AUTO[method])
+    check_points(read_dice_auto(real_data("dice_stereo_auto")), method, AUTO[method])
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_motorcycle_against_its_truth(real_data, method):
-    pair, limits = motorcycle(real_data("middlebury_motorcycle")), MOTORCYCLE[method]
+    pair, limits = read_motorcycle(real_data("middlebury_motorcycle")), MOTORCYCLE[method]
     depth = METHODS[method](pair.rig, pair.frame_set, pair.depth_range_mm)
-    score = pair.score(depth, pair.seen_by_both())
+    score = pair.score(depth, pair.covisible_mask())
     assert score.pixels > 300_000
     assert score.coverage > limits.coverage
     assert score.within_half_px > limits.within_half_px
@@ -85,31 +91,31 @@ def test_a_motorcycle_against_its_truth(real_data, method):
 
 
 def test_vic3ds_calibration_fits_dices_correspondences(real_data):
-    off = dice_gt4(real_data("dice_gt4_speckle")).epipolar_px()
+    off = read_dice_gt4(real_data("dice_gt4_speckle")).epipolar_px()
     assert len(off) == 119
     assert abs(np.median(off)) < 0.13  # a shift of the whole: the calibration's age, not its convention
-    assert robust_sigma(off) < 0.04
+    assert compute_robust_sigma(off) < 0.04
 
 
 def test_the_fitted_rig_fits_its_subsets(real_data):
-    off = dice_auto(real_data("dice_stereo_auto")).epipolar_px()
+    off = read_dice_auto(real_data("dice_stereo_auto")).epipolar_px()
     assert len(off) > 550
-    assert robust_sigma(off) < 0.05
+    assert compute_robust_sigma(off) < 0.05
     assert np.percentile(np.abs(off), 95) < 0.13
 
 
 def test_our_subsets_are_dices_where_dice_correlated(real_data):
-    pair = dice_gt4(real_data("dice_gt4_speckle"))
+    pair = read_dice_gt4(real_data("dice_gt4_speckle"))
     images = [pair.frame_set.images[name] for name in pair.rig.cameras]
     found, _ = find_subsets(*images, pair.core_px, pair.aux_px, subset_px=25, reach_px=(5, 5))
     for axis in (0, 1):
         difference = (found - pair.aux_px)[:, axis]
         assert abs(np.median(difference)) < 0.01
-        assert robust_sigma(difference) < 0.02
+        assert compute_robust_sigma(difference) < 0.02
 
 
 def test_dices_correspondences_of_the_three_specimens_are_a_plane(real_data):
-    plane, table = dice_auto_plane(real_data("dice_stereo_auto"))
+    plane, table = read_dice_auto_plane(real_data("dice_stereo_auto"))
     mapped = np.column_stack([table[:, :2], np.ones(len(table))]) @ plane.T
     moved = mapped[:, :2] / mapped[:, 2:] - table[:, :2]
     assert np.abs(moved - table[:, 2:]).max() < 6e-4  # the printed digits

@@ -46,16 +46,16 @@ def ours(tmp_path):
 
 
 def test_our_own_layout(ours):
-    truth = read_truth(ours).of("anything")
+    truth = read_truth(ours).for_frame("anything")
     depth, label = arrays()
     np.testing.assert_array_equal(truth.depth_mm, depth)
     np.testing.assert_array_equal(truth.label, label)
-    np.testing.assert_array_equal(truth.unseen.sum(axis=0), [0, 30, 30, 30, 30] + [0] * 35)
+    np.testing.assert_array_equal(truth.occluded.sum(axis=0), [0, 30, 30, 30, 30] + [0] * 35)
 
 
 def test_regions_end_along_the_belt(ours):
     truth = read_truth(ours / "belt_loaded_depth.npz").truths[0]
-    regions = truth.regions(150.0)
+    regions = truth.region_masks(150.0)
     assert set(regions) == {"belt", "material", "all"}
     np.testing.assert_array_equal(regions["all"], regions["belt"] | regions["material"])
     rows = np.flatnonzero(regions["belt"].any(axis=1))
@@ -82,8 +82,8 @@ def test_the_layout_by_camera(tmp_path, ours):
     np.testing.assert_array_equal(truth.depth_mm, same.depth_mm)
     np.testing.assert_allclose(truth.core_from_world.translation_mm, WORLD_UP.translation_mm)
     # cast from the found depth: what the auxiliary has left of its image, and behind the box
-    assert truth.unseen.any()
-    assert not truth.unseen[:, 30:].any()
+    assert truth.occluded.any()
+    assert not truth.occluded[:, 30:].any()
 
 
 def test_a_truth_for_each_frame(ours):
@@ -93,19 +93,19 @@ def test_a_truth_for_each_frame(ours):
     )
     truth = read_truth(ours, "belt_moving")
     assert len(truth.truths) == 2
-    assert np.nanmax(truth.of("001").depth_mm) == 705
+    assert np.nanmax(truth.for_frame("001").depth_mm) == 705
     with pytest.raises(InputError, match="no truth of frame 002"):
-        truth.of("002")
+        truth.for_frame("002")
     with pytest.raises(InputError, match="2 scenes in it"):
         read_truth(ours)
 
 
 def test_on_its_own_grid_it_is_itself(ours):
     truth = read_truth(ours).truths[0]
-    again = truth.on_grid_of(truth.rig)
+    again = truth.resample_to(truth.rig)
     np.testing.assert_allclose(again.depth_mm, truth.depth_mm, rtol=1e-12)
     np.testing.assert_array_equal(again.label, truth.label)
-    np.testing.assert_array_equal(again.unseen, truth.unseen)
+    np.testing.assert_array_equal(again.occluded, truth.occluded)
 
 
 def test_what_is_missing_is_named(tmp_path, ours):

@@ -131,9 +131,9 @@ def test_a_belt_goes_on_as_soon_as_its_cameras_agree_again():
     other = replace(frame, images={**frame.images, "cam0": knocked_core})
     with pytest.raises(ReconstructionError):
         matcher.reconstruct(other, Silent())
-    assert matcher.doubted
+    assert matcher.is_inconsistent
     matcher.reconstruct(frame, Silent())
-    assert not matcher.doubted
+    assert not matcher.is_inconsistent
 
 
 def test_a_narrow_box_says_so_and_its_sigma_holds_the_rest(run, tmp_path):

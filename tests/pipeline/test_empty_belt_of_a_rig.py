@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.files.belt_json import write_belt
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.pipeline.measuring.flow_chain import ground_under
+from beltscape.pipeline.measuring.flow_chain import read_reference
 
 LENS = replace(CAMERA, distortion=np.array([-0.12, 0.08, 5e-4, -3e-4, 0.0]))
 
@@ -33,10 +33,10 @@ def belt_json(tmp_path_factory):
 
 
 def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json):
-    ground = ground_under(belt_json, rig(LENS), 4.0, Silent())
+    ground = read_reference(belt_json, rig(LENS), 4.0, Silent())
     np.testing.assert_array_equal(ground.camera.distortion, LENS.distortion)
     half = scale_rig(rig(LENS), 0.5)
-    assert ground_under(belt_json, half, 4.0, Silent()).camera.size_px == half.core_camera.size_px
+    assert read_reference(belt_json, half, 4.0, Silent()).camera.size_px == half.core_camera.size_px
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json)
 )
 def test_a_belt_of_another_rig_is_refused(belt_json, core):
     with pytest.raises(InputError, match=r"belt\.json: reconstructed with another rig"):
-        ground_under(belt_json, rig(core), 4.0, Silent())
+        read_reference(belt_json, rig(core), 4.0, Silent())

@@ -13,7 +13,7 @@ from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.evidence import MotionEvidence
 from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow_checks import demand_consistent, motion_statement, warn_of_conflicts
+from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, describe_motion, warn_of_motion_conflicts
 
 ENCODER = Path("encoder.csv")
 STEP_MM = 200.0
@@ -32,7 +32,7 @@ def meter_with(
 
 def refusal(meter: FlowMeter, told: str | None, encoder: Path | None = ENCODER) -> str:
     with pytest.raises(MeasureError) as refused:
-        demand_consistent(meter, told, encoder, done=True)
+        require_consistent_motion(meter, told, encoder, done=True)
     assert "\n" not in str(refused.value)
     return str(refused.value)
 
@@ -69,26 +69,26 @@ def test_one_that_stands_still_or_counts_on() -> None:
 @pytest.mark.parametrize("factor", [1.0, 0.9, 1.1, 0.998])
 def test_a_sound_or_slipping_encoder_is_not_refused(factor: float) -> None:
     meter = meter_with("+y", [STEP_MM] * 9, [factor * STEP_MM] * 9)
-    demand_consistent(meter, "+y", ENCODER, done=True)
+    require_consistent_motion(meter, "+y", ENCODER, done=True)
     reporter = Silent()
-    warn_of_conflicts(meter, ENCODER, reporter)
+    warn_of_motion_conflicts(meter, ENCODER, reporter)
     assert not reporter.warnings
 
 
 def test_neither_an_empty_belt_nor_an_ambiguous_one_accuses() -> None:
-    demand_consistent(meter_with("-y", [], None), "-y", None, done=True)
-    demand_consistent(meter_with("-y", [STEP_MM] * 9, [STEP_MM] * 9, clear=False), "-y", ENCODER, done=True)
-    demand_consistent(meter_with("-y", [STEP_MM] * 2, [STEP_MM] * 2), "-y", ENCODER, done=True)
+    require_consistent_motion(meter_with("-y", [], None), "-y", None, done=True)
+    require_consistent_motion(meter_with("-y", [STEP_MM] * 9, [STEP_MM] * 9, clear=False), "-y", ENCODER, done=True)
+    require_consistent_motion(meter_with("-y", [STEP_MM] * 2, [STEP_MM] * 2), "-y", ENCODER, done=True)
 
 
 def test_a_belt_that_rolls_back_at_first_is_not_refused_before_the_end() -> None:
     meter = meter_with("+y", [-STEP_MM] * 4, None)
-    demand_consistent(meter, "+y", None, done=False)
+    require_consistent_motion(meter, "+y", None, done=False)
     for _ in range(9):
         meter.evidence.add(Shift(STEP_MM, 0.05, 0.0, 0.9), 1, None)
-    demand_consistent(meter, "+y", None, done=True)
+    require_consistent_motion(meter, "+y", None, done=True)
     reporter = Silent()
-    warn_of_conflicts(meter, None, reporter)
+    warn_of_motion_conflicts(meter, None, reporter)
     assert "against +y in 4 of 13 frame pairs" in reporter.warnings[0]
 
 
@@ -98,14 +98,14 @@ def test_registrations_by_chance_beyond_the_encoders_step_accuse_nobody() -> Non
     meter.evidence = evidence
     for along in (90.0, -300.0, 210.0, -50.0, 150.0):
         evidence.add(Shift(along, 0.05, 0.0, 0.5), 1, 2000.0, apart=True)
-    demand_consistent(meter, "+y", ENCODER, done=True)
+    require_consistent_motion(meter, "+y", ENCODER, done=True)
 
 
 def test_the_statement_says_what_the_direction_rests_on() -> None:
     meter = meter_with("+y", [STEP_MM] * 5, None)
-    assert motion_statement(meter, "+y") == (
+    assert describe_motion(meter, "+y") == (
         "towards +y as told and as the material moves in 5 of 5 frame pairs"
     )
-    assert motion_statement(meter, None) == "towards +y: so the material moves in 5 of 5 frame pairs"
-    assert "no frame pair shows it" in motion_statement(meter_with("+y", [], None), "+y")
-    assert "unknown" in motion_statement(FlowMeter(ground(), FlowSettings()), None)
+    assert describe_motion(meter, None) == "towards +y: so the material moves in 5 of 5 frame pairs"
+    assert "no frame pair shows it" in describe_motion(meter_with("+y", [], None), "+y")
+    assert "unknown" in describe_motion(FlowMeter(ground(), FlowSettings()), None)

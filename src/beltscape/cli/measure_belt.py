@@ -21,11 +21,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Learn the empty belt."""
-    from beltscape.pipeline.measuring.belt import belt_answer, measure_empty_belt, write_belt_files
+    from beltscape.pipeline.measuring.belt import make_belt_document, measure_empty_belt, write_belt_files
 
     belt, camera = measure_empty_belt(arguments.reconstruction, arguments.frames, reporter)
     page = write_belt_files(arguments.out, belt, camera)
-    return {**belt_answer(belt), "belt": arguments.out, "report": page}
+    return {**make_belt_document(belt), "belt": arguments.out, "report": page}
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -26,7 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the module's features."""
-    from beltscape.pipeline.measuring.features import features_document, measure_features_of_frame, write_features
+    from beltscape.pipeline.measuring.features import (
+        make_features_document,
+        measure_features_of_frame,
+        write_features,
+    )
     from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 
     frame, measured = measure_features_of_frame(arguments.frame, arguments.module, arguments.image)
@@ -36,7 +40,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         reporter.warn(warning)
     if arguments.out is not None:
         write_features(arguments.out, frame, measured)
-    return {**features_document(measured), "report": arguments.out and arguments.out / "report.html"}
+    return {**make_features_document(measured), "report": arguments.out and arguments.out / "report.html"}
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -32,20 +32,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
-    from beltscape.pipeline.measuring.lumps import lumps_document, lumps_of_frame, write_lumps
+    from beltscape.pipeline.measuring.lumps import make_lumps_document, measure_lumps_of_frame, write_lumps
     from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 
     told = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:
         told["sieves_mm"] = _sieves(arguments.sieves)
-    seen = lumps_of_frame(
+    seen = measure_lumps_of_frame(
         arguments.loaded, settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
     )
     warn_of_findings(seen.frame, reporter)
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
         write_lumps(arguments.out, seen)
-    return {**lumps_document(seen.lumps), "report": arguments.out and arguments.out / "report.html"}
+    return {**make_lumps_document(seen.lumps), "report": arguments.out and arguments.out / "report.html"}
 
 
 def _sieves(text: str) -> tuple[float, ...]:

@@ -38,7 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the volume."""
     from beltscape.measure.volume.settings import VolumeSettings
-    from beltscape.pipeline.measuring.volume import volume_document, measure_volume_of_frames, write_volume
+    from beltscape.pipeline.measuring.volume import (
+        make_volume_document,
+        measure_volume_of_frames,
+        write_volume,
+    )
 
     volume = measure_volume_of_frames(
         arguments.loaded,
@@ -56,7 +60,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     reporter.step("measuring volume", 1, 1)
     if arguments.out is not None:
         write_volume(arguments.out, volume)
-    return {**volume_document(volume), "report": arguments.out and arguments.out / "report.html"}
+    return {**make_volume_document(volume), "report": arguments.out and arguments.out / "report.html"}
 
 
 def summary(result: Mapping[str, Any]) -> str:

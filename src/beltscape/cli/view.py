@@ -27,27 +27,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Show it."""
-    from beltscape.pipeline.view import viewed_of, write_view
+    from beltscape.pipeline.view import collect_view, write_view
 
     if arguments.rerun:
-        from beltscape.pipeline.view_rerun import recorder, show_in_rerun
+        from beltscape.pipeline.view_rerun import import_rerun, show_in_rerun
 
-        rerun = recorder()  # before the work, so that what is missing is said at once
-        viewed = viewed_of(arguments.source, belt=arguments.belt, features=arguments.features)
-        show_in_rerun(rerun, viewed, arguments.out)
+        rerun = import_rerun()  # before the work, so that what is missing is said at once
+        view = collect_view(arguments.source, belt=arguments.belt, features=arguments.features)
+        show_in_rerun(rerun, view, arguments.out)
         reporter.step("viewing", 1, 1)
-        return {"view": arguments.out, "opened": arguments.out is None, "frames": len(viewed.clouds)}
-    viewed = viewed_of(arguments.source, belt=arguments.belt, features=arguments.features)
+        return {"view": arguments.out, "opened": arguments.out is None, "frames": len(view.clouds)}
+    view = collect_view(arguments.source, belt=arguments.belt, features=arguments.features)
     out, opened = arguments.out, False
     if out is None:
         out, opened = _temporary(), True
-    write_view(out, viewed)
+    write_view(out, view)
     reporter.step("viewing", 1, 1)
     if opened:
         import webbrowser
 
         opened = webbrowser.open(out.resolve().as_uri())
-    return {"view": out, "opened": opened, "frames": len(viewed.clouds)}
+    return {"view": out, "opened": opened, "frames": len(view.clouds)}
 
 
 def _temporary() -> Path:

@@ -1,1 +1,1 @@
-"""Results held against the truth."""
+"""Evaluation of results against ground truth: scores, simulated truth, the paper's experiments, real pairs, the demo."""

@@ -1,4 +1,4 @@
-"""The whole chain on the small rendered capture that ships with Beltscape, held against its truth."""
+"""The demo: runs the whole chain on the shipped rendered capture and compares every result with the truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import Volume
 from beltscape.pipeline.calibrating.calibration import Calibration, calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration
-from beltscape.pipeline.measuring.volume import volume_of_frames, write_volume
+from beltscape.pipeline.measuring.volume import measure_volume_of_frames
 from beltscape.pipeline.reconstructing.reconstruction import open_capture, reconstruct_capture
 from beltscape.pipeline.reconstructing.rectification import rectify, rectify_capture
 from beltscape.report.drawing.pictures import Panel
@@ -41,24 +41,24 @@ METHODS = ("multiview", "pairwise", "binocular")
 MAIN = METHODS[0]
 """The method whose depth is shown and measured."""
 EVALUATE_WITHIN_MM = 240.0
-"""Along the belt: the projector lights little more."""
+"""Half length of the evaluated region along the belt; the projector illuminates little more."""
 ALONG_MM = (-200.0, 200.0)
 """Stretch of belt whose volume is compared, in the true belt frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneResult:
-    """A scene by every method against its truth."""
+    """A scene reconstructed by every method, with its scores."""
 
     folder: Path
     depth_map: DepthMap
     """Of the main method."""
     core_image: Image
-    """On the depth map's grid."""
+    """Core camera's image on the depth map's grid."""
     depth: Mapping[str, DepthScore]
     """By method."""
     true_mm: NDArray[np.float64]
-    """(H, W) true depth where it is compared; NaN elsewhere."""
+    """(H, W) true depth, mm, in the evaluated region; NaN elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,44 +76,48 @@ class VolumeResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demo:
-    """Everything the demo found."""
+    """All results of the demo."""
 
     out: Path
     calibration: Calibration
     rig: RigScore
     rectified: Sequence[Panel]
-    """Four a pair: core and auxiliary before, core and auxiliary after."""
+    """Four per pair: core and auxiliary before, core and auxiliary after."""
     scenes: Mapping[str, SceneResult]
     volumes: Mapping[str, VolumeResult]
     warnings: tuple[str, ...]
 
 
 def run_demo(out: Path, reporter: Reporter) -> Demo:
-    """Calibrate, rectify, reconstruct and measure; every step is the one its command runs."""
+    """Calibrate, rectify, reconstruct and measure with the same functions as the commands."""
     data = Path(beltscape.__file__).parent / "data" / "demo"
     truth = read_rig(data / "truth" / "rig.json")
     calibration = calibrate(data / "calibration", read_board(data / "board.toml"), "cam0", reporter)
     write_calibration(out / "calibration", calibration)
     rig = calibration.rig
     near_far, _ = rectify_capture(data / "belt_loaded", rig, out / "rectified", reporter)
-    scenes = {scene: _scene(data, scene, rig, truth, out, reporter) for scene in SCENES}
-    volumes = {scene: _volume(data, scene, out, reporter) for scene in SCENES if scene != "belt_empty"}
+    scenes = {scene: _evaluate_scene(data, scene, rig, truth, out, reporter) for scene in SCENES}
+    volumes = {
+        scene: _evaluate_volume(data, scene, out, reporter) for scene in SCENES if scene != "belt_empty"
+    }
     return Demo(
-        out, calibration, score_rig_against_truth(rig, truth, load()), _rectified(data, rig, near_far), scenes,
+        out, calibration, score_rig_against_truth(rig, truth, load()), _make_rectified_panels(data, rig, near_far), scenes,
         volumes, calibration.warnings,
     )  # fmt: skip
 
 
-def _rectified(data: Path, rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
+def _make_rectified_panels(data: Path, rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
     """Return the pictures of the loaded belt's pairs before and after rectification."""
     source = open_capture(data / "belt_loaded", rig, Silent())
     frame_set, pairs, *_ = next(rectify(source, rig, near_far, Silent()))
     return check_panels(rig, frame_set, pairs)
 
 
-def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter) -> SceneResult:
-    true_mm = _on_grid_of(rig, truth, read_float_tiff(data / "truth" / f"{scene}_depth.tiff"))
-    region = _lit(data, true_mm, rig)
+def _evaluate_scene(
+    data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter
+) -> SceneResult:
+    true_mm = _resample_truth(rig, truth, read_float_tiff(data / "truth" / f"{scene}_depth.tiff"))
+    region = _lit_mask(data, true_mm, rig)
     depths = {}
     for method in METHODS:
         folder = out / (scene if method == MAIN else f"{scene}_{method}")
@@ -129,8 +133,8 @@ def _scene(data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Re
     )
 
 
-def _on_grid_of(rig: Rig, truth: Rig, true_mm: NDArray[np.float32]) -> NDArray[np.float64]:
-    """The true depth where the pixels of the found core camera look: nearest pixel, so that no steps are mixed."""
+def _resample_truth(rig: Rig, truth: Rig, true_mm: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the true depth on the grid of the calibrated core camera, by nearest pixel to keep depth steps."""
     true_camera = truth.core_camera
     pixels = rig.core_camera.rays() * true_camera.focal_px + true_camera.center_px
     u, v = np.rint(pixels).astype(int).transpose(2, 0, 1)
@@ -145,18 +149,18 @@ def _true_belt_from_core(data: Path) -> Pose:
     return Pose.of(entry["rotation"], entry["translation_mm"])
 
 
-def _lit(data: Path, true_mm: NDArray[np.float64], rig: Rig) -> NDArray[np.bool_]:
+def _lit_mask(data: Path, true_mm: NDArray[np.float64], rig: Rig) -> NDArray[np.bool_]:
     points = np.concatenate([rig.core_camera.rays() * true_mm[..., None], true_mm[..., None]], axis=-1)
     along = _true_belt_from_core(data).apply(points)[..., 1]
     return np.abs(along) <= EVALUATE_WITHIN_MM
 
 
-def _volume(data: Path, scene: str, out: Path, reporter: Reporter) -> VolumeResult:
+def _evaluate_volume(data: Path, scene: str, out: Path, reporter: Reporter) -> VolumeResult:
     truth = read_json(data / "truth" / "volume.json")["scenes"][scene]
-    volume = volume_of_frames(
+    volume = measure_volume_of_frames(
         out / scene / "000", out / "belt_empty" / "000", VolumeSettings(), across_mm=None, along_mm=ALONG_MM
     )
-    write_volume(out / f"volume_{scene}", volume)
+    write_evaluate_volume(out / f"volume_{scene}", volume)
     reporter.step(f"measuring {scene}", 1, 1)
     edges = truth["first_y_mm"] + np.arange(len(truth["area_mm2"]) + 1)
     cumulated = np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])
@@ -164,8 +168,8 @@ def _volume(data: Path, scene: str, out: Path, reporter: Reporter) -> VolumeResu
     return VolumeResult(volume, float(high - low))
 
 
-def demo_document(demo: Demo) -> Mapping[str, Any]:
-    """The demo's numbers for JSON."""
+def make_demo_document(demo: Demo) -> Mapping[str, Any]:
+    """Return the demo's results as plain values for JSON."""
     held_out = demo.calibration.held_out
     return {
         "report": demo.out / "report.html",

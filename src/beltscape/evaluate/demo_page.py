@@ -1,4 +1,4 @@
-"""The demo's report: the whole chain in pictures, each number beside the truth."""
+"""The report of the demo: pictures and figures of the whole chain, each compared with the truth."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from beltscape.report.page import Pictures, Section, Table, Tile, Tiles, Turnabl
 
 TITLES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
 CLOUD_POINTS = 30_000
-"""As many as a browser draws at every turn of the mouse."""
+"""Number of points that a browser redraws smoothly while the view is rotated."""
 ERROR_MM = 1.0
 
 
 def demo_page(demo: Demo) -> str:
-    """report.html of the demo."""
+    """Return report.html of the demo."""
     loaded, module = demo.volumes["belt_loaded"], demo.volumes["module"]
-    verdict = (
-        f"Five cameras, calibrated from {demo.calibration.training.views} board views, see "
+    summary = (
+        f"Five cameras, calibrated from {demo.calibration.training.views} board views, measure "
         f"{litres(loaded.volume.volume_mm3)} ± {litres(loaded.volume.sigma_mm3)} litres of rock on 0.4 m of belt; "
         f"the truth is {litres(loaded.true_mm3)}."
     )
     sections = [
         Section(
             "In numbers",
-            "Each against the truth, which is exactly known: the images are rendered.",
+            "Every figure is compared with the truth, which is known exactly because the images are rendered.",
             [_tiles(demo)],
         ),
         Section(
-            "The rig and what it sees",
+            "Rig and point cloud",
             "Cameras as calibrated, and the loaded belt as points in the core camera's frame.",
             [Turnable(_scene(demo), "Core camera in orange, auxiliaries in blue."), _rig_table(demo)],
         ),
@@ -47,8 +47,8 @@ def demo_page(demo: Demo) -> str:
         ),
         Section(
             "Depth against truth",
-            "Share of all true pixels met within 1 and 0.25 mm; "
-            "median away from edges; gross: off by more than 5 mm; pixels astride a true step are left out. "
+            "Share of all true pixels measured within 1 and 0.25 mm; "
+            "median away from edges; gross: off by more than 5 mm; pixels on a true depth step are left out. "
             f"Evaluated within {EVALUATE_WITHIN_MM:.0f} mm of the rig's centre along the belt. Multiview matches all "
             "auxiliaries at once; pairwise, the paper's method, is the mean over all core–auxiliary pairs, "
             "binocular one pair alone.",
@@ -66,7 +66,7 @@ def demo_page(demo: Demo) -> str:
             ],
         ),
     ]
-    return render("Demo: from images to litres", verdict, sections, warnings=demo.warnings)
+    return render("Demo: from images to litres", summary, sections, warnings=demo.warnings)
 
 
 def _tiles(demo: Demo) -> Tiles:

@@ -1,4 +1,4 @@
-"""A rig, a frame or a sequence on disk → what the engineer's viewer shows."""
+"""Contents of the engineer's 3-D viewer, collected from a rig, a frame or a sequence on disk."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.measuring.solids import read_solid_outlines
 from beltscape.report.drawing.scene import rig_scene
 from beltscape.report.drawing.scene_solids import belt_triangles
-from beltscape.report.viewer import ViewerScene, ViewerCloud, viewer_page
+from beltscape.report.viewer import ViewerCloud, ViewerScene, viewer_page
 
 _POINTS = 300_000
-"""Of one frame; a browser turns so many smoothly."""
+"""Largest number of points of one frame; a browser rotates them smoothly."""
 _ALL_POINTS = 1_200_000
-"""Of a sequence."""
+"""Largest number of points of a sequence."""
 _DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-"""Without a belt the camera is taken to look straight down."""
+"""Assumed orientation without a belt: the camera looks straight down."""
 _BELT, _PRIMITIVE = "#748ffc", "#ffd43b"
 
 
 def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> ViewerScene:
-    """What there is to see in rig.json or its folder, a frame's folder, or a reconstruction's.
+    """Return the viewer's contents for rig.json or its folder, a frame's folder, or a reconstruction.
 
     ``belt`` is a belt.json, which also gives the upright frame; ``features`` a features.json.
 
     Raises
     ------
     InputError
-        With one line that names the file and the mend.
+        With one line that names the file and the fix.
     """
     rig, frames = _find_frames(source)
     document = {} if belt is None else _read_mapping(belt)
@@ -82,12 +82,12 @@ def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> V
 
 
 def write_view(path: Path, view: ViewerScene) -> None:
-    """The page, atomically."""
+    """Write the viewer's page atomically."""
     write_text(path, viewer_page(view))
 
 
 def _find_frames(source: Path) -> tuple[Rig | None, Sequence[Path]]:
-    """The rig, and the frames' folders in order."""
+    """Return the rig and the frames' folders in order."""
     if source.is_file():
         return read_rig(source), ()
     frames = list_frame_folders(source)
@@ -101,7 +101,7 @@ def _find_frames(source: Path) -> tuple[Rig | None, Sequence[Path]]:
 
 
 def _read_cloud(folder: Path, rig: Rig | None) -> PointCloud:
-    """cloud.ply; without it the depth map's points in grey."""
+    """Return the points of cloud.ply, or of the depth map in grey if there is none."""
     if (folder / "cloud.ply").is_file():
         return read_cloud(folder / "cloud.ply")
     if rig is None:
@@ -115,7 +115,7 @@ def _read_cloud(folder: Path, rig: Rig | None) -> PointCloud:
 
 
 def _thin(cloud: PointCloud, rig: Rig | None, budget: int) -> PointCloud:
-    """At most so many points: every so many pixels where the depth map tells them, else drawn evenly at random."""
+    """Return at most ``budget`` points: a regular subset of the core's pixels if it fits, else a random sample."""
     count = len(cloud.points_mm)
     if count <= budget:
         return cloud
@@ -141,7 +141,7 @@ def _rotate_upright(name: str, cloud: PointCloud, up: Pose) -> ViewerCloud:
 
 
 def _viewing_distance(rig: Rig, clouds: Sequence[ViewerCloud], up: Pose) -> float:
-    """From the core camera to what is seen; without a cloud from how far apart the cameras stand."""
+    """Return the distance from the core camera to the surface, estimated from the baselines without a cloud."""
     if clouds and len(clouds[0].points_mm):
         return float(np.median(np.linalg.norm(clouds[0].points_mm - up.translation_mm, axis=1)))
     centers = [pose.inverse().translation_mm for pose in rig.cam_from_core.values()]
@@ -150,7 +150,7 @@ def _viewing_distance(rig: Rig, clouds: Sequence[ViewerCloud], up: Pose) -> floa
 
 
 def _extent_along(clouds: Sequence[ViewerCloud]) -> tuple[float, float]:
-    """Along the belt, as far as there are points."""
+    """Return the range of the points along the belt."""
     along = [np.quantile(cloud.points_mm[:, 1], [0.005, 0.995]) for cloud in clouds if len(cloud.points_mm)]
     return (float(min(a for a, _ in along)), float(max(b for _, b in along))) if along else (-300.0, 300.0)
 
@@ -163,8 +163,8 @@ def _read_mapping(path: Path) -> Mapping[str, Any]:
 
 
 def _parse_belt_pose(path: Path, document: Mapping[str, Any]) -> Pose:
-    found = document.get("belt", document)
-    pose = found.get("belt_from_core") if isinstance(found, Mapping) else None
+    belt = document.get("belt", document)
+    pose = belt.get("belt_from_core") if isinstance(belt, Mapping) else None
     try:
         rotation = np.array(pose["rotation"], np.float64).reshape(3, 3)  # pyright: ignore[reportOptionalSubscript]
         return Pose(rotation, np.array(pose["translation_mm"], np.float64).reshape(3))  # pyright: ignore[reportOptionalSubscript]

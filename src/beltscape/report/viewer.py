@@ -30,7 +30,7 @@ _SEEN_FROM = 2.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ViewedCloud:
+class ViewerCloud:
     """One frame's points."""
 
     name: str
@@ -45,12 +45,12 @@ class ViewedCloud:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Viewed:
+class ViewerScene:
     """What the viewer shows, in millimetres, z upwards; layers are switched by their names."""
 
     title: str
     note: str
-    clouds: Sequence[ViewedCloud] = ()
+    clouds: Sequence[ViewerCloud] = ()
     lines: Sequence[tuple[str, str, NDArray[np.float64]]] = ()
     """(layer, colour "#rrggbb", (n, 3) polyline)."""
     surfaces: Sequence[tuple[str, str, NDArray[np.float64]]] = ()
@@ -59,11 +59,11 @@ class Viewed:
     """(layer, text, (3,) where)."""
 
 
-def viewer_page(viewed: Viewed) -> str:
+def viewer_page(view: ViewerScene) -> str:
     """The page as text; it needs no network."""
-    scene = json.dumps(_document(viewed), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    scene = json.dumps(_document(view), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return (
-        _environment().get_template("viewer.html").render(title=viewed.title, note=viewed.note, scene=scene)
+        _environment().get_template("viewer.html").render(title=view.title, note=view.note, scene=scene)
     )
 
 
@@ -79,9 +79,9 @@ def _environment() -> Environment:
     )
 
 
-def _document(viewed: Viewed) -> dict[str, Any]:
-    heights = np.concatenate([cloud.points_mm[:, 2] for cloud in viewed.clouds] or [np.zeros(0)])
-    sigmas = np.concatenate([cloud.sigma_mm for cloud in viewed.clouds] or [np.zeros(0)])
+def _document(view: ViewerScene) -> dict[str, Any]:
+    heights = np.concatenate([cloud.points_mm[:, 2] for cloud in view.clouds] or [np.zeros(0)])
+    sigmas = np.concatenate([cloud.sigma_mm for cloud in view.clouds] or [np.zeros(0)])
     low, high = span(heights, 0.005)
     top = span(sigmas, 0.03)[1]
     modes = [
@@ -103,19 +103,19 @@ def _document(viewed: Viewed) -> dict[str, Any]:
         {"mode": _CLAY, "text": "clay", "range": None, "what": ""},
     ]
     return {
-        "frames": [_packed(cloud, top) for cloud in viewed.clouds],
+        "frames": [_packed(cloud, top) for cloud in view.clouds],
         "lines": [
-            {"layer": a, "colour": b, "line": np.round(line, 2).tolist()} for a, b, line in viewed.lines
+            {"layer": a, "colour": b, "line": np.round(line, 2).tolist()} for a, b, line in view.lines
         ],
         "surfaces": [
             {"layer": a, "colour": b, "triangles": np.round(corners.reshape(-1, 3), 2).tolist()}
-            for a, b, corners in viewed.surfaces
+            for a, b, corners in view.surfaces
         ],
-        "labels": [{"layer": a, "text": b, "at": np.round(at, 2).tolist()} for a, b, at in viewed.labels],
-        "modes": modes if viewed.clouds else [],
+        "labels": [{"layer": a, "text": b, "at": np.round(at, 2).tolist()} for a, b, at in view.labels],
+        "modes": modes if view.clouds else [],
         "heights": [low, high],
         "axes": AXES,
-        "home": _home(viewed),
+        "home": _home(view),
     }
 
 
@@ -124,7 +124,7 @@ def _ramp(colormap: Rgb) -> list[list[int]]:
     return colormap[np.rint(np.linspace(0, len(colormap) - 1, _RAMP)).astype(int)].tolist()
 
 
-def _packed(cloud: ViewedCloud, sigma_top_mm: float) -> dict[str, Any]:
+def _packed(cloud: ViewerCloud, sigma_top_mm: float) -> dict[str, Any]:
     """Places in 16 bits over the cloud's box, normals in 8, colour with σ as its fourth channel."""
     points = np.asarray(cloud.points_mm, np.float64)
     low = points.min(axis=0) if len(points) else np.zeros(3)
@@ -163,12 +163,12 @@ def _base64(values: NDArray[np.generic]) -> str:
     return b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
-def _home(viewed: Viewed) -> dict[str, Any]:
+def _home(view: ViewerScene) -> dict[str, Any]:
     """Where one looks from at first: everything in the picture, the load in the middle."""
-    lines = [line for _, _, line in viewed.lines]
+    lines = [line for _, _, line in view.lines]
     parts = [
         np.quantile(cloud.points_mm, [0.01, 0.5, 0.99], axis=0)
-        for cloud in viewed.clouds
+        for cloud in view.clouds
         if len(cloud.points_mm)
     ]
     everything = np.concatenate(parts or lines or [np.zeros((1, 3))])

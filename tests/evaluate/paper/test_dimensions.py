@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.pose import Pose
-from beltscape.evaluate.paper.dimensions import largest_error_mm, rows_of
-from beltscape.evaluate.paper.features import paper_names
-from beltscape.evaluate.paper.numbers import Dimension, paper_numbers
+from beltscape.evaluate.paper.dimensions import largest_error_mm, tabulate_dimensions
+from beltscape.evaluate.paper.features import map_paper_names
+from beltscape.evaluate.paper.numbers import Dimension, read_paper_numbers
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.truth.module_truth import describe_module
@@ -26,7 +26,7 @@ def test_every_row_is_a_true_dimension_of_the_module():
         f"{e['name']} {e['quantity']}": e["true_mm"]
         for e in describe_module(module, Pose.identity())["features"]
     }
-    numbers = paper_numbers()
+    numbers = read_paper_numbers()
     assert [d.row for d in numbers.dimension] == list(range(1, 13))
     for dimension in numbers.dimension:
         assert all(known[name] == dimension.actual_mm for name in dimension.of)
@@ -34,14 +34,14 @@ def test_every_row_is_a_true_dimension_of_the_module():
 
 def test_the_errors_are_the_published_ones():
     published = [0.61, 0.79, 0.02, 2.25, 2.29, 1.69, 2.54, 1.53, 4.14, 1.22, 0.99, 2.10]
-    percent = [100 * abs(d.table2_mm / d.actual_mm - 1) for d in paper_numbers().dimension]
+    percent = [100 * abs(d.table2_mm / d.actual_mm - 1) for d in read_paper_numbers().dimension]
     np.testing.assert_allclose(percent, published, atol=0.006)
 
 
 def test_means_of_several_and_what_is_missing():
     some = {"a edge": (99.5, 0.2), CUBES[0]: (20.1, 0.3)}
     all_of_them = {**some, CUBES[1]: (20.3, 0.4)}
-    rows = rows_of([EDGE, STEP], {"some": some, "all": all_of_them, "none": {}})
+    rows = tabulate_dimensions([EDGE, STEP], {"some": some, "all": all_of_them, "none": {}})
     assert rows[0].error_mm("some") == pytest.approx(-0.5)
     assert np.isnan(rows[1].error_mm("some"))
     assert rows[1].measured_mm["all"] == pytest.approx(20.2)
@@ -59,7 +59,7 @@ def test_another_modules_names_are_those_of_the_paper():
         sphere=(Sphere(name="ball", diameter_mm=30, center_mm=here),),
         cylinder=(Cylinder(name="rod", diameter_mm=20, height_mm=90, center_mm=here),),
     )
-    assert paper_names(module) == {
+    assert map_paper_names(module) == {
         "a": "cube80",
         "b": "cube100",
         "ball": "sphere30",

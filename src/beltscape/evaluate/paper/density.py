@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.evaluate.paper.surfaces import METHODS, REGION, Found, Surfaces
+from beltscape.evaluate.paper.surfaces import METHODS, REGION, ScoredDepth, Surfaces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Density:
     """One scene and method with the projector on and off."""
 
-    speckle: Found
-    dark: Found
+    speckle: ScoredDepth
+    dark: ScoredDepth
 
     @property
     def ratio(self) -> float:
@@ -27,7 +27,7 @@ class Density:
         return _ratio(self.speckle.right_points, self.dark.right_points)
 
 
-def densities(surfaces: Surfaces) -> tuple[Density, ...]:
+def compute_density_gains(surfaces: Surfaces) -> tuple[Density, ...]:
     """Of every scene and method of which both captures are there."""
     pairs = [((scene, method), (f"{scene}_nospeckle", method)) for scene in REGION for method in METHODS]
     return tuple(

@@ -9,12 +9,12 @@ import numpy as np
 
 from beltscape.evaluate.paper.numbers import Dimension
 
-Measured = Mapping[str, tuple[float, float]]
+MeasuredDimensions = Mapping[str, tuple[float, float]]
 """"name quantity" → measured value and its σ, mm; what was not found is absent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Row:
+class DimensionRow:
     """One dimension by everyone who measured it."""
 
     dimension: Dimension
@@ -28,13 +28,15 @@ class Row:
         return self.measured_mm[by] - self.dimension.actual_mm
 
 
-def rows_of(dimensions: Sequence[Dimension], measured: Mapping[str, Measured]) -> tuple[Row, ...]:
+def tabulate_dimensions(
+    dimensions: Sequence[Dimension], measured: Mapping[str, MeasuredDimensions]
+) -> tuple[DimensionRow, ...]:
     """Every dimension by everyone of ``measured``; where it is the mean of several, all of them must be there."""
     rows = []
     for dimension in dimensions:
         values = {by: _mean(dimension, found) for by, found in measured.items()}
         rows.append(
-            Row(
+            DimensionRow(
                 dimension,
                 {by: value for by, (value, _) in values.items()},
                 {by: sigma for by, (_, sigma) in values.items()},
@@ -43,13 +45,13 @@ def rows_of(dimensions: Sequence[Dimension], measured: Mapping[str, Measured]) -
     return tuple(rows)
 
 
-def largest_error_mm(rows: Sequence[Row], by: str) -> float:
+def largest_error_mm(rows: Sequence[DimensionRow], by: str) -> float:
     """Of all dimensions that were measured; NaN where none was."""
     errors = np.abs([row.error_mm(by) for row in rows])
     return float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def _mean(dimension: Dimension, found: Measured) -> tuple[float, float]:
+def _mean(dimension: Dimension, found: MeasuredDimensions) -> tuple[float, float]:
     if any(name not in found for name in dimension.of):
         return np.nan, np.nan
     values, sigmas = np.transpose([found[name] for name in dimension.of])

@@ -13,14 +13,19 @@ import numpy as np
 
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.evaluate.paper.density import Density, densities
-from beltscape.evaluate.paper.dimensions import Measured, Row, rows_of
-from beltscape.evaluate.paper.features import PLAIN, core_image, features_of
+from beltscape.evaluate.paper.density import Density, compute_density_gains
+from beltscape.evaluate.paper.dimensions import DimensionRow, MeasuredDimensions, tabulate_dimensions
+from beltscape.evaluate.paper.features import PLAIN, measure_features, read_core_image
 from beltscape.evaluate.paper.laboratory import Laboratory
-from beltscape.evaluate.paper.numbers import PaperNumbers, paper_numbers
-from beltscape.evaluate.paper.other_sensors import PEERS, SPEED_MM_S, measure_peers, moving_belt
-from beltscape.evaluate.paper.surfaces import METHODS, Found, Surfaces, reconstruct_all
-from beltscape.evaluate.paper.tof import smoothed, time_of_flight
+from beltscape.evaluate.paper.numbers import PaperNumbers, read_paper_numbers
+from beltscape.evaluate.paper.other_sensors import (
+    BASELINES,
+    SPEED_MM_S,
+    measure_baselines,
+    measure_moving_belt,
+)
+from beltscape.evaluate.paper.surfaces import METHODS, ScoredDepth, Surfaces, reconstruct_all
+from beltscape.evaluate.paper.tof import measure_time_of_flight, smooth_depth
 from beltscape.evaluate.scores.rig import RigScore, score_rig_against_truth
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.calibration import calibrate
@@ -30,7 +35,7 @@ from beltscape.target.module import read_module
 
 TRAVELS_MM = (0.0, 0.1, 1.0, 10.0)
 """Belt between two pictures of structured light: at 1 m/s 10,000, 1000 and 100 pictures a second."""
-PEERS_SEE = ("belt_loaded", "module")
+BASELINE_SCENES = ("belt_loaded", "module")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,15 +45,15 @@ class Paper:
     numbers: PaperNumbers
     laboratory: Laboratory
     rig: Rig
-    """As calibrated; everything but the peers is measured with it."""
+    """As calibrated; everything but the baselines is measured with it."""
     rig_score: RigScore
     surfaces: Surfaces
     density: tuple[Density, ...]
-    dimensions: tuple[Row, ...]
-    """By method, time of flight and peer; empty without the module."""
-    tof: Found | None
-    peers: Mapping[tuple[str, str], Found]
-    moving: tuple[Found, ...]
+    dimensions: tuple[DimensionRow, ...]
+    """By method, time of flight and baseline; empty without the module."""
+    tof: ScoredDepth | None
+    baselines: Mapping[tuple[str, str], ScoredDepth]
+    moving: tuple[ScoredDepth, ...]
     """Structured light for `TRAVELS_MM`; empty where the scene cannot be rendered again."""
     seconds: Mapping[str, float]
     """By stage."""
@@ -78,13 +83,13 @@ def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) ->
     clock.lap("calibration")
     surfaces = reconstruct_all(lab, rig, out, reporter)
     clock.lap("reconstruction")
-    tof = time_of_flight(lab.scenes["module"]) if "module" in lab.scenes else None
-    seen = {name: lab.scenes[name] for name in PEERS_SEE if name in lab.scenes}
-    peers = measure_peers(seen, out, seed, reporter)
-    moving = _moving(lab, peers, seed, reporter)
+    tof = measure_time_of_flight(lab.scenes["module"]) if "module" in lab.scenes else None
+    seen = {name: lab.scenes[name] for name in BASELINE_SCENES if name in lab.scenes}
+    baselines = measure_baselines(seen, out, seed, reporter)
+    moving = _measure_moving(lab, baselines, seed, reporter)
     clock.lap("other sensors")
-    numbers = paper_numbers()
-    measured = _measured(lab, rig, surfaces, tof, peers, reporter)
+    numbers = read_paper_numbers()
+    measured = _measure_dimensions(lab, rig, surfaces, tof, baselines, reporter)
     clock.lap("dimensions")
     return Paper(
         numbers=numbers,
@@ -92,35 +97,35 @@ def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) ->
         rig=rig,
         rig_score=score_rig_against_truth(rig, truth.rig, load()),
         surfaces=surfaces,
-        density=densities(surfaces),
-        dimensions=rows_of(numbers.dimension, measured) if measured else (),
+        density=compute_density_gains(surfaces),
+        dimensions=tabulate_dimensions(numbers.dimension, measured) if measured else (),
         tof=tof,
-        peers=peers,
+        baselines=baselines,
         moving=moving,
         seconds=clock.laps,
-        warnings=(*calibration.warnings, *_left_out(lab)),
+        warnings=(*calibration.warnings, *_describe_omissions(lab)),
     )
 
 
-def _moving(
-    lab: Laboratory, peers: Mapping[tuple[str, str], Found], seed: int, reporter: Reporter
-) -> tuple[Found, ...]:
-    """Structured light of the loaded belt; at rest it was measured with the other peers."""
+def _measure_moving(
+    lab: Laboratory, baselines: Mapping[tuple[str, str], ScoredDepth], seed: int, reporter: Reporter
+) -> tuple[ScoredDepth, ...]:
+    """Structured light of the loaded belt; at rest it was measured with the other baselines."""
     loaded = lab.scenes.get("belt_loaded")
-    if loaded is None or loaded.stage is None:
+    if loaded is None or loaded.simulation is None:
         return ()
-    rest = peers[loaded.name, PEERS[0].name]
-    return (rest, *moving_belt(loaded, TRAVELS_MM[1:], seed, reporter))
+    rest = baselines[loaded.name, BASELINES[0].name]
+    return (rest, *measure_moving_belt(loaded, TRAVELS_MM[1:], seed, reporter))
 
 
-def _measured(
+def _measure_dimensions(
     lab: Laboratory,
     rig: Rig,
     surfaces: Surfaces,
-    tof: Found | None,
-    peers: Mapping[tuple[str, str], Found],
+    tof: ScoredDepth | None,
+    baselines: Mapping[tuple[str, str], ScoredDepth],
     reporter: Reporter,
-) -> Mapping[str, Measured]:
+) -> Mapping[str, MeasuredDimensions]:
     """By whom; empty without the module.
 
     As in the paper, its method, binocular and the sensors have nothing but their points; Beltscape has the image that
@@ -129,20 +134,24 @@ def _measured(
     if "module" not in lab.scenes:
         return {}
     module, true_rig = read_module(lab.module), lab.scenes["module"].truth.rig
-    pattern, plain = (core_image(lab, name, rig.core_camera) for name in ("module", "module_nospeckle"))
-    even = core_image(lab, "module_nospeckle", true_rig.core_camera)
+    pattern, plain = (read_core_image(lab, name, rig.core_camera) for name in ("module", "module_nospeckle"))
+    even = read_core_image(lab, "module_nospeckle", true_rig.core_camera)
     found = {method: surfaces["module", method] for method in METHODS}
-    jobs = {method: partial(features_of, found[method], rig, module) for method in ("binocular", "pairwise")}
-    jobs["multiview"] = partial(features_of, found["multiview"], rig, module, pattern=pattern)
+    jobs = {
+        method: partial(measure_features, found[method], rig, module) for method in ("binocular", "pairwise")
+    }
+    jobs["multiview"] = partial(measure_features, found["multiview"], rig, module, pattern=pattern)
     if plain is not None:
-        jobs[PLAIN] = partial(features_of, found["multiview"], rig, module, pattern=pattern, plain=plain)
+        jobs[PLAIN] = partial(measure_features, found["multiview"], rig, module, pattern=pattern, plain=plain)
     if tof is not None:
-        jobs[tof.by] = partial(features_of, smoothed(tof), tof.truth.rig, module)
-    for peer in PEERS:
-        if ("module", peer.name) in peers:
-            image = even if peer.sees_images else None
-            jobs[peer.name] = partial(features_of, peers["module", peer.name], true_rig, module, plain=image)
-    measured: dict[str, Measured] = {}
+        jobs[tof.by] = partial(measure_features, smooth_depth(tof), tof.truth.rig, module)
+    for baseline in BASELINES:
+        if ("module", baseline.name) in baselines:
+            image = even if baseline.has_even_image else None
+            jobs[baseline.name] = partial(
+                measure_features, baselines["module", baseline.name], true_rig, module, plain=image
+            )
+    measured: dict[str, MeasuredDimensions] = {}
     for by, job in jobs.items():
         reporter.step("measuring the module", len(measured), len(jobs))
         measured[by] = job()
@@ -150,9 +159,9 @@ def _measured(
     return measured
 
 
-def _left_out(lab: Laboratory) -> tuple[str, ...]:
+def _describe_omissions(lab: Laboratory) -> tuple[str, ...]:
     """What cannot be done with the captures there are."""
-    if all(scene.stage is not None for scene in lab.scenes.values()):
+    if all(scene.simulation is not None for scene in lab.scenes.values()):
         return ()
     return (
         "these captures have no truth/scenario.json: structured light, line laser, LiDAR and time of flight are left "
@@ -160,9 +169,9 @@ def _left_out(lab: Laboratory) -> tuple[str, ...]:
     )
 
 
-def paper_document(paper: Paper) -> Mapping[str, Any]:
+def make_paper_document(paper: Paper) -> Mapping[str, Any]:
     """The numbers for JSON."""
-    found = [*paper.surfaces.values(), *paper.peers.values(), *([paper.tof] if paper.tof else [])]
+    found = [*paper.surfaces.values(), *paper.baselines.values(), *([paper.tof] if paper.tof else [])]
     return {
         "source": paper.numbers.source,
         "rig_against_truth": asdict(paper.rig_score),

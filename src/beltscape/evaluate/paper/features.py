@@ -13,9 +13,9 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import MeasureError
 from beltscape.core.frames import to_grey
 from beltscape.core.rig import Rig
-from beltscape.evaluate.paper.dimensions import Measured
+from beltscape.evaluate.paper.dimensions import MeasuredDimensions
 from beltscape.evaluate.paper.laboratory import Laboratory
-from beltscape.evaluate.paper.surfaces import FRAME, Found
+from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.measure.features.measure import measure_module
@@ -28,9 +28,9 @@ PLAIN = "multiview, plain image"
 Grey = NDArray[np.float32]
 
 
-def features_of(
-    found: Found, rig: Rig, module: Module, *, pattern: Grey | None = None, plain: Grey | None = None
-) -> Measured:
+def measure_features(
+    found: ScoredDepth, rig: Rig, module: Module, *, pattern: Grey | None = None, plain: Grey | None = None
+) -> MeasuredDimensions:
     """What `measure features` finds in a depth map; nothing where it shows no module.
 
     ``pattern`` and ``plain`` (H, W) are the core camera's images with and without speckle, on the depth map's grid.
@@ -41,7 +41,7 @@ def features_of(
         measured = measure_module(found.depth, rig, module, pattern=pattern, plain=plain)
     except MeasureError:
         return {}
-    names = paper_names(module)
+    names = map_paper_names(module)
     return {
         f"{names.get(one.name, one.name)} {one.quantity}": (one.measured_mm, one.sigma_mm)
         for one in measured.quantities
@@ -49,7 +49,7 @@ def features_of(
     }
 
 
-def paper_names(module: Module) -> Mapping[str, str]:
+def map_paper_names(module: Module) -> Mapping[str, str]:
     """A module's own names → kind and size, as data/paper.toml names them: "cylinder" of 20 mm → "cylinder20"."""
     names = {cube.name: f"cube{cube.edge_mm:g}" for cube in module.cube}
     names |= {one.name: f"sphere{one.diameter_mm:g}" for one in module.sphere}
@@ -58,7 +58,7 @@ def paper_names(module: Module) -> Mapping[str, str]:
     return names | {f"step:{a.name}-{b.name}": f"step:{names[a.name]}-{names[b.name]}" for a, b in steps}
 
 
-def core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:
+def read_core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:
     """(H, W) what the core camera sees of a scene, on its pinhole grid; None where there is no such capture."""
     if scene not in lab.scenes:
         return None

@@ -40,7 +40,7 @@ class Scene:
     """What stands on the belt, as scenes are named."""
     capture: Path
     truth: Truth
-    stage: SimulatedScene | None
+    simulation: SimulatedScene | None
     """To look at it with other sensors; None where the capture is not ours."""
 
 
@@ -56,7 +56,7 @@ class Laboratory:
     """Without the calibration."""
 
 
-def rendered_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) -> Laboratory:
+def render_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) -> Laboratory:
     """Render what is not there yet into ``folder`` / size and seed.
 
     Raises
@@ -69,13 +69,13 @@ def rendered_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) 
     for number, (name, told) in enumerate(SCENES.items()):
         values = {"seed": seed, "rig": {"scale": SIZES[size]}, **told}
         scenario = read_scenario(str(told["kind"]), {k: v for k, v in values.items() if k != "kind"})
-        if not _there(scenario, home / name):
+        if not _is_complete(scenario, home / name):
             simulate(scenario, home / name, Silent())
         reporter.step("rendering the laboratory", number + 1, len(SCENES))
-    return given_laboratory(home)
+    return read_laboratory(home)
 
 
-def given_laboratory(folder: Path) -> Laboratory:
+def read_laboratory(folder: Path) -> Laboratory:
     """Captures named as `SCENES`, each with its truth/, or with one truth/, board.toml and module.toml for all.
 
     Scenes may be missing, except the calibration and one with speckle.
@@ -106,22 +106,22 @@ def _scene(folder: Path, name: str) -> Scene:
     own, kind = folder / name / "truth", str(SCENES[name]["kind"])
     truth = read_truth(own if own.is_dir() else folder / "truth", kind).truths[0]
     scenario = own / "scenario.json"
-    stage = SimulatedScene(_scenario(scenario)) if scenario.is_file() else None
-    return Scene(name, kind, folder / name, truth, stage)
+    simulation = SimulatedScene(_scenario(scenario)) if scenario.is_file() else None
+    return Scene(name, kind, folder / name, truth, simulation)
 
 
-def _there(scenario: Scenario, capture: Path) -> bool:
+def _is_complete(scenario: Scenario, capture: Path) -> bool:
     """Whether a capture is there in full."""
     document = capture / "truth" / "scenario.json"
     if not document.is_file():
         return False
     if _scenario(document) != scenario:
         raise InputError(f"{capture}: rendered with other settings; remove it, or choose another --out")
-    stage = SimulatedScene(scenario)
+    simulation = SimulatedScene(scenario)
     images = (
-        capture / name / f"{stage.frame_name(frame)}.png"
-        for frame in range(stage.frame_count)
-        for name in stage.station.rig.cameras
+        capture / name / f"{simulation.frame_name(frame)}.png"
+        for frame in range(simulation.frame_count)
+        for name in simulation.station.rig.cameras
     )
     return (capture / "preview.png").is_file() and all(path.is_file() for path in images)
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Reporter
+from beltscape.evaluate.baselines.line_laser import measure_profiles
+from beltscape.evaluate.baselines.profiles import rasterise_profiles
+from beltscape.evaluate.baselines.structured_light import decode
 from beltscape.evaluate.paper.laboratory import Scene
-from beltscape.evaluate.paper.surfaces import FRAME, Found, found_of
-from beltscape.evaluate.peers.line_laser import profiles_of
-from beltscape.evaluate.peers.profiles import depth_of_profiles
-from beltscape.evaluate.peers.structured_light import decode
+from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth, score_surface
 from beltscape.files.rasters.images import read_image
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
@@ -49,7 +49,7 @@ AT_REST = RenderSettings(passes=1, ambient_samples=1)
 
 
 @dataclass(frozen=True, slots=True)
-class Peer:
+class Baseline:
     """A sensor that is compared."""
 
     name: str
@@ -59,120 +59,129 @@ class Peer:
     """What one surface takes."""
     measure: Callable[[SimulatedScene, int], DepthMap]
     """Scene, seed → depth on the core's pinhole grid."""
-    sees_images: bool = False
+    has_even_image: bool = False
     """Whether it could take an image under even light, too."""
 
 
-def scanner_projector(stage: SimulatedScene, *, beside: bool) -> Projector:
+def make_scanner_projector(simulation: SimulatedScene, *, beside: bool) -> Projector:
     """The projector ``BESIDE_MM`` across from the core, or where the rig has its own."""
-    spec = stage.scenario.projector
+    spec = simulation.scenario.projector
     if beside:
-        spec = spec.model_copy(update={"position_mm": (BESIDE_MM, 0.0, stage.scenario.rig.height_mm)})
+        spec = spec.model_copy(update={"position_mm": (BESIDE_MM, 0.0, simulation.scenario.rig.height_mm)})
     return make_projector(spec)
 
 
-def structured_light(stage: SimulatedScene, seed: int, *, beside: bool, travel_mm: float = 0.0) -> DepthMap:
+def measure_structured_light(
+    simulation: SimulatedScene, seed: int, *, beside: bool, travel_mm: float = 0.0
+) -> DepthMap:
     """Shifted fringes; the belt travels so far from picture to picture."""
-    light, fringes = scanner_projector(stage, beside=beside), FringeSettings()
+    light, fringes = make_scanner_projector(simulation, beside=beside), FringeSettings()
     pictures = make_fringe_patterns(fringes, light.camera.size_px)
     how = QUICK if travel_mm else AT_REST
-    images = render_sequence(stage, light, pictures, travel_mm=travel_mm, settings=how, seed=seed)
-    pose = light.projector_from_world @ stage.station.core_from_world.inverse()
-    return decode(images, stage.station.rig.core_camera, light.camera, pose, fringes)
+    images = render_sequence(simulation, light, pictures, travel_mm=travel_mm, settings=how, seed=seed)
+    pose = light.projector_from_world @ simulation.station.core_from_world.inverse()
+    return decode(images, simulation.station.rig.core_camera, light.camera, pose, fringes)
 
 
-def line_laser(stage: SimulatedScene, seed: int) -> DepthMap:
+def measure_line_laser(simulation: SimulatedScene, seed: int) -> DepthMap:
     """A profile each millimetre of belt."""
-    settings, station = LaserSettings(offset_mm=BESIDE_MM), stage.station
+    settings, station = LaserSettings(offset_mm=BESIDE_MM), simulation.station
     height = float(station.core_from_world.center_mm[2])
     laser = make_laser(settings, height)
     images = render_line_images(
-        stage.world_at(0),
+        simulation.world_at(0),
         station,
         laser,
         settings,
-        stage.scenario.sensor,
+        simulation.scenario.sensor,
         along_mm=ALONG_MM,
-        blur_px=stage.scenario.optics.psf_sigma_px,
+        blur_px=simulation.scenario.optics.psf_sigma_px,
         seed=seed,
     )
     wander = speckle_sigma_px(settings, station.rig.core_camera, height)
-    scan = profiles_of(images, station, laser, settings.step_mm, speckle_px=wander)
-    return depth_of_profiles(scan, station)
+    scan = measure_profiles(images, station, laser, settings.step_mm, speckle_px=wander)
+    return rasterise_profiles(scan, station)
 
 
-def lidar(stage: SimulatedScene, seed: int) -> DepthMap:
+def measure_lidar(simulation: SimulatedScene, seed: int) -> DepthMap:
     """600 profiles a second over the belt at speed."""
-    scan = scan_lidar(stage.world_at(0), LidarSettings(), speed_mm_s=SPEED_MM_S, along_mm=ALONG_MM, seed=seed)
-    return depth_of_profiles(scan, stage.station)
+    scan = scan_lidar(
+        simulation.world_at(0), LidarSettings(), speed_mm_s=SPEED_MM_S, along_mm=ALONG_MM, seed=seed
+    )
+    return rasterise_profiles(scan, simulation.station)
 
 
 FRAMES = FringeSettings().frames
-PEERS = (
-    Peer(
+BASELINES = (
+    Baseline(
         "structured light",
         "4 shifts of 1, 8 and 64 fringes; core camera and a projector 300 mm beside it",
         f"{FRAMES} images, belt at rest",
-        lambda stage, seed: structured_light(stage, seed, beside=True),
-        sees_images=True,
+        lambda simulation, seed: measure_structured_light(simulation, seed, beside=True),
+        has_even_image=True,
     ),
-    Peer(
+    Baseline(
         "structured light, rig's projector",
         "the same with the speckle projector where the rig has it, 71 mm beside the core",
         f"{FRAMES} images, belt at rest",
-        lambda stage, seed: structured_light(stage, seed, beside=False),
-        sees_images=True,
+        lambda simulation, seed: measure_structured_light(simulation, seed, beside=False),
+        has_even_image=True,
     ),
-    Peer(
+    Baseline(
         "line laser",
         "a line 300 mm ahead of the core camera, speckle noise of a 660 nm laser at f/4",
         "1000 profiles a second at 1 m/s, perfect encoder",
-        line_laser,
+        measure_line_laser,
     ),
-    Peer(
+    Baseline(
         "LiDAR profile",
         "70° in 0.083° steps from 1 m, range noise 1 mm, spot 3 mm",
         "600 profiles a second at 1 m/s, perfect encoder",
-        lidar,
+        measure_lidar,
     ),
 )
 
 
-def measure_peers(
+def measure_baselines(
     scenes: Mapping[str, Scene], out: Path, seed: int, reporter: Reporter
-) -> Mapping[tuple[str, str], Found]:
-    """Every scene that can be rendered again by every peer, by scene and peer's name; written to ``out``."""
-    jobs = [(scene, peer) for scene in scenes.values() if scene.stage is not None for peer in PEERS]
+) -> Mapping[tuple[str, str], ScoredDepth]:
+    """Every scene that can be rendered again by every baseline, by scene and baseline's name; written to ``out``."""
+    jobs = [
+        (scene, baseline)
+        for scene in scenes.values()
+        if scene.simulation is not None
+        for baseline in BASELINES
+    ]
     found = {}
-    for number, (scene, peer) in enumerate(jobs):
+    for number, (scene, baseline) in enumerate(jobs):
         reporter.step("other sensors", number, len(jobs))
-        assert scene.stage is not None
-        depth = peer.measure(scene.stage, seed)
-        folder = out / peer.name.replace(",", "").replace(" ", "_").replace("'", "") / scene.name
-        found[scene.name, peer.name] = _written(scene, peer.name, folder, depth)
+        assert scene.simulation is not None
+        depth = baseline.measure(scene.simulation, seed)
+        folder = out / baseline.name.replace(",", "").replace(" ", "_").replace("'", "") / scene.name
+        found[scene.name, baseline.name] = _write_depth(scene, baseline.name, folder, depth)
     reporter.step("other sensors", len(jobs), max(len(jobs), 1))
     return found
 
 
-def _written(scene: Scene, name: str, folder: Path, depth: DepthMap) -> Found:
+def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> ScoredDepth:
     """As a reconstruction, so that `measure` takes it; the cloud's colours are those of the core's speckle image."""
     rig = scene.truth.rig
     write_rig(folder / "rig.json", rig)
     image = read_image(scene.capture / rig.core / f"{FRAME}.png")
     cloud = CloudBuilder(rig.core_camera).cloud(depth, image)
     write_frame(folder / FRAME, depth, cloud, frame_picture(depth))
-    return found_of(scene, name, folder / FRAME, depth, rig)
+    return score_surface(scene, name, folder / FRAME, depth, rig)
 
 
-def moving_belt(
+def measure_moving_belt(
     scene: Scene, travels_mm: tuple[float, ...], seed: int, reporter: Reporter
-) -> tuple[Found, ...]:
+) -> tuple[ScoredDepth, ...]:
     """Structured light of a scene whose load travels so far from picture to picture."""
-    assert scene.stage is not None
+    assert scene.simulation is not None
     found = []
     for number, travel in enumerate(travels_mm):
         reporter.step("structured light on a moving belt", number, len(travels_mm))
-        depth = structured_light(scene.stage, seed, beside=True, travel_mm=travel)
-        found.append(found_of(scene, f"{travel:g} mm", None, depth, scene.truth.rig))
+        depth = measure_structured_light(scene.simulation, seed, beside=True, travel_mm=travel)
+        found.append(score_surface(scene, f"{travel:g} mm", None, depth, scene.truth.rig))
     reporter.step("structured light on a moving belt", len(travels_mm), max(len(travels_mm), 1))
     return tuple(found)

@@ -31,7 +31,7 @@ FRAME = "000"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class ScoredDepth:
     """A scene as something measured it."""
 
     scene: str
@@ -47,7 +47,7 @@ class Found:
     @property
     def score(self) -> RegionScore:
         """Of the surface that the scene is about."""
-        return self.scores[REGION[kind_of(self.scene)]]
+        return self.scores[REGION[base_scene(self.scene)]]
 
     @property
     def points(self) -> int:
@@ -60,11 +60,11 @@ class Found:
         return round(self.score.depth.within_1mm * self.score.depth.pixels)
 
 
-Surfaces = Mapping[tuple[str, str], Found]
+Surfaces = Mapping[tuple[str, str], ScoredDepth]
 """By scene and method."""
 
 
-def kind_of(scene: str) -> str:
+def base_scene(scene: str) -> str:
     """A scene's name without what tells that the projector was off."""
     return scene.removesuffix("_nospeckle")
 
@@ -75,7 +75,7 @@ def reconstruct_all(lab: Laboratory, rig: Rig, out: Path, reporter: Reporter) ->
     Without speckle the depth range is the one found with it: on an empty belt nothing else tells it.
     """
     jobs = [(scene, method) for scene in lab.scenes.values() for method in METHODS]
-    found: dict[tuple[str, str], Found] = {}
+    found: dict[tuple[str, str], ScoredDepth] = {}
     ranges: dict[str, Range | None] = {}
     reporter.step("reconstructing", 0, len(jobs))
     for number, (scene, method) in enumerate(jobs):
@@ -85,13 +85,13 @@ def reconstruct_all(lab: Laboratory, rig: Rig, out: Path, reporter: Reporter) ->
     return found
 
 
-def found_of(scene: Scene, by: str, folder: Path | None, depth: DepthMap, rig: Rig) -> Found:
+def score_surface(scene: Scene, by: str, folder: Path | None, depth: DepthMap, rig: Rig) -> ScoredDepth:
     """A depth map with its scores."""
-    truth = scene.truth.on_grid_of(rig)
-    return Found(scene.name, by, folder, depth, truth, score_frame(depth, rig, scene.truth))
+    truth = scene.truth.resample_to(rig)
+    return ScoredDepth(scene.name, by, folder, depth, truth, score_frame(depth, rig, scene.truth))
 
 
-def nothing(rig: Rig) -> DepthMap:
+def make_empty_depth_map(rig: Rig) -> DepthMap:
     """A depth map of the rig's core in which nothing was measured."""
     empty = np.full(rig.core_camera.size_px[::-1], np.nan, np.float32)
     zero = np.zeros(empty.shape)
@@ -103,13 +103,13 @@ Range = tuple[float, float]
 
 def _reconstruct(
     scene: Scene, method: str, rig: Rig, out: Path, near_far: Range | None
-) -> tuple[Found, Range | None]:
+) -> tuple[ScoredDepth, Range | None]:
     folder = out / method / scene.name
     try:
         done = reconstruct_capture(
             scene.capture, rig, folder, Silent(), method=method, depth_range_mm=near_far
         )
     except ReconstructionError:
-        return found_of(scene, method, None, nothing(rig), rig), near_far
+        return score_surface(scene, method, None, make_empty_depth_map(rig), rig), near_far
     frame = folder / FRAME
-    return found_of(scene, method, frame, read_frame(frame).depth, rig), done.depth_range_mm
+    return score_surface(scene, method, frame, read_frame(frame).depth, rig), done.depth_range_mm

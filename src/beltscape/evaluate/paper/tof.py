@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.evaluate.paper.laboratory import Scene
-from beltscape.evaluate.paper.surfaces import FRAME, Found
+from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth
 from beltscape.evaluate.scores.frame_score import score_frame
 from beltscape.evaluate.truth.simulated import Truth
 from beltscape.files.reconstruction import read_frame
@@ -20,22 +20,22 @@ from beltscape.simulate.truth.core_truth import trace_core_view
 
 TOF = "time of flight"
 SMOOTHED_PX = 9
-"""Edge of the median by which its depth is smoothed before dimensions are measured: else noise hides all planes."""
+"""Edge of the median by which its depth is smooth_depth before dimensions are measured: else noise hides all planes."""
 
 
-def time_of_flight(scene: Scene) -> Found | None:
+def measure_time_of_flight(scene: Scene) -> ScoredDepth | None:
     """The scene by the time-of-flight camera that its capture has, on that camera's own grid; None without one."""
     folder = scene.capture / "tof" / FRAME
-    if scene.stage is None or scene.stage.scenario.tof is None or not folder.is_dir():
+    if scene.simulation is None or scene.simulation.scenario.tof is None or not folder.is_dir():
         return None
     found = read_frame(folder)
-    height = scene.stage.scenario.tof.height_mm
+    height = scene.simulation.scenario.tof.height_mm
     truth = _truth(scene, found.rig, Pose(DOWN.copy(), DOWN @ [0.0, 0.0, -height]))
     scores = score_frame(found.depth, found.rig, truth)
-    return Found(scene.name, TOF, folder, found.depth, truth, scores)
+    return ScoredDepth(scene.name, TOF, folder, found.depth, truth, scores)
 
 
-def smoothed(found: Found) -> Found:
+def smooth_depth(found: ScoredDepth) -> ScoredDepth:
     """The same after a median over ``SMOOTHED_PX`` squared; σ as the median of independent noise has it (π/2 n)."""
     depth = found.depth
     share = np.float32(np.sqrt(np.pi / 2) / SMOOTHED_PX)
@@ -47,13 +47,13 @@ def smoothed(found: Found) -> Found:
 
 def _truth(scene: Scene, rig: Rig, tof_from_world: Pose) -> Truth:
     """What the camera has before it; its grid has no auxiliaries, and so nothing that none of them sees."""
-    assert scene.stage is not None
-    view = trace_core_view(scene.stage.world_at(0), Station(rig, tof_from_world))
+    assert scene.simulation is not None
+    view = trace_core_view(scene.simulation.world_at(0), Station(rig, tof_from_world))
     return replace(
         scene.truth,
         rig=rig,
         core_from_world=tof_from_world,
         depth_mm=view.depth_mm,
         label=view.label,
-        unseen=np.zeros(view.label.shape, bool),
+        occluded=np.zeros(view.label.shape, bool),
     )

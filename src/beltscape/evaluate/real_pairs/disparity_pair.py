@@ -73,7 +73,7 @@ class DisparityPair:
         shift_px = float(self.rig.cameras[name].center_px[0] - core.center_px[0])
         return core.focal_px[0] * baseline_mm / depth.depth_mm.astype(np.float64) - shift_px
 
-    def seen_by_both(self) -> NDArray[np.bool_]:
+    def covisible_mask(self) -> NDArray[np.bool_]:
         """(H, W) bool: true points that lie in the auxiliary's image and that nothing nearer hides there."""
         height, width = self.disparity_px.shape
         column = np.arange(width) - self.disparity_px

@@ -25,7 +25,7 @@ from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
-from beltscape.evaluate.real_pairs.subsets import find_subsets, turned_to_meet
+from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose
 from beltscape.files.exchange import import_rig
 from beltscape.files.rasters.images import read_image
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -37,17 +37,17 @@ Reconstruct = Callable[[Rig, FrameSet, tuple[float, float]], DepthMap]
 """A method under test: rig, frame set and (near, far) in mm to the depth of the core's view."""
 
 
-def pairwise(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
+def run_pairwise(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
     """The paper's method, which with one auxiliary is its binocular one."""
     return reconstruct_pairwise(rig, frame_set, PairwiseSettings(), Silent(), depth_range_mm=depth_range_mm)
 
 
-def multiview(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
+def run_multiview(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
     """The multi-view matcher with its standard preset, here with one auxiliary."""
     return MultiviewReconstructor(rig, depth_range_mm, MultiviewSettings()).reconstruct(frame_set, Silent())
 
 
-METHODS: Mapping[str, Reconstruct] = {"pairwise": pairwise, "multiview": multiview}
+METHODS: Mapping[str, Reconstruct] = {"pairwise": run_pairwise, "multiview": run_multiview}
 """What the tests and the benchmark of the real pairs run."""
 
 _SUBSET_PX = 27
@@ -58,7 +58,7 @@ _OFF_LINE_PX = 0.5
 _CONTRAST = 15.0
 
 
-def dice_gt4(folder: Path) -> SpecklePair:
+def read_dice_gt4(folder: Path) -> SpecklePair:
     """A flat specimen, 1920×1200 px; DICe's correspondences of step 0 (25 px subsets, every 100 px).
 
     DICe matches the left images over time from GT4-0000, and left to right in that image only.
@@ -71,7 +71,7 @@ def dice_gt4(folder: Path) -> SpecklePair:
     return SpecklePair("dice_gt4_speckle", rig, frames, (360.0, 400.0), core, core + moved)
 
 
-def dice_auto(folder: Path) -> SpecklePair:
+def read_dice_auto(folder: Path) -> SpecklePair:
     """Three specimens, nearly in one plane, with gaps between them, 1280×800 px; 27 px subsets every 35 px.
 
     The folder's own reference does not serve: its CROSS_CORR is a plane's projective map, to 0.0005 px, and 0.3 to
@@ -79,7 +79,7 @@ def dice_auto(folder: Path) -> SpecklePair:
     So the subsets are found here, starting from that map, and the rig's pose is fitted to them: depth in mm is
     nominal, and epipolar errors are those of a fit.
     """
-    plane, _ = dice_auto_plane(folder)
+    plane, _ = read_dice_auto_plane(folder)
     rig, _ = import_rig(folder / "cal.xml", Silent(), kind="vic3d")
     frames = _frame_set(folder, "img_0000")
     core, auxiliary = (frames.images[name] for name in rig.cameras)
@@ -90,13 +90,13 @@ def dice_auto(folder: Path) -> SpecklePair:
     )
     good = score > _CORRELATED
     points, found = points[good], found[good]
-    rig = turned_to_meet(rig, points, found)
+    rig = fit_auxiliary_pose(rig, points, found)
     pair = SpecklePair("dice_stereo_auto", rig, frames, (1000.0, 1200.0), points, found)
     true = np.abs(pair.epipolar_px()) < _OFF_LINE_PX
     return SpecklePair(pair.name, rig, frames, pair.depth_range_mm, points[true], found[true])
 
 
-def dice_auto_plane(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_dice_auto_plane(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """DICe's projective map (3, 3) of left onto right pixels, and its table (N, 4): u, v left and their shift."""
     table = _dice_table(folder / "DICe_solution_auto_0.txt")
     text = (folder / "projection_out.dat").read_text(encoding="utf-8")
@@ -106,8 +106,8 @@ def dice_auto_plane(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float
     return plane, np.column_stack([table[name] for name in columns])
 
 
-def motorcycle(folder: Path) -> DisparityPair:
-    """A room with a motorcycle, 741×500 px, dense true disparity.
+def read_motorcycle(folder: Path) -> DisparityPair:
+    """A room with a read_motorcycle, 741×500 px, dense true disparity.
 
     The calibration is the scene's own (f = 3979.911, cx = 1244.772, cy = 1019.507, doffs = 124.343 px, baseline
     193.001 mm at 2964×2000), a quarter of it in px.

@@ -11,14 +11,14 @@ from scipy import ndimage
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
-from beltscape.evaluate.scores.depth import robust_sigma
+from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 GROSS_PX = 1.0
 """From here on a difference is a false match, not noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
+class CorrespondenceError:
     """How a depth map agrees with the correspondences, in px of the auxiliary image."""
 
     along_px: NDArray[np.float64]
@@ -37,25 +37,25 @@ class Agreement:
     @property
     def median_px(self) -> float:
         """Median of the differences: what both do not share."""
-        return float(np.median(self._found))
+        return float(np.median(self._finite))
 
     @property
     def robust_sigma_px(self) -> float:
         """1.4826·MAD of the differences."""
-        return robust_sigma(self._found)
+        return compute_robust_sigma(self._finite)
 
     @property
     def p95_px(self) -> float:
         """95th percentile of their size."""
-        return float(np.percentile(np.abs(self._found), 95))
+        return float(np.percentile(np.abs(self._finite), 95))
 
     @property
     def gross(self) -> float:
         """Share of the measured with more than 1 px."""
-        return float((np.abs(self._found) > GROSS_PX).mean())
+        return float((np.abs(self._finite) > GROSS_PX).mean())
 
     @property
-    def _found(self) -> NDArray[np.float64]:
+    def _finite(self) -> NDArray[np.float64]:
         return self.along_px[np.isfinite(self.along_px)]
 
 
@@ -73,7 +73,7 @@ class SpecklePair:
     aux_px: NDArray[np.float64]
     """(N, 2) px in the distorted auxiliary image."""
 
-    def agreement_px(self, depth: DepthMap, *, subset_px: int = 1) -> Agreement:
+    def compare(self, depth: DepthMap, *, subset_px: int = 1) -> CorrespondenceError:
         """Where the depth map puts the points, along the epipolar line, against where the reference found them.
 
         Parameters
@@ -87,22 +87,24 @@ class SpecklePair:
         rays = self.rig.core_camera.undistort(self.core_px)
         depth_mm = _depth_at(self.rig, depth, rays, subset_px)
         direction = _epipolar_direction(self.rig, rays, self.reference_depth_mm())
-        return Agreement(((_seen(self.rig, rays, depth_mm) - self.aux_px) * direction).sum(axis=1))
+        return CorrespondenceError(
+            ((_project_rays(self.rig, rays, depth_mm) - self.aux_px) * direction).sum(axis=1)
+        )
 
     def reference_depth_mm(self) -> NDArray[np.float64]:
         """(N,) depth at which the core's ray passes nearest to the reference's place in the auxiliary image."""
-        return nearest_depth_mm(self.rig, self.core_px, self.aux_px, float(np.mean(self.depth_range_mm)))
+        return triangulate_depth_mm(self.rig, self.core_px, self.aux_px, float(np.mean(self.depth_range_mm)))
 
     def epipolar_px(self) -> NDArray[np.float64]:
         """(N,) signed distance of the reference from its epipolar line: the calibration's error, not a matcher's."""
         rays = self.rig.core_camera.undistort(self.core_px)
         depth_mm = self.reference_depth_mm()
         direction = _epipolar_direction(self.rig, rays, depth_mm)
-        off = self.aux_px - _seen(self.rig, rays, depth_mm)
+        off = self.aux_px - _project_rays(self.rig, rays, depth_mm)
         return direction[:, 0] * off[:, 1] - direction[:, 1] * off[:, 0]
 
 
-def nearest_depth_mm(
+def triangulate_depth_mm(
     rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[np.float64], start_mm: float
 ) -> NDArray[np.float64]:
     """(N,) depth along the core's axis of core pixels (N, 2) seen nearest to auxiliary pixels (N, 2), both distorted.
@@ -113,13 +115,13 @@ def nearest_depth_mm(
     inverse = np.full(len(rays), 1 / start_mm)
     step = 1e-4 / start_mm
     for _ in range(8):
-        at = _seen(rig, rays, 1 / inverse)
-        slope = (_seen(rig, rays, 1 / (inverse + step)) - at) / step
+        at = _project_rays(rig, rays, 1 / inverse)
+        slope = (_project_rays(rig, rays, 1 / (inverse + step)) - at) / step
         inverse = inverse + ((aux_px - at) * slope).sum(axis=1) / (slope * slope).sum(axis=1)
     return 1 / inverse
 
 
-def _seen(rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def _project_rays(rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 2) distorted auxiliary pixels of core rays (N, 2) x/z, y/z at depths (N,)."""
     name = rig.auxiliaries[0]
     points = np.column_stack([rays, np.ones(len(rays))]) * depth_mm[:, None]
@@ -130,7 +132,7 @@ def _epipolar_direction(
     rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(N, 2) unit vectors along the epipolar lines in the distorted auxiliary image, towards nearer points."""
-    moved = _seen(rig, rays, depth_mm * (1 - 1e-4)) - _seen(rig, rays, depth_mm)
+    moved = _project_rays(rig, rays, depth_mm * (1 - 1e-4)) - _project_rays(rig, rays, depth_mm)
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 

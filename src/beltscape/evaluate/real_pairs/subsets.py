@@ -69,7 +69,7 @@ def find_subsets(
     return found, score
 
 
-def turned_to_meet(rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[np.float64]) -> Rig:
+def fit_auxiliary_pose(rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[np.float64]) -> Rig:
     """The rig of two cameras whose auxiliary stands where the rays of correspondences (N, 2) meet best.
 
     Its rotation and the direction of its baseline are fitted to the distances from the epipolar lines, robustly

@@ -1,4 +1,4 @@
-"""A depth map against the truth: how much is right, how right, how honest its sigma is."""
+"""Scores of a depth map against the truth: coverage, accuracy and the reliability of its σ."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from beltscape.core.errors import InputError
 INTERIOR_PX = 6
 """A pixel is interior when it is farther than this from a step of the true depth."""
 GROSS_MM = 5.0
-"""From here on an error is a false surface, not noise."""
+"""A larger error is a false surface, not noise."""
 _MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
 class DepthScore:
-    """How a depth map compares with the truth on the same grid; NaN where there is nothing to count."""
+    """Scores of a depth map against the truth on the same grid; NaN for an empty set of pixels."""
 
     pixels: int
     """Pixels of the region that have a true depth."""
@@ -31,7 +31,7 @@ class DepthScore:
     within_quarter_mm: float
     """Share of ALL of them with |dz| < 0.25 mm."""
     gross: float
-    """Share of the measured ones with |dz| > 5 mm."""
+    """Share of the measured pixels with |dz| > 5 mm."""
     interior_median_mm: float
     """Median |dz| of measured pixels farther than 6 px from a true depth step."""
     interior_bias_mm: float
@@ -58,13 +58,13 @@ def score_depth(
     Parameters
     ----------
     depth
-        What was measured.
+        The measured depth map.
     true_depth_mm
-        (H, W) true depth on the same grid, mm; NaN where there is none.
+        (H, W) true depth on the same grid, mm; NaN: none.
     region
-        (H, W) bool: where to compare; everywhere by default.
+        (H, W) bool: pixels to compare; all by default.
     step_mm
-        What counts as a step of the true depth; see `interior_pixels`.
+        Threshold of a step of the true depth; see `interior_mask`.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def score_depth(
     valid = np.isfinite(truth) if region is None else np.isfinite(truth) & region
     error = depth.depth_mm.astype(np.float64) - truth
     measured = valid & np.isfinite(error)
-    inside = measured & interior_pixels(truth, step_mm=step_mm)
+    inside = measured & interior_mask(truth, step_mm=step_mm)
     count = int(valid.sum())
     size = np.abs(error[measured])
     dz = error[inside]
@@ -89,19 +89,19 @@ def score_depth(
         gross=_share((size > GROSS_MM).sum(), size.size),
         interior_median_mm=_median(np.abs(dz)),
         interior_bias_mm=_median(dz),
-        interior_robust_sigma_mm=robust_sigma(dz),
+        interior_robust_sigma_mm=compute_robust_sigma(dz),
         interior_p95_mm=float(np.percentile(np.abs(dz), 95)) if dz.size else np.nan,
         interior_gross=_share((np.abs(dz) > GROSS_MM).sum(), dz.size),
-        sigma_ratio=robust_sigma(dz / depth.sigma_mm[inside]),
+        sigma_ratio=compute_robust_sigma(dz / depth.sigma_mm[inside]),
     )
 
 
-def interior_pixels(
+def interior_mask(
     true_depth_mm: NDArray[np.floating], *, distance_px: float = INTERIOR_PX, step_mm: float | None = None
 ) -> NDArray[np.bool_]:
-    """(H, W) bool: farther than ``distance_px`` from a step of the true depth (or from its end).
+    """Return the mask (H, W) of pixels farther than ``distance_px`` from a step of the true depth or its boundary.
 
-    A step is where the second difference of the depth exceeds ``step_mm``; a slope, however steep, is none.
+    At a step the second difference of the depth exceeds ``step_mm``; a slope, however steep, is no step.
     By default 0.003 of the median depth: 2 mm at 0.7 m, some three pixels' footprint.
     """
     truth = np.asarray(true_depth_mm, np.float64)
@@ -119,8 +119,8 @@ def interior_pixels(
     return np.asarray(ndimage.distance_transform_edt(~step)) > distance_px
 
 
-def robust_sigma(values: NDArray[np.floating]) -> float:
-    """1.4826 times the median absolute deviation from the median: a standard deviation that outliers do not move."""
+def compute_robust_sigma(values: NDArray[np.floating]) -> float:
+    """Return 1.4826 times the median absolute deviation from the median, a robust standard deviation."""
     return _MAD * _median(np.abs(values - np.median(values))) if values.size else np.nan
 
 

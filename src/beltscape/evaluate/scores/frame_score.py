@@ -1,4 +1,4 @@
-"""A reconstructed frame against its truth: all metrics, region by region."""
+"""Scores of a reconstructed frame against its truth, by region."""
 
 from __future__ import annotations
 
@@ -11,31 +11,35 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.rig import Rig
-from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_pixels, score_depth
-from beltscape.evaluate.scores.reliability import false_fill, pixel_locking, sigma_ratios
+from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_mask, score_depth
+from beltscape.evaluate.scores.reliability import (
+    compute_false_fill,
+    compute_pixel_locking,
+    compute_sigma_ratios,
+)
 from beltscape.evaluate.truth.simulated import WITHIN_MM, Truth
 from beltscape.stereo.pairwise.reconstructor import horizontal_auxiliary
 
 _LOCKED_LEAST = 10_000
-"""Pixels from which pixel locking is more than noise."""
+"""Smallest number of pixels for which pixel locking is distinguished from noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class RegionScore:
-    """One region of a frame; NaN where there is nothing to count."""
+    """Scores of one region of a frame; NaN for an empty set of pixels."""
 
     depth: DepthScore
     false_fill: float
-    """Share of the region's pixels that no auxiliary sees which carry a depth."""
+    """Share of the region's pixels occluded in all auxiliaries that nevertheless have a depth."""
     sigma_ratio_low: float
-    """Actual over predicted σ, least of fifths of ascending predicted σ."""
+    """Actual over predicted σ, smallest over the quintiles of predicted σ."""
     sigma_ratio_high: float
-    """Greatest of the fifths."""
+    """Largest over the quintiles."""
     locking_px: float
-    """Peak to peak of the mean error over the fraction of the disparity of the most horizontal auxiliary."""
+    """Peak-to-peak mean error as a function of the disparity's fractional part, for the most horizontal auxiliary."""
 
     def document(self) -> Mapping[str, Any]:
-        """Plain values for JSON."""
+        """Return the scores as plain values for JSON."""
         own = asdict(self)
         return {**own.pop("depth"), **own}
 
@@ -43,25 +47,25 @@ class RegionScore:
 def score_frame(
     depth: DepthMap, rig: Rig, truth: Truth, *, within_mm: float = WITHIN_MM
 ) -> Mapping[str, RegionScore]:
-    """By region that the scene has, and of "all" of them: measured with a rig, held against the truth.
+    """Score a depth map against the truth in every region of the scene, and in "all" of them together.
 
-    The truth may be on another core's grid; regions end ``within_mm`` of the rig along the belt.
+    The truth may be on another core's grid; regions extend ``within_mm`` to each side of the rig along the belt.
     """
-    true = truth.on_grid_of(rig)
+    true = truth.resample_to(rig)
     return {
         name: _region(depth, rig, true, region)
-        for name, region in true.regions(within_mm).items()
+        for name, region in true.region_masks(within_mm).items()
         if region.any()
     }
 
 
 def _region(depth: DepthMap, rig: Rig, true: Truth, region: NDArray[np.bool_]) -> RegionScore:
     error = depth.depth_mm.astype(np.float64) - true.depth_mm
-    inside = region & interior_pixels(true.depth_mm) & (np.abs(np.nan_to_num(error, nan=np.inf)) < GROSS_MM)
-    ratios = sigma_ratios(error[inside], depth.sigma_mm[inside])
+    inside = region & interior_mask(true.depth_mm) & (np.abs(np.nan_to_num(error, nan=np.inf)) < GROSS_MM)
+    ratios = compute_sigma_ratios(error[inside], depth.sigma_mm[inside])
     return RegionScore(
         score_depth(depth, true.depth_mm, region),
-        false_fill(depth, true.unseen & region),
+        compute_false_fill(depth, true.occluded & region),
         float(ratios.min()),
         float(ratios.max()),
         _locking(depth, rig, true, inside),
@@ -79,4 +83,4 @@ def _locking(depth: DepthMap, rig: Rig, true: Truth, inside: NDArray[np.bool_]) 
         ]
         for z in (depth.depth_mm[inside].astype(np.float64), true.depth_mm[inside])
     )
-    return pixel_locking(measured, truth)
+    return compute_pixel_locking(measured, truth)

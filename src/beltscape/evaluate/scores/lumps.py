@@ -1,33 +1,34 @@
-"""Lumps against a simulated heap whose rocks are known."""
+"""Scores of measured lumps against the known rocks of a simulated heap."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.evaluate.scores.depth import robust_sigma
+from beltscape.evaluate.scores.depth import compute_robust_sigma
 from beltscape.measure.lumps.distribution import compute_passing_sizes
 from beltscape.measure.lumps.lumps import FINES, Lumps
 
 FULL_SHARE = 0.25
-"""A rock counts as visible when it shows this share of a disc of its size."""
+"""Share of a disc of its size that a visible rock shows at least."""
 MEASURED_SHARE = 0.8
-"""Of a rock's pixels: with less of its depth its outline cannot be right."""
+"""Share of a rock's pixels with a depth from which its outline can be measured."""
 LEAST_PX = 100
-"""Smaller areas of the depth map are slivers, not rocks to be found."""
+"""Smallest visible area of a rock that can be detected; smaller ones are slivers."""
 _MATCH = 0.5
-"""Intersection over union from which on two outlines are one."""
+"""Intersection over union above which two outlines match."""
 
 
 @dataclass(frozen=True, slots=True)
 class LumpScore:
-    """How found lumps compare with the rocks in view; sizes in mm, NaN where there is nothing to count.
+    """Scores of measured lumps against the visible rocks; sizes in mm, NaN for an empty set.
 
-    A rock is visible when it shows `LEAST_PX` pixels and `FULL_SHARE` of a disc of its size. A lump and a rock
-    match when intersection over union of their pixels is above one half, so none matches twice.
+    A rock is visible if it shows `LEAST_PX` pixels and `FULL_SHARE` of a disc of its size. A lump and a rock
+    match if the intersection over union of their pixels is above one half, so none matches twice.
     """
 
     rocks: int
@@ -35,7 +36,7 @@ class LumpScore:
     recall: float
     """Share of them that a lump matches."""
     rocks_measured: int
-    """Visible rocks of which at least `MEASURED_SHARE` was measured; all where that is not told."""
+    """Visible rocks of which at least `MEASURED_SHARE` was measured; all if that is not known."""
     recall_measured: float
     """Share of them that a lump matches."""
     precision: float
@@ -47,13 +48,13 @@ class LumpScore:
     recall_over: float
     """Share of them that a lump matches."""
     lumps_over: int
-    """Lumps measured over the limit, the frame's cut ones too."""
+    """Lumps measured over the limit, including those cut by the frame."""
     precision_over: float
     """Share of them that match a rock."""
     alarm_recall: float
-    """Share of the rocks over the limit whose lump is measured over it, too."""
+    """Share of the rocks over the limit whose lump is also measured over it."""
     alarm_precision: float
-    """Share of the lumps over the limit whose rock is over it, too."""
+    """Share of the lumps over the limit whose rock is also over it."""
     sized: int
     """Matched lumps that are neither cut by the frame nor hidden by others, of rocks above the smallest size."""
     size_bias: float
@@ -63,7 +64,7 @@ class LumpScore:
     size_iqr: float
     """Between its quartiles."""
     sigma_ratio: float
-    """Robust scatter of the error in units of the σ claimed."""
+    """Robust scatter of the error in units of the predicted σ."""
     all_sized: int
     """Matched lumps whether hidden or not, but not cut by the frame."""
     all_bias: float
@@ -73,14 +74,14 @@ class LumpScore:
     d50_mm: float
     """Measured by estimated mass."""
     d50_top_mm: float
-    """Of the rocks that show `LEAST_PX` pixels, by their true mass: what a perfect eye would say."""
+    """Of the rocks that show `LEAST_PX` pixels, by their true mass: the result of a perfect measurement."""
     d50_heap_mm: float
-    """Of all rocks of the heap by mass: the top layer's own bias lies between."""
+    """Of all rocks of the heap by mass; the difference is the bias of the top layer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Overlap:
-    """How lumps' and rocks' pixels share a picture; only pixels on both are paired."""
+    """Overlap of the lumps and rocks of a label picture, for all pairs with common pixels."""
 
     lump: NDArray[np.int64]
     """(P,) a lump's number, from 1."""
@@ -90,8 +91,10 @@ class Overlap:
     """(P,) intersection over union of the two."""
 
 
-def overlap(labels: NDArray[np.integer], rock: NDArray[np.integer], lumps: int, rocks: int) -> Overlap:
-    """Of a label picture (H, W) of so many lumps, and the true one (H, W)."""
+def compute_overlap(
+    labels: NDArray[np.integer], rock: NDArray[np.integer], lumps: int, rocks: int
+) -> Overlap:
+    """Return the overlap of a label picture (H, W) and the true one (H, W), with their numbers of labels."""
     number = np.where(labels <= lumps, labels, 0).ravel().astype(np.int64)
     truth = rock.ravel().astype(np.int64) + 1
     pair, shared = np.unique(number * (rocks + 1) + truth, return_counts=True)
@@ -118,7 +121,7 @@ def score_lumps(
     Parameters
     ----------
     found
-        What was measured.
+        The measured lumps.
     rock
         (H, W) number of the rock that each pixel of the core's grid truly shows, -1: none.
     size_mm, volume_mm3
@@ -126,13 +129,13 @@ def score_lumps(
     pixel_mm
         Width of a pixel on the load.
     over_mm
-        The limit of what counts as large.
+        Size above which a rock is large.
     smallest_mm
-        Rocks and lumps below are left out.
+        Smaller rocks and lumps are left out.
     region
-        (H, W) bool: where to compare, such as what a matcher could reach at all; everywhere by default.
+        (H, W) bool: pixels to compare, such as those that a matcher can reach; all by default.
     measured
-        (H, W) bool: where there was a depth to find lumps in; everywhere by default.
+        (H, W) bool: pixels with a measured depth; all by default.
 
     Raises
     ------
@@ -141,63 +144,140 @@ def score_lumps(
     """
     if found.labels.shape != rock.shape:
         raise InputError(f"the truth is {rock.shape}, the label picture {found.labels.shape} pixels")
-    shown = rock if region is None else np.where(region, rock, -1)
+    rock = rock if region is None else np.where(region, rock, -1)
     labels = found.labels if region is None else np.where(region, found.labels, 0)
-    count = len(found.lumps)
-    shared = overlap(labels, shown, count, len(size_mm))
-    match = shared.iou > _MATCH
-    rock_of = np.full(count + 1, -1)
-    rock_of[shared.lump[match]] = shared.rock[match]
-    matched = np.zeros(len(size_mm), bool)
-    matched[shared.rock[match]] = True
-    best = np.zeros(len(size_mm))
-    np.maximum.at(best, shared.rock, shared.iou)
-    area = np.bincount(shown[shown >= 0].ravel(), minlength=len(size_mm))
-    disc = np.pi / 4 * (size_mm / pixel_mm) ** 2
-    visible = (area >= LEAST_PX) & (area >= FULL_SHARE * disc) & (size_mm >= smallest_mm)
-    large = visible & (size_mm > over_mm)
-    there = shown >= 0 if measured is None else (shown >= 0) & measured
-    clear = visible & (
-        np.bincount(shown[there].ravel(), minlength=len(size_mm)) >= MEASURED_SHARE * np.maximum(area, 1)
-    )
-    seen_at_all = (area >= LEAST_PX) & (size_mm >= found.smallest_mm)
-    seen = np.bincount(labels.ravel(), minlength=FINES + 1)[1 : count + 1] > 0
-    sizes = np.array([lump.size_mm for lump in found.lumps])
-    sigma = np.array([lump.sigma_mm for lump in found.lumps])
-    own = rock_of[1:]
-    true = np.where(own >= 0, size_mm[own], np.nan)
-    hit = (own >= 0) & seen
-    big = seen & (sizes > over_mm)
-    alarmed = np.zeros(len(size_mm), bool)
-    alarmed[own[hit & big]] = True
-    entire = hit & ~np.array([lump.cut for lump in found.lumps], bool) & (true >= smallest_mm)
-    free = entire & ~np.array([lump.occluded for lump in found.lumps], bool)
-    error = sizes / true - 1
+    rocks = _Rocks.from_picture(rock, size_mm, pixel_mm, smallest_mm, measured)
+    shared = compute_overlap(labels, rock, len(found.lumps), len(size_mm))
+    lumps = _Lumps.from_overlap(found, labels, shared, size_mm)
+    is_matched = np.zeros(len(size_mm), bool)
+    is_matched[shared.rock[shared.iou > _MATCH]] = True
+    is_entire = lumps.is_matched & ~lumps.is_cut & (lumps.true_mm >= smallest_mm)
+    is_free = is_entire & ~lumps.is_occluded
+    error = lumps.size_mm / lumps.true_mm - 1
+    is_top = (rocks.area_px >= LEAST_PX) & (size_mm >= found.smallest_mm)
+    visible, clear = rocks.is_visible, rocks.is_measured
     return LumpScore(
         rocks=int(visible.sum()),
-        recall=_mean(matched[visible]),
+        recall=_mean(is_matched[visible]),
         rocks_measured=int(clear.sum()),
-        recall_measured=_mean(matched[clear]),
-        precision=_mean(hit[seen & (sizes >= smallest_mm)]),
-        iou=float((best * area)[visible].sum() / area[visible].sum()) if visible.any() else np.nan,
-        rocks_over=int(large.sum()),
-        recall_over=_mean(matched[large]),
-        lumps_over=int(big.sum()),
-        precision_over=_mean(hit[big]),
-        alarm_recall=_mean(alarmed[large]),
-        alarm_precision=_mean((true > over_mm)[big]),
-        sized=int(free.sum()),
-        size_bias=_median(error[free]),
-        size_error=_median(np.abs(error[free])),
-        size_iqr=float(np.subtract(*np.quantile(error[free], [0.75, 0.25]))) if free.any() else np.nan,
-        sigma_ratio=robust_sigma(((sizes - true) / sigma)[free]),
-        all_sized=int(entire.sum()),
-        all_bias=_median(error[entire]),
-        all_error=_median(np.abs(error[entire])),
+        recall_measured=_mean(is_matched[clear]),
+        precision=_mean(lumps.is_matched[lumps.is_shown & (lumps.size_mm >= smallest_mm)]),
+        iou=_mean_iou(shared, rocks),
+        **_over_score(rocks.is_visible & (size_mm > over_mm), lumps, is_matched, over_mm),
+        **_size_score(error, ((lumps.size_mm - lumps.true_mm) / lumps.sigma_mm), is_entire, is_free),
         d50_mm=found.all.d_mm[1],
-        d50_top_mm=_d50(size_mm[seen_at_all], volume_mm3[seen_at_all]),
+        d50_top_mm=_d50(size_mm[is_top], volume_mm3[is_top]),
         d50_heap_mm=_d50(size_mm, volume_mm3),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rocks:
+    """The rocks in view, (N,) each."""
+
+    area_px: NDArray[np.int64]
+    is_visible: NDArray[np.bool_]
+    is_measured: NDArray[np.bool_]
+
+    @classmethod
+    def from_picture(
+        cls,
+        rock: NDArray[np.integer],
+        size_mm: NDArray[np.float64],
+        pixel_mm: float,
+        smallest_mm: float,
+        measured: NDArray[np.bool_] | None,
+    ) -> _Rocks:
+        """Return which rocks of a picture (H, W) count as visible and as measured."""
+        area = np.bincount(rock[rock >= 0].ravel(), minlength=len(size_mm))
+        disc = np.pi / 4 * (size_mm / pixel_mm) ** 2
+        visible = (area >= LEAST_PX) & (area >= FULL_SHARE * disc) & (size_mm >= smallest_mm)
+        has_depth = rock >= 0 if measured is None else (rock >= 0) & measured
+        measured_px = np.bincount(rock[has_depth].ravel(), minlength=len(size_mm))
+        return cls(area, visible, visible & (measured_px >= MEASURED_SHARE * np.maximum(area, 1)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lumps:
+    """The measured lumps with their rocks, (M,) each."""
+
+    size_mm: NDArray[np.float64]
+    sigma_mm: NDArray[np.float64]
+    rock: NDArray[np.int64]
+    """Number of the rock that the lump matches, -1: none."""
+    true_mm: NDArray[np.float64]
+    """Size of that rock; NaN: none."""
+    is_shown: NDArray[np.bool_]
+    """Whether any of its pixels lies in the region."""
+    is_matched: NDArray[np.bool_]
+    is_cut: NDArray[np.bool_]
+    is_occluded: NDArray[np.bool_]
+
+    @classmethod
+    def from_overlap(
+        cls, found: Lumps, labels: NDArray[np.integer], shared: Overlap, size_mm: NDArray[np.float64]
+    ) -> _Lumps:
+        """Return the lumps of a label picture (H, W), matched to rocks by their overlap."""
+        count, match = len(found.lumps), shared.iou > _MATCH
+        rock_of = np.full(count + 1, -1)
+        rock_of[shared.lump[match]] = shared.rock[match]
+        rock = rock_of[1:]
+        shown = np.bincount(labels.ravel(), minlength=FINES + 1)[1 : count + 1] > 0
+        return cls(
+            size_mm=np.array([lump.size_mm for lump in found.lumps]),
+            sigma_mm=np.array([lump.sigma_mm for lump in found.lumps]),
+            rock=rock,
+            true_mm=np.where(rock >= 0, size_mm[rock], np.nan),
+            is_shown=shown,
+            is_matched=(rock >= 0) & shown,
+            is_cut=np.array([lump.cut for lump in found.lumps], bool),
+            is_occluded=np.array([lump.occluded for lump in found.lumps], bool),
+        )
+
+
+def _mean_iou(shared: Overlap, rocks: _Rocks) -> float:
+    """Return the best IoU of each visible rock, averaged by area."""
+    visible, area = rocks.is_visible, rocks.area_px
+    best = np.zeros(len(area))
+    np.maximum.at(best, shared.rock, shared.iou)
+    return float((best * area)[visible].sum() / area[visible].sum()) if visible.any() else np.nan
+
+
+def _over_score(
+    is_large: NDArray[np.bool_], lumps: _Lumps, is_matched: NDArray[np.bool_], over_mm: float
+) -> dict[str, Any]:
+    """Return the scores of the rocks and lumps over the limit."""
+    is_over = lumps.is_shown & (lumps.size_mm > over_mm)
+    is_alarmed = np.zeros(len(is_large), bool)
+    is_alarmed[lumps.rock[lumps.is_matched & is_over]] = True
+    return {
+        "rocks_over": int(is_large.sum()),
+        "recall_over": _mean(is_matched[is_large]),
+        "lumps_over": int(is_over.sum()),
+        "precision_over": _mean(lumps.is_matched[is_over]),
+        "alarm_recall": _mean(is_alarmed[is_large]),
+        "alarm_precision": _mean((lumps.true_mm > over_mm)[is_over]),
+    }
+
+
+def _size_score(
+    error: NDArray[np.float64],
+    error_over_sigma: NDArray[np.float64],
+    is_entire: NDArray[np.bool_],
+    is_free: NDArray[np.bool_],
+) -> dict[str, Any]:
+    """Return the size errors of the uncut lumps, and of those that are also not occluded."""
+    free, entire = error[is_free], error[is_entire]
+    return {
+        "sized": int(is_free.sum()),
+        "size_bias": _median(free),
+        "size_error": _median(np.abs(free)),
+        "size_iqr": float(np.subtract(*np.quantile(free, [0.75, 0.25]))) if is_free.any() else np.nan,
+        "sigma_ratio": compute_robust_sigma(error_over_sigma[is_free]),
+        "all_sized": int(is_entire.sum()),
+        "all_bias": _median(entire),
+        "all_error": _median(np.abs(entire)),
+    }
 
 
 def _d50(size_mm: NDArray[np.float64], volume_mm3: NDArray[np.float64]) -> float:

@@ -1,4 +1,4 @@
-"""Lumps of a reconstructed frame, or of the true depth itself, against the heap they were simulated from."""
+"""Scores of the lumps of a reconstructed frame, or of the true depth, against their simulated heap."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 
 _FULL = 0.5
-"""Rows of which a matcher reached less than this share of what it did in the middle do not count."""
+"""Rows with a coverage below this share of the median row's are not compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueHeap:
-    """What a simulated frame shows of its rocks, on the core's grid of H × W pixels."""
+    """The rocks of a simulated frame on the core's grid of H × W pixels."""
 
     camera: Camera
     depth: DepthMap
-    """A perfect one."""
+    """True depth with a negligible σ."""
     rock: NDArray[np.int32]
-    """(H, W) number of the rock that each pixel shows, -1 where it shows none."""
+    """(H, W) number of the rock that each pixel shows, -1: none."""
     size_mm: NDArray[np.float64]
     """(N,) of the rocks."""
     volume_mm3: NDArray[np.float64]
@@ -42,12 +42,12 @@ class TrueHeap:
 
 
 def read_heap(truth: Path) -> TrueHeap:
-    """The heap of a truth folder of ``beltscape simulate``.
+    """Read the heap of a truth folder of ``beltscape simulate``.
 
     Raises
     ------
     InputError
-        When it holds no scene with rocks, or several.
+        When it contains no scene with rocks, or several.
     """
     if not truth.is_dir():
         raise InputError(f"{truth}: no such folder; give truth/ of one loaded belt by beltscape simulate")
@@ -66,20 +66,22 @@ def read_heap(truth: Path) -> TrueHeap:
         rock = arrays["rock"].astype(np.int32) if "rock" in arrays else np.full(depth.shape, -1, np.int32)
     if depth.ndim != 2 or not (rock >= 0).any():
         raise InputError(f"{seen}: shows no rock in a single frame; simulate belt_loaded with rocks")
-    known = np.isfinite(depth)
+    valid = np.isfinite(depth)
     perfect = DepthMap(
         depth,
-        np.where(known, 0.01, np.nan).astype(np.float32),
-        known.astype(np.uint8),
-        known.astype(np.float32),
+        np.where(valid, 0.01, np.nan).astype(np.float32),
+        valid.astype(np.uint8),
+        valid.astype(np.float32),
     )
     return TrueHeap(read_rig(truth / "rig.json").core_camera, perfect, rock, size, volume)
 
 
-def score_frame(heap: TrueHeap, frame: Path | None, settings: LumpSettings, over_mm: float) -> LumpScore:
-    """Lumps measured in a frame's folder (None: by the true depth, the ceiling of what depth tells).
+def score_lumps_of_frame(
+    heap: TrueHeap, frame: Path | None, settings: LumpSettings, over_mm: float
+) -> LumpScore:
+    """Score the lumps measured in a frame's folder, or in the true depth (None), which gives the upper bound.
 
-    Of a matched frame the rows are compared that the matcher reached.
+    Only rows that the matcher covered are compared.
 
     Raises
     ------
@@ -88,8 +90,8 @@ def score_frame(heap: TrueHeap, frame: Path | None, settings: LumpSettings, over
     """
     camera, depth = heap.camera, heap.depth
     if frame is not None:
-        seen = read_frame(frame)
-        camera, depth = seen.rig.core_camera, seen.depth
+        result = read_frame(frame)
+        camera, depth = result.rig.core_camera, result.depth
     if depth.depth_mm.shape != heap.rock.shape:
         sizes = ["{1}×{0}".format(*shape) for shape in (depth.depth_mm.shape, heap.rock.shape)]
         raise InputError(f"{frame}: has {sizes[0]} pixels, its truth {sizes[1]}; give both of one capture")

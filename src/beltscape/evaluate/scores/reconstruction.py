@@ -1,4 +1,4 @@
-"""All frames of a reconstruction against their truth."""
+"""Scores of all frames of a reconstruction against their truth."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.evaluate.scores.frame_score import RegionScore, score_frame
 from beltscape.evaluate.truth.simulated import WITHIN_MM, TruthFile
-from beltscape.files.reconstruction import frame_folders, read_frame
+from beltscape.files.reconstruction import list_frame_folders, read_frame
 
 
 def score_reconstruction(
     folder: Path, truth: TruthFile, reporter: Reporter, *, within_mm: float = WITHIN_MM
 ) -> Mapping[str, Mapping[str, RegionScore]]:
-    """By frame and region, of ``DIR`` or of one frame folder ``DIR/<frame>``.
+    """Return the scores by frame and region of a reconstruction ``DIR`` or one frame folder ``DIR/<frame>``.
 
     Raises
     ------
     InputError
-        When there is no frame in the folder, or none of its truth.
+        When the folder contains no frame, or a frame has no truth.
     """
-    frames = frame_folders(folder)
+    frames = list_frame_folders(folder)
     if not frames:
         raise InputError(f"{folder}: no frame with depth.tiff in it; give a folder of beltscape reconstruct")
     scores = {}
     for number, frame in enumerate(frames):
-        found = read_frame(frame)
+        result = read_frame(frame)
         scores[frame.name] = score_frame(
-            found.depth, found.rig, truth.of(frame.resolve().name), within_mm=within_mm
+            result.depth, result.rig, truth.for_frame(frame.resolve().name), within_mm=within_mm
         )
         reporter.step("against the truth", number + 1, len(frames))
     return scores

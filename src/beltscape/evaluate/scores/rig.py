@@ -1,4 +1,4 @@
-"""A rig against the true one: what its errors do to points in the working volume."""
+"""Scores of a rig against the true one: pose errors, and depth errors in the working volume."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ WORKING_VOLUME_MM = ((-300.0, 300.0), (-240.0, 240.0), (600.0, 760.0))
 
 @dataclass(frozen=True, slots=True)
 class RigScore:
-    """How far a rig is from the true one."""
+    """Differences of a rig from the true one."""
 
     depth_rms_mm: float
-    """Of points projected with the true rig and triangulated with the found one."""
+    """Of points projected with the true rig and triangulated with the tested one."""
     depth_max_mm: float
     rotation_deg: Mapping[str, float]
     """By camera, about the core."""
     center_mm: Mapping[str, float]
-    """By camera: distance of its centre from the true one, in the core frame."""
+    """By camera: distance of the camera centre from the true one, in the core frame."""
 
 
-def score_rig_against_truth(found: Rig, truth: Rig, kernels: Kernels) -> RigScore:
-    """Project a grid of the working volume with the true rig, triangulate it with the found one."""
+def score_rig_against_truth(rig: Rig, truth: Rig, kernels: Kernels) -> RigScore:
+    """Project a grid of points in the working volume with the true rig and triangulate them with the tested one."""
     axes = [np.linspace(low, high, 9) for low, high in WORKING_VOLUME_MM]
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-    names = [name for name in truth.cameras if name in found.cameras]
-    pixels = np.stack([truth.project_into(found, name, points) for name in names])
-    measured = kernels.triangulate(np.stack([found.projection(name) for name in names]), pixels)
+    names = [name for name in truth.cameras if name in rig.cameras]
+    pixels = np.stack([truth.project_into(rig, name, points) for name in names])
+    measured = kernels.triangulate(np.stack([rig.projection(name) for name in names]), pixels)
     error = measured[:, 2] - points[:, 2]
     error = error[np.isfinite(error)]
-    differences = {name: found.cam_from_core[name] @ truth.cam_from_core[name].inverse() for name in names}
+    differences = {name: rig.cam_from_core[name] @ truth.cam_from_core[name].inverse() for name in names}
     centers = {
-        name: found.cam_from_core[name].center_mm - truth.cam_from_core[name].center_mm for name in names
+        name: rig.cam_from_core[name].center_mm - truth.cam_from_core[name].center_mm for name in names
     }
     return RigScore(
         depth_rms_mm=float(np.sqrt((error**2).mean())) if error.size else float("nan"),

@@ -1,1 +1,1 @@
-"""The truth of simulated scenes, read from files and brought onto a grid."""
+"""Ground truth of simulated scenes: its files, occluded pixels, and resampling to another core camera."""

@@ -1,4 +1,4 @@
-"""What no auxiliary sees, from the true depth of the core's view."""
+"""Pixels of the core camera whose surface is occluded in every auxiliary, from the true depth."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 from beltscape.stereo.multiview.frame.visibility import count_visible_views
 
 
-def never_seen(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) -> NDArray[np.bool_]:
-    """(H, W) bool: pixels with a true depth that no auxiliary sees.
+def occluded_mask(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) -> NDArray[np.bool_]:
+    """Return the mask (H, W) of pixels with a true depth that are occluded in every auxiliary.
 
-    The true depth (H, W; mm, NaN where there is none) is cast into each auxiliary. That is fair but not exact: what
-    the core does not see hides nothing, so that a few pixels too many count as seen.
+    The true depth (H, W; mm, NaN: none) is projected into each auxiliary. Surfaces outside the core's view do not
+    occlude here, so a few occluded pixels count as visible.
     """
     names = rig.auxiliaries
     unit = inverse_depth_scale(rig, names)
     s = (1 / (np.asarray(true_depth_mm, np.float64) * unit)).astype(np.float32)
     sizes = [rig.cameras[name].size_px for name in names]
-    return np.isfinite(s) & (count_visible_views(s, packed_projections(rig, names, unit, 1), sizes, kernels) == 0)
+    return np.isfinite(s) & (
+        count_visible_views(s, packed_projections(rig, names, unit, 1), sizes, kernels) == 0
+    )

@@ -1,4 +1,4 @@
-"""The truth of a simulated scene, read from its files: depth, what each pixel shows, what no auxiliary sees."""
+"""The truth of a simulated scene, read from its files: depth, labels and occluded pixels."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.truth.occluded_pixels import never_seen
-from beltscape.evaluate.truth.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.evaluate.truth.occluded_pixels import occluded_mask
+from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
 
 WITHIN_MM = 240.0
-"""Along the belt from below the rig: the projector lights little more."""
+"""Half length of the evaluated region along the belt; the projector illuminates little more."""
 REGIONS: Mapping[str, tuple[int, ...]] = {
     "belt": (1,),
     "material": (2,),
@@ -38,49 +38,49 @@ class Truth:
     """The core camera is the grid's."""
     core_from_world: Pose
     depth_mm: NDArray[np.float64]
-    """(H, W) along the optical axis; NaN: nothing."""
+    """(H, W) along the optical axis; NaN: none."""
     label: NDArray[np.uint8]
-    """(H, W) what the pixel shows, as the truth's files number it."""
-    unseen: NDArray[np.bool_]
-    """(H, W) whether no auxiliary sees what the pixel shows."""
+    """(H, W) label of the surface that the pixel shows, as in the truth's files."""
+    occluded: NDArray[np.bool_]
+    """(H, W) whether the pixel's surface is occluded in every auxiliary."""
 
-    def on_grid_of(self, rig: Rig) -> Truth:
-        """The same for a rig that was calibrated, or has other pixels: its core looks from the same place."""
+    def resample_to(self, rig: Rig) -> Truth:
+        """Return the truth on the grid of another rig whose core camera has the same pose."""
         labels = np.zeros(rig.core_camera.size_px[::-1], np.uint8)
         for value in np.unique(self.label):
-            labels[mask_on_grid_of(rig, self.rig, self.label == value)] = value
+            labels[resample_mask(rig, self.rig, self.label == value)] = value
         return replace(
             self,
             rig=rig,
-            depth_mm=depth_on_grid_of(rig, self.rig, self.depth_mm),
+            depth_mm=resample_depth(rig, self.rig, self.depth_mm),
             label=labels,
-            unseen=mask_on_grid_of(rig, self.rig, self.unseen),
+            occluded=resample_mask(rig, self.rig, self.occluded),
         )
 
-    def within(self, reach_mm: float = WITHIN_MM) -> NDArray[np.bool_]:
-        """(H, W) whether a pixel lies so near to the rig along the belt."""
+    def near_mask(self, reach_mm: float = WITHIN_MM) -> NDArray[np.bool_]:
+        """Return the mask (H, W) of pixels within ``reach_mm`` of the rig along the belt."""
         depth = self.depth_mm[..., None]
         points = np.concatenate([self.rig.core_camera.rays() * depth, depth], axis=-1)
         with np.errstate(invalid="ignore"):
             return np.abs(self.core_from_world.inverse().apply(points)[..., 1]) <= reach_mm
 
-    def regions(self, reach_mm: float = WITHIN_MM) -> Mapping[str, NDArray[np.bool_]]:
-        """(H, W) by region that the scene has, and all of them together."""
-        near = self.within(reach_mm)
-        found = {name: np.isin(self.label, labels) & near for name, labels in REGIONS.items()}
-        found = {name: region for name, region in found.items() if region.any()}
-        return {**found, "all": np.any([*found.values()], axis=0) if found else np.zeros_like(near)}
+    def region_masks(self, reach_mm: float = WITHIN_MM) -> Mapping[str, NDArray[np.bool_]]:
+        """Return the mask (H, W) of every region of the scene, and of "all" of them together."""
+        near = self.near_mask(reach_mm)
+        masks = {name: np.isin(self.label, labels) & near for name, labels in REGIONS.items()}
+        masks = {name: region for name, region in masks.items() if region.any()}
+        return {**masks, "all": np.any([*masks.values()], axis=0) if masks else np.zeros_like(near)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthFile:
-    """Truth of a capture's frames: a single one that holds for all, or one for each."""
+    """Truth of a capture's frames: one that is valid for all frames, or one per frame."""
 
     path: Path
     truths: tuple[Truth, ...]
 
-    def of(self, frame: str) -> Truth:
-        """Of a frame by its name, which numbers it from 0 where there are several.
+    def for_frame(self, frame: str) -> Truth:
+        """Return the truth of a frame; if there are several, the frame's name is its number from 0.
 
         Raises
         ------
@@ -97,19 +97,19 @@ class TruthFile:
 
 
 def read_truth(path: Path, scene: str | None = None) -> TruthFile:
-    """Read the truth that ``beltscape simulate`` wrote, or of the same layout by camera (``*_depth_cam0.npz``).
+    """Read the truth written by ``beltscape simulate``, or in the layout by camera (``*_depth_cam0.npz``).
 
     Parameters
     ----------
     path
-        The truth's folder, or the npz file of depths in it; rig.json lies beside it.
+        The truth's folder, or the npz file of depths in it, with rig.json beside it.
     scene
-        Which of several scenes of a folder.
+        Name of the scene, for a folder with several.
 
     Raises
     ------
     InputError
-        When a file is missing or has not what is needed.
+        When a file is missing or incomplete.
     """
     file = _depth_file(path, scene)
     try:
@@ -148,8 +148,8 @@ def _truth(
     label: NDArray[np.uint8],
     views: NDArray[np.uint8] | None,
 ) -> Truth:
-    unseen = never_seen(rig, depth, load()) if views is None else np.isfinite(depth) & (views == 0)
-    return Truth(rig, pose, depth, label, unseen)
+    occluded = occluded_mask(rig, depth, load()) if views is None else np.isfinite(depth) & (views == 0)
+    return Truth(rig, pose, depth, label, occluded)
 
 
 def _depth_file(path: Path, scene: str | None) -> Path:
@@ -185,7 +185,7 @@ def _rig(folder: Path) -> tuple[Rig, Pose]:
 
 
 def _rig_by_camera(path: Path, document: Mapping[str, Any]) -> tuple[Rig, Pose]:
-    """rig.json of captures rendered elsewhere: K, dist, R, t (world → camera), R_rel, t_rel (core → camera)."""
+    """Parse rig.json of other renderers: K, dist, R, t (world → camera), R_rel, t_rel (core → camera)."""
     cameras, poses = {}, {}
     try:
         size = (int(document["image_size"][0]), int(document["image_size"][1]))

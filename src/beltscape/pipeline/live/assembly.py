@@ -93,8 +93,8 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     encoder = _open_encoder(project, options, ended)
     state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
     writers = [Writer("historian", historian, notify_records(observer, historian))]
-    if historian.mended:
-        reporter.warn(historian.mended)
+    if historian.repair_message:
+        reporter.warn(historian.repair_message)
     tables = [_open_table(options.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
     writers += [Writer("csv", table) for table in tables]
     recording = options.record and settings.recording.mode != "off"

@@ -116,7 +116,7 @@ class Engine:
     def _note(self, kind: str, name: str, text: str, wall_ns: int, by: str = "") -> None:
         """Store an event in the history; a disk that refuses it causes a warning only."""
         try:
-            self._components.historian.note(kind, name, text, by=by, wall_ns=wall_ns)
+            self._components.historian.add_event(kind, name, text, by=by, wall_ns=wall_ns)
         except BeltscapeError as error:
             self._components.reporter.warn(f"{kind} {name} {text}: not stored: {error}")
 
@@ -241,7 +241,7 @@ class Engine:
             self._update_alarms()
             if monotonic() - last > _HOUSEKEEPING_S:
                 last = monotonic()
-                self._components.historian.tend(time_ns())
+                self._components.historian.maintain(time_ns())
             if self._threads[1].is_alive():
                 self._components.heartbeat()
 

@@ -1,1 +1,1 @@
-"""Measuring commands: reconstructed frames to volumes, flow, lumps and dimensions."""
+"""The steps of the measuring commands, from reconstructed frames to volume, flow, lumps and dimensions."""

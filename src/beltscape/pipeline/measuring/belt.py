@@ -1,4 +1,4 @@
-"""Reconstructed frames of the empty belt → belt.json."""
+"""Measurement of the empty belt from reconstructed frames, and its file belt.json."""
 
 from __future__ import annotations
 
@@ -20,17 +20,15 @@ from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 from beltscape.report.measuring.belt import belt_page
 
 
-def measure_empty_belt(
-    folder: Path, frames: Sequence[str] | None, reporter: Reporter
-) -> tuple[Belt, Camera]:
-    """The empty belt from a reconstruction's frames, all of them by default.
+def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Reporter) -> tuple[Belt, Camera]:
+    """Return the empty belt measured in a reconstruction's frames (all by default), and the core camera.
 
     Raises
     ------
     InputError, MeasureError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
-    names = frame_names(folder) if frames is None else list(frames)
+    names = list_frame_names(folder) if frames is None else list(frames)
     results = []
     for number, name in enumerate(names, 1):
         results.append(read_frame(folder / name))
@@ -40,8 +38,8 @@ def measure_empty_belt(
     return learn_belt([result.depth for result in results], camera), camera
 
 
-def frame_names(folder: Path) -> list[str]:
-    """Names of a reconstruction's frame folders, in order."""
+def list_frame_names(folder: Path) -> list[str]:
+    """Return the names of a reconstruction's frame folders in order."""
     if folder.is_file():
         raise InputError(f"{folder}: is a file; give a reconstruction of beltscape reconstruct")
     if not folder.is_dir():
@@ -54,25 +52,25 @@ def frame_names(folder: Path) -> list[str]:
     return names
 
 
-def read_empty_belt(place: Path, reporter: Reporter) -> tuple[Belt, Camera]:
-    """The empty belt from what a user gives: a belt.json, a frame folder, or a reconstruction with all its frames."""
-    if place.is_file():
-        return read_belt(place)
-    if not place.exists():
+def read_empty_belt(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
+    """Return the empty belt and its core camera from a belt.json, a frame folder or a whole reconstruction."""
+    if path.is_file():
+        return read_belt(path)
+    if not path.exists():
         raise InputError(
-            f"{place}: no such file or folder; give a belt.json of beltscape measure belt, a reconstruction of the "
+            f"{path}: no such file or folder; give a belt.json of beltscape measure belt, a reconstruction of the "
             "empty belt, or a frame folder of one"
         )
-    if (place / "rig.json").is_file() and not (place / "depth.tiff").is_file():
-        return measure_empty_belt(place, None, reporter)
-    frame = read_frame(place)
+    if (path / "rig.json").is_file() and not (path / "depth.tiff").is_file():
+        return measure_empty_belt(path, None, reporter)
+    frame = read_frame(path)
     warn_of_findings(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
 
 
 def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera) -> None:
-    """Raise InputError where the load and the empty belt were not reconstructed on the same grid."""
+    """Raise InputError if the load and the empty belt were not reconstructed on the same grid."""
     same = (
         camera.name == other.name
         and camera.size_px == other.size_px
@@ -86,15 +84,15 @@ def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera
 
 
 def write_belt_files(out: Path, belt: Belt, camera: Camera) -> Path:
-    """belt.json and, beside it, its report; returns the report's path."""
+    """Write belt.json and its report beside it; return the report's path."""
     write_belt(out, belt, camera)
     page = out.with_suffix(".html")
     write_text(page, belt_page(belt))
     return page
 
 
-def belt_answer(belt: Belt) -> Mapping[str, Any]:
-    """What ``measure belt --json`` answers."""
+def make_belt_document(belt: Belt) -> Mapping[str, Any]:
+    """Return the result of ``measure belt --json``."""
     edges = belt.edges
     return {
         "frames": belt.frames,

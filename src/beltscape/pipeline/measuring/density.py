@@ -1,4 +1,4 @@
-"""Files that tell a bulk density → the density that a flow is weighed with."""
+"""Bulk density of a flow, read from a table over time or from a list of products."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from beltscape.measure.flow.records.density import Density
 
 
 def density_from_table(path: Path) -> Density:
-    """Density over time from a CSV table; InputError where it does not fit."""
+    """Return the density over time from a CSV table; InputError if the table is invalid."""
     times, densities, sigmas = zip(*read_density_table(path), strict=True)
     return Density(np.array(times, np.int64), np.array(densities), np.array(sigmas))
 
 
 def density_from_product(products: Path, name: str) -> Density:
-    """A product's density, of a TOML file of products; InputError where it is not among them."""
+    """Return the density of one product of a TOML file; InputError if it is not in the file."""
     product = find_product(products, name)
     return Density.constant(product.density_kg_m3, product.sigma_kg_m3, name)

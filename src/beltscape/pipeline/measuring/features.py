@@ -1,4 +1,4 @@
-"""A reconstructed frame and a module.toml → dimensions, report."""
+"""Dimensions of the calibration module in a reconstructed frame, with their files and report."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from beltscape.target.module import read_module
 def measure_features_of_frame(
     folder: Path, module: Path, image: Path | None = None
 ) -> tuple[FrameResult, MeasuredModule]:
-    """Dimensions of the module that lies in a frame folder of beltscape reconstruct.
+    """Measure the dimensions of the module in a frame folder of beltscape reconstruct.
 
-    ``image`` is one more image of the same still scene by the core camera, as taken, with the projector off.
+    ``image`` is a further, distorted image of the same still scene by the core camera with the projector off.
 
     Raises
     ------
     InputError, MeasureError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     nominal, frame = read_module(module), read_frame(folder)
-    plain = None if image is None else _plain(image, frame)
+    plain = None if image is None else _read_plain_image(image, frame)
     pattern = None if frame.image is None else to_grey(frame.image)
     try:
         return frame, measure_module(frame.depth, frame.rig, nominal, pattern=pattern, plain=plain)
@@ -44,8 +44,8 @@ def measure_features_of_frame(
         raise MeasureError(f"{folder}: {error}") from error
 
 
-def _plain(path: Path, frame: FrameResult) -> NDArray[np.float32]:
-    """(H, W) an image as taken, brought onto the depth map's grid."""
+def _read_plain_image(path: Path, frame: FrameResult) -> NDArray[np.float32]:
+    """Return a distorted image resampled to the depth map's grid, (H, W) float32."""
     taken: Image = read_image(path)
     try:
         return to_grey(undistorted(taken, frame.rig.core_camera))
@@ -54,7 +54,7 @@ def _plain(path: Path, frame: FrameResult) -> NDArray[np.float32]:
 
 
 def make_features_document(measured: MeasuredModule) -> Mapping[str, Any]:
-    """What ``measure features --json`` answers."""
+    """Return the result of ``measure features --json``."""
     pose = measured.core_from_module
     return {
         "module": measured.module.name,
@@ -79,7 +79,7 @@ def make_features_document(measured: MeasuredModule) -> Mapping[str, Any]:
 
 
 def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> None:
-    """features.json, features.csv and report.html."""
+    """Write features.json, features.csv and report.html."""
     ensure_output_folder(out)
     write_json(out / "features.json", make_features_document(measured))
     write_text(out / "features.csv", format_features_csv(measured))
@@ -87,7 +87,7 @@ def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> N
 
 
 def format_features_csv(measured: MeasuredModule) -> str:
-    """One row per quantity, under its header; an empty value was not measured."""
+    """Return a CSV with one row per quantity; values that were not measured are empty."""
     rows = ["name,quantity,nominal_mm,measured_mm,error_mm,sigma_mm,points"]
     for q in measured.quantities:
         error = q.measured_mm - q.nominal_mm

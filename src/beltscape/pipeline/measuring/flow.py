@@ -1,4 +1,4 @@
-"""A moving capture, a rig and the empty belt → what passed."""
+"""Measurement of the material flow in a capture of the moving belt."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_chain import FlowChain, depth_range_over, read_reference, widen_to_belt
-from beltscape.pipeline.measuring.flow_checks import demand_consistent, warn_of_conflicts
+from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, warn_of_motion_conflicts
 from beltscape.pipeline.reconstructing.checked_matcher import sequence_matcher
-from beltscape.pipeline.reconstructing.reconstruction import depth_range, open_capture
+from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 
@@ -35,26 +35,26 @@ class Instant:
     frame: str
     time_ns: int | None
     position_mm: float | None
-    """The encoder's; None without one."""
+    """Encoder reading; None without an encoder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flow:
-    """What was measured of a moving capture."""
+    """The flow measured in a capture of the moving belt."""
 
     records: list[FlowRecord]
     steps: list[Step]
-    """How each frame was placed."""
+    """Belt position of each frame."""
     meter: FlowMeter
-    """As it stands after the last frame."""
+    """The meter after the last frame."""
     picture: BeltPicture
-    """The fused belt from end to end."""
+    """Height map of the whole fused belt."""
     seconds_per_frame: float
-    """Of reconstruction and measuring together."""
+    """Processing time of reconstruction and measurement together."""
     by_encoder: bool
     """Whether an encoder was given."""
-    told: Direction | None
-    """The direction that was given; None: found from the material."""
+    given_direction: Direction | None
+    """The direction given by the user; None: measured from the material."""
 
 
 def measure_flow_of_capture(
@@ -70,17 +70,16 @@ def measure_flow_of_capture(
     preset: str = "standard",
     load_mm: float | None = None,
 ) -> Flow:
-    """Reconstruct a moving capture frame by frame and measure what passes.
+    """Reconstruct a capture of the moving belt frame by frame and measure the flow.
 
-    Without ``encoder`` the belt's motion is taken from the material; the times are then the capture's own
-    encoder.csv's, where it has one, or follow from ``frames_per_s``. Depth is looked for up to ``load_mm`` over the
-    empty belt, or else where a few frames show any. Images may be smaller or larger than the rig's
-    by one factor: the rig is scaled.
+    Without ``encoder`` the belt's motion is measured from the material, and the times come from the capture's own
+    encoder.csv or from ``frames_per_s``. Depth is searched up to ``load_mm`` over the empty belt, by default in the
+    range that a few frames show. If the images differ in size from the rig's by one factor, the rig is scaled.
 
     Raises
     ------
     InputError, SettingsError, MeasureError, ReconstructionError
-        With one line that names what is wrong and the fix: also where most frame pairs contradict the told
+        With one line that names the fault and the fix; also if most frame pairs contradict the given
         direction or the encoder.
     """
     if preset not in PRESETS:
@@ -90,7 +89,7 @@ def measure_flow_of_capture(
     instants = list_instants(source, encoder, frames_per_s, reporter)
     ground = read_reference(empty, rig, None if settings is None else settings.cell_mm, reporter)
     near_far = (
-        widen_to_belt(ground, depth_range(source, rig, reporter))
+        widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
         if load_mm is None
         else depth_range_over(ground, load_mm)
     )
@@ -98,25 +97,25 @@ def measure_flow_of_capture(
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     matcher = sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     chain = FlowChain(matcher, meter)
-    told = None if settings is None else settings.direction
+    direction = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):
-        frames = _frames(source, instant)
+        frames = _frame_set(source, instant)
         records += chain.push(frames, reporter, whole=set(source.cameras) <= set(frames.images)).records
-        demand_consistent(meter, told, encoder, done=False)
+        require_consistent_motion(meter, direction, encoder, done=False)
         reporter.step("measuring flow", done, len(instants))
     if not chain.done:
         raise chain.failure or ReconstructionError(f"{source.folder}: no frame in it")
     records += chain.finish()
     spent = (perf_counter() - began) / max(len(instants), 1)
-    demand_consistent(meter, told, encoder, done=True)
-    warn_of_conflicts(meter, encoder, reporter)
+    require_consistent_motion(meter, direction, encoder, done=True)
+    warn_of_motion_conflicts(meter, encoder, reporter)
     _warn_of_gaps(records, reporter)
-    return Flow(records, steps, meter, picture, spent, encoder is not None, told)
+    return Flow(records, steps, meter, picture, spent, encoder is not None, direction)
 
 
 def scale_rig_to_capture(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
-    """The rig with its images as large as the capture's; another shape is left for the source to complain of."""
+    """Return the rig scaled to the capture's image size; unchanged if the aspect ratio differs (refused later)."""
     files = read_capture(capture).files.get(rig.core)
     if not files:
         return rig
@@ -134,7 +133,7 @@ def scale_rig_to_capture(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
 def list_instants(
     source: FolderSource, encoder: Path | None, frames_per_s: float | None, reporter: Reporter
 ) -> list[Instant]:
-    """All instants in order: every row of the encoder, or every frame of the capture.
+    """Return all instants in order: one per encoder row, or one per frame of the capture.
 
     Raises
     ------
@@ -143,28 +142,28 @@ def list_instants(
     """
     if encoder is not None:
         readings = read_encoder(encoder)
-        return _told(readings, source, encoder, reporter, positions=True)
+        return _instants_from_readings(readings, source, encoder, reporter, positions=True)
     own = source.folder / "encoder.csv"
     if frames_per_s is None and own.is_file():
         reporter.warn(f"{own}: only its times are used; --encoder takes the belt's positions from it too")
-        return _told(read_encoder(own), source, own, reporter, positions=False)
+        return _instants_from_readings(read_encoder(own), source, own, reporter, positions=False)
     if frames_per_s is None:
         reporter.warn(
-            "nothing tells when the frames were taken: flows per hour are left empty; give --encoder, --frames-per-s"
+            "the times of the frames are unknown: flows per hour are left empty; give --encoder or --frames-per-s"
         )
         return [Instant(frame, None, None) for frame in source.frames]
-    numbers = _numbers(source.frames)
+    numbers = _frame_numbers(source.frames)
     return [
         Instant(frame, round(number / frames_per_s * 1e9), None)
         for frame, number in zip(source.frames, numbers, strict=True)
     ]
 
 
-def _told(
+def _instants_from_readings(
     readings: Sequence[Reading], source: FolderSource, path: Path, reporter: Reporter, *, positions: bool
 ) -> list[Instant]:
-    known = {reading.frame for reading in readings}
-    without = [frame for frame in source.frames if frame not in known]
+    with_reading = {reading.frame for reading in readings}
+    without = [frame for frame in source.frames if frame not in with_reading]
     if len(without) == len(source.frames):
         raise InputError(
             f"{path}: none of its frames ({readings[0].frame}, …) is in the capture ({source.frames[0]}, …); "
@@ -173,9 +172,9 @@ def _told(
     if without:
         shown = ", ".join(without[:4]) + (f" and {len(without) - 4} more" if len(without) > 4 else "")
         reporter.warn(f"{path}: no row for frame {shown}; going on without")
-    lost = [reading.frame for reading in readings if reading.frame not in source.frames]
-    if lost:
-        shown = ", ".join(lost[:4]) + (f" and {len(lost) - 4} more" if len(lost) > 4 else "")
+    absent = [reading.frame for reading in readings if reading.frame not in source.frames]
+    if absent:
+        shown = ", ".join(absent[:4]) + (f" and {len(absent) - 4} more" if len(absent) > 4 else "")
         reporter.warn(
             f"{source.folder}: no image of frame {shown}; their belt is measured in the others, or bridged"
         )
@@ -185,20 +184,20 @@ def _told(
     ]
 
 
-def _numbers(frames: Sequence[str]) -> list[int]:
-    """Numbers of the frames in the trigger's count: their names' own where all are numbers, else their order."""
+def _frame_numbers(frames: Sequence[str]) -> list[int]:
+    """Return the frames' trigger numbers: their names if all are numbers, else their order."""
     if all(frame.isascii() and frame.isdigit() for frame in frames):
         return [int(frame) for frame in frames]
     return list(range(len(frames)))
 
 
-def _frames(source: FolderSource, instant: Instant) -> FrameSet:
-    """The images of an instant, none where there are none, with its time and the encoder's reading."""
+def _frame_set(source: FolderSource, instant: Instant) -> FrameSet:
+    """Return the images of an instant, possibly none, with its time and encoder reading."""
     return FrameSet(instant.frame, source.images(instant.frame), instant.time_ns, instant.position_mm)
 
 
 def _warn_of_gaps(records: Sequence[FlowRecord], reporter: Reporter) -> None:
-    """Name the frames of which nothing was counted."""
+    """Warn of the frames of which nothing was counted."""
     lost = [record.frame for record in records if record.quality == "missing"]
     if lost:
         reporter.warn(

@@ -1,4 +1,4 @@
-"""Frame sets of a moving belt → flow records, one after the other: the same live and offline."""
+"""The chain of matcher and flow meter that turns frame sets into flow records, live and offline alike."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 
 _MARGIN = 0.02
-"""Depths are looked for a little beyond those of the empty belt."""
+"""Relative margin of the searched depth range around the empty belt's depths."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Passed:
-    """What one frame set gave."""
+class ChainResult:
+    """The result of one frame set."""
 
     depth: DepthMap | None
-    """None where it gave none."""
+    """None if the frame could not be reconstructed."""
     records: list[FlowRecord]
-    """Those that are finished with it."""
+    """The records that this frame set completed."""
 
 
 class SequenceMatcher(Protocol):
-    """What makes depth of one frame after the other."""
+    """Reconstructs the frames of a sequence one after the other."""
 
     @property
     def is_inconsistent(self) -> bool:
-        """Whether cameras contradict the rig: the belt of such frames counts as degraded."""
+        """Whether cameras contradict the rig; the belt in such frames counts as degraded."""
         ...
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
-        """Depth of a frame, from the one before it; ReconstructionError where its images do not suffice."""
+        """Return the depth of a frame, started from ``prior``; ReconstructionError if its images do not suffice."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Matched:
-    """A frame that is matched, and not measured yet."""
+class _MatchedFrame:
+    """A frame that is matched but not measured yet."""
 
     frame: str
     time_ns: int | None
@@ -57,39 +57,39 @@ class _Matched:
     depth: DepthMap | None
     whole: bool
     foresight: Foresight | None
-    """How the belt should move on, by what was measured before this frame."""
+    """Prediction of the belt's motion, from the frames before this one."""
 
 
 class FlowChain:
-    """Matcher and meter as one: while a frame is matched, the one before it is measured.
+    """Runs matcher and meter in parallel: while a frame is matched, the one before it is measured.
 
-    The matcher starts from the frame before, moved with the belt. Neither which thread is faster nor `flush` changes
-    a result: how the belt should have moved is told by what was measured before the frame before.
+    The matcher starts from the previous depth map, moved with the belt. Neither thread timing nor `flush` changes a
+    result, because the motion is predicted from the frames before the previous one.
     """
 
     def __init__(self, matcher: SequenceMatcher, meter: FlowMeter) -> None:
         self.meter = meter
         self.done = 0
-        """Frame sets that gave depth."""
+        """Number of frame sets that were reconstructed."""
         self.failure: ReconstructionError | None = None
-        """Why the last one that gave none did not."""
+        """Error of the last frame set that could not be reconstructed."""
         self._matcher = matcher
         self._matching = ThreadPoolExecutor(1, "matcher")
-        self._before: _Matched | None = None
-        self._waiting: _Matched | None = None
-        """The same where it is not measured yet."""
+        self._before: _MatchedFrame | None = None
+        self._waiting: _MatchedFrame | None = None
+        """The previous frame while it is not measured yet."""
 
-    def push(self, frames: FrameSet, reporter: Reporter, *, whole: bool) -> Passed:
-        """The next frame set; one without usable images still tells where the belt was.
+    def push(self, frames: FrameSet, reporter: Reporter, *, whole: bool) -> ChainResult:
+        """Match the next frame set and measure the one before; without usable images it gives the belt position only.
 
-        ``whole`` says whether all cameras are in it. The records are those of the frame before.
+        ``whole``: all cameras are in it. The records are those of the frame before.
         """
-        found = self._matching.submit(self._depth, frames, self._prior(frames), reporter)
+        matching = self._matching.submit(self._match, frames, self._prior(frames), reporter)
         try:
             records = self.flush()
         finally:
-            depth = found.result()
-        self._before = self._waiting = _Matched(
+            depth = matching.result()
+        self._before = self._waiting = _MatchedFrame(
             frames.frame,
             frames.time_ns,
             frames.position_mm,
@@ -97,24 +97,24 @@ class FlowChain:
             (whole and not self._matcher.is_inconsistent) or depth is None,
             self.meter.foresight,
         )
-        return Passed(depth, records)
+        return ChainResult(depth, records)
 
     def flush(self) -> list[FlowRecord]:
-        """Measure the frame before without waiting for the next one, where there is time."""
+        """Measure the pending frame without waiting for the next one."""
         one, self._waiting = self._waiting, None
         if one is None:
             return []
         return self.meter.push(one.depth, one.time_ns, one.position_mm, frame=one.frame, whole=one.whole)
 
     def finish(self) -> list[FlowRecord]:
-        """No more frames come: the records that are left."""
+        """Return the remaining records after the last frame."""
         return self.flush() + self.meter.finish()
 
     def restart(self, meter: FlowMeter) -> None:
-        """Measure on with another meter, after `finish`: the belt's count begins anew."""
+        """Continue with another meter after `finish`."""
         self.meter, self._before = meter, None
 
-    def _depth(self, frames: FrameSet, prior: Prior | None, reporter: Reporter) -> DepthMap | None:
+    def _match(self, frames: FrameSet, prior: Prior | None, reporter: Reporter) -> DepthMap | None:
         if not frames.images:
             return None
         try:
@@ -127,7 +127,7 @@ class FlowChain:
         return depth
 
     def _prior(self, frames: FrameSet) -> Prior | None:
-        """The frame before, and how the belt should have moved since."""
+        """Return the previous depth map with the belt's predicted motion; None without a prediction."""
         before = self._before
         if before is None or before.depth is None or before.foresight is None:
             return None
@@ -141,7 +141,7 @@ class FlowChain:
 
 
 def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> Ground:
-    """The empty belt as a floor for the rig's depth maps.
+    """Return the empty-belt reference for the rig's depth maps.
 
     Raises
     ------
@@ -157,12 +157,12 @@ def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Repor
 
 
 def depth_range_over(ground: Ground, load_mm: float) -> tuple[float, float]:
-    """Near and far end of the depths of a belt that is loaded up to so many mm."""
+    """Return the near and far depth of a belt that is loaded up to ``load_mm``."""
     near, far = ground.depths_mm()
     return (1 - _MARGIN) * max(near - load_mm, 0.1 * near), (1 + _MARGIN) * far
 
 
 def widen_to_belt(ground: Ground, near_far_mm: tuple[float, float]) -> tuple[float, float]:
-    """Depths found in images, add_systematic_error so that the empty belt is among them."""
+    """Return a depth range found in images, extended to contain the empty belt."""
     low, high = ground.depths_mm()
     return min(near_far_mm[0], (1 - _MARGIN) * low), max(near_far_mm[1], (1 + _MARGIN) * high)

@@ -1,4 +1,4 @@
-"""The told direction and the encoder, held against the material's own motion: refused or warned of, with the fix."""
+"""Checks of the given direction and the encoder against the material's measured motion."""
 
 from __future__ import annotations
 
@@ -10,39 +10,41 @@ from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.evidence import LEAST_PAIRS, MotionEvidence
 
 _EARLY_PAIRS = 8
-"""So many pairs that contradict end a measurement before its last frame."""
+"""Number of contradicting pairs that ends a measurement before its last frame."""
 _CONSTANT = 0.1
 """A wrong scale or unit gives the same ratio in every pair; registrations by chance scatter by more than this."""
 _CONSTANT_APART = 0.03
-"""The same where the encoder says that the two views have nothing in common, and chance is the likelier cause."""
+"""The same if the encoder excludes an overlap of the two views, so that chance is the likelier cause."""
 _FIX = "correct it, or leave --encoder out to measure by the material alone"
 _STANDING = 0.02
-"""An encoder whose steps are a smaller share of the material's, and scatter, stands still and jitters."""
+"""An encoder whose steps are below this share of the material's, and scatter, stands still and jitters."""
 _UNITS = {0.001: "metres", 0.01: "decimetres", 0.1: "centimetres", 10.0: "tenths of a millimetre",
           1000.0: "micrometres", 1 / 25.4: "inches"}  # fmt: skip
-"""What an encoder counts in, by the ratio of its steps to the material's in mm."""
+"""Unit of an encoder by the ratio of its steps to the material's in mm."""
 _UNIT_WITHIN = 0.1
 _NAMES = {1: "+y", -1: "-y"}
 
 
-def demand_consistent(meter: FlowMeter, told: str | None, encoder: Path | None, *, done: bool) -> None:
+def require_consistent_motion(
+    meter: FlowMeter, given: str | None, encoder: Path | None, *, done: bool
+) -> None:
     """Refuse a direction or an encoder that most frame pairs contradict.
 
-    Before the end (not ``done``) many pairs must; a few rolled back at the start of a run are no contradiction.
+    Before the end (not ``done``) more pairs are required; a belt that rolls back at the start is no contradiction.
 
     Raises
     ------
     MeasureError
-        One line that states in how many pairs the material shows what, and the fix.
+        One line with the number of contradicting pairs and the fix.
     """
     least = LEAST_PAIRS if done else _EARLY_PAIRS
-    message = _direction_error(meter, told, encoder, least) or _encoder_error(meter.evidence, encoder, least)
+    message = _direction_error(meter, given, encoder, least) or _encoder_error(meter.evidence, encoder, least)
     if message is not None:
         raise MeasureError(message)
 
 
-def warn_of_conflicts(meter: FlowMeter, encoder: Path | None, reporter: Reporter) -> None:
-    """Name what contradicts in some frame pairs only, and an encoder whose scale is a little off."""
+def warn_of_motion_conflicts(meter: FlowMeter, encoder: Path | None, reporter: Reporter) -> None:
+    """Warn of contradictions in a minority of frame pairs and of a small error of the encoder's scale."""
     scale, evidence = meter.scale, meter.evidence
     if scale.compared >= LEAST_PAIRS and abs(scale.ratio - 1) > max(0.002, 4 * scale.sigma):
         reporter.warn(
@@ -61,21 +63,21 @@ def warn_of_conflicts(meter: FlowMeter, encoder: Path | None, reporter: Reporter
         )
 
 
-def motion_statement(meter: FlowMeter, told: str | None) -> str:
-    """Return in a clause what the direction rests on."""
+def describe_motion(meter: FlowMeter, given: str | None) -> str:
+    """Return a clause that states the direction and its evidence."""
     evidence, direction = meter.evidence, meter.direction
     if not direction:
         return "direction unknown: no frame pair shows material that moves"
     name = _NAMES[direction]
     if not evidence.moving:
-        return f"towards {name}" + (" as told; no frame pair shows it" if told else "")
+        return f"towards {name}" + (" as given; no frame pair shows it" if given else "")
     share = f"in {evidence.along(direction)} of {evidence.moving} frame pairs"
     return f"towards {name}" + (
-        f" as told and as the material moves {share}" if told else f": so the material moves {share}"
+        f" as given and as the material moves {share}" if given else f": the material moves so {share}"
     )
 
 
-def _direction_error(meter: FlowMeter, told: str | None, encoder: Path | None, least: int) -> str | None:
+def _direction_error(meter: FlowMeter, given: str | None, encoder: Path | None, least: int) -> str | None:
     evidence, direction = meter.evidence, meter.direction
     if not direction:
         return None
@@ -84,13 +86,11 @@ def _direction_error(meter: FlowMeter, told: str | None, encoder: Path | None, l
         against = min(against, evidence.opposite)
     if against < least or against <= 2 * evidence.along(direction):
         return None
-    way, moves = _NAMES[direction], _NAMES[-direction]
-    shown = (
-        f"the material moves towards {moves} in {evidence.along(-direction)} of {evidence.moving} frame pairs"
-    )
-    if told is None:
-        return f"direction {way}, found from the first frames: {shown}; pass --direction {moves}"
-    return f"--direction {told}: {shown}; leave the option out or pass --direction {moves}"
+    name, measured = _NAMES[direction], _NAMES[-direction]
+    shown = f"the material moves towards {measured} in {evidence.along(-direction)} of {evidence.moving} frame pairs"
+    if given is None:
+        return f"direction {name}, measured in the first frames: {shown}; pass --direction {measured}"
+    return f"--direction {given}: {shown}; leave the option out or pass --direction {measured}"
 
 
 def _encoder_error(evidence: MotionEvidence, encoder: Path | None, least: int) -> str | None:

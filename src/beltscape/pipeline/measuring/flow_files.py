@@ -1,4 +1,4 @@
-"""What `measure flow` writes: flow.csv, flow.json, belt.tiff, report.html."""
+"""The files of `measure flow`: flow.csv, flow.json, belt.tiff and report.html."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from beltscape.files.tables.flow_csv import write_flow
 from beltscape.measure.flow.motion.evidence import MotionEvidence
 from beltscape.measure.flow.records.density import Density
 from beltscape.pipeline.measuring.flow import Flow
-from beltscape.pipeline.measuring.flow_checks import motion_statement
+from beltscape.pipeline.measuring.flow_checks import describe_motion
 from beltscape.report.measuring.flow import FlowReport, flow_page
 
 _DIRECTIONS = {1: "+y", -1: "-y", 0: None}
 
 
 def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequence[str]) -> Mapping[str, Any]:
-    """Write everything into ``out``; the result is what ``--json`` prints."""
-    document = flow_document(flow, density)
+    """Write all files into ``out``; return the result of ``--json``."""
+    document = make_flow_document(flow, density)
     belt, share = flow.picture.height_map()
     write_flow(out / "flow.csv", flow.records)
     write_float_tiff(out / "belt.tiff", belt.height_mm.astype(np.float32))
@@ -36,31 +36,21 @@ def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequenc
     return {**document, "flow": out / "flow.csv", "belt": out / "belt.tiff", "report": out / "report.html"}
 
 
-def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
-    """All figures as plain values."""
+def make_flow_document(flow: Flow, density: Density) -> dict[str, Any]:
+    """Return all results of a flow as plain values for JSON."""
     meter, records = flow.meter, flow.records
-    totals, scale, scatter = meter.totals, meter.scale, meter.scatter
-    seconds, mean = _mean_flow(records)
+    totals, scale = meter.totals, meter.scale
     counts = Counter(record.quality for record in records)
     return {
         "frame_count": len(records),
         "direction": _DIRECTIONS[meter.direction],
-        "direction_told": flow.told,
-        "motion_evidence": {"statement": motion_statement(meter, flow.told), **_evidence(meter.evidence)},
-        "motion_from": "encoder and material" if flow.by_encoder else "material",
-        "totals": {
-            "volume_mm3": totals.volume_mm3,
-            "sigma_mm3": totals.sigma_mm3,
-            "mass_t": _known(totals.mass_kg * 1e-3),
-            "mass_sigma_t": _known(totals.mass_sigma_kg * 1e-3),
-            "length_mm": totals.length_mm,
-            "seen_mm": totals.seen_mm,
-            "bridged_mm": totals.bridged_mm,
-            "not_counted_mm": totals.unseen_mm,
-            "coverage": totals.share,
-            "seconds": _known(seconds),
-            "mean_volume_flow_m3_h": _known(mean),
+        "direction_told": flow.given_direction,
+        "motion_evidence": {
+            "statement": describe_motion(meter, flow.given_direction),
+            **_evidence(meter.evidence),
         },
+        "motion_from": "encoder and material" if flow.by_encoder else "material",
+        "totals": _totals(flow),
         "first_strip": _strip(records, totals.first_strip_mm),
         "last_strip": _strip(records, totals.last_strip_mm),
         "quality": {name: counts.get(name, 0) for name in QUALITIES},
@@ -71,16 +61,7 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
             "scatter_mm": scale.scatter_mm if scale.compared > 1 else None,
             "conflicts": meter.evidence.conflicting,
         },
-        "fusion": {
-            "single_coverage": totals.single_share,
-            "coverage": totals.share,
-            "single_noise_mm": scatter.single_noise_mm,
-            "fused_noise_mm": scatter.fused_noise_mm,
-            "claimed_noise_mm": float(np.sqrt(scatter.claimed_mm2 / scatter.cells))
-            if scatter.cells
-            else None,
-            "left_out": scatter.outliers / max(scatter.outliers + scatter.cells, 1),
-        },
+        "fusion": _fusion(flow),
         "density": {"product": density.name or None, "entries": len(density.time_ns)},
         "cell_mm": meter.ground.cell_mm,
         "window_mm": meter.ground.window_mm,
@@ -111,13 +92,45 @@ def flow_document(flow: Flow, density: Density) -> dict[str, Any]:
     }
 
 
-def _known(value: float) -> float | None:
+def _totals(flow: Flow) -> dict[str, Any]:
+    """Return the totals of the run as plain values."""
+    totals = flow.meter.totals
+    seconds, mean = _mean_flow(flow.records)
+    return {
+        "volume_mm3": totals.volume_mm3,
+        "sigma_mm3": totals.sigma_mm3,
+        "mass_t": _none_for_nan(totals.mass_kg * 1e-3),
+        "mass_sigma_t": _none_for_nan(totals.mass_sigma_kg * 1e-3),
+        "length_mm": totals.length_mm,
+        "seen_mm": totals.seen_mm,
+        "bridged_mm": totals.bridged_mm,
+        "not_counted_mm": totals.unseen_mm,
+        "coverage": totals.share,
+        "seconds": _none_for_nan(seconds),
+        "mean_volume_flow_m3_h": _none_for_nan(mean),
+    }
+
+
+def _fusion(flow: Flow) -> dict[str, Any]:
+    """Return coverage and noise of single frames and of the fused belt."""
+    totals, scatter = flow.meter.totals, flow.meter.scatter
+    return {
+        "single_coverage": totals.single_share,
+        "coverage": totals.share,
+        "single_noise_mm": scatter.single_noise_mm,
+        "fused_noise_mm": scatter.fused_noise_mm,
+        "claimed_noise_mm": float(np.sqrt(scatter.claimed_mm2 / scatter.cells)) if scatter.cells else None,
+        "left_out": scatter.outliers / max(scatter.outliers + scatter.cells, 1),
+    }
+
+
+def _none_for_nan(value: float) -> float | None:
     """Return ``value``, None for NaN."""
     return float(value) if np.isfinite(value) else None
 
 
 def _evidence(evidence: MotionEvidence) -> dict[str, Any]:
-    """Return in how many frame pairs the material showed what."""
+    """Return the counts of frame pairs by the motion that the material showed."""
     return {
         "pairs_towards_plus_y": evidence.plus,
         "pairs_towards_minus_y": evidence.minus,
@@ -131,13 +144,13 @@ def _evidence(evidence: MotionEvidence) -> dict[str, Any]:
 
 
 def _drift(flow: Flow) -> float | None:
-    """How far the material moves across the belt frame for each mm along it; None where it did not tell."""
+    """Return the material's motion across the belt frame per mm along it; None if it was not measured."""
     shifts = [step.shift for step in flow.steps if step.shift is not None and abs(step.shift.along_mm) > 1]
     return float(np.median([shift.across_mm / shift.along_mm for shift in shifts])) if shifts else None
 
 
 def _mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:
-    """Seconds from the first to the last frame, and the mean volume flow (m³/h) of what became new between them."""
+    """Return the seconds from the first to the last frame, and the mean volume flow between them in m³/h."""
     timed = [record for record in records if record.time_ns is not None]
     if len(timed) < 2 or timed[0].time_ns is None or timed[-1].time_ns is None:
         return float("nan"), float("nan")

@@ -1,4 +1,4 @@
-"""A reconstructed frame → its lumps, size distribution, alarm, files and report."""
+"""Measurement of the lumps in a reconstructed frame, with their files and report."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameLumps:
-    """Lumps, and the frame that they are from."""
+    """The lumps of a frame."""
 
     frame: FrameResult
     lumps: Lumps
     picture: Image | None
-    """(H, W, 3) RGB on the core's grid, from the frame's cloud; None where it has none."""
+    """(H, W, 3) RGB on the core's grid, from the frame's cloud; None without a cloud."""
 
 
 def measure_lumps_of_frame(
     loaded: Path, settings: LumpSettings, *, empty: Path | None, reporter: Reporter | None = None
 ) -> FrameLumps:
-    """Lumps of a frame folder of beltscape reconstruct, over the empty belt where it is given.
+    """Measure the lumps in a frame folder of beltscape reconstruct, above the empty belt if it is given.
 
-    ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
+    ``empty`` is a frame folder, a whole reconstruction of the empty belt, or its belt.json.
 
     Raises
     ------
     InputError, MeasureError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     frame = read_frame(loaded)
     camera = frame.rig.core_camera
@@ -74,7 +74,7 @@ def measure_lumps_of_frame(
 
 
 def make_lumps_document(lumps: Lumps) -> Mapping[str, Any]:
-    """What ``measure lumps --json`` answers."""
+    """Return the result of ``measure lumps --json``."""
     alarm = lumps.oversize
     return {
         "frame": lumps.frame,
@@ -106,27 +106,27 @@ def _distribution(sizes: SizeDistribution) -> dict[str, Any]:
     }
 
 
-def write_lumps(out: Path, seen: FrameLumps) -> None:
-    """lumps.json, lumps.csv, sieve.csv, labels.png (16 bit, on the core's grid), report.html."""
+def write_lumps(out: Path, measured: FrameLumps) -> None:
+    """Write lumps.json, lumps.csv, sieve.csv, labels.png (16 bit, on the core's grid) and report.html."""
     ensure_output_folder(out)
-    write_image(out / "labels.png", seen.lumps.labels)
-    write_json(out / "lumps.json", make_lumps_document(seen.lumps))
-    write_text(out / "lumps.csv", format_lumps_csv(seen.lumps))
-    write_text(out / "sieve.csv", format_sieve_csv(seen.lumps))
-    write_text(out / "report.html", lumps_page(seen.lumps, seen.frame.depth, seen.picture))
+    write_image(out / "labels.png", measured.lumps.labels)
+    write_json(out / "lumps.json", make_lumps_document(measured.lumps))
+    write_text(out / "lumps.csv", format_lumps_csv(measured.lumps))
+    write_text(out / "sieve.csv", format_sieve_csv(measured.lumps))
+    write_text(out / "report.html", lumps_page(measured.lumps, measured.frame.depth, measured.picture))
 
 
 def format_lumps_csv(lumps: Lumps) -> str:
-    """One row per lump."""
+    """Return a CSV with one row per lump."""
     rows = [",".join(_COLUMNS)]
     for lump in lumps.lumps:
         x, y, z = lump.center_mm
-        known = {**asdict(lump), "x_mm": x, "y_mm": y, "z_mm": z}
-        rows.append(",".join(_cell(known[name]) for name in _COLUMNS))
+        values = {**asdict(lump), "x_mm": x, "y_mm": y, "z_mm": z}
+        rows.append(",".join(_format_cell(values[name]) for name in _COLUMNS))
     return "\n".join(rows) + "\n"
 
 
-def _cell(value: float | int | bool) -> str:
+def _format_cell(value: float | int | bool) -> str:
     return (
         f"{value:.4g}"
         if isinstance(value, float) and abs(value) < 1
@@ -137,7 +137,7 @@ def _cell(value: float | int | bool) -> str:
 
 
 def format_sieve_csv(lumps: Lumps) -> str:
-    """``sieve_mm,passing,passing_fully_visible``: shares of the mass, 0..1; empty without lumps."""
+    """Return the CSV ``sieve_mm,passing,passing_fully_visible``: shares of the mass, 0..1; empty without lumps."""
     rows = ["sieve_mm,passing,passing_fully_visible"]
     for sieve, share, whole in zip(lumps.all.sieves_mm, lumps.all.passing, lumps.whole.passing, strict=True):
         parts = (f"{value:.4f}" if np.isfinite(value) else "" for value in (share, whole))

@@ -1,4 +1,4 @@
-"""A measured module's solids as features.json holds them and the viewer draws them."""
+"""The solids of a measured module: written to features.json, read and outlined for the viewer."""
 
 from __future__ import annotations
 
@@ -16,39 +16,43 @@ from beltscape.report.drawing.scene_solids import Lines, outline
 from beltscape.target.module import Cube, Sphere
 
 
-def solids_document(measured: MeasuredModule) -> list[Mapping[str, Any]]:
-    """Return every solid with its middle and size in the module's frame, measured where it was, else nominal."""
-    found = {(q.name, q.quantity): q.measured_mm for q in measured.quantities if np.isfinite(q.measured_mm)}
+def make_solids_document(measured: MeasuredModule) -> list[Mapping[str, Any]]:
+    """Return every solid's centre and size in the module's frame, measured if available, else nominal."""
+    measured_mm = {
+        (q.name, q.quantity): q.measured_mm for q in measured.quantities if np.isfinite(q.measured_mm)
+    }
     length, width, thickness = measured.module.base.size_mm
-    base = (found.get(("base", "length"), length), found.get(("base", "width"), width), thickness)
+    base = (measured_mm.get(("base", "length"), length), measured_mm.get(("base", "width"), width), thickness)
     solids: list[Mapping[str, Any]] = [
         {"name": "base", "kind": "box", "center_mm": (0.0, 0.0, -thickness / 2), "size_mm": base}
     ]
     for feature in measured.module.features:
         x, y = feature.center_mm
         if isinstance(feature, Sphere):
-            ball = measured.balls.get(feature.name)
+            ball = measured.spheres.get(feature.name)
             center = (x, y, feature.diameter_mm / 2)
             if ball is not None:
                 center = measured.core_from_module.inverse().apply(ball.center_mm)
-            radius = found.get((feature.name, "radius"), feature.diameter_mm / 2)
+            radius = measured_mm.get((feature.name, "radius"), feature.diameter_mm / 2)
             size: Mapping[str, Any] = {"kind": "sphere", "center_mm": center, "diameter_mm": 2 * radius}
         elif isinstance(feature, Cube):
-            edge, height = (found.get((feature.name, part), feature.edge_mm) for part in ("edge", "height"))
+            edge, height = (
+                measured_mm.get((feature.name, part), feature.edge_mm) for part in ("edge", "height")
+            )
             size = {"kind": "box", "center_mm": (x, y, height / 2), "size_mm": (edge, edge, height)}
         else:
-            height = found.get((feature.name, "height"), feature.height_mm)
-            across = found.get((feature.name, "diameter"), feature.diameter_mm)
+            height = measured_mm.get((feature.name, "height"), feature.height_mm)
+            across = measured_mm.get((feature.name, "diameter"), feature.diameter_mm)
             size = {
                 "kind": "cylinder", "center_mm": (x, y, height / 2), "diameter_mm": across, "height_mm": height
             }  # fmt: skip
         solids.append({"name": feature.name, **size})
-    measured_names = {name for name, _ in found}
+    measured_names = {name for name, _ in measured_mm}
     return [{**solid, "measured": solid["name"] in measured_names} for solid in solids]
 
 
 def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
-    """Return name and polylines, (n, 3) in the core's frame, mm, of each solid of a features.json.
+    """Return the name and the polylines, (n, 3) mm in the core's frame, of each solid of a features.json.
 
     Raises
     ------
@@ -61,7 +65,7 @@ def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
         raise InputError(f"{path}: is no features.json; give the one of beltscape measure features --out")
     if "solids" not in document:
         raise InputError(
-            f"{path}: holds no solids to draw, as an earlier version wrote it; run beltscape measure features again"
+            f"{path}: contains no solids, because an earlier version wrote it; run beltscape measure features again"
         )
     try:
         pose = document["pose"]["core_from_module"]

@@ -1,4 +1,4 @@
-"""A loaded frame and the empty belt → volume, height map, profiles, meshes, report."""
+"""Measurement of the volume in a loaded frame over the empty belt, with its files and report."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 from beltscape.report.measuring.volume import volume_page
 
 LEAST_COVERAGE = 0.5
-"""A volume of which less was measured is mostly interpolated."""
+"""Below this coverage a volume is mostly interpolated, and a warning is given."""
 
 
 def measure_volume_of_frames(
@@ -32,29 +32,29 @@ def measure_volume_of_frames(
     along_mm: tuple[float, float] | None,
     reporter: Reporter | None = None,
 ) -> Volume:
-    """Volume between a frame folder of beltscape reconstruct and the empty belt.
+    """Measure the volume between a frame folder of beltscape reconstruct and the empty belt.
 
-    ``empty`` is a frame folder too, a whole reconstruction of the empty belt, or its belt.json.
+    ``empty`` is a frame folder, a whole reconstruction of the empty belt, or its belt.json.
 
     Raises
     ------
     InputError, MeasureError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     reporter = reporter or Silent()
-    full = read_frame(loaded)
-    warn_of_findings(full, reporter)
+    frame = read_frame(loaded)
+    warn_of_findings(frame, reporter)
     belt, camera = read_empty_belt(empty, reporter)
-    require_same_camera(loaded, full.rig.core_camera, empty, camera)
+    require_same_camera(loaded, frame.rig.core_camera, empty, camera)
     volume = measure_volume(
-        full.depth, belt, full.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
+        frame.depth, belt, frame.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
     )
     _warn_of_gaps(loaded, volume, reporter)
     return volume
 
 
 def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
-    """Warn where the box holds a part of the belt only, or was measured in few places."""
+    """Warn if the box contains only a part of the belt, or little of it was measured."""
     if volume.causes.unseen_mm3 > 0:
         low, high = volume.across_mm
         reporter.warn(
@@ -69,7 +69,7 @@ def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
 
 
 def make_volume_document(volume: Volume) -> Mapping[str, Any]:
-    """What ``measure volume --json`` answers."""
+    """Return the result of ``measure volume --json``."""
     belt, centre, summit = volume.belt, volume.centre, volume.summit
     return {
         "volume_mm3": volume.volume_mm3,
@@ -114,10 +114,10 @@ def make_volume_document(volume: Volume) -> Mapping[str, Any]:
 
 
 def write_volume(out: Path, volume: Volume) -> None:
-    """volume.json, report.html, and the load as maps, meshes and tables.
+    """Write volume.json, report.html, and the load as maps, meshes and tables.
 
-    load.tiff and load_sigma.tiff are placed in the belt frame, mm; surface.stl is what is seen from above, load.stl
-    the closed body between it and the belt; profiles.csv and areas.csv are the cross-sections.
+    load.tiff and load_sigma.tiff are georeferenced in the belt frame, mm; surface.stl is the load's surface, load.stl
+    the closed body between it and the belt; profiles.csv and areas.csv contain the cross-sections.
     """
     ensure_output_folder(out)
     load = volume.load
@@ -134,14 +134,14 @@ def write_volume(out: Path, volume: Volume) -> None:
 
 
 def format_areas_csv(volume: Volume) -> str:
-    """One row per cross-section: ``y_mm,area_mm2,coverage``."""
+    """Return a CSV with one row per cross-section: ``y_mm,area_mm2,coverage``."""
     rows = ["y_mm,area_mm2,coverage"]
     rows += [f"{p.y_mm:.3f},{p.area_mm2:.3f},{p.coverage:.4f}" for p in volume.profiles]
     return "\n".join(rows) + "\n"
 
 
 def format_profiles_csv(volume: Volume) -> str:
-    """One row per point of every cross-section: ``y_mm,x_mm,height_mm``."""
+    """Return a CSV with one row per point of every cross-section: ``y_mm,x_mm,height_mm``."""
     rows = ["y_mm,x_mm,height_mm"]
     for profile in volume.profiles:
         for x, height in zip(profile.x_mm, profile.height_mm, strict=True):

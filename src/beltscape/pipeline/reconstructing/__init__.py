@@ -1,1 +1,1 @@
-"""Reconstruction and rectification of captures, with the check of the cameras."""
+"""Reconstruction and rectification of captures, with a consistency check of the cameras."""

@@ -1,4 +1,4 @@
-"""What a reconstructed frame said against its cameras, repeated by every command that measures it."""
+"""Warnings of the camera faults that were found when a frame was reconstructed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from beltscape.files.reconstruction import FrameResult
 
 
 def warn_of_findings(frame: FrameResult, reporter: Reporter) -> None:
-    """Warn of the frame's doubts; their systematic error is in its depth map's σ."""
+    """Warn of a frame's camera faults; their systematic error is included in its depth map's σ."""
     for line in frame.doubts:
         reporter.warn(f"{frame.folder}: {line}")

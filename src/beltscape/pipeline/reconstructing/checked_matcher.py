@@ -1,4 +1,4 @@
-"""A matcher whose frames are checked: cameras that contradict the rig are left out, or the depth is marked."""
+"""A matcher with a consistency check: cameras that contradict the rig are excluded, or σ of the depth is raised."""
 
 from __future__ import annotations
 
@@ -23,46 +23,46 @@ from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 GROSS_PX = 2.0
-"""Where no set of cameras agrees and residuals are greater, a depth map holds chance matches: it is refused."""
+"""If no set of cameras is consistent and residuals exceed this, the depth map is refused as chance matches."""
 _MEAN_OF = 4
-"""Over so many auxiliaries errors of single ones cancel; under fewer σ is raised (2 and a moved core: z 1.5)."""
+"""From this number of auxiliaries their errors cancel; with fewer σ is raised (2 and a moved core: z 1.5)."""
 CHECK_EVERY = 50
-"""Frames of a moving belt from check to check: a check costs as much as a few percent of a frame, times 1/50."""
+"""Frames of a moving belt between checks: a check costs a few percent of a frame, divided by 50."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedDepth:
-    """Depth of a frame, and what the frame says of the cameras."""
+    """Depth of a frame, and the consistency of its cameras."""
 
     depth: DepthMap
     consistency: RigConsistency | None
     """None: the frame was not checked."""
     auxiliaries: tuple[str, ...]
-    """Those that the depth is measured with."""
+    """The auxiliaries used for the depth."""
     doubts: tuple[str, ...]
     """One line per contradiction."""
 
 
 class CheckedMatcher:
-    """Makes depth of frames, and checks every so-manieth of them."""
+    """Reconstructs frames and checks the cameras' consistency in every n-th of them."""
 
     def __init__(
         self,
         rig: Rig,
         auxiliaries: tuple[str, ...],
         depth_range_mm: tuple[float, float],
-        matcher_of: Callable[[tuple[str, ...]], Any],
+        make_matcher: Callable[[tuple[str, ...]], Any],
         *,
         every: int = 1,
     ) -> None:
-        """``matcher_of`` makes the matcher for a set of auxiliaries; every ``every``-th frame is checked."""
+        """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked."""
         self.rig = rig
-        self.left_out: tuple[str, ...] = ()
-        """Auxiliaries that contradicted the rig in a frame, and are not used since."""
+        self.excluded: tuple[str, ...] = ()
+        """Auxiliaries that contradicted the rig in a frame and are no longer used."""
         self.is_inconsistent = False
-        """Whether the frame that was checked last contradicted the rig."""
+        """Whether the last checked frame contradicted the rig."""
         self._auxiliaries, self._near_far, self._every = auxiliaries, depth_range_mm, every
-        self._matcher_of = matcher_of
+        self._matcher_of = make_matcher
         self._matchers: dict[tuple[str, ...], Any] = {}
         self._allowance: Allowance | None = None
         self._exchanged: dict[tuple[str, ...], tuple[str, str] | None] = {}
@@ -73,74 +73,78 @@ class CheckedMatcher:
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
         """Return the depth of a frame; contradictions are reported when they are new."""
-        found = self.measure(frame_set, reporter, prior)
-        if found.consistency is not None:
-            state = found.consistency.doubtful, found.consistency.core_moved
+        checked = self.measure(frame_set, reporter, prior)
+        if checked.consistency is not None:
+            state = checked.consistency.doubtful, checked.consistency.core_moved
             if state != self._reported:
-                for line in found.doubts:
+                for line in checked.doubts:
                     reporter.warn(line)
             self._reported = state
-        return found.depth
+        return checked.depth
 
     def measure(self, frame_set: FrameSet, reporter: Reporter, prior: Any = None) -> CheckedDepth:
-        """Return the depth of a frame and what it says of the cameras.
+        """Return the depth of a frame and the consistency of its cameras.
 
         Raises
         ------
         ReconstructionError
-            When its images do not suffice, or no set of cameras agrees by far.
+            When its images do not suffice, or no set of cameras is consistent by far.
         """
         due = self._refused or self._frames % self._every == 0
         self._frames += 1
         self._refused = False
-        names = self._used(frame_set)
+        names = self._select_auxiliaries(frame_set)
         depth = self._match(names, frame_set, reporter, prior)
         if not due:
-            return CheckedDepth(self._marked(depth), None, names, ())
-        everyone = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        consistency = self._check(frame_set, depth, everyone)
-        for _ in everyone:
-            trusted = _trusted(consistency)
-            if not trusted or trusted == names:
+            return CheckedDepth(self._add_systematic(depth), None, names, ())
+        usable = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        consistency = self._check(frame_set, depth, usable)
+        for _ in usable:
+            consistent = _consistent_auxiliaries(consistency)
+            if not consistent or consistent == names:
                 break
-            names = trusted
+            names = consistent
             depth = self._match(names, frame_set, reporter, None)
-            consistency = self._check(frame_set, depth, everyone)
-        self.left_out = tuple(n for n in everyone if n in consistency.doubtful and n not in names)
-        return self._judged(frame_set, depth, consistency, names)
+            consistency = self._check(frame_set, depth, usable)
+        self.excluded = tuple(n for n in usable if n in consistency.doubtful and n not in names)
+        return self._assess(frame_set, depth, consistency, names)
 
-    def _judged(
+    def _assess(
         self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency, names: tuple[str, ...]
     ) -> CheckedDepth:
-        """Mark the depth where cameras that it is measured with are in doubt."""
+        """Return the depth, with raised σ if it was measured with inconsistent cameras."""
         self.is_inconsistent = not consistency.is_sound
-        doubts = doubts_of(consistency, self.rig, self._exchange(frame_set, consistency))
+        doubts = doubts_of(consistency, self.rig, self._find_exchange(frame_set, consistency))
         used = consistency.core_moved or not set(names).isdisjoint(consistency.doubtful)
-        # what is left where a camera is in doubt and little is measured, is where images agree by chance
+        # with an inconsistent camera and low coverage, the remaining pixels match by chance
         if doubts and (depth.coverage < LEAST_COVERAGE or (used and consistency.misfit_px > GROSS_PX)):
             self._refused = True
             raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(doubts)}")
         self._systematic_px = consistency.misfit_px * max(1.0, float(np.sqrt(_MEAN_OF / len(names))))
-        depth = self._marked(depth)
+        depth = self._add_systematic(depth)
         if used and doubts:
             end = f"σ of depth holds an error of {depth.systematic_mm:.2f} mm common to all pixels"
         else:
-            end = f"depth is measured without {', '.join(self.left_out)}"
+            end = f"depth is measured without {', '.join(self.excluded)}"
         doubts = [f"{line}; {end}" for line in doubts]
         if depth.coverage < LEAST_COVERAGE:
-            cause, unfit = sparse_cause(frame_set, self.rig, consistency, self._near_far, depth.coverage)
+            cause, is_unreliable = sparse_cause(
+                frame_set, self.rig, consistency, self._near_far, depth.coverage
+            )
             doubts = [cause]
-            if unfit:
-                depth = add_systematic_error(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
+            if is_unreliable:
+                depth = add_systematic_error(
+                    depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12))
+                )
         return CheckedDepth(depth, consistency, names, tuple(doubts))
 
-    def _used(self, frame_set: FrameSet) -> tuple[str, ...]:
-        """The auxiliaries with an image, those in doubt left out where others remain."""
+    def _select_auxiliaries(self, frame_set: FrameSet) -> tuple[str, ...]:
+        """Return the auxiliaries with an image, without the excluded ones unless none remains."""
         usable = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        return tuple(n for n in usable if n not in self.left_out) or usable
+        return tuple(n for n in usable if n not in self.excluded) or usable
 
     def _match(self, names: tuple[str, ...], frame_set: FrameSet, reporter: Reporter, prior: Any) -> DepthMap:
-        key = tuple(n for n in self._auxiliaries if n not in self.left_out or n in names)
+        key = tuple(n for n in self._auxiliaries if n not in self.excluded or n in names)
         key = key if set(names) == set(key) & set(frame_set.images) else names
         if key not in self._matchers:
             self._matchers[key] = self._matcher_of(key)
@@ -155,14 +159,14 @@ class CheckedMatcher:
             self._allowance = allowance_of(self.rig, middle)
         return camera_consistency(frame_set, self.rig, depth, names, self._allowance)
 
-    def _exchange(self, frame_set: FrameSet, consistency: RigConsistency) -> tuple[str, str] | None:
-        """Two cameras exchanged; searched once for every set of doubtful cameras."""
+    def _find_exchange(self, frame_set: FrameSet, consistency: RigConsistency) -> tuple[str, str] | None:
+        """Return the two cameras that were exchanged, or None; searched once per set of inconsistent cameras."""
         doubtful = consistency.doubtful
         if doubtful not in self._exchanged:
             self._exchanged[doubtful] = exchange_in_doubt(frame_set, self.rig, consistency)
         return self._exchanged[doubtful]
 
-    def _marked(self, depth: DepthMap) -> DepthMap:
+    def _add_systematic(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():
             return depth
         return add_systematic_error(depth, self._systematic_px * depth_error_per_px(self.rig, depth))
@@ -173,15 +177,15 @@ def sequence_matcher(
 ) -> CheckedMatcher:
     """Return the matcher of a moving belt; its first frame is checked, and every `CHECK_EVERY`-th after it."""
 
-    def matcher_of(names: tuple[str, ...]) -> MultiviewReconstructor:
+    def make_matcher(names: tuple[str, ...]) -> MultiviewReconstructor:
         return MultiviewReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
 
     auxiliaries = tuple(name for name in rig.auxiliaries if name in cameras)
-    return CheckedMatcher(rig, auxiliaries, depth_range_mm, matcher_of, every=CHECK_EVERY)
+    return CheckedMatcher(rig, auxiliaries, depth_range_mm, make_matcher, every=CHECK_EVERY)
 
 
-def _trusted(consistency: RigConsistency) -> tuple[str, ...]:
-    """The auxiliaries to measure with; none where the frame cannot say which."""
+def _consistent_auxiliaries(consistency: RigConsistency) -> tuple[str, ...]:
+    """Return the auxiliaries to measure with; none if the frame is ambiguous."""
     if consistency.core_moved or consistency.ambiguous or not consistency.named("sound"):
         return ()
     return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.doubtful)
@@ -195,6 +199,6 @@ def depth_error_per_px(rig: Rig, depth: DepthMap) -> float:
 
 
 def add_systematic_error(depth: DepthMap, systematic_mm: float) -> DepthMap:
-    """Return the map with an error that all pixels share in its σ."""
+    """Return the map with an error common to all pixels added to its σ."""
     sigma = np.hypot(depth.sigma_mm, np.float32(systematic_mm)).astype(np.float32)
     return replace(depth, sigma_mm=sigma, systematic_mm=systematic_mm)

@@ -1,4 +1,4 @@
-"""Capture and rig → depth maps, frame by frame."""
+"""Reconstruction of a capture: a depth map and its files for every frame."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ from beltscape.stereo.pairwise.settings import PairwiseSettings
 from beltscape.stereo.pointcloud.cloud import CloudBuilder
 
 METHODS = ("multiview", "pairwise", "binocular")
-"""What `reconstruct` can do: all auxiliaries at once, or the paper's methods."""
+"""Methods of `reconstruct`: all auxiliaries at once, or the paper's two methods."""
 RANGE_FRAMES = 5
-"""Frames of a sequence in which the depth range is looked for."""
+"""Number of frames of a sequence in which the depth range is searched."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,14 +51,14 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
-    """What was written."""
+    """The reconstruction that was written."""
 
     auxiliaries: tuple[str, ...]
     depth_range_mm: tuple[float, float]
     frames: tuple[Mapping[str, Any], ...]
-    """Per frame: plain values for JSON."""
+    """The frames' results as plain values for JSON."""
     regions: Path | None
-    """The check picture of the projected markers and their regions; None where none were seen."""
+    """The control picture of the projected markers and their regions; None if no markers were detected."""
 
 
 def reconstruct_capture(
@@ -74,12 +74,12 @@ def reconstruct_capture(
 ) -> Reconstruction:
     """Reconstruct every frame of a capture into ``out``: rig.json, reconstruction.json and a folder per frame.
 
-    The markers of the first frame that can be measured, where it shows any, are drawn in regions.png.
+    The projected markers of the first frame that can be measured are drawn in regions.png.
 
     Raises
     ------
     InputError, SettingsError, ReconstructionError, OutputError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     capture, out = as_path(capture, "capture"), as_path(out, "out")
     wanted = select_auxiliaries(method, rig, pair)
@@ -131,7 +131,7 @@ def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, An
 
 
 def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
-    """The frames of a capture as the rig's cameras saw them.
+    """Open a capture as the source of the rig's frame sets.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
 
 
 def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ...]:
-    """Which auxiliary cameras a method uses.
+    """Return the auxiliary cameras that a method uses.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ..
 
 
 def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
-    """Near and far end (mm) of what a few frames, spread over the capture, show."""
+    """Return the near and far depth (mm) of the surfaces in a few frames spread over the capture."""
     chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))}
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
@@ -194,14 +194,14 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
 
 
 def _raise_cause(source: FolderSource, rig: Rig, frame: str) -> None:
-    """Raise a ReconstructionError that names the likeliest cause why a frame shows no surface."""
+    """Raise a ReconstructionError with the most likely reason why a frame shows no surface."""
     for frame_set in source.select_frames({frame}):
         if rig.core in frame_set.images and len(frame_set.images) > 1:
             raise ReconstructionError(_no_surface(frame_set, rig))
 
 
 def _no_surface(frame_set: FrameSet, rig: Rig) -> str:
-    """Return why a frame shows no surface, as its images have it."""
+    """Return the most likely reason why a frame shows no surface."""
     consistency = camera_consistency(frame_set, rig, None)
     names = tuple(each.camera for each in consistency.cameras)
     doubts = doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency))
@@ -222,7 +222,7 @@ def _make_matcher(
 
 
 def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:
-    """Depth of every frame that can be measured; the others are named, and so are cameras that contradict the rig.
+    """Yield every frame that can be measured; warn of the others and of cameras that contradict the rig.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Capture and rig → rectified pairs with a measured check."""
+"""Rectification of a capture into epipolar pairs, with a measured check of their row error."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_
 from beltscape.stereo.pairwise.row_error import LEAST_MATCHES
 
 WARN_ROWS_PX = 0.5
-"""Matches farther than this off their rows mean that the rig is not the one that took the images."""
+"""A larger RMS row error of matches means that the rig does not belong to the images."""
 
 
 def rectify_capture(
@@ -37,12 +37,12 @@ def rectify_capture(
     *,
     depth_range_mm: tuple[float, float] | None = None,
 ) -> tuple[tuple[float, float], list[Mapping[str, Any]]]:
-    """Rectify every frame into ``out``: images, geometry and the check picture; depth range used, and per frame.
+    """Rectify every frame into ``out``; return the depth range used and one document per frame.
 
     Raises
     ------
     InputError, ReconstructionError, OutputError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     capture, out = as_path(capture, "capture"), as_path(out, "out")
     source = open_capture(capture, rig, reporter)
@@ -93,7 +93,7 @@ def _document(images: RectifiedImages) -> Mapping[str, Any]:
 def rectify(
     source: FolderSource, rig: Rig, depth_range_mm: tuple[float, float], reporter: Reporter
 ) -> Iterator[tuple[FrameSet, list[RectifiedImages], RigConsistency, list[str]]]:
-    """Every frame's pairs about the core camera (the paper's Section 2.3.1), and what is wrong with its cameras."""
+    """Yield every frame's pairs about the core camera (the paper's Section 2.3.1) and its cameras' consistency."""
     pairs = {
         name: rectify_pair(rig, name, depth_range_mm) for name in rig.auxiliaries if name in source.cameras
     }
@@ -116,7 +116,7 @@ def rectify(
 
 
 def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
-    """Return a line for every pair whose rows do not meet, but for those in doubt already."""
+    """Return a line for every pair with a large row error, except those already found inconsistent."""
     lines = []
     for each in pairs:
         core, name, rows = each.pair.core, each.pair.auxiliary, each.rows

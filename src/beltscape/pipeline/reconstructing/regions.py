@@ -1,4 +1,4 @@
-"""Frame and rig → the check picture of the regions between the projected markers."""
+"""The control picture of the regions between the projected markers of a frame."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from beltscape.report.regions import regions_picture
 from beltscape.stereo.markers.prior import find_grids
 
 _WIDEST_PX = 1600
-"""Three cameras side by side stay legible at this width."""
+"""Widest picture; three cameras beside each other stay legible at this width."""
 
 
 def write_regions(path: Path, frame_set: FrameSet, rig: Rig, cameras: Sequence[str]) -> Path | None:
-    """Write what `find_grids` sees in these cameras; None, and nothing written, where it sees no markers.
+    """Draw the marker grids that `find_grids` detects in these cameras; write nothing and return None without any.
 
-    Markers count as seen when the core and another camera see them where the rig lets them meet. A pattern without
-    markers, or no pattern, is nothing to warn of.
+    Markers count as detected when the core and another camera see them consistently with the rig. A pattern without
+    markers, or no pattern, causes no warning.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltscape.evaluate.paper.dimensions import Row
+from beltscape.evaluate.paper.dimensions import DimensionRow
 from beltscape.evaluate.paper.experiments import Paper
 from beltscape.evaluate.paper.features import PLAIN
 from beltscape.evaluate.paper.pages.formatting import METRICS, metrics, number, signed
@@ -42,7 +42,7 @@ def table2_section(paper: Paper) -> list[Section]:
     return [Section("Table 2: dimensions of the calibration module", intro, items)]
 
 
-def _table2_row(row: Row) -> list[str]:
+def _table2_row(row: DimensionRow) -> list[str]:
     d = row.dimension
     plain = row.error_mm(PLAIN) if PLAIN in row.measured_mm else np.nan
     return [
@@ -87,7 +87,7 @@ def table3_section(paper: Paper) -> list[Section]:
     return [Section("Table 3 and Fig. 17: time of flight", intro, items)]
 
 
-def _table3_row(row: Row) -> list[str]:
+def _table3_row(row: DimensionRow) -> list[str]:
     d = row.dimension
     theirs = np.nan if d.table3_mm is None else d.table3_mm
     return [

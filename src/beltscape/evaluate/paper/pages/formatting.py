@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.evaluate.paper.surfaces import Found
+from beltscape.evaluate.paper.surfaces import ScoredDepth
 
 SCENES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
 METRICS = ("measured", "< 1 mm", "< 0.25 mm", "median", "bias", "robust σ", "gross", "σ ratio")
@@ -17,7 +17,7 @@ ERROR_MM = 1.0
 """Fullest colour of the error pictures."""
 
 
-def metrics(one: Found) -> list[str]:
+def metrics(one: ScoredDepth) -> list[str]:
     """Cells for `METRICS`, of the surface that the scene is about."""
     d = one.score.depth
     return [

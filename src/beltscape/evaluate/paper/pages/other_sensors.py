@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper
-from beltscape.evaluate.paper.other_sensors import PEERS, SPEED_MM_S
+from beltscape.evaluate.paper.other_sensors import BASELINES, SPEED_MM_S
 from beltscape.evaluate.paper.pages.dimensions import peer_dimensions
 from beltscape.evaluate.paper.pages.formatting import ERROR_MM, METRICS, SCENES, UNITS, metrics
 from beltscape.evaluate.paper.pages.pictures import error_panels, motion_chart
@@ -13,13 +13,13 @@ from beltscape.report.page import Item, Lines, Pictures, Section, Table
 
 
 def peers_section(paper: Paper) -> list[Section]:
-    """The peers on every scene that they saw; none where none could be simulated."""
-    if not paper.peers:
+    """The baselines on every scene that they saw; none where none could be simulated."""
+    if not paper.baselines:
         return []
-    names = {peer.name: peer.name for peer in PEERS}
+    names = {baseline.name: baseline.name for baseline in BASELINES}
     rows, figures = [], []
     for scene in paper.scenes:
-        found = [paper.peers[scene, name] for name in names if (scene, name) in paper.peers]
+        found = [paper.baselines[scene, name] for name in names if (scene, name) in paper.baselines]
         if not found:
             continue
         found = [paper.surfaces[scene, "multiview"], *found]
@@ -37,7 +37,7 @@ def peers_section(paper: Paper) -> list[Section]:
             [
                 "Beltscape: 5 images at one instant, belt at any speed; speckle, rig calibrated from its own images."
             ]
-            + [f"{peer.name}: {peer.images}; {peer.what}." for peer in PEERS]
+            + [f"{baseline.name}: {baseline.images}; {baseline.what}." for baseline in BASELINES]
         ),
         Table(["scene, sensor", *METRICS], rows, UNITS),
     ]

@@ -11,7 +11,7 @@ from beltscape.evaluate.paper.pages.surfaces import completeness_section, densit
 from beltscape.report.page import Lines, Section, Tile, Tiles, render
 
 
-def paper_page(paper: Paper) -> str:
+def render_paper_page(paper: Paper) -> str:
     """report.html."""
     sections = [
         Section("At a glance", "", [_tiles(paper)]),

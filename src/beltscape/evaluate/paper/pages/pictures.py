@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltscape.evaluate.paper.dimensions import Row
-from beltscape.evaluate.paper.surfaces import Found
+from beltscape.evaluate.paper.dimensions import DimensionRow
+from beltscape.evaluate.paper.surfaces import ScoredDepth
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.depth_picture import GAPS, NO_ERROR, error_colors, relief
 from beltscape.report.drawing.legend import DIFFERENCE, NEAR_TO_FAR, Scale
@@ -25,7 +25,7 @@ ROLES = {"paper": "fourth", "pairwise": "second", "multiview": "first", "time of
 """Whose bars → their role in the palette."""
 
 
-def depth_panels(found: Sequence[Found], titles: Mapping[str, str]) -> list[Panel]:
+def depth_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str]) -> list[Panel]:
     """Return the depths of the same scene by several, and the truth, all in the same colours.
 
     ``titles`` tells by whom it was measured → what stands over its picture; all are on grids of one size.
@@ -46,7 +46,7 @@ def depth_panels(found: Sequence[Found], titles: Mapping[str, str]) -> list[Pane
     return [*panels, Panel(relief(truth.astype(np.float32), scale), "truth", scale)]
 
 
-def error_panels(found: Sequence[Found], titles: Mapping[str, str], *, limit_mm: float) -> list[Panel]:
+def error_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str], *, limit_mm: float) -> list[Panel]:
     """Return the errors of several; ``limit_mm`` is that of the fullest colours."""
     scale = Scale(-limit_mm, limit_mm, DIFFERENCE, label="measured minus true depth, mm")
     return [
@@ -58,7 +58,7 @@ def error_panels(found: Sequence[Found], titles: Mapping[str, str], *, limit_mm:
     ]  # fmt: skip
 
 
-def dimension_chart(rows: Sequence[Row], by: Mapping[str, str]) -> Chart:
+def dimension_chart(rows: Sequence[DimensionRow], by: Mapping[str, str]) -> Chart:
     """Absolute errors of the dimensions on a logarithmic scale: the paper's and those of ``by`` (who → name)."""
     who = {"paper": "the paper, as published", **by}
     key = Key([Entry(name, ROLES[one], "area") for one, name in who.items()])
@@ -66,7 +66,7 @@ def dimension_chart(rows: Sequence[Row], by: Mapping[str, str]) -> Chart:
     return Chart.draw(partial(_dimension_plot, rows, list(who)), caption, key)
 
 
-def _dimension_plot(rows: Sequence[Row], who: Sequence[str], form: Form) -> Figure:
+def _dimension_plot(rows: Sequence[DimensionRow], who: Sequence[str], form: Form) -> Figure:
     figure, (axis,) = panels(1, form, height=60 + 30 * len(rows), narrow_height=60 + 40 * len(rows))
     place = np.arange(len(rows), dtype=np.float64)
     high = (0.54 if form.narrow else 0.8) / len(who)
@@ -91,7 +91,7 @@ def _dimension_plot(rows: Sequence[Row], who: Sequence[str], form: Form) -> Figu
     return figure
 
 
-def motion_chart(travels_mm: Sequence[float], found: Sequence[Found], ours: Found) -> Chart:
+def motion_chart(travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth) -> Chart:
     """Share within 1 mm and median error of structured light against the belt's travel between two pictures."""
     key = Key(
         [Entry("structured light, 12 pictures", "second"), Entry("Beltscape, one instant", "first", "dashed")]
@@ -100,7 +100,9 @@ def motion_chart(travels_mm: Sequence[float], found: Sequence[Found], ours: Foun
     return Chart.draw(partial(_motion_plot, travels_mm, found, ours), caption, key)
 
 
-def _motion_plot(travels_mm: Sequence[float], found: Sequence[Found], ours: Found, form: Form) -> Figure:
+def _motion_plot(
+    travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth, form: Form
+) -> Figure:
     figure, axes = panels(2, form, columns=2, height=270, narrow_height=220)
     x = np.array([travel if travel > 0 else _AT_REST_MM for travel in travels_mm])
     values = (
@@ -134,5 +136,5 @@ _LEAST_MM = 0.001
 _AT_REST_MM = 0.01
 
 
-def _paper_error(row: Row) -> float:
+def _paper_error(row: DimensionRow) -> float:
     return row.dimension.table2_mm - row.dimension.actual_mm

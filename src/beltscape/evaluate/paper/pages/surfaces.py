@@ -17,7 +17,7 @@ from beltscape.evaluate.paper.pages.formatting import (
     ratio,
 )
 from beltscape.evaluate.paper.pages.pictures import depth_panels, error_panels
-from beltscape.evaluate.paper.surfaces import METHODS, TITLES, Found
+from beltscape.evaluate.paper.surfaces import METHODS, TITLES, ScoredDepth
 from beltscape.report.drawing.pictures import Panel
 from beltscape.report.page import Item, Pictures, Section, Table
 
@@ -95,7 +95,7 @@ def density_section(paper: Paper) -> list[Section]:
     return [Section("Fig. 16: with and without speckle", intro, items)]
 
 
-def _errors(found: Sequence[Found], titles: Sequence[str]) -> list[Panel]:
+def _errors(found: Sequence[ScoredDepth], titles: Sequence[str]) -> list[Panel]:
     named = [replace(one, by=title) for one, title in zip(found, titles, strict=True)]
     return error_panels(named, {t: t for t in titles}, limit_mm=ERROR_MM)
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from beltscape.evaluate.peers.line_laser import line_middles, profiles_of
-from beltscape.evaluate.peers.profiles import depth_of_profiles
+from beltscape.evaluate.baselines.line_laser import locate_line_centers, measure_profiles
+from beltscape.evaluate.baselines.profiles import rasterise_profiles
 from beltscape.simulate.geometry.shapes import make_box
 from beltscape.simulate.rendering.sensor import Sensor
 from beltscape.simulate.sensors.line_laser import (
@@ -31,7 +31,7 @@ def line(middle: float, sigma: float = 0.9, height: float = 200.0, rows: int = 4
 
 @given(middle=st.floats(8, 31), sigma=st.floats(0.7, 1.5), height=st.floats(60, 250))
 def test_middles_are_sub_pixel(middle: float, sigma: float, height: float):
-    found, _ = line_middles(line(middle, sigma, height)[:, None])
+    found, _ = locate_line_centers(line(middle, sigma, height)[:, None])
     assert found[0] == pytest.approx(middle, abs=0.08)
 
 
@@ -39,7 +39,7 @@ def test_dark_saturated_and_double_lines_are_none():
     double = np.maximum(line(10.0), line(30.0, height=150.0))
     saturated = np.minimum(line(20.0).astype(int) * 2, 255).astype(np.uint8)
     image = np.column_stack([line(20.0, height=5), saturated, double, line(20.0)])
-    found, sigma = line_middles(image)
+    found, sigma = locate_line_centers(image)
     assert np.isnan(found[:3]).all()
     assert np.isfinite([found[3], sigma[3]]).all()
 
@@ -48,7 +48,7 @@ def test_sigma_is_what_noise_does():
     rng = np.random.default_rng(1)
     clean = np.repeat(line(20.3, height=120.0)[:, None], 4000, axis=1).astype(float)
     noise = rng.normal(size=clean.shape) * np.sqrt(0.4**2 + clean / 55)
-    found, sigma = line_middles(np.rint(np.clip(clean + noise, 0, 255)).astype(np.uint8))
+    found, sigma = locate_line_centers(np.rint(np.clip(clean + noise, 0, 255)).astype(np.uint8))
     assert found.std() == pytest.approx(np.median(sigma), rel=0.35)
 
 
@@ -60,8 +60,8 @@ def test_profiles_lie_on_the_surface_and_leave_its_shadow_out():
     images = list(
         render_line_images(world, station, laser, settings, Sensor(), along_mm=(-160, 160), blur_px=0.6)
     )
-    scan = profiles_of(images, station, laser, settings.step_mm)
-    depth = depth_of_profiles(scan, station)
+    scan = measure_profiles(images, station, laser, settings.step_mm)
+    depth = rasterise_profiles(scan, station)
     view = trace_core_view(world, station)
     top = (view.label == 2) & depth.measured
     error = np.abs(depth.depth_mm - view.depth_mm)

@@ -19,7 +19,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
-from beltscape.evaluate.peers.phase import phase_of, unwrapped
+from beltscape.evaluate.baselines.phase import estimate_phase, unwrap_phases
 from beltscape.simulate.sensors.fringes import FringeSettings
 
 Array = NDArray[np.float64]
@@ -72,16 +72,16 @@ def decode(
     if len(images) != fringes.frames:
         raise InputError(f"{len(images)} images of {fringes.frames} pictures; give one of each")
     settings = settings or DecodeSettings()
-    flat = _undistorted(images, core)
+    flat = _undistort(images, core)
     noise = np.sqrt(settings.read_noise**2 + flat.mean(axis=0).clip(min=0) / settings.electrons_per_count)
     sets = flat.reshape(len(fringes.fringes), fringes.steps, *flat.shape[1:])
-    phases = [phase_of(one, noise) for one in sets]
-    column, sigma_px = unwrapped(phases, fringes.periods_px(projector.size_px[0]), settings.gate)
-    depth, per_px = _triangulated(column, core, projector, projector_from_core)
+    phases = [estimate_phase(one, noise) for one in sets]
+    column, sigma_px = unwrap_phases(phases, fringes.periods_px(projector.size_px[0]), settings.gate)
+    depth, per_px = _triangulate(column, core, projector, projector_from_core)
     sigma = np.abs(per_px) * sigma_px
     good = np.isfinite(depth) & (depth > 0) & (sigma <= settings.most_sigma_mm)
     good &= np.min([phase.modulation for phase in phases], axis=0) >= settings.least_modulation
-    good &= _undistorted(images.max(axis=0)[None], core)[0] <= settings.brightest
+    good &= _undistort(images.max(axis=0)[None], core)[0] <= settings.brightest
     return DepthMap(
         np.where(good, depth, np.nan).astype(np.float32),
         np.where(good, sigma, np.nan).astype(np.float32),
@@ -90,7 +90,7 @@ def decode(
     )
 
 
-def _triangulated(column: Array, core: Camera, projector: Camera, pose: Pose) -> tuple[Array, Array]:
+def _triangulate(column: Array, core: Camera, projector: Camera, pose: Pose) -> tuple[Array, Array]:
     """(H, W) depth of projector columns (H, W), and by how many mm it grows with a column."""
     rays = np.concatenate([core.rays(), np.ones((*column.shape, 1))], axis=-1)
     across, along = rays @ pose.rotation[0], rays @ pose.rotation[2]
@@ -102,7 +102,7 @@ def _triangulated(column: Array, core: Camera, projector: Camera, pose: Pose) ->
         return depth, (t_z + depth * along) / slope / projector.focal_px[0]
 
 
-def _undistorted(images: NDArray[np.uint8], core: Camera) -> NDArray[np.float32]:
+def _undistort(images: NDArray[np.uint8], core: Camera) -> NDArray[np.float32]:
     """(F, H, W) counts on the camera's pinhole grid, by cubic splines; 0 where it did not look.
 
     Not by OpenCV's remap: it rounds places to a 32nd of a pixel, which is more than the noise of the phase.

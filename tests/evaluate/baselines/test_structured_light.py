@@ -10,7 +10,7 @@ import pytest
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
-from beltscape.evaluate.peers.structured_light import DecodeSettings, decode
+from beltscape.evaluate.baselines.structured_light import DecodeSettings, decode
 from beltscape.simulate.laboratory import make_projector
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.evaluate.peers.profiles import depth_of_profiles
+from beltscape.evaluate.baselines.profiles import rasterise_profiles
 from beltscape.simulate.sensors.profile_scan import ProfileScan
 from simulate import scenes
 
@@ -19,7 +19,7 @@ def scan(height) -> ProfileScan:
 def world_points(scan: ProfileScan) -> np.ndarray:
     """(N, 3) where the core's pixels meet the surface."""
     station = scenes.station()
-    depth = depth_of_profiles(scan, station)
+    depth = rasterise_profiles(scan, station)
     points = depth.points_mm(station.rig.core_camera)[depth.measured]
     assert (depth.sigma_mm[depth.measured] == np.float32(0.3)).all()
     return station.core_from_world.inverse().apply(points)
@@ -45,5 +45,5 @@ def test_nothing_is_laid_across_a_gap():
 
 
 def test_nothing_measured_is_an_empty_map():
-    empty = depth_of_profiles(scan(lambda x, _: np.full_like(x, np.nan)), scenes.station())
+    empty = rasterise_profiles(scan(lambda x, _: np.full_like(x, np.nan)), scenes.station())
     assert not empty.measured.any()

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.evaluate.truth.other_grid import depth_on_grid_of, mask_on_grid_of
+from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 
 
 def rig(focal: float = 300.0, center: tuple[float, float] = (79.5, 59.5)) -> Rig:
@@ -26,12 +26,12 @@ def test_the_same_camera_keeps_the_truth():
     depth = plane(rig().core_camera)
     depth[30:60, 40:70] -= 50
     depth[5, 5] = np.nan
-    assert_allclose(depth_on_grid_of(rig(), rig(), depth), depth, rtol=1e-12)
+    assert_allclose(resample_depth(rig(), rig(), depth), depth, rtol=1e-12)
 
 
 def test_a_plane_stays_the_plane():
     found = rig(301.2, (80.1, 58.9))
-    depth = depth_on_grid_of(found, rig(), plane(rig().core_camera))
+    depth = resample_depth(found, rig(), plane(rig().core_camera))
     inside = np.isfinite(depth)
     assert inside.mean() > 0.97
     assert_allclose(depth[inside], plane(found.core_camera)[inside], atol=1e-9)
@@ -40,7 +40,7 @@ def test_a_plane_stays_the_plane():
 def test_nothing_is_mixed_at_a_step():
     depth = np.full((120, 160), 700.0)
     depth[:, 80:] = 600.0
-    moved = depth_on_grid_of(rig(center=(79.9, 59.5)), rig(), depth)
+    moved = resample_depth(rig(center=(79.9, 59.5)), rig(), depth)
     assert set(np.unique(moved[np.isfinite(moved)].round(9))) == {600.0, 700.0}
 
 
@@ -48,7 +48,7 @@ def test_a_mask_moves_by_whole_pixels_and_ends_with_the_truth():
     mask = np.ones((120, 160), bool)
     mask[:, 100:] = False
     moved = replace(rig(), cameras={"cam0": rig(center=(82.5, 59.5)).core_camera})
-    seen = mask_on_grid_of(moved, rig(), mask)
+    seen = resample_mask(moved, rig(), mask)
     assert not seen[:, :3].any()
     assert seen[:, 3:103].all()
     assert not seen[:, 103:].any()

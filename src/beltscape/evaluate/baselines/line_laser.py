@@ -39,7 +39,9 @@ class PeakSettings(BaseModel):
     electrons_per_count: Annotated[float, Field(gt=0, le=1e6)] = 55.0
 
 
-def line_middles(image: NDArray[np.uint8], settings: PeakSettings | None = None) -> tuple[Array, Array]:
+def locate_line_centers(
+    image: NDArray[np.uint8], settings: PeakSettings | None = None
+) -> tuple[Array, Array]:
     """Rows (W,) of a line's middle in an image (h, W), and their σ (W,) by the camera's noise; NaN: no line.
 
     A column with a second line as high as half the first, outside its window, is ambiguous and has none.
@@ -61,7 +63,7 @@ def line_middles(image: NDArray[np.uint8], settings: PeakSettings | None = None)
     return np.where(good, middle, np.nan), np.where(good, sigma, np.nan)
 
 
-def profiles_of(
+def measure_profiles(
     images: Iterable[LineImage],
     station: Station,
     laser: Laser,
@@ -78,16 +80,21 @@ def profiles_of(
     columns = np.arange(camera.size_px[0], dtype=np.float64)
     points, sigmas = [], []
     for one in images:
-        middle, sigma_px = line_middles(one.image, settings)
+        middle, sigma_px = locate_line_centers(one.image, settings)
         row = middle + one.first_row + one.drift_px
-        met = [_on_plane(columns, row + off, station, laser, world_from_core.rotation) for off in (0.0, 0.5)]
+        met = [
+            _intersect_laser_plane(columns, row + off, station, laser, world_from_core.rotation)
+            for off in (0.0, 0.5)
+        ]
         per_px = 2 * np.abs(met[1][:, 2] - met[0][:, 2])
         points.append(met[0] + [0.0, one.along_mm, 0.0])
         sigmas.append(per_px * np.hypot(sigma_px, speckle_px))
     return ProfileScan(np.stack(points), np.stack(sigmas), step_mm)
 
 
-def _on_plane(columns: Array, rows: Array, station: Station, laser: Laser, world_from_core: Array) -> Array:
+def _intersect_laser_plane(
+    columns: Array, rows: Array, station: Station, laser: Laser, world_from_core: Array
+) -> Array:
     """(W, 3) where the rays of distorted pixels meet the laser's plane, in the world at belt position 0."""
     ideal = station.rig.core_camera.undistort(np.column_stack([columns, rows]))
     rays = np.column_stack([ideal, np.ones(len(ideal))]) @ world_from_core.T

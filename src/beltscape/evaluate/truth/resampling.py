@@ -1,4 +1,4 @@
-"""Truth on the grid of another core camera: for depth measured with a rig that was calibrated, not given."""
+"""Resampling of the truth to the grid of another core camera, for depth measured with a calibrated rig."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from beltscape.core.rig import Rig
 
 _STEP = 0.006
-"""A range of depth within 2 × 2 pixels, as a share of it, from which on it is a step: nothing is mixed there."""
+"""Relative depth range within 2 × 2 pixels above which there is a step and no interpolation."""
 
 
-def depth_on_grid_of(rig: Rig, truth: Rig, true_mm: NDArray[np.floating]) -> NDArray[np.float64]:
-    """True depth where the pixels of the found core camera look, mm; NaN where the truth does not reach.
+def resample_depth(rig: Rig, truth: Rig, true_mm: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the true depth on the grid of a calibrated core camera, mm; NaN outside the truth.
 
-    ``true_mm`` is (H, W) on the true core's undistorted grid, both cores being the same camera. Inverse depth, of
-    which a plane is linear, is interpolated bilinearly; at steps the nearest pixel is taken.
+    ``true_mm`` is (H, W) on the true core's undistorted grid, both cores being the same camera. Inverse depth,
+    which is linear on a plane, is interpolated bilinearly; at steps the nearest pixel is taken.
     """
     u, v = _true_pixels(rig, truth)
     height, width = true_mm.shape
@@ -30,8 +30,8 @@ def depth_on_grid_of(rig: Rig, truth: Rig, true_mm: NDArray[np.floating]) -> NDA
     return np.where(inside, np.where(smooth, mixed, nearest), np.nan)
 
 
-def mask_on_grid_of(rig: Rig, truth: Rig, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(H, W) bool: a mask on the true core's grid where the found core's pixels look; False beyond it."""
+def resample_mask(rig: Rig, truth: Rig, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return a mask on the true core's grid resampled to a calibrated core's, (H, W); False outside."""
     u, v = (np.rint(x).astype(np.intp) for x in _true_pixels(rig, truth))
     height, width = mask.shape
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)

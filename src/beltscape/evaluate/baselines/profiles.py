@@ -15,7 +15,7 @@ REACH = 3.0
 """Neighbours farther apart than so many usual distances are not joined: there is a step, or nothing."""
 
 
-def depth_of_profiles(scan: ProfileScan, station: Station) -> DepthMap:
+def rasterise_profiles(scan: ProfileScan, station: Station) -> DepthMap:
     """The depth that the core camera would have of the surface through the points of neighbouring profiles.
 
     Nothing is laid across steps and gaps. A pixel's σ is that of the nearest corner of its triangle.

@@ -32,7 +32,7 @@ class Phase:
     """(H, W) one standard deviation of the phase, radians; inf without modulation."""
 
 
-def phase_of(images: NDArray[np.floating], noise: NDArray[np.floating]) -> Phase:
+def estimate_phase(images: NDArray[np.floating], noise: NDArray[np.floating]) -> Phase:
     """Phase from N ≥ 3 images (N, H, W), each shifted by an N-th of a period, and their noise (H, W); in counts."""
     steps = 2 * np.pi * np.arange(len(images)) / len(images)
     sine, cosine = (np.tensordot(f(steps), images.astype(np.float64), 1) for f in (np.sin, np.cos))
@@ -44,7 +44,7 @@ def phase_of(images: NDArray[np.floating], noise: NDArray[np.floating]) -> Phase
     )
 
 
-def unwrapped(phases: Sequence[Phase], periods_px: Sequence[float], gate: float) -> tuple[Array, Array]:
+def unwrap_phases(phases: Sequence[Phase], periods_px: Sequence[float], gate: float) -> tuple[Array, Array]:
     """The projector's column (H, W) and its σ (H, W), px; NaN where two sets of fringes contradict each other.
 
     Parameters

@@ -1,6 +1,6 @@
 """Draw the figures of docs/matching.md and docs/measuring.md into docs/images, from the settings and the geometry.
 
-python tools/draw_figures.py
+python tools/drawings/draw_figures.py
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from sheet import AXIS, BELT, BOX, CAMERA, LIGHT, Point, Sheet, document
 
 from beltscape.simulate.scenario import RigSpec
 from beltscape.stereo.multiview.optimisation.propagation import propagation_offsets
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from drawing import AXIS, BELT, BOX, CAMERA, LIGHT, Point, Sheet, document
 
-OUT = Path(__file__).parents[1] / "docs/images"
+OUT = Path(__file__).parents[2] / "docs/images"
 PALE = {CAMERA: "#e6effa", LIGHT: "#fbf0d4", BOX: "#e2f2e8", BELT: "#efefef"}
 GREY = "#8a8a8a"
 

@@ -1,6 +1,6 @@
 """Draw docs/images/rig.svg: core, auxiliaries, projector, belt frame, and the box of ``--across`` and ``--along``.
 
-    python tools/draw_rig.py
+    python tools/drawings/draw_rig.py
 
 Lengths are those of the simulator's laboratory (`RigSpec`, `BeltSettings`, `ProjectorSpec`), to scale.
 """
@@ -10,11 +10,12 @@ from __future__ import annotations
 from math import cos, hypot, radians, sin
 from pathlib import Path
 
+from sheet import AXIS, BELT, BOX, CAMERA, LIGHT, Sheet, document
+
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.simulate.solids.belt import BeltSettings
-from drawing import AXIS, BELT, BOX, CAMERA, LIGHT, Sheet, document
 
-OUT = Path(__file__).parents[1] / "docs/images/rig.svg"
+OUT = Path(__file__).parents[2] / "docs/images/rig.svg"
 SCALE = 0.46
 """px per mm."""
 ACROSS_MM, ALONG_MM = (-250.0, 250.0), (-150.0, 150.0)

@@ -1,4 +1,4 @@
-"""SVG sheets for the manual's drawings; for draw_rig.py and draw_figures.py."""
+"""SVG sheets for the manual's drawings; for the programs beside it."""
 
 from __future__ import annotations
 

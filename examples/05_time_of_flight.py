@@ -9,7 +9,7 @@ import numpy as np
 
 from beltscape.core.pose import Pose
 from beltscape.simulate.geometry.world import World
-from beltscape.simulate.laboratory import DOWN
+from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
 from beltscape.simulate.solids.heap import HeapSettings, make_heap
 from beltscape.simulate.time_of_flight.camera import simulate_tof_frame

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from beltscape.core.errors import InputError
 from beltscape.plan.coverage import compute_coverage, compute_plane_coverage
 from beltscape.plan.footprint import area_mm2, clip, clip_to_strip, overlap_shares, project_footprint
+from beltscape.plan.planned_rig import make_planned_rig
 from beltscape.plan.precision import predict_sigma_mm, projection_jacobian
 from beltscape.plan.settings import CameraSettings, PlanSettings, RigSettings
-from beltscape.plan.station import make_planned_rig
 
 
 @st.composite

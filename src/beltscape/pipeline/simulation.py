@@ -22,9 +22,9 @@ from beltscape.files.rasters.images import EXTENSIONS, write_image
 from beltscape.files.rig_json import write_rig
 from beltscape.report.simulation import draw_simulated_frame
 from beltscape.simulate.geometry.world import World
-from beltscape.simulate.laboratory import DOWN
 from beltscape.simulate.rendering.engine import resolve_engine
 from beltscape.simulate.rendering.optics import Lens
+from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.scenario import KINDS, Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.time_of_flight.camera import make_tof_camera

@@ -10,9 +10,9 @@ import numpy as np
 from beltscape.core.errors import InputError
 from beltscape.plan.footprint import area_mm2, clip_to_strip, overlap_shares, project_footprint
 from beltscape.plan.occlusion import visible_shares
+from beltscape.plan.planned_rig import PlannedRig, make_planned_rig
 from beltscape.plan.precision import predict_sigma_mm
 from beltscape.plan.settings import PlanSettings
-from beltscape.plan.station import PlannedRig, make_planned_rig
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltscape.plan.footprint import Polygon, area_mm2, clip, clip_to_strip, overlap_shares, project_footprint
+from beltscape.plan.planned_rig import PlannedRig
 from beltscape.plan.precision import projection_jacobian
 from beltscape.plan.settings import PlanSettings
-from beltscape.plan.station import PlannedRig
 
 
 @dataclass(frozen=True, slots=True, eq=False)

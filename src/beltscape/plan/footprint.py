@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.plan.station import PlannedRig
+from beltscape.plan.planned_rig import PlannedRig
 
 Polygon = NDArray[np.float64]
 """(n, 2) corners x, y in the world, mm, anticlockwise seen from above; (0, 2): empty."""

@@ -12,9 +12,9 @@ from beltscape.plan.coverage import PlaneCoverage, compute_coverage, usable_leng
 from beltscape.plan.light import LightBudget, compute_light_budget, defocus_px
 from beltscape.plan.motion import Motion, compute_motion
 from beltscape.plan.mounting import Mounting, compute_mounting
+from beltscape.plan.planned_rig import PlannedRig, make_planned_rig
 from beltscape.plan.precision import SigmaMap, predict_sigma_map
 from beltscape.plan.settings import PlanSettings
-from beltscape.plan.station import PlannedRig, make_planned_rig
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
+from beltscape.plan.planned_rig import PlannedRig
 from beltscape.plan.settings import PlanSettings
-from beltscape.plan.station import PlannedRig
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.pose import Pose
 from beltscape.simulate.board_poses import sample_board_poses
 from beltscape.simulate.geometry.world import Projector, Solid, Station, World
-from beltscape.simulate.laboratory import make_projector, make_station
 from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure
 from beltscape.simulate.rendering.render import RenderSettings, render
 from beltscape.simulate.rendering.sensor import Sensor, expose, make_noise_seed
+from beltscape.simulate.rig_and_projector import make_projector, make_station
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.solids.belt import make_belt_solids
 from beltscape.simulate.solids.board import make_board_solid

@@ -11,7 +11,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.evaluate.baselines.structured_light import DecodeSettings, decode
-from beltscape.simulate.laboratory import make_projector
+from beltscape.simulate.rig_and_projector import make_projector
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
 from beltscape.simulate.sensors.sequence import render_sequence

@@ -22,8 +22,8 @@ from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from beltscape.report.drawing.depth_picture import frame_picture
 from beltscape.simulate.geometry.world import Projector
-from beltscape.simulate.laboratory import make_projector
 from beltscape.simulate.rendering.render import RenderSettings
+from beltscape.simulate.rig_and_projector import make_projector
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
 from beltscape.simulate.sensors.lidar import LidarSettings, scan_lidar

@@ -15,7 +15,7 @@ from beltscape.evaluate.scores.frame_score import score_frame
 from beltscape.evaluate.truth.simulated import Truth
 from beltscape.files.reconstruction import read_frame
 from beltscape.simulate.geometry.world import Station
-from beltscape.simulate.laboratory import DOWN
+from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.truth.core_truth import trace_core_view
 
 TOF = "time of flight"

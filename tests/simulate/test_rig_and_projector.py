@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import InputError
 from beltscape.core.scaling import scale_camera
 from beltscape.files.rig_json import write_rig
-from beltscape.simulate.laboratory import make_projector, make_station
+from beltscape.simulate.rig_and_projector import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.target.speckle.pattern import PatternSettings, make_pattern
 from beltscape.target.speckle.pattern_json import write_pattern

@@ -71,7 +71,7 @@ def test_a_backup_made_while_it_writes_is_whole(backup, plant, tmp_path, capsys)
     history = restored(target, tmp_path / "again")
     try:
         totals, found = history.totals, history.records(0, 1 << 62, 10_000)
-        assert history.mended == ""
+        assert history.repair_message == ""
         assert [record.number for record in found] == [*range(1, totals.records + 1)]
         assert totals.records >= 70
         assert totals.volume_mm3 == pytest.approx(sum(record.volume_mm3 for record in found))

@@ -74,7 +74,7 @@ def make_day(folder: Path) -> None:
     start_ns = int(datetime(2026, 11, 21, tzinfo=UTC).timestamp()) * 1_000_000_000
     historian = Historian(folder / "past", HistorySettings(reserve_mib=1, database_days=1))
     historian.write(ledger(48, start_ns=start_ns, every_ns=day_ns // 24))
-    historian.tend(start_ns + 3 * day_ns)
+    historian.maintain(start_ns + 3 * day_ns)
     historian.close()
     (folder / "data/days").mkdir(parents=True)
     shutil.copy(folder / "past/days/2026-11-21.parquet", folder / "data/days")

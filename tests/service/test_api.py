@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from beltscape.core.live import Alarm
-from service.feeder import heights
-from service.plants import BEGIN_NS, OPEN, STEP_NS, works
+from service.feeder import make_heights
+from service.plants import BEGIN_NS, OPEN, STEP_NS, make_service
 
 MS = BEGIN_NS // 1_000_000
 LATER = MS + 60_000
@@ -19,7 +19,7 @@ LATER = MS + 60_000
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    made = works(tmp_path_factory.mktemp("works"), 30, access=OPEN)
+    made = make_service(tmp_path_factory.mktemp("works"), 30, access=OPEN)
     yield made
     made.history.close()
 
@@ -38,7 +38,7 @@ def overload(state="raised", name="overload") -> Alarm:
     return Alarm(name, "critical", state, 107.0, nan, "%", BEGIN_NS)
 
 
-def test_state_is_in_peoples_units(viewer, full):
+def test_state_is_in_plant_units(viewer, full):
     state = viewer("GET", "/api/state").json()
     totals = full.plant.ledger.totals
     assert state["totals"]["volume_m3"] == pytest.approx(totals.volume_mm3 * 1e-9)
@@ -48,8 +48,8 @@ def test_state_is_in_peoples_units(viewer, full):
     assert state["record"] == 30
 
 
-def test_what_is_not_known_is_null(tmp_path):
-    empty = works(tmp_path, access=OPEN)
+def test_unknown_values_are_null(tmp_path):
+    empty = make_service(tmp_path, access=OPEN)
     state = empty.browser()("GET", "/api/state").json()
     assert (
         state["flow"]["volume_m3_h"] is None and state["frames"]["age_s"] is None and state["record"] is None
@@ -57,13 +57,13 @@ def test_what_is_not_known_is_null(tmp_path):
     empty.history.close()
 
 
-def test_page_says_who_one_is(viewer, operator):
+def test_page_names_the_user(viewer, operator):
     page = viewer("GET", "/api/page").json()
     assert (page["plant"], page["role"], page["language"]) == ("Belt 7", "viewer", "en")
     assert operator("GET", "/api/page").json()["user"] == "the-operator"
 
 
-def test_series_adds_up_to_the_totals(viewer, full):
+def test_series_add_up_to_the_totals(viewer, full):
     series = viewer("GET", "/api/series", params={"since_ms": MS, "until_ms": LATER, "points": 50}).json()
     assert sum(series["volume_m3"]) == pytest.approx(full.plant.ledger.totals.volume_mm3 * 1e-9, rel=1e-4)
     assert {len(values) for values in series.values() if isinstance(values, list)} == {
@@ -72,7 +72,7 @@ def test_series_adds_up_to_the_totals(viewer, full):
     assert None in series["flow_m3_h"]  # after the last record nothing is known
 
 
-def test_records_page_on_without_gap_or_repeat(viewer):
+def test_records_are_paged_without_gap_or_repeat(viewer):
     seen, after = [], 0
     while page := viewer(
         "GET", "/api/records", params={"since_ms": MS, "until_ms": LATER, "limit": 7, "after": after}
@@ -83,15 +83,15 @@ def test_records_page_on_without_gap_or_repeat(viewer):
     assert all(a["to_m"] == b["from_m"] for a, b in pairwise(seen))
 
 
-def test_the_section_behind_a_record(viewer):
+def test_section_of_a_record(viewer):
     section = viewer("GET", "/api/section", params={"number": 3}).json()
-    expected = heights(2 * 480.0, 96).mean(axis=0)
+    expected = make_heights(2 * 480.0, 96).mean(axis=0)
     np.testing.assert_allclose([h for h in section["height_mm"] if h is not None], expected, atol=0.1)
     assert viewer("GET", "/api/section", params={"number": 999}).status_code == 404
 
 
-def test_events_and_days(viewer, full):
-    full.history.note("alarm", "overload", "raised", wall_ns=BEGIN_NS + 5)
+def test_events_and_days_are_listed(viewer, full):
+    full.history.add_event("alarm", "overload", "raised", wall_ns=BEGIN_NS + 5)
     events = viewer("GET", "/api/events", params={"since_ms": MS, "until_ms": LATER}).json()
     assert [(event["kind"], event["name"], event["text"]) for event in events] == [
         ("alarm", "overload", "raised")
@@ -100,7 +100,7 @@ def test_events_and_days(viewer, full):
     assert sum(day["records"] for day in days) == 30
 
 
-def test_both_exports_say_what_the_history_says(viewer, full):
+def test_exports_match_the_history(viewer, full):
     period = {"since_ms": MS, "until_ms": LATER}
     text = viewer("GET", "/api/export", params=period)
     assert "attachment" in text.headers["content-disposition"]
@@ -132,7 +132,7 @@ def test_an_export_of_nothing_is_an_empty_table(viewer):
         {},
     ],
 )
-def test_periods_that_are_none_are_refused(viewer, path, period):
+def test_invalid_periods_are_refused(viewer, path, period):
     answer = viewer("GET", f"/api/{path}", params=period)
     assert answer.status_code == 422
     assert "detail" in answer.json()
@@ -142,18 +142,18 @@ def test_periods_that_are_none_are_refused(viewer, path, period):
     "path",
     ["/api/series?points=1", "/api/series?points=5000", "/api/records?limit=0", "/api/events?limit=9999"],
 )
-def test_amounts_are_bounded(viewer, path):
+def test_result_counts_are_bounded(viewer, path):
     assert viewer("GET", f"{path}&since_ms=0&until_ms=1").status_code == 422
 
 
-def test_pictures(viewer):
+def test_pictures_have_name_and_time(viewer):
     answer = viewer("GET", "/api/cameras/cam1/picture")
     assert answer.headers["content-type"] == "image/webp" and answer.content[8:12] == b"WEBP"
     assert answer.headers["beltscape-frame"] == "000026"
     assert viewer("GET", "/api/cameras/cam9/picture").status_code == 404
 
 
-def test_acknowledging_needs_an_operator_and_something_to_acknowledge(viewer, operator, full):
+def test_acknowledging_requires_an_operator_and_an_open_alarm(viewer, operator, full):
     full.plant.raise_alarm(overload())
     path = "/api/alarms/overload/acknowledge"
     assert viewer("POST", path).status_code == 403
@@ -163,22 +163,22 @@ def test_acknowledging_needs_an_operator_and_something_to_acknowledge(viewer, op
     assert operator("POST", "/api/alarms/nonsense/acknowledge").status_code == 404
 
 
-def test_a_camera_in_an_alarms_name(operator, full):
+def test_alarm_names_may_contain_a_camera(operator, full):
     full.plant.raise_alarm(overload(name="camera_lost:cam 3/ü"))
     assert operator("POST", "/api/alarms/camera_lost:cam3/acknowledge").status_code == 404
     full.plant.raise_alarm(overload(name="camera_lost:cam3"))
     assert operator("POST", "/api/alarms/camera_lost%3Acam3/acknowledge").status_code == 200
 
 
-def test_keeping_the_recording(viewer, operator):
+def test_keeping_the_recording_requires_an_operator(viewer, operator):
     assert viewer("POST", "/api/recording/keep", json={"reason": "lump"}).status_code == 403
     assert operator("POST", "/api/recording/keep", json={"reason": "lump"}).status_code == 200
     assert operator("POST", "/api/recording/keep", json={"reason": ""}).status_code == 422
     assert operator("POST", "/api/recording/keep", json={"reason": "x", "more": 1}).status_code == 422
 
 
-def test_a_history_that_cannot_be_read_is_no_crash(tmp_path):
-    made = works(tmp_path, 3, access=OPEN)
+def test_an_unreadable_history_gives_503(tmp_path):
+    made = make_service(tmp_path, 3, access=OPEN)
     made.history.close()
     viewer = made.browser()
     for path in ("series", "records", "events", "days", "export"):
@@ -187,7 +187,7 @@ def test_a_history_that_cannot_be_read_is_no_crash(tmp_path):
     assert viewer("GET", "/api/state").status_code == 200
 
 
-def test_every_answer_is_described(full):
+def test_every_response_is_described(full):
     paths = full.app.openapi()["paths"]
     ours = {path: methods for path, methods in paths.items() if not path.startswith("/api/access")}
     assert len(ours) >= 11
@@ -196,8 +196,8 @@ def test_every_answer_is_described(full):
             assert {"200", "401", "403", "429"} <= set(description["responses"]), path
 
 
-def test_without_signing_in_nothing_is_told(tmp_path):
-    made = works(tmp_path)
+def test_the_api_requires_login(tmp_path):
+    made = make_service(tmp_path)
     stranger = made.browser()
     for path in ("/api/state", "/api/page", "/metrics", "/api/openapi.json", "/api/cameras/cam1/picture"):
         assert stranger("GET", path).status_code == 401, path
@@ -205,9 +205,9 @@ def test_without_signing_in_nothing_is_told(tmp_path):
     made.history.close()
 
 
-def test_totals_of_before_are_there_from_the_start(tmp_path):
-    first = works(tmp_path, 4)
+def test_earlier_totals_are_shown_from_the_start(tmp_path):
+    first = make_service(tmp_path, 4)
     first.history.close()
-    again = works(tmp_path, access=OPEN)
+    again = make_service(tmp_path, access=OPEN)
     assert again.browser()("GET", "/api/state").json()["totals"]["valid_m"] == pytest.approx(4 * 0.48)
     again.history.close()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables.flow_csv import HEADER as FLOW_HEADER
-from beltscape.files.tables.flow_csv import flow_line
+from beltscape.files.tables.flow_csv import format_flow_row
 from beltscape.sinks.csv_sink import HEADER, CsvSink
 from beltscape.sinks.settings import CsvSettings
 from sinks.ledgers import START_NS, ledger
@@ -34,7 +34,7 @@ def test_a_row_is_flow_csvs_and_the_ledgers(tmp_path):
     sink.write([record])
     header, line = (tmp_path / "2026-09-21.csv").read_text("utf-8").splitlines()
     assert header == HEADER and header.startswith(FLOW_HEADER)
-    assert line.startswith(flow_line(record.strip) + ",1,1,0.1000,300.1000,")
+    assert line.startswith(format_flow_row(record.strip) + ",1,1,0.1000,300.1000,")
     (row,) = rows(tmp_path)
     assert row["wall_time_s"] == f"{START_NS // 10**9}.000000"
     assert row["standing"] == record.standing

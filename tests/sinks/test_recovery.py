@@ -20,7 +20,7 @@ def folder(tmp_path):
     historian = Historian(tmp_path, SETTINGS)
     records = ledger(COUNT, every_ns=300_000_000_000)
     historian.write(records)
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     historian.close()
     return tmp_path
 
@@ -53,8 +53,8 @@ def test_a_damaged_database_is_moved_aside_and_the_ledger_goes_on(folder, where,
     historian = Historian(folder, SETTINGS)
     (moved,) = (folder / "damaged").glob("*/history.db")
     assert moved.read_bytes() == before
-    assert "damaged" in historian.mended and str(moved.parent) in historian.mended
-    assert historian.events(*ALWAYS)[0].text == historian.mended
+    assert "damaged" in historian.repair_message and str(moved.parent) in historian.repair_message
+    assert historian.events(*ALWAYS)[0].text == historian.repair_message
     records = ledger(COUNT + 5)
     assert historian.resume.number == COUNT
     assert historian.resume.end_mm == records[COUNT - 1].belt_mm[1]
@@ -65,12 +65,12 @@ def test_a_damaged_database_is_moved_aside_and_the_ledger_goes_on(folder, where,
     closed = [r.number for r in historian.records(*ALWAYS, limit=1000)][:-5]
     assert closed == list(range(1, len(closed) + 1))
     assert 100 < len(closed) < COUNT
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     series = historian.series(0, 1 << 61, 100)
     assert series.records.sum() == len(closed) + 5
     historian.close()
     historian = Historian(folder, SETTINGS)
-    assert historian.mended == ""
+    assert historian.repair_message == ""
     assert historian.resume.number == COUNT + 5
     historian.close()
 
@@ -80,7 +80,7 @@ def test_a_database_that_is_gone_or_empty_does_not_begin_at_zero(folder):
         step()
         historian = Historian(folder, SETTINGS)
         assert historian.resume.number == COUNT
-        assert "totals.json" in historian.mended
+        assert "totals.json" in historian.repair_message
         historian.close()
 
 
@@ -91,19 +91,19 @@ def test_an_older_copy_goes_on_with_the_newest_totals(folder):
         600, COUNT + 1, every_ns=300_000_000_000, start_ns=ledger(1)[0].wall_ns + COUNT * 300_000_000_000
     )
     historian.write(more)
-    historian.tend(more[-1].wall_ns)
+    historian.maintain(more[-1].wall_ns)
     totals = historian.totals
     historian.close()
     (folder / "history.db").write_bytes(old)
     historian = Historian(folder, SETTINGS)
     assert historian.totals == totals
-    assert f"ends with record {COUNT}" in historian.mended
+    assert f"ends with record {COUNT}" in historian.repair_message
     found = [r.number for r in historian.records(*ALWAYS, limit=10_000)]
     # the files written since the copy are known again, and nothing is there twice
     assert found == list(range(1, len(found) + 1))
     assert COUNT < len(found) < 800
     for _ in range(5):
-        historian.tend(more[-1].wall_ns)
+        historian.maintain(more[-1].wall_ns)
     assert historian.series(0, 1 << 61, 100).records.sum() == len(found)
     assert [r.number for r in historian.records(*ALWAYS, limit=10_000)] == found
     historian.close()
@@ -123,7 +123,7 @@ def test_damage_while_running_is_survived(tmp_path):
         historian.write(records[start : start + 10])
     assert historian.resume.number == 400
     assert historian.totals.records == 400
-    assert "damaged" in historian.mended
+    assert "damaged" in historian.repair_message
     historian.close()
     historian = Historian(tmp_path, SETTINGS)
     assert historian.resume.number == 400
@@ -144,7 +144,7 @@ def test_a_backup_taken_while_running_is_a_history(tmp_path):
     historian = Historian(running, SETTINGS)
     records = ledger(COUNT, every_ns=300_000_000_000)
     historian.write(records[:150])
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     other = sqlite3.connect(f"{(running / 'history.db').as_uri()}?mode=ro", uri=True)
     restored.mkdir()
     other.execute("VACUUM INTO ?", (str(restored / "history.db"),))
@@ -153,10 +153,10 @@ def test_a_backup_taken_while_running_is_a_history(tmp_path):
     historian.close()
     shutil.copytree(running / "days", restored / "days")
     historian = Historian(restored, SETTINGS)
-    assert historian.mended == ""
+    assert historian.repair_message == ""
     assert historian.resume.number == 150
     assert [r.number for r in historian.records(*ALWAYS, limit=1000)] == list(range(1, 151))
     historian.write(records[150:])
-    historian.tend(records[-1].wall_ns + 86_400_000_000_000)
+    historian.maintain(records[-1].wall_ns + 86_400_000_000_000)
     assert [r.number for r in historian.records(*ALWAYS, limit=1000)] == list(range(1, COUNT + 1))
     historian.close()

@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.storage.day_files import read_about, read_day
+from beltscape.sinks.historian.storage.day_files import read_day, read_summary
 from beltscape.sinks.settings import HistorySettings
 from sinks.ledgers import START_NS, ledger, same, same_section
 
@@ -26,7 +26,7 @@ def names(folder) -> list[str]:
 
 
 def in_database(historian) -> list[int]:
-    with historian._store.readers.reading() as connection:
+    with historian._store.readers.borrow() as connection:
         return [row[0] for row in connection.execute("SELECT number FROM records ORDER BY number")]
 
 
@@ -40,7 +40,7 @@ def test_days_that_are_over_become_files_and_read_back_from_them(tmp_path, recor
     historian = Historian(tmp_path, settings(database_days=2))
     historian.write(records)
     before = historian.totals, historian.resume
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert historian.trouble == ""
     assert names(tmp_path) == [f"2026-09-{day}.parquet" for day in (21, 22, 23, 24)]
     assert in_database(historian) == list(range(73, 121))
@@ -54,7 +54,7 @@ def test_days_that_are_over_become_files_and_read_back_from_them(tmp_path, recor
     historian.close()
     historian = Historian(tmp_path, settings(database_days=2))
     assert (historian.totals, historian.resume) == before
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert len(names(tmp_path)) == 4
     historian.close()
 
@@ -66,7 +66,7 @@ def test_a_day_file_is_the_same_to_the_byte(tmp_path, records):
         step = 5 if place == "one" else 120
         for start in range(0, 120, step):
             historian.write(records[start : start + step])
-        historian.tend(records[-1].wall_ns)
+        historian.maintain(records[-1].wall_ns)
         historian.close()
         contents.append([path.read_bytes() for path in sorted((tmp_path / place / "days").glob("*"))])
     assert contents[0] == contents[1] and len(contents[0]) == 4
@@ -75,7 +75,7 @@ def test_a_day_file_is_the_same_to_the_byte(tmp_path, records):
 def test_a_day_file_is_a_plain_table(tmp_path, records):
     historian = Historian(tmp_path, settings())
     historian.write(records)
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     historian.close()
     table = pq.read_table(tmp_path / "days" / "2026-09-21.parquet").to_pylist()
     assert len(table) == 24
@@ -108,16 +108,16 @@ def test_every_record_lies_in_exactly_one_file_however_the_clock_jumps(tmp_path,
         jumped.append(replace(record, wall_ns=record.wall_ns + shift))
         historian.write(jumped[-1:])
         if place % 5 == 0:
-            historian.tend(jumped[-1].wall_ns)
+            historian.maintain(jumped[-1].wall_ns)
             assert historian.trouble == ""
     assert historian.totals.volume_mm3 == math.fsum(r.volume_mm3 for r in records)
     assert historian.resume.end_mm == records[-1].belt_mm[1]
     found = historian.records(*ALWAYS, limit=1000, sections=True)
     assert len(found) == 120 and all(map(same, found, jumped))
-    historian.tend(jumped[-1].wall_ns + 2 * DAY_NS)
+    historian.maintain(jumped[-1].wall_ns + 2 * DAY_NS)
     filed: list[int] = []
     for path in sorted((tmp_path / "days").glob("*.parquet")):
-        about = read_about(path)
+        about = read_summary(path)
         its = read_day(path, ALWAYS, ALWAYS, 1000, sections=False)
         assert {r.wall_ns // DAY_NS for r in its} == {about.day}
         filed += [r.number for r in its]
@@ -131,7 +131,7 @@ def test_every_record_lies_in_exactly_one_file_however_the_clock_jumps(tmp_path,
 def test_a_clock_ten_years_ahead_removes_nothing(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=3, file_days=5))
     historian.write(records)
-    historian.tend(records[-1].wall_ns + 3650 * DAY_NS)
+    historian.maintain(records[-1].wall_ns + 3650 * DAY_NS)
     assert len(historian.records(*ALWAYS, limit=1000)) == 120
     historian.close()
 
@@ -141,7 +141,7 @@ def test_by_size_the_oldest_leave_the_database_first(tmp_path, records):
     many = ledger(900, start_ns=records[0].wall_ns, every_ns=HOUR_NS // 12)
     historian.write(many)
     totals = historian.totals
-    historian.tend(many[-1].wall_ns)
+    historian.maintain(many[-1].wall_ns)
     kept = in_database(historian)
     assert historian._store.used_bytes() < 1.5e-4 * 2**30 or not kept
     assert kept == list(range(901 - len(kept), 901))
@@ -150,7 +150,7 @@ def test_by_size_the_oldest_leave_the_database_first(tmp_path, records):
     assert len(found) == 900 and all(map(same, found, many))
     more = ledger(10, 901, start_ns=many[-1].wall_ns)
     historian.write(more)
-    historian.tend(many[-1].wall_ns)
+    historian.maintain(many[-1].wall_ns)
     assert len(historian.records(*ALWAYS, limit=10_000)) == 910
     historian.close()
 
@@ -159,7 +159,7 @@ def test_old_files_go_and_the_totals_stay(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=1, file_days=3))
     historian.write(records)
     totals = historian.totals
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert names(tmp_path) == ["2026-09-23.parquet", "2026-09-24.parquet"]
     assert historian.totals == totals
     assert [r.number for r in historian.records(*ALWAYS, limit=1000)] == list(range(49, 121))
@@ -168,7 +168,7 @@ def test_old_files_go_and_the_totals_stay(tmp_path, records):
     assert historian.series(0, 1 << 61, 100).records.sum() == 120
     historian.close()
     historian = Historian(tmp_path, settings(database_days=1, file_gib=1e-6))
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert names(tmp_path) == []
     assert historian.totals == totals
     historian.close()
@@ -177,16 +177,16 @@ def test_old_files_go_and_the_totals_stay(tmp_path, records):
 def test_a_damaged_file_is_written_anew_before_its_records_go(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=7))
     historian.write(records)
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     historian.close()
     path = tmp_path / "days" / "2026-09-21.parquet"
     good = path.read_bytes()
     path.write_bytes(good[:-50] + bytes(50))
     historian = Historian(tmp_path, settings(database_days=1))
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert "2026-09-21.parquet" in historian.trouble
     assert in_database(historian)[0] == 1
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert historian.trouble == ""
     assert path.read_bytes() == good
     assert in_database(historian)[0] == 97
@@ -196,7 +196,7 @@ def test_a_damaged_file_is_written_anew_before_its_records_go(tmp_path, records)
 def test_a_damaged_file_of_the_past_is_told(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=1))
     historian.write(records)
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     (tmp_path / "days" / "2026-09-21.parquet").write_bytes(b"PAR1 nothing")
     with pytest.raises(InputError, match="2026-09-21"):
         historian.records(*ALWAYS)
@@ -209,11 +209,11 @@ def test_a_day_that_cannot_be_written_stays_in_the_database(tmp_path, records):
     (tmp_path / "days").write_text("in the way")
     historian = Historian(tmp_path, settings(database_days=1))
     historian.write(records)
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert "stays in the database" in historian.trouble or "stay in the database" in historian.trouble
     assert len(in_database(historian)) == 120
     (tmp_path / "days").unlink()
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     assert historian.trouble == ""
     assert len(in_database(historian)) == 24
     historian.close()
@@ -222,7 +222,7 @@ def test_a_day_that_cannot_be_written_stays_in_the_database(tmp_path, records):
 def test_only_the_newest_events_stay(tmp_path):
     historian = Historian(tmp_path, settings(events=100))
     for number in range(115):
-        historian.note("alarm", "overload", str(number))
-    historian.tend(START_NS)
+        historian.add_event("alarm", "overload", str(number))
+    historian.maintain(START_NS)
     assert [e.text for e in historian.events(*ALWAYS)] == [str(n) for n in range(114, 14, -1)]
     historian.close()

@@ -35,9 +35,9 @@ def test_a_database_of_the_first_version_goes_on(tmp_path, monkeypatch):
     connection.execute("UPDATE ledger SET state = ?", (_resigned(state),))
     connection.close()
     historian = Historian(tmp_path, HistorySettings(reserve_mib=1))
-    assert historian.mended == ""
+    assert historian.repair_message == ""
     assert historian.resume.number == 5
-    with historian._store.readers.reading() as reader:
+    with historian._store.readers.borrow() as reader:
         numbers = reader.execute("SELECT number, offset_mm FROM records").fetchall()
     assert numbers == [(n, 0.0) for n in range(1, 6)]
     historian.write([*records, *ledger(1, 6)])
@@ -57,7 +57,7 @@ def test_a_day_file_from_before_a_column_reads(tmp_path):
     historian = Historian(tmp_path, HistorySettings(reserve_mib=1))
     records = ledger(30, every_ns=3_600_000_000_000)
     historian.write(records)
-    historian.tend(records[-1].wall_ns)
+    historian.maintain(records[-1].wall_ns)
     historian.close()
     path = tmp_path / "days" / "2026-09-21.parquet"
     table = pq.read_table(path)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from beltscape.sinks.historian.storage.sections import STEP_MM, packed, rounded, unpacked
+from beltscape.sinks.historian.storage.sections import STEP_MM, pack_heights, round_heights, unpack_heights
 from sinks.ledgers import section
 
 heights = arrays(
@@ -18,7 +18,7 @@ heights = arrays(
 
 @given(heights)
 def test_heights_read_back_to_half_a_step(height):
-    back = unpacked(packed(height))
+    back = unpack_heights(pack_heights(height))
     assert back.dtype == np.float32
     assert np.array_equal(np.isnan(back), np.isnan(height))
     assert np.all(np.abs(back - height)[~np.isnan(height)] <= STEP_MM / 2)
@@ -26,18 +26,18 @@ def test_heights_read_back_to_half_a_step(height):
 
 @given(heights)
 def test_what_was_read_back_once_never_changes_again(height):
-    once = unpacked(packed(height))
-    assert np.array_equal(once, rounded(height), equal_nan=True)
-    assert packed(once) == packed(height)
+    once = unpack_heights(pack_heights(height))
+    assert np.array_equal(once, round_heights(height), equal_nan=True)
+    assert pack_heights(once) == pack_heights(height)
 
 
 def test_a_section_takes_two_fifths_of_its_floats():
     height = section(3).height_mm
-    assert len(packed(height)) < 0.4 * height.nbytes
+    assert len(pack_heights(height)) < 0.4 * height.nbytes
 
 
 def test_cut_bytes_are_told():
-    data = packed(section(3).height_mm)
+    data = pack_heights(section(3).height_mm)
     for cut in (0, 3, 10, len(data) - 1):
         with pytest.raises(ValueError):
-            unpacked(data[:cut])
+            unpack_heights(data[:cut])

@@ -6,7 +6,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sinks.historian.writing.sums import Sums, plus, read_sums
+from beltscape.sinks.historian.writing.sums import Sums, add_compensated, read_sums
 from sinks.ledgers import ledger
 
 values = st.lists(st.floats(-1e12, 1e12), max_size=200)
@@ -16,7 +16,7 @@ values = st.lists(st.floats(-1e12, 1e12), max_size=200)
 def test_sums_lose_nothing(numbers):
     pair = (0.0, 0.0)
     for number in numbers:
-        pair = plus(pair, number)
+        pair = add_compensated(pair, number)
     assert abs(math.fsum([*pair, *(-n for n in numbers)])) <= 1e-28 * math.fsum(map(abs, numbers)) * len(
         numbers
     )
@@ -25,7 +25,7 @@ def test_sums_lose_nothing(numbers):
 def test_a_million_tenths():
     pair, naive = (0.0, 0.0), 0.0
     for _ in range(1_000_000):
-        pair, naive = plus(pair, 0.1), naive + 0.1
+        pair, naive = add_compensated(pair, 0.1), naive + 0.1
     assert pair[0] == math.fsum([0.1] * 1_000_000)
     assert naive != pair[0]
 

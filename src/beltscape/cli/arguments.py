@@ -1,4 +1,4 @@
-"""Arguments that several commands share."""
+"""Declaration and checks of arguments that several commands share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def _path(text: str) -> Path:
-    """The path of ``--out``; an empty one would be the working folder."""
+    """Return the path of ``--out``; an empty text, which would mean the working folder, is refused."""
     if not text.strip():
         from argparse import ArgumentTypeError
 
@@ -35,43 +35,45 @@ def add_output_folder(
 ) -> None:
     """Declare ``--out DIR``: a folder that the command owns, see `beltscape.cli.output`.
 
-    ``owner``: arguments whose values belong to what the folder is of, such as a scene's name.
+    ``owner``: arguments whose values identify the folder's content, such as a scene's name.
     """
     parser.add_argument("--out", type=_path, metavar="DIR", required=required, default=default, help=text)
     parser.set_defaults(output="folder", owner=(parser.prog.removeprefix("beltscape "), *owner))
 
 
 def add_output_file(parser: ArgumentParser, text: str, example: str, *, required: bool = False) -> None:
-    """Declare ``--out FILE``; ``example`` is a name such as the file should have."""
+    """Declare ``--out FILE``; ``example`` is an example of the file's name."""
     parser.add_argument("--out", type=_path, metavar="FILE", required=required, help=text)
     parser.set_defaults(output="file", example=example)
 
 
-def settings(model: type[Model], **options: object) -> Model:
-    """A settings model from options named as its fields; a value out of bounds is a SettingsError that says them."""
+def make_settings(model: type[Model], **options: object) -> Model:
+    """Return the settings of options named as its fields; SettingsError with the bounds for an invalid value."""
     from pydantic import ValidationError
 
     try:
         return model.model_validate(options)
     except ValidationError as error:
         first = error.errors()[0]
-        said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
-        raise SettingsError(f"{_option(str(first['loc'][0]))} {_as_typed(first['input'])}: {said}") from error
+        text = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+        raise SettingsError(
+            f"{_option(str(first['loc'][0]))} {_format_input(first['input'])}: {text}"
+        ) from error
 
 
 def _option(field: str) -> str:
-    """The option that sets a field: ``--profile-every`` for profile_every_mm."""
+    """Return the option that sets a field: ``--profile-every`` for profile_every_mm."""
     return "--" + field.removesuffix("_mm").removesuffix("_deg").replace("_", "-")
 
 
-def _as_typed(value: object) -> str:
+def _format_input(value: object) -> str:
     if isinstance(value, tuple | list):
-        return ",".join(_as_typed(part) for part in value)
+        return ",".join(_format_input(part) for part in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def ordered_range(option: str, values: Sequence[float] | None) -> tuple[float, float] | None:
-    """Two numbers, the smaller one first, or None where the option was not given."""
+def require_ordered_range(option: str, values: Sequence[float] | None) -> tuple[float, float] | None:
+    """Return two finite numbers, the smaller one first; None if the option is not given; SettingsError otherwise."""
     if values is None:
         return None
     low, high = values
@@ -82,16 +84,16 @@ def ordered_range(option: str, values: Sequence[float] | None) -> tuple[float, f
     return low, high
 
 
-def positive_range(option: str, values: Sequence[float] | None) -> tuple[float, float] | None:
-    """The same for lengths that must be positive."""
-    pair = ordered_range(option, values)
+def require_positive_range(option: str, values: Sequence[float] | None) -> tuple[float, float] | None:
+    """Return two positive numbers, smaller first; None if the option is not given; SettingsError otherwise."""
+    pair = require_ordered_range(option, values)
     if pair is not None and pair[0] <= 0:
         raise SettingsError(f"{option} {pair[0]:g} {pair[1]:g}: both numbers must be positive")
     return pair
 
 
-def positive(option: str, value: float | None) -> float | None:
-    """A number that must be positive, or None where the option was not given."""
+def require_positive(option: str, value: float | None) -> float | None:
+    """Return a positive number; None if the option is not given; SettingsError otherwise."""
     if value is not None and not 0 < value < inf:
         raise SettingsError(f"{option} {value:g}: must be positive")
     return value

@@ -19,12 +19,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run the whole chain and write report.html."""
     from beltscape.evaluate.demo import make_demo_document, run_demo
-    from beltscape.evaluate.demo_page import demo_page
+    from beltscape.evaluate.demo_page import render_demo_page
     from beltscape.files.folders.atomic import ensure_output_folder, write_text
 
     out = ensure_output_folder(arguments.out)
     demo = run_demo(out, reporter)
-    write_text(out / "report.html", demo_page(demo))
+    write_text(out / "report.html", render_demo_page(demo))
     return make_demo_document(demo)
 
 

@@ -26,11 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare every frame."""
-    from beltscape.cli.arguments import positive
+    from beltscape.cli.arguments import require_positive
     from beltscape.evaluate.scores.reconstruction import score_reconstruction
     from beltscape.evaluate.truth.simulated import WITHIN_MM, read_truth
 
-    within = positive("--within", arguments.within) or WITHIN_MM
+    within = require_positive("--within", arguments.within) or WITHIN_MM
     truth = read_truth(arguments.truth, arguments.scene)
     frames = score_reconstruction(arguments.folder, truth, reporter, within_mm=within)
     return {

@@ -29,11 +29,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare one frame's lumps with the rocks in view."""
-    from beltscape.cli.arguments import positive
+    from beltscape.cli.arguments import require_positive
     from beltscape.evaluate.scores.lumps_of_frame import read_heap, score_lumps_of_frame
     from beltscape.measure.lumps.settings import LumpSettings
 
-    over = positive("--over", arguments.over) or OVER_MM
+    over = require_positive("--over", arguments.over) or OVER_MM
     heap = read_heap(arguments.truth)
     score = score_lumps_of_frame(heap, arguments.frame, LumpSettings(), over)
     reporter.step("comparing lumps", 1, 1)

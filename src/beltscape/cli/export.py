@@ -1,4 +1,4 @@
-"""``beltscape export rig.json --format opencv|kalibr|colmap|ros --out PATH``."""
+"""Command ``beltscape export rig.json --format opencv|kalibr|colmap|ros --out PATH``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from beltscape.files.exchange import FORMATS
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("rig", type=Path, help="rig.json to export")
-    parser.add_argument("--format", choices=list(FORMATS), required=True, help="whose words to use")
+    parser.add_argument("--format", choices=list(FORMATS), required=True, help="format to write")
     add_output_folder(parser, "file to write; for ros a folder", required=True)
-    parser.set_defaults(output=_output, example=lambda arguments: EXAMPLES[arguments.format])
+    parser.set_defaults(output=_output_kind, example=lambda arguments: EXAMPLES[arguments.format])
 
 
 EXAMPLES = {
@@ -26,10 +26,10 @@ EXAMPLES = {
     "colmap": "rig_config.json",
     "ros": "camera_info",
 }
-"""Format → a name as ``--out`` may have."""
+"""Format → an example of ``--out``."""
 
 
-def _output(arguments: argparse.Namespace) -> str:
+def _output_kind(arguments: argparse.Namespace) -> str:
     return "folder" if arguments.format == "ros" else "file"
 
 
@@ -44,6 +44,6 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     head = f"{result['format']}: {len(result['cameras'])} cameras about {result['core']}"
     return "\n".join([head, *(f"  {file}" for file in result["files"])])

@@ -1,4 +1,4 @@
-"""What goes wrong becomes one line on standard error, with ``--json`` also a document, and an exit code."""
+"""Reporting of errors: one line on standard error, with ``--json`` also a document, and an exit code."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from pathlib import Path
 from beltscape.core.errors import BeltscapeError
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
-"""Exit codes: a usage or input error, a fault of the program (sysexits.h's EX_SOFTWARE), Ctrl-C."""
+"""Exit codes: usage or input error, internal error (EX_SOFTWARE of sysexits.h), Ctrl-C."""
 TRACEBACK = "BELTSCAPE_TRACEBACK"
-"""Environment variable; where it is set, an internal error shows where it came from."""
+"""Environment variable; if it is set, an internal error prints its traceback."""
 
 
 class UsageError(BeltscapeError):
-    """The words on the command line do not fit; the message begins with the program's name."""
+    """The command line is invalid; the message begins with the program's name."""
 
 
 def report_failure(error: BaseException, *, as_json: bool) -> int:
-    """Print ``error`` for people and, ``as_json``, for programs; return the exit code."""
-    code, message = _in_words(error)
+    """Print ``error`` as one line and, with ``as_json``, as a document; return the exit code."""
+    code, message = _describe(error)
     line = message if isinstance(error, UsageError) else f"beltscape: {message}"
     print(line, file=sys.stderr)
     if code == INTERNAL and os.environ.get(TRACEBACK):
@@ -39,23 +39,23 @@ def _kind(error: BaseException, code: int) -> str:
     return "Interrupted" if code == INTERRUPTED else type(error).__name__
 
 
-def _in_words(error: BaseException) -> tuple[int, str]:
-    """Exit code and message, in one line."""
+def _describe(error: BaseException) -> tuple[int, str]:
+    """Return the exit code and the message in one line."""
     if isinstance(error, BeltscapeError):
         return BAD_INPUT, " ".join(str(error).split("\n"))
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted"
     if isinstance(error, OSError) and error.filename is not None:
-        return BAD_INPUT, f"{error.filename}: {error.strerror or error}; see that it is there and may be used"
+        return BAD_INPUT, f"{error.filename}: {error.strerror or error}; check that it exists and may be used"
     if isinstance(error, MemoryError):
         return BAD_INPUT, "not enough memory for this; give smaller images or fewer points"
     hint = "" if os.environ.get(TRACEBACK) else f"; set {TRACEBACK}=1 to see where, and report it"
-    what = " ".join(f"{type(error).__name__}: {error}".split())
-    return INTERNAL, f"internal error, a fault of Beltscape ({what} in {_place(error)}){hint}"
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return INTERNAL, f"internal error, a fault of Beltscape ({text} in {_place(error)}){hint}"
 
 
 def _place(error: BaseException) -> str:
-    """File and line of Beltscape in which the error was raised."""
+    """Return the file and line of Beltscape in which the error was raised."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if "beltscape" in Path(frame.filename).parts] or frames
     return f"{Path(own[-1].filename).name}:{own[-1].lineno}" if own else "an unknown place"

@@ -1,4 +1,4 @@
-"""``beltscape import PATH --out rig.json [--format opencv|kalibr|colmap|ros|vic3d] [--core CAM]``."""  # noqa: N999
+"""Command ``beltscape import PATH --out rig.json [--format opencv|kalibr|colmap|ros|vic3d] [--core CAM]``."""  # noqa: N999
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("source", metavar="PATH", type=Path, help="file, or folder of camera files")
     add_output_file(parser, "rig.json to write", "rig.json", required=True)
-    parser.add_argument("--format", choices=list(READABLE), help="whose words it is in (default: found out)")
+    parser.add_argument("--format", choices=list(READABLE), help="its format (default: detected)")
     parser.add_argument("--core", metavar="CAM", help="core camera (default: the file's reference)")
 
 
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lines = [f"{result['format']}: {len(result['cameras'])} cameras about {result['core']} → {result['rig']}"]
     for name, camera in result["cameras"].items():
         (width, height), (fx, fy) = camera["size_px"], camera["focal_px"]

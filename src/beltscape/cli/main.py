@@ -1,4 +1,4 @@
-"""The program: finds the command, runs it, and turns what goes wrong into one line and an exit code."""
+"""The program ``beltscape``: selects the command, runs it, and turns errors into one line and an exit code."""
 
 from __future__ import annotations
 
@@ -32,37 +32,37 @@ COMMANDS = {
     "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info",
     "import": "one of these → rig.json",
 }
-"""Command → what it does. Each lives in the module of its name and is imported only when it is asked for."""
+"""Command → its description. Each is in the module of its name, which is imported only when the command is called."""
 
 
 class Command(Protocol):
-    """What a command's module offers."""
+    """The interface of a command's module."""
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Declare the command's arguments."""
 
     def run(self, arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-        """Do it; the result is what ``--json`` prints."""
+        """Run the command; return what ``--json`` prints."""
         ...
 
     def summary(self, result: Mapping[str, Any]) -> str:
-        """The result in a few lines for people."""
+        """Return the result in a few readable lines."""
         ...
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Parser whose usage errors are one line that says the fix."""
+    """Parser whose usage errors are one line with the fix."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise UsageError with the line."""
+        """Raise UsageError with the message in one line."""
         raise UsageError(f"{self.prog}: {message}; see: {self.prog} --help")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the program; exit codes as `beltscape.cli.failure` gives them, 0 on success."""
+    """Run the program; return the exit code: 0 on success, else that of `beltscape.cli.failure`."""
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        return _command(words)
+        return _run_command(words)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -70,10 +70,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return report_failure(error, as_json="--json" in words)
 
 
-def _command(words: Sequence[str]) -> int:
+def _run_command(words: Sequence[str]) -> int:
     name = words[0] if words else ""
     if name not in COMMANDS:
-        return _top_level(words)
+        return _run_top_level(words)
     command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
     parser = OneLineParser(prog=f"beltscape {name}", description=COMMANDS[name])
     command.add_arguments(parser)
@@ -82,12 +82,12 @@ def _command(words: Sequence[str]) -> int:
 
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:
-    from beltscape.cli.output import output_of
+    from beltscape.cli.output import manage_output
     from beltscape.cli.terminal import Terminal
     from beltscape.files.documents.json_text import to_json
 
-    with Terminal() as terminal, output_of(arguments) as output:
-        result = {**output.moved(command.run(arguments, terminal)), "warnings": terminal.warnings}
+    with Terminal() as terminal, manage_output(arguments) as output:
+        result = {**output.relocate(command.run(arguments, terminal)), "warnings": terminal.warnings}
     text = to_json(result) if arguments.json else command.summary(result) + "\n"
     sys.stdout.write(text)
     sys.stdout.flush()
@@ -103,13 +103,13 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the result as one JSON document")
 
 
-def _top_level(words: Sequence[str]) -> int:
-    lines = "\n".join(f"  {name:<12} {what}" for name, what in COMMANDS.items())
+def _run_top_level(words: Sequence[str]) -> int:
+    lines = "\n".join(f"  {name:<12} {description}" for name, description in COMMANDS.items())
     parser = OneLineParser(
         prog="beltscape",
         usage="beltscape COMMAND [...]",
         description="Cameras over a conveyor belt become a 3-D sensor for bulk material.",
-        epilog=f"commands:\n{lines}\n\nbeltscape COMMAND --help tells a command's arguments.",
+        epilog=f"commands:\n{lines}\n\nbeltscape COMMAND --help shows a command's arguments.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"beltscape {__version__}")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltscape.cli.arguments import add_output_folder, settings
+from beltscape.cli.arguments import add_output_folder, make_settings
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         raise SettingsError(f"--frames-per-s {arguments.frames_per_s:g}: must be above 0")
     if arguments.load is not None and not 0 < arguments.load <= 1e5:
         raise SettingsError(f"--load {arguments.load:g}: must be above 0 mm")
-    chosen = settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
+    chosen = make_settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
     density = _density(arguments)
     ensure_output_folder(arguments.out)
     flow = measure_flow_of_capture(

@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, settings
+from beltscape.cli.arguments import add_output_folder, make_settings
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     if arguments.sieves is not None:
         told["sieves_mm"] = _sieves(arguments.sieves)
     seen = measure_lumps_of_frame(
-        arguments.loaded, settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
+        arguments.loaded, make_settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
     )
     warn_of_findings(seen.frame, reporter)
     reporter.step("measuring lumps", 1, 1)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, ordered_range, settings
+from beltscape.cli.arguments import add_output_folder, make_settings, require_ordered_range
 from beltscape.core.progress import Reporter
 
 
@@ -47,14 +47,14 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     volume = measure_volume_of_frames(
         arguments.loaded,
         arguments.empty,
-        settings(
+        make_settings(
             VolumeSettings,
             cell_mm=arguments.cell,
             profile_every_mm=arguments.profile_every,
             surcharge_deg=arguments.surcharge,
         ),
-        across_mm=ordered_range("--across", arguments.across),
-        along_mm=ordered_range("--along", arguments.along),
+        across_mm=require_ordered_range("--across", arguments.across),
+        along_mm=require_ordered_range("--along", arguments.along),
         reporter=reporter,
     )
     reporter.step("measuring volume", 1, 1)

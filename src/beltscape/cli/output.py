@@ -1,4 +1,4 @@
-"""The one door to ``--out``: a command writes into a staging folder, and only success changes the user's folder."""
+"""Handling of ``--out``: a command writes into a staging folder, and only success changes the user's folder."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Any
 from beltscape.core.errors import BeltscapeError, OutputError
 
 _OWN_JSON = ("rig.json", "belt.json")
-"""Files that say in their ``format`` what they are."""
+"""Files whose ``format`` key names their kind."""
 
 
 @contextmanager
-def output_of(arguments: Namespace) -> Iterator[Output]:
-    """Yield where the command writes, and set ``arguments.out`` to it; commands without ``--out`` pass through.
+def manage_output(arguments: Namespace) -> Iterator[Output]:
+    """Yield the command's output and set ``arguments.out`` to its folder; commands without ``--out`` are unaffected.
 
-    ``arguments.earlier`` is the folder that the user gave, where the command's earlier result may lie.
-    An error that names the staging folder is raised anew with the folder that the user gave.
+    ``arguments.earlier`` is the user's folder, which may contain the command's earlier result. An error that names
+    the staging folder is raised again with the user's folder.
     """
     out: Path | None = getattr(arguments, "out", None)
     kind = getattr(arguments, "output", None)
@@ -41,35 +41,35 @@ def output_of(arguments: Namespace) -> Iterator[Output]:
             try:
                 yield output
             except BeltscapeError as error:
-                raise type(error)(output.moved(str(error))) from error
+                raise type(error)(output.relocate(str(error))) from error
 
 
 class Output:
-    """Where a command writes, and where that will lie once it has succeeded."""
+    """The folder in which a command writes, and the final folder of its files."""
 
     def __init__(self, staging: Path, out: Path) -> None:
         self._staging, self._out = staging, out
 
-    def moved(self, value: Any) -> Any:
-        """Return ``value`` with every path below the staging folder replaced by its final place."""
+    def relocate(self, value: Any) -> Any:
+        """Return ``value`` with every path below the staging folder replaced by its final path."""
         if self._staging == self._out:
             return value
         if isinstance(value, Path):
-            below = value.is_relative_to(self._staging)
-            return self._out / value.relative_to(self._staging) if below else value
+            is_staged = value.is_relative_to(self._staging)
+            return self._out / value.relative_to(self._staging) if is_staged else value
         if isinstance(value, str):
             return value.replace(
                 f"{self._staging}/", "" if str(self._out) == "." else f"{self._out}/"
             ).replace(str(self._staging), str(self._out))
         if isinstance(value, Mapping):
-            return {key: self.moved(item) for key, item in value.items()}
+            return {key: self.relocate(item) for key, item in value.items()}
         if isinstance(value, list | tuple):
-            return [self.moved(item) for item in value]
+            return [self.relocate(item) for item in value]
         return value
 
 
 def refuse_file(out: Path, example: str) -> None:
-    """Raise OutputError where the file ``--out`` is a folder, or a file of another kind than ``example``."""
+    """Raise OutputError if the file ``--out`` is a folder, or exists and is of another kind than ``example``."""
     if out.is_dir():
         raise OutputError(f"--out {out}: is a folder; give a file, such as {out / example}")
     suffix = Path(example).suffix
@@ -85,13 +85,13 @@ def refuse_file(out: Path, example: str) -> None:
 
 
 def _refuse_other_json(out: Path, example: str) -> None:
-    """A rig.json is not replaced by a belt.json."""
+    """Raise OutputError if an existing JSON file is of another kind, such as a rig.json for a belt.json."""
     try:
-        found = json.loads(out.read_text(encoding="utf-8"))
+        document = json.loads(out.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        found = None
+        document = None
     kind = f"beltscape-{Path(example).stem}/"
-    if not isinstance(found, dict) or not str(found.get("format", "")).startswith(kind):
+    if not isinstance(document, dict) or not str(document.get("format", "")).startswith(kind):
         raise OutputError(f"--out {out}: is there and is no {example} of Beltscape; choose another name")
 
 
@@ -102,14 +102,14 @@ def _folder(kind: str, out: Path, command: str) -> Any:
 
 
 def _command(arguments: Namespace) -> str:
-    """The owner as the manifest names it: the command, and what belongs to it, such as a scene's name."""
+    """Return the owner for the manifest: the command and the values that belong to it, such as a scene's name."""
     name, *keys = arguments.owner
     values = (getattr(arguments, key) for key in keys)
     return " ".join([name, *(Path(str(value)).stem for value in values if value is not None)])
 
 
 def _refuse_input(out: Path, arguments: Namespace) -> None:
-    """Raise OutputError where ``--out`` is what is read, or lies in the capture that is read."""
+    """Raise OutputError if ``--out`` is an input, or lies in the input capture."""
     place = out.resolve()
     for name, value in vars(arguments).items():
         if name == "out" or not isinstance(value, Path) or not value.exists():

@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, positive_range
+from beltscape.cli.arguments import add_output_folder, require_positive_range
 from beltscape.core.progress import Reporter
 
 
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         method=arguments.method,
         pair=arguments.pair,
         preset=arguments.preset,
-        depth_range_mm=positive_range("--depth-range", arguments.depth_range),
+        depth_range_mm=require_positive_range("--depth-range", arguments.depth_range),
     )
     return {
         "method": arguments.method,

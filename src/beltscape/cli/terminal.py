@@ -1,4 +1,4 @@
-"""Progress and warnings on standard error."""
+"""The reporter of the command line: progress and warnings on standard error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Terminal:
-    """Reporter for people: bars where standard error is a terminal, a line per finished stage elsewhere."""
+    """Reporter that shows progress bars on a terminal, and one line per finished stage elsewhere."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -37,7 +37,7 @@ class Terminal:
             self._bars.stop()
 
     def step(self, stage: str, done: int, total: int) -> None:
-        """Move the bar of a stage."""
+        """Update the progress of a stage."""
         if self._bars is None:
             if done == total:
                 print(f"{stage}: {total} done", file=sys.stderr, flush=True)
@@ -47,7 +47,7 @@ class Terminal:
         self._bars.update(self._tasks[stage], completed=done, total=total)
 
     def warn(self, message: str) -> None:
-        """One line on standard error, each only once."""
+        """Print a warning in one line on standard error, each only once."""
         if message in self.warnings:
             return
         self.warnings.append(message)

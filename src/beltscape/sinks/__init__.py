@@ -1,1 +1,1 @@
-"""Where finished records and raw frames go: historian, tables, recordings."""
+"""Destinations of finished records and raw frames: the historian's database, CSV tables, recordings."""

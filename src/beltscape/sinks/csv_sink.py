@@ -1,4 +1,4 @@
-"""Records as CSV, a file a day: flow.csv's columns and the ledger's."""
+"""Writing of records as CSV, one file per day, with the columns of flow.csv and of the ledger."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,
 _FLOW_COLUMNS = flow_csv.HEADER.count(",") + 1
 _NUMBER = _FLOW_COLUMNS
 _TAIL = 1 << 16
-"""Bytes in which a file's last row surely lies."""
+"""Bytes at the end of a file that contain its last row."""
 
 
 class CsvSink:
-    """A ``RecordSink``; every file holds whole rows only, no record is there twice."""
+    """A ``RecordSink`` that writes CSV; every file has complete rows only, and every record once."""
 
     def __init__(self, path: Path, settings: CsvSettings) -> None:
-        """Files go into the folder ``path``; a row that a crash cut short is taken away.
+        """Write to the folder ``path``; a row that a crash left incomplete is removed.
 
         Raises
         ------
@@ -40,53 +40,53 @@ class CsvSink:
         self._shift_ns = shift_ns_of(settings.day_begins_utc_h)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            self._files = {file: _mend(file) for file in path.glob("????-??-??.csv")}
+            self._files = {file: _repair(file) for file in path.glob("????-??-??.csv")}
             self._last = max(self._files.values(), default=0)
         except OSError as error:
-            raise _unwritable(path, error) from error
+            raise _output_error(path, error) from error
 
     @property
     def last(self) -> int:
-        """Number of the last record that is there; 0 while there is none. Later ones may be handed in again."""
+        """Number of the last record written; 0 without one. Records up to it may be passed again."""
         return self._last
 
     def write(self, records: Sequence[BeltRecord]) -> None:
-        """Append what is new; with the system when it returns.
+        """Append new records; the operating system has them when the call returns.
 
         Raises
         ------
         OutputError
-            When it cannot be written; the file is as it was then.
+            When they cannot be written; the file is unchanged then.
         """
         new = [record for record in records if record.number > self._last]
         for day, group in groupby(new, lambda record: day_of(record.wall_ns, self._shift_ns)):
-            its = list(group)
+            day_records = list(group)
             path = self._folder / f"{day_name(day)}.csv"
             try:
-                _append(path, "".join(f"{csv_line(record)}\n" for record in its).encode())
+                _append(path, "".join(f"{format_csv_row(record)}\n" for record in day_records).encode())
             except OSError as error:
-                raise _unwritable(path, error) from error
-            self._files[path] = self._last = its[-1].number
-            self._forget()
+                raise _output_error(path, error) from error
+            self._files[path] = self._last = day_records[-1].number
+            self._remove_oldest()
 
     def close(self) -> None:
-        """Nothing is open between calls."""
+        """Do nothing: no file is open between calls."""
 
-    def _forget(self) -> None:
-        """Remove the oldest files by what is in them: the clock may be wrong."""
+    def _remove_oldest(self) -> None:
+        """Remove the oldest files by their record numbers, because the clock may be wrong."""
         while len(self._files) > self._settings.days:
             oldest = min(self._files, key=lambda path: self._files[path])
             oldest.unlink(missing_ok=True)
             del self._files[oldest]
 
 
-def csv_line(record: BeltRecord) -> str:
-    """One row, without its end; what is not known is left empty."""
+def format_csv_row(record: BeltRecord) -> str:
+    """Return a record's row without a line end; unknown values are empty."""
     strip = record.strip
     if strip is None:
         flow = "," * (_FLOW_COLUMNS - 1) + "missing"
     else:
-        flow = flow_csv.flow_line(replace(strip, frame=_cell(strip.frame)))
+        flow = flow_csv.format_flow_row(replace(strip, frame=_cell(strip.frame)))
     ledger = (
         *(record.number, record.run, f"{record.belt_mm[0]:.4f}", f"{record.belt_mm[1]:.4f}", record.standing),
         *(
@@ -99,14 +99,14 @@ def csv_line(record: BeltRecord) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text as one cell on one line."""
+    """Return the text as one CSV cell on one line."""
     out = io.StringIO()
     csv.writer(out, lineterminator="").writerow([re.sub(r"\s+", " ", text)])
     return out.getvalue() if text else ""
 
 
 def _append(path: Path, rows: bytes) -> None:
-    """Rows at the end of a file, which gets its header first; all or none of them."""
+    """Append all or none of the rows to a file; a new file gets its header first."""
     start = path.stat().st_size if path.exists() else 0
     try:
         with path.open("ab", buffering=0) as file:
@@ -120,8 +120,8 @@ def _append(path: Path, rows: bytes) -> None:
         raise
 
 
-def _mend(path: Path) -> int:
-    """Take away what a crash left of a row; the number of the last whole one, 0 where there is none."""
+def _repair(path: Path) -> int:
+    """Remove an incomplete last row; return the number of the last complete one, 0 without one."""
     with path.open("r+b") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(max(0, size - _TAIL))
@@ -142,7 +142,7 @@ def _mend(path: Path) -> int:
     return int(values[_NUMBER]) if values else 0
 
 
-def _unwritable(path: Path, error: OSError) -> OutputError:
+def _output_error(path: Path, error: OSError) -> OutputError:
     return OutputError(
-        f"{path}: cannot be written ({error.strerror or error}); free some space or mend its rights"
+        f"{path}: cannot be written ({error.strerror or error}); free some space or correct its permissions"
     )

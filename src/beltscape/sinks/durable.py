@@ -1,4 +1,4 @@
-"""Files that survive a power cut: on the disk before they get their name."""
+"""Durable writing of files: their content is on the disk before they get their name."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 
 
-def settle(temporary: Path, path: Path) -> None:
-    """Give a finished file its name; content and name are on the disk when this returns. OSError where not."""
+def commit_file(temporary: Path, path: Path) -> None:
+    """Rename a finished file to ``path``; content and name are on the disk when this returns. OSError otherwise."""
     with temporary.open("rb") as file:
         os.fsync(file.fileno())
     temporary.replace(path)
@@ -20,11 +20,11 @@ def settle(temporary: Path, path: Path) -> None:
 
 
 def write_durably(path: Path, data: bytes) -> None:
-    """A whole file or the one before; OSError where it cannot be written."""
+    """Replace a file durably and atomically; OSError if it cannot be written."""
     temporary = path.with_name(f".{path.name}.part")
     try:
         temporary.write_bytes(data)
-        settle(temporary, path)
+        commit_file(temporary, path)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

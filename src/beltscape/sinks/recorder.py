@@ -1,4 +1,4 @@
-"""Raw frame sets on disk while running; never in the way."""
+"""Recording of raw frame sets to disk while the system runs, without delaying it."""
 
 from __future__ import annotations
 
@@ -10,46 +10,46 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.frames import FrameSet
-from beltscape.sinks.recording.capture_store import Shelf
+from beltscape.sinks.recording.capture_store import CaptureStore
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.recording.ring import PARTS, Ring
 from beltscape.sinks.settings import RecordingSettings
 
 _GIB = 1 << 30
-_LOOK_S = 1.0
-"""How often the disk is looked at."""
+_CHECK_S = 1.0
+"""Interval between checks of the disk."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecorderState:
-    """How recording goes."""
+    """State of the recording."""
 
     mode: str
     written: int
-    """Frame sets on disk since the start."""
+    """Frame sets written since the start."""
     dropped: int
-    """Frame sets left out since the start: the queue or the disk was full."""
+    """Frame sets skipped since the start because the queue or the disk was full."""
     waiting: int
     """Frame sets in the queue."""
     size_bytes: int
-    """All recordings."""
+    """Size of all recordings."""
     trouble: str
-    """Why it pauses, in one line; empty while it does not."""
+    """Why recording pauses, in one line; empty while it does not."""
 
 
 class Recorder:
-    """Writes what it is handed in a thread of its own; what it cannot keep up with is left out and counted."""
+    """Writes frame sets in a thread of its own; frame sets that it cannot write in time are skipped and counted."""
 
     def __init__(self, folder: Path, settings: RecordingSettings) -> None:
-        """Captures go below ``folder``; it is made when the first frame set comes."""
+        """Record captures below ``folder``, which is created with the first frame set."""
         self._folder, self._settings = folder, settings
-        self._shelf = Shelf(folder)
-        self._ring = Ring(self._shelf, settings.ring_min * 60, time.monotonic())
+        self._store = CaptureStore(folder)
+        self._ring = Ring(self._store, settings.ring_min * 60, time.monotonic())
         self._queue: deque[FrameSet | Path] = deque()
         self._wake = threading.Condition()
         self._closing = False
         self._capture: CaptureWriter | None = None
-        self._begun_s = self._looked_s = float("-inf")
+        self._capture_start_s = self._checked_s = float("-inf")
         self._written = self._dropped = 0
         self._trouble = ""
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -62,19 +62,19 @@ class Recorder:
 
     @property
     def state(self) -> RecorderState:
-        """How recording goes; from any thread."""
+        """State of the recording; from any thread."""
         with self._wake:
             return RecorderState(
                 mode=self._settings.mode,
                 written=self._written,
                 dropped=self._dropped,
                 waiting=self._waiting(),
-                size_bytes=self._shelf.size_bytes,
+                size_bytes=self._store.size_bytes,
                 trouble=self._trouble,
             )
 
     def take(self, frames: FrameSet) -> None:
-        """Record a frame set; returns at once. The images must not be changed afterwards."""
+        """Queue a frame set for recording; return at once. The images must not be changed afterwards."""
         if self._settings.mode == "off":
             return
         with self._wake:
@@ -85,20 +85,20 @@ class Recorder:
             self._wake.notify()
 
     def keep(self, reason: str) -> Path | None:
-        """Keep what the ring holds, up to the frame set taken last; the capture in which it will be in a moment.
+        """Keep the ring's content up to the last frame set; return the capture that will hold it.
 
-        None where there is no ring, or nothing in it.
+        None without a ring, or with an empty one.
         """
         with self._wake:
             if self._settings.mode != "ring" or self._closing or not (self._ring or self._waiting()):
                 return None
-            target = self._shelf.new("kept", reason)
+            target = self._store.new_path("kept", reason)
             self._queue.append(target)
             self._wake.notify()
             return target
 
     def close(self) -> None:
-        """Write what waits, then end."""
+        """Write the queued frame sets, then end."""
         with self._wake:
             self._closing = True
             self._wake.notify()
@@ -122,10 +122,10 @@ class Recorder:
                 self._queue.popleft()
 
     def _record(self, frames: FrameSet) -> None:
-        """Write one frame set, or count it as left out and say why."""
+        """Write one frame set, or count it as skipped and set ``trouble``."""
         now = time.monotonic()
-        if now - self._looked_s >= _LOOK_S:
-            self._looked_s = now
+        if now - self._checked_s >= _CHECK_S:
+            self._checked_s = now
             self._trouble = self._make_room()
         size = 0
         try:
@@ -133,23 +133,23 @@ class Recorder:
         except OSError as error:
             self._trouble = f"{self._folder}: recording pauses ({error.strerror or error}); free some space"
         if not self._trouble and self._capture is not None:
-            self._shelf.grew(self._capture.folder, size)
+            self._store.add_size(self._capture.folder, size)
         with self._wake:
             self._written += not self._trouble
             self._dropped += bool(self._trouble)
 
     def _capture_for(self, frames: FrameSet, now_s: float) -> CaptureWriter:
-        """The capture it goes into: the one before, or a new one."""
+        """Return the capture for a frame set: the current one, or a new one."""
         settings = self._settings
         length_min = settings.ring_min / PARTS if settings.mode == "ring" else settings.capture_min
-        follows = self._capture is not None and self._capture.follows(frames)
-        if self._capture is None or not follows or now_s - self._begun_s >= length_min * 60:
+        is_continuation = self._capture is not None and self._capture.can_append(frames)
+        if self._capture is None or not is_continuation or now_s - self._capture_start_s >= length_min * 60:
             with self._wake:
-                folder = self._shelf.new(settings.mode)
+                folder = self._store.new_path(settings.mode)
             self._capture = CaptureWriter(folder, settings.image)
-            self._begun_s = now_s
+            self._capture_start_s = now_s
             if settings.mode == "ring":
-                self._ring.add(folder, now_s, goes_on=follows)
+                self._ring.add(folder, now_s, is_continuation=is_continuation)
         return self._capture
 
     def _keep(self, target: Path) -> None:
@@ -160,16 +160,16 @@ class Recorder:
             self._trouble = f"{target}: cannot be kept ({error.strerror or error})"
 
     def _make_room(self) -> str:
-        """Remove the oldest that nobody asked to keep; why there is no room still, or nothing."""
+        """Remove the oldest captures that are not kept; return why space is still short, or an empty text."""
         limit, least = self._settings.limit_gib * _GIB, self._settings.free_gib * _GIB
-        if self._shelf.size_bytes > limit:
-            self._shelf.refresh()
-        while self._shelf.size_bytes > limit or _free(self._folder) < least:
+        if self._store.size_bytes > limit:
+            self._store.refresh()
+        while self._store.size_bytes > limit or _free(self._folder) < least:
             if not self._remove_oldest():
                 break
-        if self._shelf.size_bytes > limit:
+        if self._store.size_bytes > limit:
             return (
-                f"{self._folder}: recording pauses: kept captures take {self._shelf.kept_bytes / _GIB:.1f} of "
+                f"{self._folder}: recording pauses: kept captures take {self._store.kept_bytes / _GIB:.1f} of "
                 f"{self._settings.limit_gib:g} GiB; remove those that are no longer needed from kept/"
             )
         if (free := _free(self._folder)) < least:
@@ -180,17 +180,17 @@ class Recorder:
         return ""
 
     def _remove_oldest(self) -> bool:
-        """One capture less; False where only kept ones and the one being written are left."""
+        """Remove the oldest capture; return False if only kept ones and the one being written are left."""
         current = None if self._capture is None else self._capture.folder
-        oldest = next((path for path in self._shelf.of("all") if path != current), None)
+        oldest = next((path for path in self._store.list_captures("all") if path != current), None)
         if oldest is None:
             return self._ring.drop_oldest()
-        self._shelf.remove(oldest)
+        self._store.remove(oldest)
         return True
 
 
 def _free(folder: Path) -> int:
-    """Bytes that the disk of a folder, there or not, has left."""
+    """Return the free bytes on the disk of a folder, which need not exist."""
     while not folder.is_dir():
         folder = folder.parent
     return shutil.disk_usage(folder).free

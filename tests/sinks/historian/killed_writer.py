@@ -44,7 +44,7 @@ def write_until_killed(folder: Path, acknowledge: int) -> None:
         number = batch[-1].number
         os.write(acknowledge, number.to_bytes(8, "little"))
         if number % 3 == 0:
-            historian.tend(batch[-1].wall_ns)
+            historian.maintain(batch[-1].wall_ns)
 
 
 def killed_once(folder: Path, after_s: float, *, writing_first: bool) -> int:
@@ -73,18 +73,18 @@ def killed_once(folder: Path, after_s: float, *, writing_first: bool) -> int:
 def main(folder: Path, kills: int) -> None:
     """Kill, then look at everything."""
     rng = random.Random(7)
-    acknowledged, mended = 0, []
+    acknowledged, repairs = 0, []
     for kill in range(kills):
         acknowledged = max(
             acknowledged, killed_once(folder, rng.uniform(0, 0.06), writing_first=kill % 3 > 0)
         )
         if kill % 10 == 9:
             historian = Historian(folder, SETTINGS)
-            mended.append(historian.mended)
+            repairs.append(historian.repair_message)
             assert historian.resume.number >= acknowledged, (historian.resume, acknowledged)
             historian.close()
     historian = Historian(folder, SETTINGS)
-    historian.tend(START_NS)
+    historian.maintain(START_NS)
     found = historian.records(0, 1 << 62, limit=1 << 40, sections=True)
     totals, resume = historian.totals, historian.resume
     curves = historian.series(0, 4_000_000_000_000_000_000, 10)
@@ -113,7 +113,7 @@ def main(folder: Path, kills: int) -> None:
                 "curves": [float(curves.volume_mm3.sum()), int(curves.records.sum())],
                 "filed": [len(filed), len(set(filed))],
                 "integrity": integrity,
-                "mended": "".join(mended),
+                "repairs": "".join(repairs),
             }
         )
     )

@@ -64,7 +64,7 @@ def main(folder: Path) -> None:
     while not historian.trouble:
         historian.write(batch(historian))
     seen["full"] = [historian.trouble, historian.resume.number]
-    historian.note("alarm", "disk", "full")
+    historian.add_event("alarm", "disk", "full")
     seen["refusal"] = until_refused(historian)
     seen["refused"] = historian.resume.number
     seen["read_while_full"] = len(historian.records(0, 1 << 62, limit=1 << 40))

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.sinks.historian import Historian, Resume
+from beltscape.sinks.historian import Historian, ResumePoint
 from beltscape.sinks.historian.storage import schema
 from beltscape.sinks.settings import HistorySettings
 from sinks.ledgers import START_NS, ledger, same, same_section
@@ -32,9 +32,9 @@ def all_same(found, expected) -> bool:
 
 
 def test_begins_empty(historian):
-    assert historian.resume == Resume(0, 0, None)
+    assert historian.resume == ResumePoint(0, 0, None)
     assert historian.totals.records == 0
-    assert historian.trouble == historian.mended == ""
+    assert historian.trouble == historian.repair_message == ""
     assert historian.records(*ALWAYS) == ()
     assert historian.section(1) is None
 
@@ -45,7 +45,7 @@ def test_records_read_back_with_their_sections(historian):
     historian.write(records[1:])
     assert all_same(historian.records(*ALWAYS, sections=True), records)
     assert all(same_section(historian.section(r.number), r.section) for r in records)
-    assert historian.resume == Resume(60, 1, records[-1].belt_mm[1], 4711.25)
+    assert historian.resume == ResumePoint(60, 1, records[-1].belt_mm[1], 4711.25)
 
 
 def test_what_is_not_known_reads_back_as_not_known(historian):
@@ -190,8 +190,8 @@ def test_another_programs_database_is_left_alone(tmp_path):
 
 
 def test_events_newest_first(historian):
-    historian.note("alarm", "overload", "812 t/h", wall_ns=START_NS)
-    historian.note("note", "history", "später", by="Ånna", wall_ns=START_NS + 5)
+    historian.add_event("alarm", "overload", "812 t/h", wall_ns=START_NS)
+    historian.add_event("note", "history", "später", by="Ånna", wall_ns=START_NS + 5)
     found = historian.events(START_NS, START_NS + 6)
     assert [(e.kind, e.name, e.text, e.by) for e in found] == [
         ("note", "history", "später", "Ånna"),
@@ -226,7 +226,7 @@ def test_readers_never_see_half_a_batch_and_never_stop_the_writer(historian):
 
 def test_a_reader_that_takes_its_time_does_not_hold_the_writer(historian):
     historian.write(ledger(5))
-    with historian._store.readers.reading() as connection:
+    with historian._store.readers.borrow() as connection:
         assert connection.execute("SELECT count(*) FROM records").fetchone() == (5,)
         historian.write(ledger(5, 6))
         assert connection.execute("SELECT count(*) FROM records").fetchone() == (5,)

@@ -34,4 +34,4 @@ def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
     filed, once = found["filed"]
     assert filed == once > found["records"] // 2
     assert found["integrity"] == "ok"
-    assert found["mended"] == ""
+    assert found["repairs"] == ""

@@ -12,7 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import read_encoder
-from beltscape.sinks.recording.capture_writer import CaptureWriter, seconds_text
+from beltscape.sinks.recording.capture_writer import CaptureWriter, format_seconds
 
 sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))
 images = st.one_of(
@@ -43,7 +43,7 @@ def test_images_read_back_exactly(tmp_path_factory, how, image):
 
 @given(st.integers(-(10**18), 10**18))
 def test_times_have_all_their_digits(time_ns):
-    whole, part = seconds_text(time_ns).lstrip("-").split(".")
+    whole, part = format_seconds(time_ns).lstrip("-").split(".")
     assert (int(whole) * 10**9 + int(part)) * (-1 if time_ns < 0 else 1) == time_ns
 
 
@@ -82,9 +82,9 @@ def test_without_an_encoder_there_is_no_table(tmp_path):
 def test_what_a_reader_would_refuse_does_not_follow(tmp_path, next_one):
     writer = CaptureWriter(tmp_path, "tiff")
     writer.write(frames(3))
-    assert writer.follows(frames(4))
-    assert writer.follows(frames(4, time_ns=None, position_mm=None))
-    assert not writer.follows(next_one)
+    assert writer.can_append(frames(4))
+    assert writer.can_append(frames(4, time_ns=None, position_mm=None))
+    assert not writer.can_append(next_one)
 
 
 def test_a_frame_set_that_does_not_fit_leaves_nothing(tmp_path, monkeypatch):

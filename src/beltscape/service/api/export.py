@@ -14,7 +14,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, WallMs, check_period, describe_refusals
 from beltscape.service.api.history import MS_NS, map_history_errors
-from beltscape.sinks.csv_sink import HEADER, csv_line
+from beltscape.sinks.csv_sink import HEADER, format_csv_row
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian.storage.day_table import schema, to_table
 from beltscape.sinks.historian.storage.rows import to_row
@@ -83,7 +83,7 @@ def format_csv(batches: Iterator[Sequence[BeltRecord]]) -> Iterator[str]:
     """Yield header and rows as in the CSV files of the running system."""
     yield f"{HEADER}\n"
     for records in batches:
-        yield "".join(f"{csv_line(record)}\n" for record in records)
+        yield "".join(f"{format_csv_row(record)}\n" for record in records)
 
 
 class _ByteBuffer(io.RawIOBase):

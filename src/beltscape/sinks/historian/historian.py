@@ -1,4 +1,4 @@
-"""The historian: every record on disk, totals that survive everything, history at hand."""
+"""The historian's interface: writing records and events, reading totals, records, series and events."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from pathlib import Path
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Totals
 from beltscape.core.errors import OutputError
 from beltscape.sinks.historian.archive.retention import Retention
-from beltscape.sinks.historian.reading.events import Event, add_event, read_events
-from beltscape.sinks.historian.reading.periods import DaySum, past_days, past_records, past_section
+from beltscape.sinks.historian.reading.events import Event, insert_event, read_events
+from beltscape.sinks.historian.reading.periods import DaySum, read_day_sums, read_records, read_section
 from beltscape.sinks.historian.reading.series import Series, read_series
 from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings
 
 
 @dataclass(frozen=True, slots=True)
-class Resume:
-    """Where the ledger ends."""
+class ResumePoint:
+    """The end of the ledger."""
 
     number: int
-    """Of the last record: the next one has number + 1; 0 while there is none."""
+    """Number of the last record: the next one has number + 1; 0 without records."""
     run: int
-    """The last record's; 0 while there is none."""
+    """Run of the last record; 0 without records."""
     end_mm: float | None
-    """Where the belt's last stretch ends; None while there is none."""
+    """End of the belt's last stretch; None without records."""
     offset_mm: float = 0.0
-    """What the ledger's count is ahead of the encoder's there."""
+    """The ledger's count minus the encoder's at that end."""
 
 
 class Historian:
-    """A ``RecordSink`` that forgets nothing: SQLite now, Parquet for closed days.
+    """A ``RecordSink`` with permanent storage: SQLite, and Parquet for closed days.
 
-    Everything may be called from any thread; reading never holds writing up.
+    All methods may be called from any thread; reading never blocks writing.
     """
 
     def __init__(self, folder: Path, settings: HistorySettings) -> None:
-        """Open or make the history in ``folder``; it is this process's alone until it is closed.
+        """Open or create the history in ``folder`` for this process alone, until it is closed.
 
         Raises
         ------
         InputError
-            When another process has it open, or a newer version or another program made it.
+            When another process has it open, or a newer version or another program created it.
         SettingsError
             When its days begin at another hour.
         OutputError
@@ -53,34 +53,34 @@ class Historian:
         self._store = Store(folder, settings)
         self._days = folder / "days"
         self._retention = Retention(self._days, self._store, settings)
-        self._tending = ""
+        self._maintenance_trouble = ""
         if self._store.message:
-            with suppress(OutputError):  # it is told by ``mended`` all the same
-                self.note("note", "history", self._store.message)
+            with suppress(OutputError):  # ``repair_message`` has it as well
+                self.add_event("note", "history", self._store.message)
 
     @property
-    def mended(self) -> str:
-        """What had to be mended of a damaged database, in one line; empty where nothing. It is an event too."""
+    def repair_message(self) -> str:
+        """What was repaired of a damaged database, in one line, also an event; empty without a repair."""
         return self._store.message
 
     @property
     def trouble(self) -> str:
-        """Why less is kept than should be, in one line; empty while all is well."""
-        return self._store.trouble or self._tending
+        """Why the history is stored only in part, in one line; empty without a fault."""
+        return self._store.trouble or self._maintenance_trouble
 
     @property
-    def resume(self) -> Resume:
-        """Where the ledger ends."""
+    def resume(self) -> ResumePoint:
+        """The end of the ledger."""
         sums = self._store.sums
-        return Resume(sums.number, sums.run, sums.end_mm, sums.offset_mm)
+        return ResumePoint(sums.number, sums.run, sums.end_mm, sums.offset_mm)
 
     @property
     def totals(self) -> Totals:
-        """What the ledger adds up to; kept for ever, whatever is pruned."""
+        """Totals of the ledger, including records that were removed since."""
         return self._store.sums.totals
 
     def begin_run(self) -> int:
-        """Note a new start of the program; its number, above all before.
+        """Store a new start of the program; return its number, which is higher than all earlier ones.
 
         Raises
         ------
@@ -88,43 +88,43 @@ class Historian:
             When it cannot be written.
         """
         row = "INSERT INTO runs (wall_ns) VALUES (?)"
-        return self._store.change(
+        return self._store.transact(
             lambda connection: connection.execute(row, (time.time_ns(),)).lastrowid or 0
         )
 
     def write(self, records: Sequence[BeltRecord]) -> None:
-        """Keep records with their sections and what they add to the totals; on disk when it returns.
+        """Store records with their sections and update the totals; they are on disk when the call returns.
 
-        All of them or none. Those that are kept already are passed over, so asking again does no harm.
+        All or none are stored. Records that are stored already are skipped, so a call may be repeated.
 
         Raises
         ------
         InputError
-            When a number is left out, or a stretch of belt does not begin where the ledger ended.
+            When a number is missing, or a stretch of belt does not begin at the end of the ledger.
         OutputError
-            When it cannot be written now; ask again.
+            When they cannot be written now; repeat the call.
         """
         self._store.write(records)
 
-    def note(self, kind: str, name: str, text: str, by: str = "", wall_ns: int | None = None) -> None:
-        """Keep an event, such as an alarm; on disk when it returns. OutputError where it cannot be written."""
+    def add_event(self, kind: str, name: str, text: str, by: str = "", wall_ns: int | None = None) -> None:
+        """Store an event, such as an alarm; it is on disk when the call returns. OutputError otherwise."""
         when = time.time_ns() if wall_ns is None else wall_ns
-        self._store.change(lambda connection: add_event(connection, when, kind, name, text, by))
+        self._store.transact(lambda connection: insert_event(connection, when, kind, name, text, by))
 
     def events(self, since_ns: int, until_ns: int, limit: int = 1000) -> tuple[Event, ...]:
-        """Events of that time (the end is not in it), newest first."""
-        with self._store.readers.reading() as connection:
+        """Return the events of a period (its end excluded), newest first."""
+        with self._store.readers.borrow() as connection:
             return read_events(connection, since_ns, until_ns, limit)
 
     def records(
         self, since_ns: int, until_ns: int, limit: int = 1000, after: int = 0, *, sections: bool = False
     ) -> tuple[BeltRecord, ...]:
-        """The first ``limit`` records of that time with numbers above ``after``, in the ledger's order.
+        """Return the first ``limit`` records of a period with numbers above ``after``, in the ledger's order.
 
-        ``after`` the last one's number gives the next page. Days long past come from their files.
+        The last record's number as ``after`` gives the next page. Old days are read from their files.
         """
-        with self._store.readers.reading() as connection:
-            return past_records(
+        with self._store.readers.borrow() as connection:
+            return read_records(
                 connection,
                 self._days,
                 (since_ns, until_ns),
@@ -135,27 +135,27 @@ class Historian:
             )
 
     def series(self, since_ns: int, until_ns: int, points: int = 600) -> Series:
-        """At most so many intervals of that time, for charts."""
-        with self._store.readers.reading() as connection:
+        """Return a period in at most ``points`` intervals, for charts."""
+        with self._store.readers.borrow() as connection:
             return read_series(connection, since_ns, until_ns, points, self._store.shift_ns)
 
     def section(self, number: int) -> CrossSection | None:
-        """The cross-section behind that record, heights to 1/64 mm; None where none is kept."""
-        with self._store.readers.reading() as connection:
-            return past_section(connection, self._days, number)
+        """Return the cross-section of a record, heights to 1/64 mm; None without a stored one."""
+        with self._store.readers.borrow() as connection:
+            return read_section(connection, self._days, number)
 
     def day_totals(self, since_ns: int, until_ns: int) -> tuple[DaySum, ...]:
-        """What passed on every day that begins in that time, oldest first."""
-        with self._store.readers.reading() as connection:
-            return past_days(connection, since_ns, until_ns, self._store.shift_ns)
+        """Return the sums of every day that begins in a period, oldest first."""
+        with self._store.readers.borrow() as connection:
+            return read_day_sums(connection, since_ns, until_ns, self._store.shift_ns)
 
-    def tend(self, wall_ns: int | None = None) -> None:
-        """Close days that are over and keep within the limits; call it once a minute from a thread with time.
+    def maintain(self, wall_ns: int | None = None) -> None:
+        """Close past days and enforce the limits; call it once a minute from a background thread.
 
-        What goes wrong is ``trouble`` until it has gone well.
+        A failure is in ``trouble`` until the next success.
         """
-        self._tending = self._retention.tend(time.time_ns() if wall_ns is None else wall_ns)
+        self._maintenance_trouble = self._retention.maintain(time.time_ns() if wall_ns is None else wall_ns)
 
     def close(self) -> None:
-        """Nothing more is written or read."""
+        """Close the history; it can neither be written nor read afterwards."""
         self._store.close()

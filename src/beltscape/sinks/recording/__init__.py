@@ -1,1 +1,1 @@
-"""Captures on disk as they are recorded: one being written, a ring of the last minutes, those to keep."""
+"""Recorded captures on disk: the one being written, a ring of the last minutes, and kept ones."""

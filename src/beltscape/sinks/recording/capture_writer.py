@@ -1,4 +1,4 @@
-"""One capture being written, frame set by frame set."""
+"""Writing of one capture, frame set by frame set."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from beltscape.files.tables.encoder_csv import HEADER
 ENCODER = "encoder.csv"
 _HOW = {
     "tiff": [cv2.IMWRITE_TIFF_COMPRESSION, 1],  # none
-    "png": [],  # OpenCV's own choice, run lengths: three times as fast as level 1, and no larger
+    "png": [],  # OpenCV's default, run lengths: three times as fast as level 1, and no larger
 }
 
 
 class CaptureWriter:
-    """Writes ``<folder>/<camera>/<frame>.<ext>`` and ``encoder.csv``; whole files only."""
+    """Writes ``<folder>/<camera>/<frame>.<ext>`` and ``encoder.csv``; complete files only."""
 
     def __init__(self, folder: Path, image: str) -> None:
-        """``image`` is "tiff" or "png"; the folder is made with the first frame set."""
+        """``image`` is "tiff" or "png"; the folder is created with the first frame set."""
         self.folder = folder
         self._image = image
         self._time_ns: int | None = None
@@ -30,11 +30,11 @@ class CaptureWriter:
 
     @property
     def frames(self) -> int:
-        """Frame sets written."""
+        """Number of frame sets written."""
         return len(self._frames)
 
-    def follows(self, frames: FrameSet) -> bool:
-        """Whether that frame set can go into this capture: a new name, time going on, the belt not running back."""
+    def can_append(self, frames: FrameSet) -> bool:
+        """Return whether a frame set fits into this capture: a new name, increasing time, no reversed belt."""
         return (
             frames.frame not in self._frames
             and (self._time_ns is None or frames.time_ns is None or frames.time_ns > self._time_ns)
@@ -46,14 +46,14 @@ class CaptureWriter:
         )
 
     def write(self, frames: FrameSet) -> int:
-        """Write one frame set; bytes written. OSError where it cannot; nothing of it is left then."""
+        """Write one frame set; return the bytes written. After an OSError nothing of it is left."""
         written: list[Path] = []
         try:
             size = 0
             for camera, image in frames.images.items():
                 path = self.folder / camera / f"{frames.frame}.{self._image}"
                 written.append(path)
-                size += _write(path, encoded(image, self._image))
+                size += _write(path, encode(image, self._image))
             size += self._write_reading(frames)
         except OSError:
             for path in written:
@@ -65,16 +65,16 @@ class CaptureWriter:
         return size
 
     def _write_reading(self, frames: FrameSet) -> int:
-        """The row of encoder.csv, where time and position are known; also of an instant without an image."""
+        """Write the row of encoder.csv if time and position are known, also for an instant without an image."""
         if frames.time_ns is None or frames.position_mm is None:
             return 0
         self.folder.mkdir(parents=True, exist_ok=True)
-        line = f"{frames.frame},{seconds_text(frames.time_ns)},{float(frames.position_mm)!r}\n"
+        line = f"{frames.frame},{format_seconds(frames.time_ns)},{float(frames.position_mm)!r}\n"
         return append_lines(self.folder / ENCODER, line.encode())
 
 
 def append_lines(path: Path, lines: bytes) -> int:
-    """Whole rows at the end of an encoder.csv, or none of them; bytes written."""
+    """Append all or none of the rows to an encoder.csv; return the bytes written."""
     start = path.stat().st_size if path.exists() else 0
     if not start:
         lines = ",".join(HEADER).encode() + b"\n" + lines
@@ -89,28 +89,28 @@ def append_lines(path: Path, lines: bytes) -> int:
     return len(lines)
 
 
-def mend_lines(path: Path) -> None:
-    """Take away what a power cut left of an encoder.csv's last row."""
+def truncate_partial_line(path: Path) -> None:
+    """Remove an incomplete last row of an encoder.csv, such as after a power failure."""
     data = path.read_bytes() if path.exists() else b""
     whole = data[: data.rfind(b"\n") + 1]
     if whole != data:
         path.write_bytes(whole)
 
 
-def seconds_text(time_ns: int) -> str:
-    """Seconds with all nine digits."""
+def format_seconds(time_ns: int) -> str:
+    """Return a time as seconds with nine decimals."""
     sign = "-" if time_ns < 0 else ""
     return f"{sign}{abs(time_ns) // 10**9}.{abs(time_ns) % 10**9:09d}"
 
 
-def encoded(image: Image, how: str) -> bytes:
-    """Bytes of a TIFF without compression, or of a PNG; both read back exactly."""
+def encode(image: Image, how: str) -> bytes:
+    """Encode an image as TIFF without compression or as PNG; both are lossless."""
     bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
     return cv2.imencode(f".{how}", bgr, _HOW[how])[1].tobytes()
 
 
 def _write(path: Path, data: bytes) -> int:
-    """A file under a hidden name first, so that a crash leaves no half image."""
+    """Write a file under a hidden name first, so that a crash leaves no incomplete image; return its size."""
     temporary = path.with_name(f".{path.name}.part")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:

@@ -1,4 +1,4 @@
-"""Days that are over become files; files that turn up are taken in."""
+"""The archive of closed days: writing their files, and registering files that are found in the folder."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError
 from beltscape.sinks.days import day_name, day_of, day_range_ns
-from beltscape.sinks.historian.reading.records import database_rows
-from beltscape.sinks.historian.storage.day_files import DayFile, read_about, read_day, write_day
+from beltscape.sinks.historian.reading.records import read_database_rows
+from beltscape.sinks.historian.storage.day_files import DayFile, read_day, read_summary, write_day
 from beltscape.sinks.historian.storage.day_table import to_table
 from beltscape.sinks.historian.writing.buckets import add_to_buckets
 from beltscape.sinks.historian.writing.ledger import transaction
@@ -33,53 +33,52 @@ _UNFILED = """
 
 
 class Archive:
-    """The folder of day files, and the table that knows them.
+    """The folder of day files, and the table that registers them.
 
-    A record belongs to the day that the system clock said when it was finished, and lies in exactly one file: that
-    day's first one holds the day's records up to some number, a later one (where the clock came back to a day that
-    had been closed) those after it.
+    A record belongs to the system clock's day when it was finished, and is in exactly one file: the first file of a
+    day holds its records up to some number, a later one (if the clock returned to a closed day) those after it.
     """
 
     def __init__(self, folder: Path, store: Store) -> None:
-        """Nothing is done yet."""
+        """Create the archive; nothing is read or written yet."""
         self.folder, self._store = folder, store
         self._adopted = -1
 
     def close_days(self, wall_ns: int | None) -> None:
-        """Every day but that of ``wall_ns`` and that of the newest record; with None all that there is."""
+        """Close every day except those of ``wall_ns`` and of the newest record; with None close all days."""
         shift_ns = self._store.shift_ns
-        with self._store.readers.reading() as connection:
+        with self._store.readers.borrow() as connection:
             days = [row[0] for row in connection.execute(_UNFILED)]
             newest = connection.execute("SELECT wall_ns FROM records ORDER BY number DESC LIMIT 1").fetchone()
-        going_on = (
+        open_days = (
             set()
             if wall_ns is None
             else {day_of(wall_ns, shift_ns), *(day_of(ns, shift_ns) for ns in newest or ())}
         )
         for day in days:
-            if day not in going_on:
+            if day not in open_days:
                 self._close_day(day)
 
     def adopt(self) -> None:
-        """Enter files that lie there and are not known: after a restored backup, a damaged database, a crash."""
+        """Register unknown files of the folder: after a restored backup, a damaged database, a crash."""
         age = self._store.age
         if self._adopted == age:
             return
-        with self._store.readers.reading() as connection:
+        with self._store.readers.borrow() as connection:
             known = {row[0] for row in connection.execute("SELECT name FROM files")}
         for path in self.folder.glob(".*.part"):
-            path.unlink(missing_ok=True)  # being written when a run ended
+            path.unlink(missing_ok=True)  # incomplete since an interrupted run
         for path in sorted(self.folder.glob("*.parquet")):
             if path.name not in known:
                 try:
-                    self._enter(read_about(path), self._store.known)
+                    self._register(read_summary(path), self._store.known)
                 except (InputError, FileNotFoundError):
-                    continue  # somebody else's, or damaged: not ours to count
+                    continue  # another program's or damaged
         self._adopted = age
 
-    def sum_up(self) -> None:
-        """Count one adopted file in the sums by minute and hour."""
-        with self._store.readers.reading() as connection:
+    def add_to_sums(self) -> None:
+        """Add one adopted file to the sums by minute and hour."""
+        with self._store.readers.borrow() as connection:
             files = connection.execute(
                 "SELECT name, summed, last FROM files WHERE summed < last ORDER BY last LIMIT 1"
             ).fetchall()
@@ -91,11 +90,11 @@ class Archive:
                     add_to_buckets(connection, records, self._store.shift_ns)
                     connection.execute("UPDATE files SET summed = last WHERE name = ?", (name,))
 
-            self._store.change(work)
+            self._store.transact(work)
 
     def _close_day(self, day: int) -> None:
-        """Write what the database holds of that day and no file does."""
-        with self._store.readers.reading() as connection:
+        """Write the day's records that are in the database and in no file."""
+        with self._store.readers.borrow() as connection:
             (filed,) = connection.execute(
                 "SELECT coalesce(max(last), 0) FROM files WHERE day = ?", (day,)
             ).fetchone()
@@ -108,31 +107,31 @@ class Archive:
         while path.exists():
             again += 1
             path = self.folder / f"{name}-{again}.parquet"
-        # what the files know of, the totals beside the database know of too
+        # the totals beside the database must include all records of the files
         self._store.save_totals()
         made = write_day(path, day, chain([first], tables))
-        self._enter(made, made.last)
+        self._register(made, made.last)
 
     def _tables(self, day: int, number: int) -> Iterator[pa.Table]:
-        """Records of a day from that number on, some thousands at a time."""
+        """Yield the records of a day from a number on, some thousands at a time."""
         times = day_range_ns(day, self._store.shift_ns)
         while True:
-            with self._store.readers.reading() as connection:
-                rows, sections = database_rows(connection, (number, _ALL), times, _ROWS)
+            with self._store.readers.borrow() as connection:
+                rows, sections = read_database_rows(connection, (number, _ALL), times, _ROWS)
             if not rows:
                 return
             yield to_table(rows, sections)
             number = rows[-1][0] + 1
 
-    def _enter(self, file: DayFile, known: int) -> None:
-        """Take a file in, where the database has records, and their sums, up to the number ``known``."""
+    def _register(self, file: DayFile, known: int) -> None:
+        """Register a file; the database has records and their sums up to the number ``known``."""
         row = (*astuple(file), min(file.last, known), int(file.last > known))
         marks = ", ".join("?" * len(row))
         statement = f"INSERT OR REPLACE INTO files ({_FILE}, summed, pruned) VALUES ({marks})"
-        self._store.change(lambda connection: connection.execute(statement, row))
+        self._store.transact(lambda connection: connection.execute(statement, row))
 
 
 def files_where(connection: sqlite3.Connection, which: str) -> list[tuple[DayFile, bool]]:
-    """Known files, oldest first, and whether their records are (being) taken out of the database."""
+    """Return the registered files, oldest first, and whether their records are (being) removed from the database."""
     rows = connection.execute(f"SELECT {_FILE}, pruned FROM files WHERE {which} ORDER BY last")
     return [(DayFile(*row[:-1]), bool(row[-1])) for row in rows]

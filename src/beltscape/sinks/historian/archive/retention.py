@@ -1,6 +1,6 @@
-"""Old records leave the database, old files the disk; neither the totals nor the ledger's end ever change.
+"""Retention: removal of old records from the database and of old day files; totals and the ledger's end remain.
 
-Age is counted in days on which something passed, not by the clock: a clock that jumps removes nothing.
+Age is counted in days with records, not by the clock: a clock that jumps removes nothing.
 """
 
 from __future__ import annotations
@@ -13,39 +13,39 @@ from pathlib import Path
 from beltscape.core.errors import BeltscapeError, OutputError
 from beltscape.sinks.days import day_range_ns
 from beltscape.sinks.historian.archive.closed_days import Archive, files_where
-from beltscape.sinks.historian.storage.day_files import DayFile, hash_of
+from beltscape.sinks.historian.storage.day_files import DayFile, file_sha256
 from beltscape.sinks.historian.writing.ledger import transaction
 from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings
 
 _GIB = 1 << 30
 _STEP = 1_000
-"""Records taken out of the database at once: writing waits that long."""
+"""Records removed from the database at once, while writing waits."""
 
 
 class Retention:
-    """Keeps the history within its limits, piece by piece, beside the writing."""
+    """Keeps the history within its limits, in small steps beside the writing."""
 
     def __init__(self, folder: Path, store: Store, settings: HistorySettings) -> None:
-        """Day files lie in ``folder``."""
+        """``folder`` has the day files."""
         self._store, self._settings = store, settings
         self._archive = Archive(folder, store)
         self._lock = threading.Lock()
-        with suppress(OutputError):  # tending tries again
+        with suppress(OutputError):  # ``maintain`` tries again
             self._archive.adopt()
 
-    def tend(self, wall_ns: int) -> str:
-        """Close days, take in, prune; what went wrong, in one line, empty where nothing.
+    def maintain(self, wall_ns: int) -> str:
+        """Close days, adopt files, remove old data; return the failures in one line, empty without any.
 
-        Cheap where nothing is to be done; closing a day of half a million records takes its seconds.
+        Fast if there is nothing to do; closing a day of half a million records takes seconds.
         """
-        wrong: list[str] = []
+        failures: list[str] = []
         archive = self._archive
         with self._lock:
             for step in (
                 archive.adopt,
                 lambda: archive.close_days(wall_ns),
-                archive.sum_up,
+                archive.add_to_sums,
                 self._prune_by_age,
                 self._prune_by_size,
                 self._prune_files,
@@ -54,57 +54,57 @@ class Retention:
                 try:
                     step()
                 except (BeltscapeError, OSError) as error:
-                    wrong.append(str(error))
-        return "; ".join(wrong)
+                    failures.append(str(error))
+        return "; ".join(failures)
 
     def _prune_by_age(self) -> None:
-        with self._store.readers.reading() as connection:
+        with self._store.readers.borrow() as connection:
             files = files_where(connection, "NOT pruned OR last >= (SELECT min(number) FROM records)")
             days = _newest_days(connection, self._settings.database_days)
         for file, pruned in files:
             if pruned:
-                self._delete_records(file)  # a crash came between
+                self._delete_records(file)  # a crash interrupted the removal
             elif file.day not in days:
-                self._take_out(file)
+                self._remove_from_database(file)
 
     def _prune_by_size(self) -> None:
         limit = self._settings.database_gib * _GIB
         if self._store.used_bytes() <= limit:
             return
-        # what is no file yet becomes one before its time
+        # days without a file are closed early
         self._archive.close_days(None)
-        with self._store.readers.reading() as connection:
+        with self._store.readers.borrow() as connection:
             files = files_where(connection, "NOT pruned")
         for file, _ in files:
             if self._store.used_bytes() <= 0.9 * limit:
                 return
-            self._take_out(file)
+            self._remove_from_database(file)
 
-    def _take_out(self, file: DayFile) -> None:
-        """Take the records of a file out of the database, if the file is as it was written."""
+    def _remove_from_database(self, file: DayFile) -> None:
+        """Remove the records of a file from the database if the file is unchanged since it was written."""
         path = self._archive.folder / file.name
         try:
-            sound = not file.sha256 or hash_of(path) == file.sha256
+            is_unchanged = not file.sha256 or file_sha256(path) == file.sha256
         except OSError:
-            sound = False
-        if sound:
-            self._store.change(
+            is_unchanged = False
+        if is_unchanged:
+            self._store.transact(
                 lambda c: c.execute("UPDATE files SET pruned = 1 WHERE name = ?", (file.name,))
             )
             self._delete_records(file)
             return
         if path.exists():
             path.rename(path.with_name(f"{path.name}.damaged"))
-        self._store.change(lambda c: c.execute("DELETE FROM files WHERE name = ?", (file.name,)))
+        self._store.transact(lambda c: c.execute("DELETE FROM files WHERE name = ?", (file.name,)))
         raise OutputError(
-            f"{path}: it was damaged or gone before its time; it is written anew from the database"
+            f"{path}: it was damaged or removed too early; it is written again from the database"
         )
 
     def _delete_records(self, file: DayFile) -> None:
-        """A few at a time, so that writing goes on between."""
+        """Delete the records of a file in small steps, between which writing continues."""
         times = day_range_ns(file.day, self._store.shift_ns)
         while True:
-            with self._store.readers.reading() as connection:
+            with self._store.readers.borrow() as connection:
                 numbers = connection.execute(
                     "SELECT number FROM records "
                     "WHERE number BETWEEN ? AND ? AND wall_ns >= ? AND wall_ns < ? LIMIT ?",
@@ -112,11 +112,11 @@ class Retention:
                 ).fetchall()
             if not numbers:
                 return
-            self._store.change(lambda c, numbers=numbers: _delete(c, numbers))
+            self._store.transact(lambda c, numbers=numbers: _delete(c, numbers))
 
     def _prune_files(self) -> None:
-        """By age and by size, the oldest first; their sums by the minute go with them."""
-        with self._store.readers.reading() as connection:
+        """Remove day files by age and by size, the oldest first, with their sums by the minute."""
+        with self._store.readers.borrow() as connection:
             files = files_where(connection, "pruned")
             days = _newest_days(connection, self._settings.file_days)
             (total,) = connection.execute("SELECT total(bytes) FROM files").fetchone()
@@ -124,18 +124,18 @@ class Retention:
             if file.day in days and total <= self._settings.file_gib * _GIB:
                 return
             (self._archive.folder / file.name).unlink(missing_ok=True)
-            self._store.change(lambda c, file=file: _forget(c, file))
+            self._store.transact(lambda c, file=file: _forget_file(c, file))
             total -= file.bytes
 
     def _prune_events(self) -> None:
         oldest = "SELECT max(event) - ? FROM events"
-        self._store.change(
+        self._store.transact(
             lambda c: c.execute(f"DELETE FROM events WHERE event <= ({oldest})", (self._settings.events,))
         )
 
 
 def _newest_days(connection: sqlite3.Connection, count: int) -> set[int]:
-    """The last days on which something passed, by record number, whatever the clock says of them."""
+    """Return the last days with records, in order of record numbers and not of the clock."""
     rows = connection.execute(
         "SELECT bucket / 24 AS day FROM hours GROUP BY day ORDER BY max(last) DESC LIMIT ?", (count,)
     )
@@ -148,7 +148,7 @@ def _delete(connection: sqlite3.Connection, numbers: list[tuple[int]]) -> None:
         connection.executemany("DELETE FROM records WHERE number = ?", numbers)
 
 
-def _forget(connection: sqlite3.Connection, file: DayFile) -> None:
+def _forget_file(connection: sqlite3.Connection, file: DayFile) -> None:
     with transaction(connection):
         connection.execute("DELETE FROM files WHERE name = ?", (file.name,))
         connection.execute("DELETE FROM minutes WHERE last <= ?", (file.last,))

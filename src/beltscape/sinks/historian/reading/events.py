@@ -1,4 +1,4 @@
-"""Alarms, notes and what people did, as the historian keeps them."""
+"""Events in the historian: alarms, notes and operator actions."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened."""
+    """One event."""
 
     number: int
-    """Grows from event to event."""
+    """Increases from event to event."""
     wall_ns: int
     """System clock, ns since 1970."""
     kind: str
     """Such as "alarm", "note", "audit"."""
     name: str
-    """Which alarm, or what about."""
+    """Name of the alarm or the subject."""
     text: str
-    """What, in one line."""
+    """Description in one line."""
     by: str
-    """Whose doing; empty where nobody's."""
+    """User who caused it; empty without one."""
 
 
-def add_event(connection: sqlite3.Connection, wall_ns: int, kind: str, name: str, text: str, by: str) -> None:
-    """Keep it; on disk when this returns."""
+def insert_event(
+    connection: sqlite3.Connection, wall_ns: int, kind: str, name: str, text: str, by: str
+) -> None:
+    """Store an event; it is on disk when this returns."""
     connection.execute(
         "INSERT INTO events (wall_ns, kind, name, text, by) VALUES (?, ?, ?, ?, ?)",
         (wall_ns, kind, name, text, by),
@@ -35,7 +37,7 @@ def add_event(connection: sqlite3.Connection, wall_ns: int, kind: str, name: str
 def read_events(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, limit: int
 ) -> tuple[Event, ...]:
-    """Events of that time, newest first."""
+    """Return the events of a period, newest first."""
     rows = connection.execute(
         "SELECT event, wall_ns, kind, name, text, by FROM events WHERE wall_ns >= ? AND wall_ns < ? "
         "ORDER BY event DESC LIMIT ?",

@@ -1,4 +1,4 @@
-"""Records of any time, from the database and from day files, each once."""
+"""Reading of records of any period from the database and from day files, each once."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
 from beltscape.sinks.days import DAY_NS, day_name
-from beltscape.sinks.historian.reading.records import database_records, database_section
+from beltscape.sinks.historian.reading.records import read_database_records, read_database_section
 from beltscape.sinks.historian.reading.series import number_range
 from beltscape.sinks.historian.storage.day_files import read_day
 
@@ -17,20 +17,20 @@ _ALWAYS = (-(1 << 62), 1 << 62)
 
 @dataclass(frozen=True, slots=True)
 class DaySum:
-    """What passed on one day."""
+    """Sums of one day."""
 
     day: str
     """Such as 2026-11-21."""
     records: int
     volume_mm3: float
     mass_kg: float
-    """NaN where a density is not known."""
+    """NaN if a density is not known."""
     valid_mm: float
     degraded_mm: float
     missing_mm: float
 
 
-def past_records(
+def read_records(
     connection: sqlite3.Connection,
     folder: Path,
     times_ns: tuple[int, int],
@@ -40,12 +40,12 @@ def past_records(
     *,
     sections: bool,
 ) -> tuple[BeltRecord, ...]:
-    """The first ``limit`` records of a time with numbers above ``after``, in order; day files lie in ``folder``."""
+    """Return the first ``limit`` records of a period with numbers above ``after``; day files are in ``folder``."""
     found: dict[int, BeltRecord] = {}
     numbers = number_range(connection, *times_ns, shift_ns)
     if numbers is not None:
         bounds = max(numbers[0], after + 1), numbers[1]
-        for record in database_records(connection, bounds, times_ns, limit, sections=sections):
+        for record in read_database_records(connection, bounds, times_ns, limit, sections=sections):
             found[record.number] = record
     files = connection.execute(
         "SELECT name, first FROM files WHERE pruned AND until_ns >= ? AND since_ns < ? AND last > ? ORDER BY first",
@@ -54,27 +54,27 @@ def past_records(
     for name, first in files:
         if len(found) >= limit and first > sorted(found)[limit - 1]:
             break
-        for record in _of_file(folder / name, (after + 1, 1 << 62), times_ns, limit, sections=sections):
+        for record in _read_day_file(folder / name, (after + 1, 1 << 62), times_ns, limit, sections=sections):
             found[record.number] = record
     return tuple(found[number] for number in sorted(found)[:limit])
 
 
-def past_section(connection: sqlite3.Connection, folder: Path, number: int) -> CrossSection | None:
-    """The cross-section behind that record; None where none is kept."""
-    section = database_section(connection, number)
+def read_section(connection: sqlite3.Connection, folder: Path, number: int) -> CrossSection | None:
+    """Return the cross-section of a record; None without a stored one."""
+    section = read_database_section(connection, number)
     if section is not None:
         return section
     files = connection.execute("SELECT name FROM files WHERE pruned AND ? BETWEEN first AND last", (number,))
     for (name,) in files:
-        for record in _of_file(folder / name, (number, number), _ALWAYS, 1, sections=True):
+        for record in _read_day_file(folder / name, (number, number), _ALWAYS, 1, sections=True):
             return record.section
     return None
 
 
-def past_days(
+def read_day_sums(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int
 ) -> tuple[DaySum, ...]:
-    """Sums of the days that begin in that time, oldest first."""
+    """Return the sums of the days that begin in a period, oldest first."""
     first, last = -((shift_ns - since_ns) // DAY_NS), -((shift_ns - until_ns) // DAY_NS)
     rows = connection.execute(
         "SELECT bucket / 24, sum(records), total(volume), iif(sum(unweighed), 'nan', total(mass)), total(valid), "
@@ -84,10 +84,10 @@ def past_days(
     return tuple(DaySum(day_name(row[0]), row[1], row[2], float(row[3]), *row[4:]) for row in rows)
 
 
-def _of_file(
+def _read_day_file(
     path: Path, numbers: tuple[int, int], times_ns: tuple[int, int], limit: int, *, sections: bool
 ) -> list[BeltRecord]:
-    """Nothing where the file has just been removed."""
+    """Read records of a day file; an empty list if the file has just been removed."""
     try:
         return read_day(path, numbers, times_ns, limit, sections=sections)
     except FileNotFoundError:

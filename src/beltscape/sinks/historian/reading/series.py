@@ -1,4 +1,4 @@
-"""History as curves: a few hundred points of any stretch of time."""
+"""Reading of the history as series: a few hundred intervals of any period."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltscape.sinks.days import HOUR_NS
 from beltscape.sinks.historian.writing.buckets import ADDED, WIDTH_NS
 
 _RAW_NS = HOUR_NS // 2
-"""A shorter stretch is drawn from the records themselves."""
+"""A shorter period is computed from the records themselves."""
 Curve = NDArray[np.float64]
 
 
@@ -26,19 +26,19 @@ class Series:
     start_ns: NDArray[np.int64]
     """(n,) system clock at which each interval begins, ns since 1970."""
     width_ns: int
-    """How long each is."""
+    """Length of each interval."""
     records: NDArray[np.int64]
     """(n,) records in each."""
     volume_mm3: Curve
-    """(n,) what passed."""
+    """(n,) volume that passed."""
     mass_kg: Curve
-    """(n,) what passed; NaN where a density is not known."""
+    """(n,) mass that passed; NaN where a density is not known."""
     flow_m3_h: Curve
     """(n,) mean volume flow while the belt moved; 0 where it stood, NaN: not known."""
     flow_low_m3_h: Curve
-    """(n,) least of any record."""
+    """(n,) least flow of any record."""
     flow_high_m3_h: Curve
-    """(n,) greatest of any record."""
+    """(n,) greatest flow of any record."""
     mass_flow_t_h: Curve
     """(n,) mean mass flow while the belt moved."""
     speed_mm_s: Curve
@@ -48,15 +48,15 @@ class Series:
     valid_mm: Curve
     degraded_mm: Curve
     missing_mm: Curve
-    """(n,) belt by how it is counted."""
+    """(n,) length of belt by standing."""
 
 
 def read_series(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, points: int, shift_ns: int
 ) -> Series:
-    """From ``since_ns`` to before ``until_ns`` in at most ``points`` intervals.
+    """Return the series from ``since_ns`` to before ``until_ns`` in at most ``points`` intervals.
 
-    Stretches longer than half an hour come from the sums by the minute or the hour, and their intervals with them.
+    Periods longer than half an hour are computed from the sums by minute or hour, with multiples of their intervals.
     """
     span = max(1, until_ns - since_ns)
     if span <= _RAW_NS and _has_records(connection, since_ns, until_ns, shift_ns):
@@ -81,9 +81,9 @@ def read_series(
 def number_range(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int
 ) -> tuple[int, int] | None:
-    """Least and greatest number of the records of that time, and of some more; None where there is none.
+    """Return the least and the greatest number of the records of a period or near it; None without records.
 
-    By way of the sums: the clock may have jumped, so numbers and times need not agree.
+    They come from the sums: the clock may have jumped, so the order of numbers and times may differ.
     """
     table = "minutes" if until_ns - since_ns <= 48 * HOUR_NS else "hours"
     unit = WIDTH_NS[table]
@@ -95,14 +95,14 @@ def number_range(
 
 
 def _has_records(connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int) -> bool:
-    """Whether what passed then is still in the table of records."""
+    """Return whether the records of a period are still in the table of records."""
     numbers = number_range(connection, since_ns, until_ns, shift_ns)
     oldest = connection.execute("SELECT min(number) FROM records").fetchone()[0]
     return numbers is None or (oldest is not None and oldest <= numbers[0])
 
 
 def _has_minutes(connection: sqlite3.Connection, since_ns: int, span_ns: int, shift_ns: int) -> bool:
-    """Whether sums by the minute reach back so far and are not too many."""
+    """Return whether sums by the minute reach back to ``since_ns`` and are not too many."""
     if span_ns > 14 * 24 * HOUR_NS:
         return False
     hour = connection.execute(
@@ -115,7 +115,7 @@ def _has_minutes(connection: sqlite3.Connection, since_ns: int, span_ns: int, sh
 def _raw(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, width_ns: int, shift_ns: int
 ) -> list[Sequence[Any]]:
-    """Records summed in the database, in the columns of the sums' tables."""
+    """Return sums of records, computed in the database, in the columns of the sums' tables."""
     numbers = number_range(connection, since_ns, until_ns, shift_ns)
     if numbers is None:
         return []
@@ -138,7 +138,7 @@ def _raw(
 
 
 def _series(rows: Sequence[Sequence[Any]], start_ns: int, width_ns: int, count: int) -> Series:
-    """Rows (place, ADDED …, flow_low, flow_high) laid out."""
+    """Return the series of rows (place, ADDED …, flow_low, flow_high)."""
     table = {name: np.zeros(count) for name in ADDED}
     low, high = np.full(count, np.nan), np.full(count, np.nan)
     if rows:
@@ -171,5 +171,5 @@ def _series(rows: Sequence[Sequence[Any]], start_ns: int, width_ns: int, count: 
 
 
 def _ratio(top: Curve, bottom: Curve) -> Curve:
-    """Quotient; NaN where there is nothing to divide by."""
+    """Return the quotient; NaN where the divisor is not positive."""
     return np.divide(top, bottom, out=np.full(len(top), np.nan), where=bottom > 0)

@@ -1,4 +1,4 @@
-"""Read-only connections, one to whoever reads just now."""
+"""The pool of read-only connections, one for each concurrent reader."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_reader
 
 _IDLE = 8
-"""Connections that are kept open for the next reader."""
+"""Number of idle connections that are kept open."""
 
 
-def suspect(path: Path) -> Path:
-    """The file that asks the next start to look at all of the database."""
+def suspect_marker(path: Path) -> Path:
+    """Return the marker file that makes the next start check the whole database."""
     return path.with_name(f"{path.stem}.suspect")
 
 
-class Readers:
-    """Lends connections to threads; none is ever used by two at once."""
+class ReaderPool:
+    """Lends connections to threads; no connection is used by two at once."""
 
     def __init__(self, path: Path) -> None:
-        """Of the database at ``path``; it must be there when somebody reads."""
+        """Create the pool of the database at ``path``, which must exist when a connection is borrowed."""
         self._path = path
         self._lock = threading.Lock()
         self._idle: list[sqlite3.Connection] = []
@@ -33,8 +33,8 @@ class Readers:
         self._closed = False
 
     @contextmanager
-    def reading(self) -> Iterator[sqlite3.Connection]:
-        """A connection with one view of the data until the block ends.
+    def borrow(self) -> Iterator[sqlite3.Connection]:
+        """Lend a connection with one consistent view of the data until the block ends.
 
         Raises
         ------
@@ -52,7 +52,7 @@ class Readers:
             connection.execute("COMMIT")
         except sqlite3.Error as error:
             if is_damage(error):
-                suspect(self._path).touch()
+                suspect_marker(self._path).touch()
             raise InputError(f"{self._path}: cannot be read ({error})") from error
         finally:
             self._take_back(connection, age)
@@ -71,8 +71,8 @@ class Readers:
                 return
         connection.close()
 
-    def renew(self) -> None:
-        """The file is another one now."""
+    def reset(self) -> None:
+        """Close the idle connections because the file was replaced."""
         with self._lock:
             self._age += 1
             idle, self._idle = self._idle, []
@@ -80,7 +80,7 @@ class Readers:
             connection.close()
 
     def close(self) -> None:
-        """Nobody reads any more; who still does finishes."""
+        """Refuse new readers; present ones finish."""
         with self._lock:
             self._closed = True
-        self.renew()
+        self.reset()

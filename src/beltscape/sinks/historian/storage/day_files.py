@@ -1,4 +1,4 @@
-"""Closed days as Parquet: ``days/2026-11-21.parquet``, and ``2026-11-21-2.parquet`` where that day came again."""
+"""Day files in Parquet: ``days/2026-11-21.parquet``, and ``2026-11-21-2.parquet`` if that day was reopened."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
-from beltscape.sinks.durable import settle
-from beltscape.sinks.historian.storage.day_table import NAMES, digest, schema, to_records
+from beltscape.sinks.durable import commit_file
+from beltscape.sinks.historian.storage.day_table import NAMES, schema, table_digest, to_records
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,21 +24,21 @@ _FORMAT = "beltscape-day/1"
 
 @dataclass(frozen=True, slots=True)
 class DayFile:
-    """What lies in one file."""
+    """Summary of one day file."""
 
     name: str
     day: int
     """Days since 1970."""
     first: int
     last: int
-    """Least and greatest record number: all of that day between them."""
+    """Least and greatest record number; the file has all records of that day between them."""
     since_ns: int
     until_ns: int
-    """Wall clock of the earliest and of the latest."""
+    """Wall clock of the earliest and of the latest record."""
     records: int
     bytes: int
     sha256: str
-    """Of the file; empty where it was not written just now."""
+    """Hash of the file; empty unless it has just been written."""
 
 
 def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
@@ -47,7 +47,7 @@ def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
     Raises
     ------
     OutputError
-        When it cannot be written, or does not read back as it was written.
+        When it cannot be written, or differs when read back.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -67,7 +67,7 @@ def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
             write_statistics=["number", "wall_time"],
         ) as writer:
             for table in tables:
-                digests.append(digest(table))
+                digests.append(table_digest(table))
                 number, wall = table["number"].to_numpy(), table["wall_time"].cast(pa.int64()).to_numpy()
                 numbers.append((number[0], number[-1], wall.min(), wall.max(), table.num_rows))
                 writer.write_table(table, row_group_size=max(1, table.num_rows))
@@ -81,45 +81,48 @@ def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
             about |= {"since_ns": int(min(since)), "until_ns": int(max(until)), "records": sum(counts)}
             writer.add_key_value_metadata({_KEY: json.dumps(about, sort_keys=True).encode()})
         _verify(temporary, digests)
-        sha256 = hash_of(temporary)
-        settle(temporary, path)
+        sha256 = file_sha256(temporary)
+        commit_file(temporary, path)
     except (OSError, pa.ArrowException) as error:
         raise OutputError(
-            f"{path}: cannot be written ({_words(error)}); its records stay in the database"
+            f"{path}: cannot be written ({_reason(error)}); its records stay in the database"
         ) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-    return _described(path, about, sha256)
+    return _make_day_file(path, about, sha256)
 
 
-def read_about(path: Path) -> DayFile:
-    """What lies in a day file, by its footer; InputError where it is none."""
-    return _opened(path, lambda file: _described(path, _about(file, path), ""))
+def read_summary(path: Path) -> DayFile:
+    """Read a day file's summary from its footer; InputError if it is no day file."""
+    return _with_parquet(path, lambda file: _make_day_file(path, _summary(file, path), ""))
 
 
 def read_day(
     path: Path, numbers: tuple[int, int], times_ns: tuple[int, int], limit: int, *, sections: bool
 ) -> list[BeltRecord]:
-    """The first ``limit`` records with such numbers (both ends in) and times (end out); InputError where damaged."""
+    """Return the first ``limit`` records in a range of numbers (ends included) and times (end excluded).
+
+    InputError if the file is damaged.
+    """
     import pyarrow as pa
 
     def read(file: Any) -> list[BeltRecord]:
-        found: list[BeltRecord] = []
+        records: list[BeltRecord] = []
         for table in _row_groups(file, numbers, None if sections else list(NAMES)):
             number, wall = table["number"].to_numpy(), table["wall_time"].cast(pa.int64()).to_numpy()
-            wanted = (number >= numbers[0]) & (number <= numbers[1])
-            wanted &= (wall >= times_ns[0]) & (wall < times_ns[1])
-            found.extend(to_records(table.filter(pa.array(wanted)).slice(0, limit - len(found))))
-            if len(found) >= limit:
+            is_selected = (number >= numbers[0]) & (number <= numbers[1])
+            is_selected &= (wall >= times_ns[0]) & (wall < times_ns[1])
+            records.extend(to_records(table.filter(pa.array(is_selected)).slice(0, limit - len(records))))
+            if len(records) >= limit:
                 break
-        return found
+        return records
 
-    return _opened(path, read)
+    return _with_parquet(path, read)
 
 
-def hash_of(path: Path) -> str:
-    """SHA-256 of a file; OSError where it cannot be read."""
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file; OSError if it cannot be read."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -128,20 +131,20 @@ def _verify(path: Path, digests: list[str]) -> None:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        found = [digest(file.read_row_group(place)) for place in range(file.num_row_groups)]
-    if found != digests:
+        written = [table_digest(file.read_row_group(place)) for place in range(file.num_row_groups)]
+    if written != digests:
         raise OSError("it does not read back as it was written")
 
 
 def _row_groups(file: Any, numbers: tuple[int, int], columns: list[str] | None) -> Iterator[pa.Table]:
-    """Those that may hold such numbers."""
+    """Yield the row groups that may contain numbers of the range."""
     for place in range(file.num_row_groups):
         known = file.metadata.row_group(place).column(0).statistics
         if known is None or (known.min <= numbers[1] and known.max >= numbers[0]):
             yield file.read_row_group(place, columns=columns)
 
 
-def _opened(path: Path, read: Callable[[Any], Any]) -> Any:
+def _with_parquet(path: Path, read: Callable[[Any], Any]) -> Any:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -152,21 +155,21 @@ def _opened(path: Path, read: Callable[[Any], Any]) -> Any:
         raise
     except (OSError, pa.ArrowException, KeyError, ValueError) as error:
         raise InputError(
-            f"{path}: not a readable day file ({_words(error)}); restore it from a backup"
+            f"{path}: not a readable day file ({_reason(error)}); restore it from a backup"
         ) from error
 
 
-def _about(file: Any, path: Path) -> dict[str, Any]:
+def _summary(file: Any, path: Path) -> dict[str, Any]:
     about = json.loads((file.metadata.metadata or {}).get(_KEY, b"{}"))
     if about.get("format") != _FORMAT:
         raise InputError(f"{path}: not a day file of beltscape; move it away")
     return about
 
 
-def _described(path: Path, about: dict[str, Any], sha256: str) -> DayFile:
+def _make_day_file(path: Path, about: dict[str, Any], sha256: str) -> DayFile:
     values = {name: int(value) for name, value in about.items() if name != "format"}
     return DayFile(name=path.name, bytes=path.stat().st_size, sha256=sha256, **values)
 
 
-def _words(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or " ".join(str(error).split())

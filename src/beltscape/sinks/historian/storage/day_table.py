@@ -1,4 +1,4 @@
-"""Records as a table for analysis: names with units, empty cells where nothing was measured."""
+"""Conversion between records and the table of a day file: names with units, empty cells without a measurement."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ NAMES = (
     ),
     *("speed_mm_s", "density_kg_m3", "coverage", "single_coverage", "quality", "offset_mm"),
 )
-"""Of the columns, in the order of the database's."""
+"""Names of the columns, in the order of the database's."""
 SECTION = ("section_x_mm", "section_height_mm")
-"""The cross-section: two lists of the same length; heights that are not measured are NaN."""
+"""Columns of the cross-section: two lists of the same length, NaN where not measured."""
 ADDED_LATER = {"offset_mm": 0.0}
-"""What files from before such a column say."""
+"""Values of columns that older files do not have."""
 WORDS = {"standing": STANDINGS, "quality": QUALITIES}
 
 
 def schema() -> pa.Schema:
-    """Names and types of a day file's columns."""
+    """Return names and types of a day file's columns."""
     import pyarrow as pa
 
     kinds = {
@@ -62,7 +62,7 @@ def schema() -> pa.Schema:
 
 
 def to_table(rows: Sequence[Sequence[Any]], sections: Sequence[CrossSection | None]) -> pa.Table:
-    """Rows in the order of the database's columns, and their sections."""
+    """Return the table of rows, in the order of the database's columns, and their sections."""
     import pyarrow as pa
 
     columns: dict[str, Any] = {}
@@ -75,7 +75,7 @@ def to_table(rows: Sequence[Sequence[Any]], sections: Sequence[CrossSection | No
 
 
 def to_records(table: pa.Table) -> Iterator[BeltRecord]:
-    """The records of a table, with their sections where it has the columns."""
+    """Yield the records of a table, with their sections if it has those columns."""
     import pyarrow as pa
 
     count = table.num_rows
@@ -97,7 +97,7 @@ def to_records(table: pa.Table) -> Iterator[BeltRecord]:
 
 
 def _lists(table: pa.Table, name: str) -> Iterator[Any]:
-    """Each cell as (n,) float32, None where it is empty."""
+    """Yield each cell as (n,) float32, None for an empty one."""
     for chunk in table[name].chunks:
         for cell in chunk:
             yield (
@@ -107,8 +107,8 @@ def _lists(table: pa.Table, name: str) -> Iterator[Any]:
             )
 
 
-def digest(table: pa.Table) -> str:
-    """Checksum of all that the cells say, however they are laid out in memory."""
+def table_digest(table: pa.Table) -> str:
+    """Return a checksum of the cells' values, independent of their layout in memory."""
     import pyarrow as pa
 
     sums = hashlib.sha256()

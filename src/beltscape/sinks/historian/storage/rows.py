@@ -1,4 +1,4 @@
-"""Records as rows of a table and back; NaN is NULL."""
+"""Conversion between records and rows of the database's table; NaN is NULL."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SELECT = f"SELECT {', '.join(f'records.{name}' for name in COLUMNS)} FROM record
 
 
 def to_row(record: BeltRecord) -> tuple[Any, ...]:
-    """Values in the order of COLUMNS."""
+    """Return a record's values in the order of COLUMNS."""
     head = (
         *(int(record.number), int(record.run), *map(float, record.belt_mm), STANDINGS.index(record.standing)),
         *(record.reason, int(record.wall_ns), _number(record.run_sigma_mm3), int(record.cameras)),
@@ -38,7 +38,7 @@ def to_row(record: BeltRecord) -> tuple[Any, ...]:
 
 
 def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRecord:
-    """The record of a row in the order of COLUMNS."""
+    """Return the record of a row in the order of COLUMNS."""
     number, run, start, end, standing, reason, wall_ns, run_sigma, cameras = row[:9]
     return BeltRecord(
         number=number,

@@ -1,4 +1,4 @@
-"""The database: its tables, how it is opened, how an older one is brought up to date."""
+"""The database's tables, its opening, and the migration of older versions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from beltscape.core.errors import InputError
 
 APPLICATION_ID = 0x62656C74
-"""Says whose file it is: "belt"."""
+"""Identifies the program's files: "belt" in ASCII."""
 
 _SUMS = """(
     bucket      INTEGER PRIMARY KEY,   -- minutes or hours of wall clock since 1970, shifted by where days begin
@@ -120,11 +120,11 @@ CREATE INDEX files_day ON files (day);
 _OFFSET = "ALTER TABLE records ADD COLUMN offset_mm REAL NOT NULL DEFAULT 0"
 
 MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET)
-"""The script at place n leads from version n to n + 1; what is there is never changed, only added to."""
+"""The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 
 def open_writer(path: Path) -> sqlite3.Connection:
-    """The one writing connection, its tables up to date; sqlite3.DatabaseError where the file is damaged.
+    """Open the only writing connection and migrate the tables; sqlite3.DatabaseError if the file is damaged.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def open_writer(path: Path) -> sqlite3.Connection:
 
 
 def open_reader(path: Path) -> sqlite3.Connection:
-    """A read-only connection; it never holds the writer up."""
+    """Open a read-only connection, which never blocks the writer."""
     connection = sqlite3.connect(
         f"{path.absolute().as_uri()}?mode=ro",
         uri=True,
@@ -160,7 +160,7 @@ def open_reader(path: Path) -> sqlite3.Connection:
 
 
 def require_known(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the version of a history; InputError where it is a newer one, or another program's database."""
+    """Return the version of a history; InputError if it is too new, or another program's database."""
     version = connection.execute("PRAGMA user_version").fetchone()[0]
     if connection.execute("PRAGMA application_id").fetchone()[0] not in (0, APPLICATION_ID):
         raise InputError(f"{path}: another program's database; give beltscape a data folder of its own")
@@ -175,7 +175,7 @@ def require_known(connection: sqlite3.Connection, path: Path) -> int:
 def _migrate(connection: sqlite3.Connection, path: Path) -> None:
     version = require_known(connection, path)
     for step in range(version, len(MIGRATIONS)):
-        # a script is one transaction: a crash in between leaves the version it had
+        # a script is one transaction: a crash leaves the old version
         connection.executescript(
             f"BEGIN IMMEDIATE; {MIGRATIONS[step]}; PRAGMA application_id = {APPLICATION_ID}; "
             f"PRAGMA user_version = {step + 1}; COMMIT;"

@@ -1,4 +1,4 @@
-"""A cross-section in few bytes: heights in steps of 1/32 mm, as differences, compressed."""
+"""Compression of cross-sections: heights in steps of 1/32 mm, as differences, deflated."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 STEP_MM = 1 / 32
-"""Heights are kept to half of that, far below what a camera can tell; the grid is kept exactly."""
+"""Heights are exact to half of that, far below a camera's resolution; the grid is stored exactly."""
 _LIMIT_MM = 2.0**24
-"""Beyond it a height would not fit; no belt has one."""
+"""Largest height that fits; no belt reaches it."""
 
 
-def rounded(height_mm: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(Nx,) float32 heights as they will read back; NaN stays NaN."""
+def round_heights(height_mm: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return heights (Nx,) float32 rounded as they will read back; NaN stays NaN."""
     clipped = np.clip(height_mm.astype(np.float64), -_LIMIT_MM, _LIMIT_MM)
     return (np.rint(clipped / STEP_MM) * STEP_MM).astype(np.float32)
 
 
-def packed(height_mm: NDArray[np.float32]) -> bytes:
-    """(Nx,) float32 heights, NaN = not measured → bytes."""
+def pack_heights(height_mm: NDArray[np.float32]) -> bytes:
+    """Compress heights (Nx,) float32, NaN = not measured, to bytes."""
     absent = np.isnan(height_mm)
-    steps = np.rint(rounded(np.where(absent, np.float32(0), height_mm)) / STEP_MM).astype(np.int64)
-    # over a hole the last height goes on: its difference is 0
+    steps = np.rint(round_heights(np.where(absent, np.float32(0), height_mm)) / STEP_MM).astype(np.int64)
+    # a hole repeats the last height: its difference is 0
     places = np.maximum.accumulate(np.where(absent, 0, np.arange(len(steps)))) if len(steps) else steps
     differences = np.diff(steps[places], prepend=0).astype("<i4")
     shuffled = differences.view(np.uint8).reshape(-1, 4).T
@@ -33,8 +33,8 @@ def packed(height_mm: NDArray[np.float32]) -> bytes:
     )
 
 
-def unpacked(data: bytes) -> NDArray[np.float32]:
-    """(Nx,) float32 heights of ``packed``; ValueError where the bytes are none."""
+def unpack_heights(data: bytes) -> NDArray[np.float32]:
+    """Return the heights (Nx,) float32 of ``pack_heights``; ValueError for invalid bytes."""
     try:
         (count,) = struct.unpack_from("<I", data)
         body = np.frombuffer(zlib.decompress(data[4:]), np.uint8)

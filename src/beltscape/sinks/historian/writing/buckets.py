@@ -1,4 +1,4 @@
-"""Sums by the minute and by the hour, kept in the records' own transaction: any history is drawn at once."""
+"""Sums of records by minute and by hour, updated in the records' own transaction, for fast charts of any period."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from beltscape.sinks.days import HOUR_NS
 from beltscape.sinks.historian.writing.sums import record_mass_kg, record_volume_mm3
 
 WIDTH_NS = {"minutes": HOUR_NS // 60, "hours": HOUR_NS}
-"""Tables of sums, finest first."""
+"""Tables of sums with their widths, finest first."""
 ADDED = (
     *("records", "volume", "mass", "unweighed", "valid", "degraded", "missing"),
     *("moved", "moved_kg", "run_mm", "run_s", "known", "covered", "measured"),
 )
-"""Columns that add up; beside them there are the least and greatest of ``first``, ``last`` and the flow."""
+"""Columns that are added; the others are the least and greatest of ``first``, ``last`` and the flow."""
 _COLUMNS = ("bucket", "first", "last", *ADDED, "flow_low", "flow_high")
 
 Bucket = list[Any]
 
 
 def add_to_buckets(connection: sqlite3.Connection, records: Sequence[BeltRecord], shift_ns: int) -> None:
-    """Count records in both tables, inside the transaction that is open; buckets begin at ``shift_ns``."""
+    """Add records to both tables within the open transaction; buckets begin at ``shift_ns``."""
     for table, width_ns in WIDTH_NS.items():
         buckets: dict[int, Bucket] = {}
         for record in records:
             place = (int(record.wall_ns) - shift_ns) // width_ns
-            row = contribution(record)
-            buckets[place] = row if place not in buckets else merged(buckets[place], row)
+            row = bucket_from_record(record)
+            buckets[place] = row if place not in buckets else merge_buckets(buckets[place], row)
         upsert(connection, table, ((place, *row) for place, row in buckets.items()))
 
 
 def upsert(connection: sqlite3.Connection, table: str, rows: Iterable[Sequence[Any]]) -> None:
-    """Add rows (bucket, then as ``contribution``) to what is there."""
+    """Add rows (bucket, then as ``bucket_from_record``) to the table's rows."""
     added = ", ".join(f"{name} = {name} + excluded.{name}" for name in ADDED)
     connection.executemany(
         f"INSERT INTO {table} ({', '.join(_COLUMNS)}) VALUES ({', '.join('?' * len(_COLUMNS))}) "
@@ -47,8 +47,8 @@ def upsert(connection: sqlite3.Connection, table: str, rows: Iterable[Sequence[A
     )
 
 
-def contribution(record: BeltRecord) -> Bucket:
-    """What one record adds: first, last, the columns of ADDED, least and greatest flow."""
+def bucket_from_record(record: BeltRecord) -> Bucket:
+    """Return one record's bucket: first, last, the columns of ADDED, least and greatest flow."""
     volume, mass, length = record_volume_mm3(record), record_mass_kg(record), float(record.length_mm)
     unweighed = math.isnan(mass)
     mass = 0.0 if unweighed else mass
@@ -56,7 +56,7 @@ def contribution(record: BeltRecord) -> Bucket:
     strip = record.strip
     flow = math.nan if strip is None else float(strip.volume_flow_m3_h)
     known = not math.isnan(flow)
-    # only a belt that moves takes time; one that stands has a flow of 0
+    # only a moving belt counts in time; a stopped one has a flow of 0
     moving = strip is not None and known and strip.speed_mm_s > 0
     seconds = length / strip.speed_mm_s if moving and strip is not None else 0.0
     covered = strip is not None and not math.isnan(strip.coverage)
@@ -69,8 +69,8 @@ def contribution(record: BeltRecord) -> Bucket:
     ]
 
 
-def merged(one: Bucket, other: Bucket) -> Bucket:
-    """Two contributions as one."""
+def merge_buckets(one: Bucket, other: Bucket) -> Bucket:
+    """Return the sum of two buckets."""
     sums = [a + b for a, b in zip(one[2:-2], other[2:-2], strict=True)]
     lows = [v for v in (one[-2], other[-2]) if v is not None]
     highs = [v for v in (one[-1], other[-1]) if v is not None]

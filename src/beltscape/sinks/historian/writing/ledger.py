@@ -1,4 +1,4 @@
-"""The one writer of the database: records, their sections, sums and totals in one transaction."""
+"""Appending records to the ledger, with sections, sums and totals, in one transaction."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.sinks.historian.storage.rows import INSERT, to_row
-from beltscape.sinks.historian.storage.sections import packed
+from beltscape.sinks.historian.storage.sections import pack_heights
 from beltscape.sinks.historian.writing.buckets import add_to_buckets
 from beltscape.sinks.historian.writing.sums import Sums
 
 
-def append(
+def append_records(
     connection: sqlite3.Connection,
     sums: Sums,
     records: Sequence[BeltRecord],
@@ -24,16 +24,16 @@ def append(
     *,
     sections: bool,
 ) -> Sums:
-    """Keep what is new of ``records``, all or nothing; the sums after it. On disk when this returns.
+    """Store all or none of the new ``records``; return the sums after them. They are on disk when this returns.
 
     Raises
     ------
     InputError
-        When a record does not go on where the ledger ended, or is another than the one kept under its number.
+        When a record does not continue the ledger, or differs from the one stored under its number.
     sqlite3.Error
-        When it cannot be written; nothing has changed then.
+        When they cannot be written; nothing has changed then.
     """
-    new = _fresh(connection, sums, records)
+    new = _select_new(connection, sums, records)
     if not new:
         return sums
     after = sums
@@ -48,14 +48,14 @@ def append(
     return after
 
 
-class transaction:  # noqa: N801  (reads like a word of the language)
-    """``with transaction(connection):`` all of the block or nothing."""
+class transaction:  # noqa: N801  (a context manager, used like a keyword)
+    """Context manager that commits the whole block or nothing."""
 
     def __init__(self, connection: sqlite3.Connection) -> None:
         self._connection = connection
 
     def __enter__(self) -> None:
-        """Take the writer's place."""
+        """Begin the transaction."""
         self._connection.execute("BEGIN IMMEDIATE")
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
@@ -68,13 +68,15 @@ class transaction:  # noqa: N801  (reads like a word of the language)
                 self._connection.execute("ROLLBACK")
 
 
-def _fresh(connection: sqlite3.Connection, sums: Sums, records: Sequence[BeltRecord]) -> list[BeltRecord]:
-    """The records that are not kept yet, each checked to go on where the one before ended."""
+def _select_new(
+    connection: sqlite3.Connection, sums: Sums, records: Sequence[BeltRecord]
+) -> list[BeltRecord]:
+    """Return the records that are not stored yet, each checked to continue the previous one."""
     new: list[BeltRecord] = []
     number, end_mm = sums.number, sums.end_mm
     for record in records:
         if record.number <= sums.number:
-            _same(connection, record)
+            _require_same(connection, record)
             continue
         start, end = map(float, record.belt_mm)
         if record.number != number + 1:
@@ -94,8 +96,8 @@ def _fresh(connection: sqlite3.Connection, sums: Sums, records: Sequence[BeltRec
     return new
 
 
-def _same(connection: sqlite3.Connection, record: BeltRecord) -> None:
-    """InputError where another stretch of belt is kept under its number; pruned ones are believed."""
+def _require_same(connection: sqlite3.Connection, record: BeltRecord) -> None:
+    """Raise InputError if another stretch is stored under the record's number; removed ones are not checked."""
     kept = connection.execute(
         "SELECT from_mm, to_mm FROM records WHERE number = ?", (record.number,)
     ).fetchone()
@@ -114,13 +116,13 @@ def _keep_sections(connection: sqlite3.Connection, records: Sequence[BeltRecord]
             continue
         x = np.ascontiguousarray(record.section.x_mm, "<f4").tobytes()
         if x not in grids:
-            grids[x] = _grid(connection, x)
-        rows.append((record.number, grids[x], packed(record.section.height_mm)))
+            grids[x] = _grid_number(connection, x)
+        rows.append((record.number, grids[x], pack_heights(record.section.height_mm)))
     connection.executemany("INSERT INTO sections (number, grid, height) VALUES (?, ?, ?)", rows)
 
 
-def _grid(connection: sqlite3.Connection, x: bytes) -> int:
-    """Number of the grid, kept once for all sections on it."""
+def _grid_number(connection: sqlite3.Connection, x: bytes) -> int:
+    """Return the number of the grid, which is stored once for all its sections."""
     found = connection.execute("SELECT grid FROM grids WHERE x = ?", (x,)).fetchone()
     if found is None:
         return int(connection.execute("INSERT INTO grids (x) VALUES (?)", (x,)).lastrowid or 0)

@@ -1,7 +1,7 @@
-"""A damaged database is moved aside, never emptied; the totals go on from the newest that can be read.
+"""Recovery of a damaged database: it is moved aside, and a new one continues with the newest readable totals.
 
-They are looked for in the bytes of the damaged file (the end of the ledger is kept as text with a checksum), in the
-snapshot ``totals.json`` beside it, and in what the running program remembers.
+The totals are searched in the bytes of the damaged file (they are stored as text with a checksum), in the snapshot
+``totals.json`` beside it, and in the memory of the running program.
 """
 
 from __future__ import annotations
@@ -14,34 +14,34 @@ from pathlib import Path
 
 from beltscape.core.errors import OutputError
 from beltscape.sinks.durable import write_durably
-from beltscape.sinks.historian.storage.connections import suspect
+from beltscape.sinks.historian.storage.connections import suspect_marker
 from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_writer
 from beltscape.sinks.historian.writing.ledger import transaction
-from beltscape.sinks.historian.writing.sums import SUMS_BEGIN, Sums, read_sums, sums_at
+from beltscape.sinks.historian.writing.sums import SUMS_BEGIN, Sums, read_leading_sums, read_sums
 
 DATABASE = "history.db"
 SNAPSHOT = "totals.json"
 _QUICK_BYTES = 256 << 20
-"""A database up to this size is checked page by page at every start; a larger one where it is read."""
+"""A database up to this size is checked page by page at every start; a larger one only where it is read."""
 _TEXT_BYTES = 4096
 """The text of the sums is shorter than a page."""
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedDatabase:
     """A sound database."""
 
     connection: sqlite3.Connection
     sums: Sums
     number: int
-    """Of the last record that this very database knows of."""
+    """Number of the last record in this very database."""
     message: str
-    """What had to be mended, in one line; empty where nothing."""
+    """What was repaired, in one line; empty without a repair."""
 
 
-def open_sound(folder: Path, shift_ns: int) -> Opened:
-    """Open the history in ``folder``; begin anew with the old totals where it is damaged or gone.
+def open_or_recover(folder: Path, shift_ns: int) -> OpenedDatabase:
+    """Open the history in ``folder``; replace a damaged or missing database by a new one with the old totals.
 
     Raises
     ------
@@ -59,45 +59,45 @@ def open_sound(folder: Path, shift_ns: int) -> Opened:
     except sqlite3.Error as error:
         if not is_damage(error):
             raise
-        return begin_anew(folder, shift_ns, saved, str(error))
+        return replace_database(folder, shift_ns, saved, str(error))
     try:
-        sums = _checked(connection, path)
+        sums = _check_database(connection, path)
     except sqlite3.Error as error:
         connection.close()
         if not is_damage(error):
             raise
-        return begin_anew(folder, shift_ns, saved, str(error))
+        return replace_database(folder, shift_ns, saved, str(error))
     if saved is None or saved.number <= sums.number:
-        return Opened(connection, sums, sums.number, "")
+        return OpenedDatabase(connection, sums, sums.number, "")
     with transaction(connection):
         _set_sums(connection, saved)
     message = (
-        f"{path}: it ends with record {sums.number}, {SNAPSHOT} knows of {saved.number}: a copy from before, or it "
-        "was deleted; the totals are the newer ones, the records between are not there"
+        f"{path}: it ends with record {sums.number}, {SNAPSHOT} with {saved.number}: it is an older copy, or it "
+        "was deleted; the newer totals are used, the records between are missing"
     )
-    return Opened(connection, saved, sums.number, message)
+    return OpenedDatabase(connection, saved, sums.number, message)
 
 
-def begin_anew(folder: Path, shift_ns: int, known: Sums | None, why: str) -> Opened:
-    """Move the database aside, and begin another one with the newest totals; nothing may have it open."""
+def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) -> OpenedDatabase:
+    """Move the database aside and create a new one with the newest totals; no connection may be open."""
     path = folder / DATABASE
-    moved = _moved_aside(path)
-    suspect(path).unlink(missing_ok=True)
-    candidates = [sums for sums in (known, read_snapshot(folder), _salvaged(moved)) if sums is not None]
+    moved = _move_aside(path)
+    suspect_marker(path).unlink(missing_ok=True)
+    candidates = [sums for sums in (known, read_snapshot(folder), _salvage_sums(moved)) if sums is not None]
     sums = max(candidates, key=lambda each: each.number, default=Sums())
     connection = open_writer(path)
     with transaction(connection):
         _set_sums(connection, sums)
         connection.execute("UPDATE ledger SET shift_ns = ?", (shift_ns,))
     message = (
-        f"{path}: it was damaged ({why}) and lies in {moved.parent} now; a new one goes on after record "
-        f"{sums.number} with the totals kept, older records are in the day files"
+        f"{path}: it was damaged ({why}) and was moved to {moved.parent}; a new one continues after record "
+        f"{sums.number} with the same totals, older records are in the day files"
     )
-    return Opened(connection, sums, 0, message)
+    return OpenedDatabase(connection, sums, 0, message)
 
 
 def read_snapshot(folder: Path) -> Sums | None:
-    """The totals of ``totals.json``; None where it is absent or damaged."""
+    """Return the totals of ``totals.json``; None if it is absent or damaged."""
     try:
         return read_sums((folder / SNAPSHOT).read_text("utf-8"))
     except (OSError, UnicodeDecodeError):
@@ -105,21 +105,21 @@ def read_snapshot(folder: Path) -> Sums | None:
 
 
 def write_snapshot(folder: Path, sums: Sums) -> None:
-    """Totals beside the database, for the day it is damaged; OSError where it cannot be written."""
+    """Write the totals beside the database, for its recovery; OSError if that fails."""
     write_durably(folder / SNAPSHOT, (sums.text() + "\n").encode())
 
 
-def _checked(connection: sqlite3.Connection, path: Path) -> Sums:
-    """The sums of a database that is sound as far as one can see; sqlite3.DatabaseError where not."""
+def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
+    """Check the database and return its sums; sqlite3.DatabaseError if it is damaged."""
     number, state = connection.execute("SELECT number, state FROM ledger").fetchone() or (0, "gone")
     sums = Sums() if not state and not number else read_sums(state)
     if sums is None or sums.number != number:
         raise sqlite3.DatabaseError("the end of its ledger is not readable")
-    if path.stat().st_size <= _QUICK_BYTES or suspect(path).exists():
+    if path.stat().st_size <= _QUICK_BYTES or suspect_marker(path).exists():
         found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
         if found != "ok":
             raise sqlite3.DatabaseError(" ".join(found.split()))
-        suspect(path).unlink(missing_ok=True)
+        suspect_marker(path).unlink(missing_ok=True)
     last = connection.execute("SELECT max(number) FROM records").fetchone()[0]
     if last is not None and last > number:
         raise sqlite3.DatabaseError(f"it holds record {last} behind the end of its ledger")
@@ -134,7 +134,7 @@ def _set_sums(connection: sqlite3.Connection, sums: Sums) -> None:
     connection.execute("INSERT OR IGNORE INTO runs (run, wall_ns) VALUES (?, ?)", (sums.run, time.time_ns()))
 
 
-def _moved_aside(path: Path) -> Path:
+def _move_aside(path: Path) -> Path:
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     place = path.parent / "damaged" / stamp
     again = 1
@@ -153,8 +153,8 @@ def _moved_aside(path: Path) -> Path:
     return place / path.name
 
 
-def _salvaged(path: Path) -> Sums | None:
-    """The newest end of the ledger whose checksum holds, anywhere in the bytes of a database or its log."""
+def _salvage_sums(path: Path) -> Sums | None:
+    """Return the newest sums with a valid checksum anywhere in the bytes of a database or its log."""
     found: list[Sums] = []
     for file in (path, path.with_name(f"{path.name}-wal")):
         try:
@@ -162,7 +162,7 @@ def _salvaged(path: Path) -> Sums | None:
                 texts = (
                     data[place.start() : place.start() + _TEXT_BYTES] for place in SUMS_BEGIN.finditer(data)
                 )
-                found.extend(sums for sums in map(sums_at, texts) if sums is not None)
+                found.extend(sums for sums in map(read_leading_sums, texts) if sums is not None)
         except (OSError, ValueError):
-            continue  # not there, or empty
+            continue  # absent or empty
     return max(found, key=lambda sums: sums.number, default=None)

@@ -1,4 +1,4 @@
-"""Space held back for the day the disk is full."""
+"""Reserved disk space, which is released when the disk is full."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from pathlib import Path
 
 
 class Reserve:
-    """A file without content that is given up when nothing else is free."""
+    """A file without content that is deleted when no other space is free."""
 
     def __init__(self, path: Path, size_bytes: int) -> None:
-        """At ``path``; nothing is made yet."""
+        """Reserve space at ``path``; nothing is allocated yet."""
         self.path, self.size_bytes = path, size_bytes
 
     @property
-    def held(self) -> bool:
-        """Whether it is there in full."""
+    def is_held(self) -> bool:
+        """Whether the whole reserve is allocated."""
         try:
             return self.path.stat().st_size >= self.size_bytes
         except OSError:
             return False
 
     def free_bytes(self) -> int:
-        """What the disk has left; 0 where that cannot be told."""
+        """Return the free bytes of the disk; 0 if they are unknown."""
         try:
             return shutil.disk_usage(self.path.parent).free
         except OSError:
             return 0
 
-    def make(self) -> bool:
-        """Hold it, where the disk has twice as much free; whether it is held now."""
-        if self.held:
+    def allocate(self) -> bool:
+        """Allocate the reserve if the disk has twice as much free; return whether it is allocated."""
+        if self.is_held:
             return True
         if self.free_bytes() < 2 * self.size_bytes:
             return False
@@ -40,10 +40,10 @@ class Reserve:
                 os.posix_fallocate(file.fileno(), 0, self.size_bytes)
         except OSError:
             self.release()
-        return self.held
+        return self.is_held
 
     def release(self) -> bool:
-        """Give it up; whether there was something to give."""
+        """Delete the reserve; return whether there was one."""
         try:
             self.path.unlink()
         except OSError:

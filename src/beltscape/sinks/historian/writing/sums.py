@@ -1,4 +1,4 @@
-"""What the ledger adds up to, without loss over years: sums in twice the precision, checksummed text."""
+"""The ledger's sums without rounding loss over years: double-double arithmetic, stored as text with a checksum."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from zlib import crc32
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 
 SUMS_BEGIN = re.compile(rb'\{"crc32": \d+, "sums": \{')
-"""How the text of sums begins."""
+"""Beginning of the text of sums."""
 Pair = tuple[float, float]
-"""A sum and what rounding took from it."""
+"""A sum and its rounding error."""
 
 
-def plus(pair: Pair, value: float) -> Pair:
-    """One more value in the sum (T. J. Dekker 1971, doi:10.1007/BF01397083: error-free addition)."""
+def add_compensated(pair: Pair, value: float) -> Pair:
+    """Add a value to a sum (T. J. Dekker 1971, doi:10.1007/BF01397083: error-free addition)."""
     high = pair[0] + value
     part = high - pair[0]
     low = pair[1] + ((pair[0] - (high - part)) + (value - part))
@@ -27,32 +27,34 @@ def plus(pair: Pair, value: float) -> Pair:
 
 @dataclass(frozen=True, slots=True)
 class Sums:
-    """The end of the ledger and its totals, exact enough to go on for ever."""
+    """The end of the ledger and its totals."""
 
     number: int = 0
-    """Of the last record; 0 while there is none."""
+    """Number of the last record; 0 without records."""
     run: int = 0
     end_mm: float | None = None
     offset_mm: float = 0.0
-    """Of the last record."""
+    """Offset of the last record."""
     since_ns: int | None = None
     volume_mm3: Pair = (0.0, 0.0)
     mass_kg: Pair = (0.0, 0.0)
-    """Of what has a density."""
+    """Mass of the records with a known density."""
     unweighed: int = 0
-    """Records with a load whose density is not known."""
+    """Number of records with a load of unknown density."""
     valid_mm: Pair = (0.0, 0.0)
     degraded_mm: Pair = (0.0, 0.0)
     missing_mm: Pair = (0.0, 0.0)
     sigma_before_mm3: float = 0.0
-    """Of all runs before; they are added: what errors have in common stays from run to run."""
+    """Sum of the σ of all earlier runs, whose errors are fully correlated."""
     sigma_run_mm3: float = 0.0
-    """Of this run."""
+    """σ of this run."""
 
     def with_record(self, record: BeltRecord) -> Sums:
-        """One more record."""
+        """Return the sums with one more record."""
         volume, mass = record_volume_mm3(record), record_mass_kg(record)
-        lengths = {f"{record.standing}_mm": plus(getattr(self, f"{record.standing}_mm"), record.length_mm)}
+        lengths = {
+            f"{record.standing}_mm": add_compensated(getattr(self, f"{record.standing}_mm"), record.length_mm)
+        }
         before, last = self.sigma_before_mm3, self.sigma_run_mm3
         if record.run != self.run:
             before, last = before + last, 0.0
@@ -64,8 +66,8 @@ class Sums:
             end_mm=float(record.belt_mm[1]),
             offset_mm=float(record.offset_mm),
             since_ns=int(record.wall_ns) if self.since_ns is None else self.since_ns,
-            volume_mm3=plus(self.volume_mm3, volume),
-            mass_kg=self.mass_kg if math.isnan(mass) else plus(self.mass_kg, mass),
+            volume_mm3=add_compensated(self.volume_mm3, volume),
+            mass_kg=self.mass_kg if math.isnan(mass) else add_compensated(self.mass_kg, mass),
             unweighed=self.unweighed + math.isnan(mass),
             sigma_before_mm3=before,
             sigma_run_mm3=last if math.isnan(sigma) else sigma,
@@ -74,7 +76,7 @@ class Sums:
 
     @property
     def totals(self) -> Totals:
-        """As everyone sees them."""
+        """The totals of the ledger."""
         return Totals(
             records=self.number,
             volume_mm3=self.volume_mm3[0],
@@ -87,14 +89,14 @@ class Sums:
         )
 
     def text(self) -> str:
-        """JSON with a checksum; floats read back exactly."""
+        """Return the sums as JSON with a checksum; floats read back exactly."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         body = json.dumps(values, sort_keys=True)
         return json.dumps({"sums": values, "crc32": crc32(body.encode())}, sort_keys=True)
 
 
 def read_sums(text: str) -> Sums | None:
-    """The sums of ``Sums.text``; None where the text is damaged."""
+    """Return the sums of ``Sums.text``; None if the text is damaged."""
     try:
         document = json.loads(text)
         values = document["sums"]
@@ -105,8 +107,8 @@ def read_sums(text: str) -> Sums | None:
         return None
 
 
-def sums_at(data: bytes) -> Sums | None:
-    """The sums whose text ``data`` begins with, whatever follows; None where it is none or damaged."""
+def read_leading_sums(data: bytes) -> Sums | None:
+    """Return the sums whose text ``data`` begins with, ignoring what follows; None if it is damaged or absent."""
     try:
         text = data.decode("latin-1")
         return read_sums(text[: json.JSONDecoder().raw_decode(text)[1]])
@@ -115,10 +117,10 @@ def sums_at(data: bytes) -> Sums | None:
 
 
 def record_volume_mm3(record: BeltRecord) -> float:
-    """What it adds to the total; nothing where it has no number."""
+    """Return a record's contribution to the total volume; 0 for NaN."""
     return 0.0 if math.isnan(record.volume_mm3) else float(record.volume_mm3)
 
 
 def record_mass_kg(record: BeltRecord) -> float:
-    """What it adds to the mass; NaN where there is a load and no density."""
+    """Return a record's contribution to the total mass; NaN for a load of unknown density."""
     return float(record.mass_kg) if record_volume_mm3(record) else 0.0

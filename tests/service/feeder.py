@@ -1,4 +1,4 @@
-"""A plant that is not there: tells a live_state, and a history, what a real one would."""
+"""A simulated plant that sends events to observers and records to a ledger, as a real one does."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _X_MM = np.arange(-500, 500.1, _CELL_MM).astype(np.float32)
 
 
 class Ledger(Protocol):
-    """Where records go; the historian is one."""
+    """Receives records, as the historian does."""
 
     @property
     def totals(self) -> Totals: ...
@@ -29,8 +29,8 @@ class Ledger(Protocol):
     def write(self, records: Sequence[BeltRecord]) -> None: ...
 
 
-class Sums:
-    """A ledger that only adds up."""
+class SummingLedger:
+    """A ledger that keeps only the totals."""
 
     def __init__(self) -> None:
         self.totals = Totals()
@@ -49,8 +49,8 @@ class Sums:
             )
 
 
-def heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
-    """(rows, Nx) load on that piece of belt: a heap that swells and ebbs, with lumps; the same at every call."""
+def make_heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
+    """Return (rows, Nx) heights of a piece of belt: a heap of varying size with lumps; deterministic."""
     s = start_mm + np.arange(rows) * _CELL_MM
     level = 0.78 + 0.09 * np.sin(s / 19_000) + 0.05 * np.sin(s / 5300 + 1) + 0.03 * np.sin(s / 700)
     half = 330 * np.sqrt(level)[:, None]
@@ -73,17 +73,17 @@ def heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
     return (load + rng.normal(0, 0.8, load.shape)).astype(np.float32)
 
 
-def picture(camera: int, position_mm: float, *, size: tuple[int, int] = (300, 400)) -> np.ndarray:
-    """(H, W) uint8 what such a camera might see."""
-    h = heights(position_mm - 1500, 300)
+def make_picture(camera: int, position_mm: float, *, size: tuple[int, int] = (300, 400)) -> np.ndarray:
+    """Return (H, W) uint8 an image of the belt."""
+    h = make_heights(position_mm - 1500, 300)
     shade = 120 + 9 * np.gradient(h, axis=0) + 7 * np.gradient(h, axis=1) + 0.25 * h
     rows = np.linspace(0, h.shape[0] - 1, size[0]).astype(int)
     columns = np.clip(np.linspace(-20 + 6 * camera, h.shape[1] + 20 - 6 * camera, size[1]), 0, h.shape[1] - 1)
     return np.clip(shade[np.ix_(rows, columns.astype(int))], 0, 255).astype(np.uint8)
 
 
-class Plant:
-    """A belt at 2.4 m/s whose frames come as fast as one calls ``step``; each moves it by ``step_mm``."""
+class SimulatedPlant:
+    """A belt at 2.4 m/s; every call of ``step`` moves it by ``step_mm`` and sends a frame."""
 
     def __init__(
         self, observers: Sequence[Observer], ledger: Ledger, *, number: int = 0, belt_mm: float = 0.0
@@ -97,18 +97,18 @@ class Plant:
         self.alarms: dict[str, Alarm] = {}
 
     def step(self, wall_ns: int | None = None) -> None:
-        """One trigger instant."""
+        """Simulate one trigger instant."""
         wall_ns = time.time_ns() if wall_ns is None else wall_ns
         self.done += 1
-        self._see()
+        self._send_frame()
         if not self.stopped:
             self._measure(wall_ns)
         if self.done % 5 == 1:
-            self.tell_health()
+            self.send_health()
 
-    def _see(self) -> None:
+    def _send_frame(self) -> None:
         images = {
-            name: picture(i, self.belt_mm)
+            name: make_picture(i, self.belt_mm)
             for i, name in enumerate(CAMERAS)
             if name not in self.lost and self.done % 5 == 1
         }
@@ -116,12 +116,12 @@ class Plant:
         seconds = 0.16 + 0.03 * np.sin(self.done)
         speed = 0.0 if self.stopped else self.speed_mm_s
         event = FrameEvent(frames, self.done, self.done // 400, 0, float(seconds), 0.964, speed)
-        for one in self.observers:
-            one.on_frame(event)
+        for observer in self.observers:
+            observer.on_frame(event)
 
     def _measure(self, wall_ns: int) -> None:
         rows = round(self.step_mm / _CELL_MM)
-        load = heights(self.belt_mm, rows)
+        load = make_heights(self.belt_mm, rows)
         measured = np.random.default_rng([3, self.done]).random(load.shape) > 0.02
         if self.degraded:
             measured &= np.abs(_X_MM)[None, :] < 260
@@ -143,12 +143,12 @@ class Plant:
         self.ledger.write([record])
         stretch = BeltStretch(self.belt_mm, _CELL_MM, _X_MM, load, measured)
         self.belt_mm += self.step_mm
-        for one in self.observers:
-            one.on_records([record], self.ledger.totals)
-            one.on_surface(stretch)
+        for observer in self.observers:
+            observer.on_records([record], self.ledger.totals)
+            observer.on_surface(stretch)
 
-    def tell_health(self) -> None:
-        """As a camera source does, once a second."""
+    def send_health(self) -> None:
+        """Send the cameras' health."""
         cameras = {
             name: CameraHealth(
                 name, "lost" if name in self.lost else "ok", self.done, 0, 0.0 if name in self.lost else 5.0,
@@ -156,40 +156,40 @@ class Plant:
             )
             for i, name in enumerate(CAMERAS)
         }  # fmt: skip
-        for one in self.observers:
-            one.on_health(cameras)
+        for observer in self.observers:
+            observer.on_health(cameras)
 
-    # what people may ask of it
+    # core.live.Controls
 
     def raise_alarm(self, alarm: Alarm) -> None:
-        """Put it on the list."""
+        """Raise an alarm."""
         self.alarms[alarm.name] = alarm
-        self._tell_alarms()
+        self._send_alarms()
 
     def acknowledge(self, alarm: str, by: str) -> bool:
-        """As core.live.Controls has it."""
-        found = self.alarms.get(alarm)
-        if found is None or found.state not in ("raised", "gone"):
+        """See core.live.Controls."""
+        current = self.alarms.get(alarm)
+        if current is None or current.state not in ("raised", "gone"):
             return False
-        state = "acknowledged" if found.state == "raised" else "clear"
-        self.alarms[alarm] = replace(found, state=state, by=by)
-        self._tell_alarms()
+        state = "acknowledged" if current.state == "raised" else "clear"
+        self.alarms[alarm] = replace(current, state=state, by=by)
+        self._send_alarms()
         return True
 
     def keep_recording(self, reason: str, by: str) -> bool:
-        """As core.live.Controls has it."""
+        """See core.live.Controls."""
         self.kept.append((reason, by))
         return True
 
-    def _tell_alarms(self) -> None:
-        for one in self.observers:
-            one.on_alarms(tuple(self.alarms.values()))
+    def _send_alarms(self) -> None:
+        for observer in self.observers:
+            observer.on_alarms(tuple(self.alarms.values()))
 
 
-class RunningServer:
-    """A plant in a thread of its own, five frames a second."""
+class PlantThread:
+    """Runs a plant in a thread, five frames per second."""
 
-    def __init__(self, plant: Plant, *, hz: float = 5.0) -> None:
+    def __init__(self, plant: SimulatedPlant, *, hz: float = 5.0) -> None:
         self.plant, self._hz = plant, hz
         self._stop = threading.Event()
         self.paused = threading.Event()
@@ -202,6 +202,6 @@ class RunningServer:
                 self.plant.step()
 
     def close(self) -> None:
-        """Let it end."""
+        """Stop the thread."""
         self._stop.set()
         self._thread.join(5)

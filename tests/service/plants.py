@@ -1,4 +1,4 @@
-"""A whole application with a history of some seconds, for tests."""
+"""A complete service with a simulated plant and a history of some seconds."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from service.access.door import CHEAP, PASSWORD, Browser
-from service.feeder import Plant
+from service.access.sample_app import CHEAP, PASSWORD, Browser
+from service.feeder import SimulatedPlant
 
 BEGIN_NS = 1_790_000_000_000_000_000
 STEP_NS = 200_000_000
 
 
 @dataclass
-class Works:
-    """All that belongs together."""
+class ServiceParts:
+    """The parts of a service under test."""
 
     live_state: LiveState
     history: Historian
     access: Access
-    plant: Plant
+    plant: SimulatedPlant
     settings: WebSettings
     app: FastAPI
 
     def browser(self, role: str = "") -> Callable[..., httpx.Response]:
-        """Somebody of that role; "": whoever has not signed in."""
+        """Return a browser signed in with that role; "": not signed in."""
         browser = Browser(self.app, "127.0.0.1")
         if role:
             self.access.accounts.add(f"the-{role}", role, PASSWORD)
@@ -42,16 +42,18 @@ class Works:
         return browser
 
 
-def works(folder: Path, frames: int = 0, **settings) -> Works:
-    """A plant that measured so many frames, its history, and the application."""
+def make_service(folder: Path, frames: int = 0, **settings) -> ServiceParts:
+    """Return a service whose plant has measured ``frames`` frames."""
     web = WebSettings(**{"port": 0, "plant": "Belt 7", "page_rate_hz": 10.0, **settings})
     live_state, history = LiveState(web), Historian(folder, HistorySettings())
     history.begin_run()
     access = Access(folder, web.access, CHEAP)
-    plant = Plant([live_state], history)
+    plant = SimulatedPlant([live_state], history)
     for k in range(frames):
         plant.step(BEGIN_NS + k * STEP_NS)
-    return Works(live_state, history, access, plant, web, create_app(live_state, history, access, plant, web))
+    return ServiceParts(
+        live_state, history, access, plant, web, create_app(live_state, history, access, plant, web)
+    )
 
 
 OPEN = AccessSettings(anonymous_role="viewer")

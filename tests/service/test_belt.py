@@ -18,14 +18,14 @@ def stretch(start_mm: float, rows: int, height=None, *, cell_mm: float = 5.0, x=
 
 
 @given(st.lists(st.floats(-99, 1900, width=32), min_size=1, max_size=30), st.booleans())
-def test_heights_come_back_to_half_a_step(heights, measured):
+def test_heights_survive_encoding_to_half_a_step(heights, measured):
     h = np.array(heights, np.float32)
     back, seen = decode_heights(encode_heights(h, np.full(h.shape, measured)))
     assert np.abs(back - h).max() <= 0.5 / 16 + 1e-4
     assert (seen == measured).all()
 
 
-def test_what_cannot_be_said_is_the_nearest_that_can_or_unknown():
+def test_heights_out_of_range_are_clipped_and_nan_is_unknown():
     counts = encode_heights(np.array([np.nan, -1e6, 1e6]), np.array([False, False, False]))
     assert counts[0] == UNKNOWN
     assert decode_heights(counts)[0][1] == -100
@@ -33,7 +33,7 @@ def test_what_cannot_be_said_is_the_nearest_that_can_or_unknown():
 
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=12), st.integers(0, 50))
-def test_however_the_belt_is_cut_the_rows_are_the_same(lengths, start):
+def test_rows_do_not_depend_on_the_cutting_of_stretches(lengths, start):
     total = sum(lengths) + 4
     whole, pieces = BeltWindow(20, 10), BeltWindow(20, 10)
     whole.add(stretch(start * 5, total))
@@ -47,7 +47,7 @@ def test_however_the_belt_is_cut_the_rows_are_the_same(lengths, start):
     np.testing.assert_array_equal(a.counts, b.counts)
 
 
-def test_cells_are_means_and_half_measured_is_measured():
+def test_cells_are_means_and_measured_from_half_on():
     height = np.tile(np.arange(6)[:, None] * 10.0, (1, X.size))
     measured = np.zeros(height.shape, bool)
     measured[0], measured[2], measured[3, : X.size // 2] = True, True, True
@@ -61,7 +61,7 @@ def test_cells_are_means_and_half_measured_is_measured():
     assert rows.x_mm.size == 21 and rows.cell_mm == 10
 
 
-def test_only_the_new_rows_are_told_and_the_ring_stays_small():
+def test_only_new_rows_are_returned_and_memory_is_bounded():
     window = BeltWindow(1, 10)
     window.add(stretch(0, 101))
     mark = window.mark
@@ -75,7 +75,7 @@ def test_only_the_new_rows_are_told_and_the_ring_stays_small():
     assert rows is not None and len(rows.counts) == 100
 
 
-def test_a_gap_is_unknown_and_a_step_back_is_another_belt():
+def test_a_gap_is_unknown_and_a_step_back_starts_an_epoch():
     window = BeltWindow(20, 10)
     window.add(stretch(0, 21))
     window.add(stretch(400, 21))
@@ -89,7 +89,7 @@ def test_a_gap_is_unknown_and_a_step_back_is_another_belt():
     assert fresh is not None and fresh.epoch == epoch + 1 and fresh.first == 10
 
 
-def test_another_grid_is_another_belt():
+def test_another_grid_starts_an_epoch():
     window = BeltWindow(20, 10)
     window.add(stretch(0, 21))
     window.add(stretch(105, 21, x=X + 1))
@@ -97,7 +97,7 @@ def test_another_grid_is_another_belt():
 
 
 @pytest.mark.parametrize("rows", [0, 1])
-def test_too_little_says_nothing(rows):
+def test_an_incomplete_row_is_not_returned(rows):
     window = BeltWindow(20, 10)
     window.add(stretch(0, rows))
     assert window.get_rows_after() is None

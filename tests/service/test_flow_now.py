@@ -21,7 +21,7 @@ def record(
     return BeltRecord(1, 1, (0.0, length), standing, "", 0, strip, 0.0, 5, None)
 
 
-def test_the_mean_is_volume_over_time():
+def test_flow_is_volume_over_time():
     flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5 + [record(2e7)] * 10)  # each 0.1 s: the last second holds 2e7 only
     now = flow.compute(2000.0)
@@ -34,7 +34,7 @@ def test_the_mean_is_volume_over_time():
     assert now.standing == "valid"
 
 
-def test_belt_that_nobody_measured_is_not_taken_for_empty():
+def test_unmeasured_belt_is_not_taken_for_empty():
     flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 5 + [record(0, standing="missing")] * 5)
     now = flow.compute(2000.0)
@@ -44,7 +44,7 @@ def test_belt_that_nobody_measured_is_not_taken_for_empty():
     assert isnan(flow.compute(2000.0).volume_m3_h)
 
 
-def test_a_stopped_belt_carries_nothing_on_and_an_unknown_speed_stops_nothing():
+def test_a_stopped_belt_has_no_flow_and_an_unknown_speed_keeps_it():
     flow = FlowAverage(1.0)
     assert isnan(flow.compute(nan).volume_m3_h)
     flow.add([record(1e7)] * 20)
@@ -52,7 +52,7 @@ def test_a_stopped_belt_carries_nothing_on_and_an_unknown_speed_stops_nothing():
     assert flow.compute(nan).volume_m3_h > 0
 
 
-def test_without_a_density_there_is_no_mass():
+def test_mass_flow_is_nan_without_a_density():
     flow = FlowAverage(1.0)
     flow.add([record(1e7, density=nan)] * 20)
     assert isnan(flow.compute(2000.0).mass_t_h)
@@ -62,7 +62,7 @@ def test_without_a_density_there_is_no_mass():
 @pytest.mark.parametrize(
     ("last", "trend"), [(1e7, "steady"), (1.02e7, "steady"), (1.3e7, "rising"), (0.7e7, "falling")]
 )
-def test_trend(last, trend):
+def test_trend_compares_with_the_minute_before(last, trend):
     flow = FlowAverage(1.0)
     flow.add([record(1e7)] * 30)
     assert flow.compute(2000.0).trend == "unknown"

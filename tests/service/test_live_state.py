@@ -12,7 +12,7 @@ from beltscape.core.live import CameraHealth, FrameEvent
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.picture import convert_to_8_bit, encode_thumbnail
-from service.feeder import CAMERAS, Plant, Sums
+from service.feeder import CAMERAS, SimulatedPlant, SummingLedger
 
 
 class Clock:
@@ -27,17 +27,17 @@ class Clock:
         return int((self.now_s + self.offset_s) * 1e9)
 
 
-def fed(frames: int, **settings) -> tuple[LiveState, Plant, Clock]:
+def fed(frames: int, **settings) -> tuple[LiveState, SimulatedPlant, Clock]:
     clock = Clock()
     live_state = LiveState(WebSettings(**settings), monotonic_s=clock.monotonic_s, wall_ns=clock.wall_ns)
-    plant = Plant([live_state], Sums())
+    plant = SimulatedPlant([live_state], SummingLedger())
     for _ in range(frames):
         clock.now_s += 0.2
         plant.step(clock.wall_ns())
     return live_state, plant, clock
 
 
-def test_before_anything_happened_nothing_is_claimed():
+def test_the_initial_state_is_unknown():
     now = LiveState().take_snapshot()
     assert (now.frame_age_s, now.health_age_s) == (inf, inf)
     assert now.record is None and now.cameras == () and now.alarms == ()
@@ -45,7 +45,7 @@ def test_before_anything_happened_nothing_is_claimed():
     assert LiveState().get_picture("cam1") is None
 
 
-def test_it_tells_what_it_was_told():
+def test_snapshot_contains_the_events():
     live_state, plant, clock = fed(12)
     now = live_state.take_snapshot()
     assert now.frames.done == 12
@@ -58,7 +58,7 @@ def test_it_tells_what_it_was_told():
     assert live_state.take_snapshot().frame_age_s == 7
 
 
-def test_a_clock_set_back_leaves_the_chart_in_order():
+def test_points_stay_ordered_after_the_clock_is_set_back():
     live_state, plant, clock = fed(40)
     clock.offset_s -= 5
     for _ in range(10):
@@ -84,7 +84,7 @@ def test_memory_is_bounded():
     assert len(live_state.list_records()) == 600
 
 
-def test_a_picture_is_made_once_and_small(monkeypatch):
+def test_a_picture_is_encoded_once_and_small(monkeypatch):
     live_state, _, _ = fed(2, picture_px=100)
     made = []
     monkeypatch.setattr(
@@ -97,7 +97,7 @@ def test_a_picture_is_made_once_and_small(monkeypatch):
     assert max(image.shape[:2]) == 100
 
 
-def test_deep_images_are_shown_by_the_bits_they_use():
+def test_deep_images_are_shifted_by_the_bits_in_use():
     ramp = np.linspace(0, 4095, 64).astype(np.uint16).reshape(8, 8)
     assert convert_to_8_bit(ramp).max() == 255
     assert convert_to_8_bit(ramp << 4).max() == 255
@@ -109,7 +109,7 @@ def test_deep_images_are_shown_by_the_bits_they_use():
     assert back[20, 30, 2] > 150 and back[20, 30, 0] < 60  # red stays red
 
 
-def test_many_readers_disturb_nobody():
+def test_concurrent_readers_see_consistent_states():
     live_state, plant, clock = fed(5)
     wrong: list[BaseException] = []
     stop = threading.Event()

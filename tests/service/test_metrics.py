@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.core.live import Alarm, CameraHealth
 from beltscape.service.metrics import MEDIA_TYPE, format_metrics
-from service.plants import OPEN, works
+from service.plants import OPEN, make_service
 
 SAMPLE = re.compile(r"([a-z_:][a-z0-9_:]*)(?:\{(.*)\})? (\S+)")
 LABEL = re.compile(r'([a-z_]+)="((?:[^"\\]|\\.)*)"(?:,|$)')
@@ -28,9 +28,9 @@ def parsed(text: str) -> tuple[dict[str, str], dict[str, dict[tuple, float]]]:
             assert line.split()[2] == family
             types[family] = line.split()[3]
         else:
-            found = SAMPLE.fullmatch(line)
-            assert found, line
-            name, labels, value = found.groups()
+            match = SAMPLE.fullmatch(line)
+            assert match, line
+            name, labels, value = match.groups()
             suffixes = ("_bucket", "_sum", "_count") if types[family] == "histogram" else ("",)
             assert name in {family + suffix for suffix in suffixes}
             pairs = LABEL.findall(labels or "")
@@ -43,12 +43,12 @@ def parsed(text: str) -> tuple[dict[str, str], dict[str, dict[tuple, float]]]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    made = works(tmp_path_factory.mktemp("metrics"), 12, access=OPEN)
+    made = make_service(tmp_path_factory.mktemp("metrics"), 12, access=OPEN)
     yield made
     made.history.close()
 
 
-def test_figures_and_their_types(made):
+def test_metrics_have_values_and_types(made):
     made.plant.raise_alarm(Alarm("disk_full", "critical", "raised", nan, nan, "", 1))
     made.plant.raise_alarm(Alarm("camera_lost:cam2", "warning", "gone", nan, nan, "", 1))
     types, samples = parsed(made.browser()("GET", "/metrics").text)
@@ -69,7 +69,7 @@ def test_figures_and_their_types(made):
         assert (kind == "counter") == name.endswith("_total"), name
 
 
-def test_the_histogram_is_one(made):
+def test_the_histogram_is_cumulative(made):
     _, samples = parsed(format_metrics(made.live_state, made.live_state.take_snapshot()))
     buckets = list(samples["beltscape_processing_seconds_bucket"].values())
     assert buckets == sorted(buckets)
@@ -77,7 +77,7 @@ def test_the_histogram_is_one(made):
     assert 0.1 < samples["beltscape_processing_seconds_sum"][()] / 12 < 0.2
 
 
-def test_what_is_not_known_is_left_out_and_names_are_quoted(made):
+def test_unknown_values_are_left_out_and_names_are_escaped(made):
     now = replace(made.live_state.take_snapshot(), cameras=(CameraHealth('a"b\\c\n', "ok", 1, 0, nan, nan),))
     now = replace(now, frames=replace(now.frames, speed_mm_s=nan))
     types, samples = parsed(format_metrics(made.live_state, now))
@@ -87,8 +87,8 @@ def test_what_is_not_known_is_left_out_and_names_are_quoted(made):
     assert (("camera", r"a\"b\\c\n"),) in samples["beltscape_camera_images_total"]
 
 
-def test_it_may_be_opened_to_this_machine_only(tmp_path):
-    made = works(tmp_path, metrics_open=True)
+def test_open_metrics_are_limited_to_this_machine(tmp_path):
+    made = make_service(tmp_path, metrics_open=True)
     here = made.browser()
     answer = here("GET", "/metrics")
     assert answer.status_code == 200 and answer.headers["content-type"] == MEDIA_TYPE
@@ -99,8 +99,8 @@ def test_it_may_be_opened_to_this_machine_only(tmp_path):
     made.history.close()
 
 
-def test_a_program_elsewhere_reads_them_by_its_key(tmp_path):
-    made = works(tmp_path)
+def test_a_key_reads_the_metrics(tmp_path):
+    made = make_service(tmp_path)
     there = made.browser()
     there.address = "10.1.2.3"
     assert there("GET", "/metrics").status_code == 401

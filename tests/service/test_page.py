@@ -14,8 +14,8 @@ from beltscape.core.live import Alarm
 from beltscape.service.access.identity.roles import User
 from beltscape.service.app import create_app
 from beltscape.service.server import serve
-from service.feeder import RunningServer
-from service.plants import PASSWORD, works
+from service.feeder import PlantThread
+from service.plants import PASSWORD, make_service
 
 CHROMIUM = Path("/usr/bin/chromium")
 pytestmark = pytest.mark.skipif(
@@ -44,17 +44,17 @@ class Site:
 
     def __init__(self, folder: Path, browser, *, frames: int = 8) -> None:
         self.browser = browser
-        self.works = works(folder, full_m3_h=900.0, stale_s=1.5)
+        self.works = make_service(folder, full_m3_h=900.0, stale_s=1.5)
         self.works.access.accounts.add("ana", "operator", PASSWORD)
         self.server = serve(self.works.app, self.works.settings)
         self.address = self.server.address
         for _ in range(frames):
             self.works.plant.step()
-        self.running = RunningServer(self.works.plant)
+        self.running = PlantThread(self.works.plant)
         if not frames:
             self.running.paused.set()
-        self.wrong: list[str] = []
-        self.elsewhere: list[str] = []
+        self.errors: list[str] = []
+        self.foreign_requests: list[str] = []
 
     def page(self, path: str = "/", *, wide: int = 1300, high: int = 800, webgl: bool = False, **more):
         """Somebody's page, signed in; without WebGL, which takes long without a graphics card."""
@@ -67,14 +67,16 @@ class Site:
         if not webgl:
             context.add_init_script(NO_WEBGL)
         page = context.new_page()
-        page.on("pageerror", lambda error: self.wrong.append(str(error)))
-        page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on(
+            "console", lambda message: self.errors.append(message.text) if message.type == "error" else None
+        )
         page.on(
             "request",
-            lambda asked: (
+            lambda request: (
                 None
-                if asked.url.startswith((self.address, "data:", "blob:"))
-                else self.elsewhere.append(asked.url)
+                if request.url.startswith((self.address, "data:", "blob:"))
+                else self.foreign_requests.append(request.url)
             ),
         )
         page.goto(self.address + path)
@@ -102,119 +104,119 @@ def site(tmp_path_factory, browser):
     made.close()
 
 
-def is_live(page) -> None:
+def wait_until_live(page) -> None:
     page.wait_for_selector("body[data-link=live]")
 
 
-def until(page, wanted: str) -> None:
+def wait_for(page, expression: str) -> None:
     """Wait for an expression to be true; the page's own policy forbids the browser to do this by itself."""
     end_s = time.monotonic() + SOON_MS / 1000
-    while not page.evaluate(wanted):
-        assert time.monotonic() < end_s, wanted
+    while not page.evaluate(expression):
+        assert time.monotonic() < end_s, expression
         page.wait_for_timeout(50)
 
 
-def shown(page, selector: str) -> str:
+def read_text(page, selector: str) -> str:
     return page.inner_text(selector)
 
 
-def differs(page, selector: str, before: str) -> None:
-    until(page, f"document.querySelector({selector!r}).innerText !== {before!r}")
+def wait_for_change(page, selector: str, before: str) -> None:
+    wait_for(page, f"document.querySelector({selector!r}).innerText !== {before!r}")
 
 
-def test_it_loads_without_errors_or_the_outside_world_and_its_numbers_change(site):
+def test_page_loads_offline_without_errors_and_updates(site):
     page = site.page(webgl=True)
-    is_live(page)
-    until(page, "document.querySelector('#flow-volume').innerText > ''")
-    assert 300 < float(shown(page, "#flow-volume").replace(",", "")) < 900
-    assert shown(page, "#flow-sigma").startswith("±")
-    differs(page, "#total-belt", shown(page, "#total-belt"))
+    wait_until_live(page)
+    wait_for(page, "document.querySelector('#flow-volume').innerText > ''")
+    assert 300 < float(read_text(page, "#flow-volume").replace(",", "")) < 900
+    assert read_text(page, "#flow-sigma").startswith("±")
+    wait_for_change(page, "#total-belt", read_text(page, "#total-belt"))
     assert page.locator("#cameras img:not([hidden])").count() == 0  # nobody can see them yet
     page.locator("section.cameras").scroll_into_view_if_needed()
-    until(page, "document.querySelectorAll('#cameras img:not([hidden])').length === 5")
+    wait_for(page, "document.querySelectorAll('#cameras img:not([hidden])').length === 5")
     assert page.locator("#section svg .outline").count() >= 1
     assert page.locator("#chart canvas").count() == 1
-    until(page, "document.querySelector('#belt-none').hidden")
+    wait_for(page, "document.querySelector('#belt-none').hidden")
     assert not page.locator("#belt-flat").is_visible()
-    assert shown(page, "#flow-standing") == "valid"
-    assert (site.wrong, site.elsewhere) == ([], [])
+    assert read_text(page, "#flow-standing") == "valid"
+    assert (site.errors, site.foreign_requests) == ([], [])
     page.context.close()
 
 
-def test_an_alarm_is_heard_of_and_acknowledged_by_keys_alone(site):
+def test_an_alarm_is_announced_and_acknowledged_by_keyboard(site):
     page = site.page()
-    is_live(page)
+    wait_until_live(page)
     assert page.locator("#alarms-none").is_visible()
     site.works.plant.raise_alarm(Alarm("overload", "critical", "raised", 107.0, 100.0, "%", 1))
     page.wait_for_selector(".alarm[data-state=raised]")
-    text = shown(page, ".alarm")
+    text = read_text(page, ".alarm")
     assert "Overload" in text and "critical" in text and "107" in text
     assert page.locator("#alarms-said").inner_text() == "Alarm: Overload"
     page.keyboard.press("a")
     page.keyboard.press("Enter")
     page.wait_for_selector(".alarm[data-state=acknowledged]")
-    assert "acknowledged by ana" in shown(page, ".alarm")
+    assert "acknowledged by ana" in read_text(page, ".alarm")
     assert site.works.plant.alarms["overload"].by == "ana"
     site.works.plant.raise_alarm(replace(site.works.plant.alarms["overload"], state="clear"))
     page.wait_for_selector("#alarms-none:visible")
-    assert site.wrong == []
+    assert site.errors == []
     page.context.close()
 
 
-def test_a_recording_is_kept_by_keys_with_a_reason(site):
+def test_a_recording_is_kept_by_keyboard_with_a_reason(site):
     page = site.page()
-    is_live(page)
+    wait_until_live(page)
     page.keyboard.press("k")
     page.keyboard.type("a big lump")
     page.keyboard.press("Enter")
     page.wait_for_selector("#keep-dialog", state="hidden")
-    assert shown(page, "#keep") == "Kept"
+    assert read_text(page, "#keep") == "Kept"
     assert site.works.plant.kept == [("a big lump", "ana")]
-    assert site.wrong == []
+    assert site.errors == []
     page.context.close()
 
 
-def test_languages_and_themes_by_keys(site):
+def test_language_and_theme_change_by_keyboard(site):
     page = site.page()
-    is_live(page)
-    english = shown(page, "#flow-title")
+    wait_until_live(page)
+    english = read_text(page, "#flow-title")
     page.keyboard.press("g")
-    differs(page, "#flow-title", english)
+    wait_for_change(page, "#flow-title", english)
     assert page.get_attribute("html", "lang") == "de"
-    assert re.search(r"\d,\d", shown(page, "#flow-speed"))
+    assert re.search(r"\d,\d", read_text(page, "#flow-speed"))
     page.keyboard.press("g")
     page.wait_for_selector("html[lang=zh-Hans]")
-    assert re.search(r"[\u4e00-\u9fff]", shown(page, "#flow-title"))
+    assert re.search(r"[\u4e00-\u9fff]", read_text(page, "#flow-title"))
     page.keyboard.press("t")
     page.wait_for_selector("html[data-theme=dark]")
     page.reload()
     page.wait_for_selector("html[data-theme=dark][lang=zh-Hans]")
     page.keyboard.press("?")
     assert page.locator("#keys kbd").count() == 11
-    assert site.wrong == []
+    assert site.errors == []
     page.context.close()
 
 
-def test_old_numbers_are_never_shown_as_new_and_it_comes_back_by_itself(site):
+def test_stale_values_are_marked_and_the_page_reconnects(site):
     page = site.page()
-    is_live(page)
-    until(page, "document.querySelector('#flow-volume').innerText.length > 1")
+    wait_until_live(page)
+    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
     site.running.paused.set()
     page.wait_for_selector("body[data-link=stale]")
-    assert shown(page, "#flow-volume") == "–"
-    assert shown(page, "#flow-last").startswith("Last: ")
-    assert "not current" in shown(page, "#banner")
+    assert read_text(page, "#flow-volume") == "–"
+    assert read_text(page, "#flow-last").startswith("Last: ")
+    assert "not current" in read_text(page, "#banner")
     site.running.paused.clear()
-    is_live(page)
+    wait_until_live(page)
     site.stop()
     page.wait_for_selector("body[data-link=lost]")
-    assert shown(page, "#flow-volume") == "–"
-    assert "Connection lost" in shown(page, "#banner")
+    assert read_text(page, "#flow-volume") == "–"
+    assert "Connection lost" in read_text(page, "#banner")
     site.start_again()
-    is_live(page)
+    wait_until_live(page)
     page.wait_for_selector("#banner", state="hidden")
-    until(page, "document.querySelector('#flow-volume').innerText.length > 1")
-    site.wrong.clear()  # the browser itself logs that nobody answered
+    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
+    site.errors.clear()  # the browser itself logs that nobody answered
     page.context.close()
 
 
@@ -222,69 +224,69 @@ def test_history_shows_a_period_and_its_section(site):
     page = site.page("/?lang=en#history")
     page.wait_for_selector("#history-days td")
     page.click("[data-preset=h1]")
-    until(page, "new URL(document.querySelector('#export-csv').href).searchParams.has('until_ms')")
+    wait_for(page, "new URL(document.querySelector('#export-csv').href).searchParams.has('until_ms')")
     assert page.locator("#history-sums dd").count() == 5
     box = page.locator("#history-chart .u-over").bounding_box()
     page.mouse.click(box["x"] + box["width"] - 3, box["y"] + 40)
     page.wait_for_selector("#history-section svg .outline")
     page.fill("#history-to", "2001-01-01T00:00:00")
     page.click("form .plain:not([download])")
-    assert "must lie after" in shown(page, "#history-problem")
-    assert site.wrong == []
+    assert "must be after" in read_text(page, "#history-problem")
+    assert site.errors == []
     page.context.close()
 
 
 @pytest.mark.parametrize(("language", "webgl"), [("en", False), ("de", True), ("zh", False)])
-def test_a_phone_has_nothing_to_scroll_sideways(site, language, webgl):
+def test_page_fits_a_phone(site, language, webgl):
     site.works.plant.raise_alarm(
         Alarm("camera_lost:cam3", "warning", "raised", nan, nan, "", 1, "no image: check cable")
     )
     page = site.page(f"/?lang={language}", wide=360, high=740, has_touch=True, webgl=webgl)
-    is_live(page)
+    wait_until_live(page)
     page.wait_for_selector(".alarm")
     wide = "document.documentElement.scrollWidth"
     assert page.evaluate(wide) == 360
     page.evaluate("location.hash = '#history'")
     page.wait_for_selector("#history-days td")
     assert page.evaluate(wide) == 360
-    assert site.wrong == []
+    assert site.errors == []
     page.context.close()
 
 
-def test_the_wall_shows_everything_at_once(site):
+def test_wall_display_shows_everything_at_once(site):
     page = site.page("/?wall", wide=1920, high=1080)
-    is_live(page)
+    wait_until_live(page)
     page.wait_for_selector("#cameras .camera")
     assert page.evaluate("document.documentElement.scrollHeight") == 1080
     for name in ("flow", "belt", "alarms", "chart", "totals", "section", "cameras"):
         box = page.locator(f"section.{name}").first.bounding_box()
         assert box["y"] + box["height"] <= 1080, name
     assert not page.locator("nav").is_visible()
-    assert site.wrong == []
+    assert site.errors == []
     page.context.close()
 
 
-def test_a_screen_without_webgl_shows_the_belt_from_above(site):
+def test_without_webgl_the_belt_is_shown_from_above(site):
     page = site.page()
-    is_live(page)
-    until(page, "document.querySelector('#belt').width > 500")
+    wait_until_live(page)
+    wait_for(page, "document.querySelector('#belt').width > 500")
     pixel = page.evaluate(
         "[...document.querySelector('#belt').getContext('2d').getImageData(590, 50, 1, 1).data]"
     )
     assert pixel[3] == 255 and max(pixel[:3]) - min(pixel[:3]) > 30
     assert page.locator("#belt-flat").is_visible()
-    assert site.wrong == []
+    assert site.errors == []
     page.context.close()
 
 
-def test_before_the_first_frame_it_says_so_and_knows_its_alarms(tmp_path, browser):
+def test_before_the_first_frame_the_page_says_so_and_shows_alarms(tmp_path, browser):
     made = Site(tmp_path, browser, frames=0)
     made.running.close()
     page = made.page()
     page.wait_for_selector("body[data-link=stale]")
-    assert "not seen a frame" in shown(page, "#banner")
-    assert shown(page, "#flow-volume") == "–"
-    assert shown(page, "#alarms-none") == "No alarms"
-    assert made.wrong == []
+    assert "not received a frame" in read_text(page, "#banner")
+    assert read_text(page, "#flow-volume") == "–"
+    assert read_text(page, "#alarms-none") == "No alarms"
+    assert made.errors == []
     page.context.close()
     made.close()

@@ -1,4 +1,4 @@
-"""All words of the page lie in one file, in every language, and nowhere else."""
+"""All texts of the page are in one file, complete in every language."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def without_comments(script: str) -> str:
 
 
 @pytest.mark.parametrize("language", get_args(Language))
-def test_every_text_is_there_in_every_language(language):
+def test_every_text_exists_in_every_language(language):
     assert [key for key, texts in TEXTS.items() if not texts.get(language, "").strip()] == []
 
 
-def test_there_are_no_other_languages_and_no_key_twice():
+def test_languages_are_complete_and_keys_unique():
     assert {name for texts in TEXTS.values() for name in texts} == set(get_args(Language))
     lines = re.findall(
         r'^\s*"([^"]+)": \{', (FOLDER / "texts.json").read_text(encoding="utf-8"), re.MULTILINE
@@ -51,26 +51,26 @@ def test_there_are_no_other_languages_and_no_key_twice():
     assert len(lines) == len(set(lines)) == len(TEXTS)
 
 
-def test_the_same_gaps_are_filled_in_every_language():
+def test_placeholders_agree_in_every_language():
     for key, texts in TEXTS.items():
-        gaps = {
+        placeholders = {
             name: {field for _, field, _, _ in Formatter().parse(text) if field}
             for name, text in texts.items()
         }
-        assert len({frozenset(found) for found in gaps.values()}) == 1, key
+        assert len({frozenset(names) for names in placeholders.values()}) == 1, key
 
 
-def test_every_key_that_is_asked_for_is_there():
-    asked = set(re.findall(r'data-(?:text|label|title|hint)="([^"]+)"', PAGE))
+def test_every_used_key_exists():
+    used = set(re.findall(r'data-(?:text|label|title|hint)="([^"]+)"', PAGE))
     for script in SCRIPTS.values():
-        asked |= set(re.findall(rf'\bt\("({KEY})"', script)) | set(
+        used |= set(re.findall(rf'\bt\("({KEY})"', script)) | set(
             re.findall(rf'"data-(?:text|label|title|hint)": "({KEY})"', script)
         )
-    assert asked - set(TEXTS) == set()
-    assert len(asked) > 60
+    assert used - set(TEXTS) == set()
+    assert len(used) > 60
 
 
-def test_every_key_is_asked_for():
+def test_every_key_is_used():
     families = set(re.findall(r"`([a-z]+\.(?:[a-z_]+\.)*[a-z_]*)\$\{", CODE)) | set(
         re.findall(r'"([a-z.]+\.)" \+', CODE)
     )
@@ -94,40 +94,40 @@ def test_every_key_is_asked_for():
         ("language.", get_args(Language)),
     ],
 )
-def test_what_the_program_may_say_has_its_word(family, names):
+def test_every_value_of_the_program_has_a_text(family, names):
     assert [name for name in names if f"{family}{name}" not in TEXTS] == []
 
 
-class Words(HTMLParser):
+class TextParser(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.words: list[str] = []
 
     def handle_data(self, data: str) -> None:
-        self.found += re.findall(r"[^\W\d_]{2,}", data)
+        self.words += re.findall(r"[^\W\d_]{2,}", data)
 
     def handle_starttag(self, tag, attrs) -> None:
-        self.found += [
+        self.words += [
             value or ""
             for name, value in attrs
             if name in ("title", "aria-label", "placeholder", "alt") and value
         ]
 
 
-def test_no_words_in_the_html():
-    words = Words()
-    words.feed(PAGE)
-    assert set(words.found) == {"Beltscape"}
+def test_html_contains_no_text():
+    parser = TextParser()
+    parser.feed(PAGE)
+    assert set(parser.words) == {"Beltscape"}
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_no_words_in_the_scripts(name):
-    """Words are two or more in a row in a string that is no code: no selector, style, path, list of attributes."""
+def test_scripts_contain_no_text(name):
+    """Check that no string outside code (selectors, styles, paths, attributes) has two or more words in a row."""
     strings = re.findall(r'"((?:[^"\\\n]|\\.)*)"', without_comments(re.sub(r"`[^`]*`", "", SCRIPTS[name])))
-    spoken = [
+    texts = [
         text
         for text in strings
         if re.search(r"[A-Za-z]{2,} [a-z]{2,}", text) and not re.search(r"[#\[\](){}<>:=/,-]|^\.", text)
     ]
     allowed = {"no WebGL", "webgl2", "high performance", "plain soft"}
-    assert [text for text in spoken if text not in allowed and " WebGL" not in text] == []
+    assert [text for text in texts if text not in allowed and " WebGL" not in text] == []

@@ -20,8 +20,8 @@ from websockets.sync.client import connect
 from beltscape.core.errors import OutputError, SettingsError
 from beltscape.service.access import Access, AccessSettings, LimitSettings
 from beltscape.service.server import serve
-from service.access.certificates import certificate
-from service.access.door import CHEAP, PASSWORD, application
+from service.access.certificates import make_certificate
+from service.access.sample_app import CHEAP, PASSWORD, make_application
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def start(tmp_path):
         opened.append(door)
         if door.accounts.is_setup_open:
             door.accounts.add("anna", "operator", PASSWORD)
-        running = serve(application(door), web or Web())
+        running = serve(make_application(door), web or Web())
         opened.append(running)
         return running
 
@@ -89,7 +89,7 @@ def cookie(client: httpx.Client) -> dict[str, str]:
     return {"Cookie": "; ".join(f"{name}={value}" for name, value in client.cookies.items())}
 
 
-def test_it_answers_and_stops_in_time(start):
+def test_server_answers_and_stops_in_time(start):
     running = start()
     with logged_in(running) as client:
         assert client.get("/look").json()["name"] == "anna"
@@ -97,12 +97,12 @@ def test_it_answers_and_stops_in_time(start):
         before = time.monotonic()
         running.close()
         assert time.monotonic() - before < 2
-        assert not running.alive
+        assert not running.is_alive
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(place(running), timeout=1)
 
 
-def test_it_stops_in_time_with_pages_open_and_a_slow_reader(start):
+def test_server_stops_in_time_with_open_pages_and_a_slow_reader(start):
     running = start()
     with logged_in(running) as client, ExitStack() as pages:
         live = running.address.replace("http", "ws") + "/live"
@@ -113,7 +113,7 @@ def test_it_stops_in_time_with_pages_open_and_a_slow_reader(start):
         before = time.monotonic()
         running.close()
         assert time.monotonic() - before < 2
-        assert not running.alive
+        assert not running.is_alive
         for one in opened:
             with pytest.raises(ConnectionClosed):
                 while True:
@@ -129,7 +129,7 @@ def test_sessions_survive_a_restart(start):
         assert client.get("/look").json()["name"] == "anna"
 
 
-def test_a_port_in_use_is_one_line(start):
+def test_a_port_in_use_is_refused(start):
     host, port = place(start())
     with pytest.raises(SettingsError) as raised:
         serve(FastAPI(), Web(host, port))
@@ -140,12 +140,12 @@ def test_a_port_in_use_is_one_line(start):
 
 
 @pytest.mark.parametrize("host", ["no-such-host.invalid", "192.0.2.1", "x" * 300])
-def test_an_address_that_is_not_ours(host):
+def test_a_foreign_address_is_refused(host):
     with pytest.raises(SettingsError, match="host = "):
         serve(FastAPI(), Web(host, limits=LimitSettings(allow_plain_http=True)))
 
 
-def test_beyond_this_machine_only_with_tls_or_when_told(start):
+def test_plain_http_over_a_network_needs_a_setting(start):
     with pytest.raises(
         SettingsError, match="without TLS passwords can be read on the way; give tls_certificate"
     ):
@@ -157,7 +157,7 @@ def test_beyond_this_machine_only_with_tls_or_when_told(start):
     assert socket.gethostname() in running.address
 
 
-def test_an_application_that_does_not_start():
+def test_an_application_that_fails_to_start_is_reported():
     async def app(scope, receive, send):
         await receive()
         await send({"type": "lifespan.startup.failed", "message": "no"})
@@ -166,8 +166,8 @@ def test_an_application_that_does_not_start():
         serve(app, Web())
 
 
-def test_tls(start, tmp_path):
-    cert, key = certificate(tmp_path, days=10)
+def test_tls_is_served(start, tmp_path):
+    cert, key = make_certificate(tmp_path, days=10)
     running = start(Web(tls_certificate=cert, tls_key=key, limits=LimitSettings(header_timeout_s=0.5)))
     assert running.address.startswith("https://127.0.0.1:")
     assert "ends in 10 days" in running.warnings[0]
@@ -198,7 +198,7 @@ def test_tls(start, tmp_path):
         assert time.monotonic() - before < 2
 
 
-def test_slow_headers_are_cut_off(start):
+def test_slow_headers_are_disconnected(start):
     running = start(Web(limits=LimitSettings(header_timeout_s=0.4)))
     for beginning in (b"", b"GET", b"GET /look HTTP/1.1\r\nhost: localhost\r\nx"):
         with closing(socket.create_connection(place(running), timeout=5)) as slow:
@@ -228,7 +228,7 @@ def test_an_idle_connection_is_closed_and_a_busy_one_kept(start):
         assert time.monotonic() - before < 2
 
 
-def test_who_does_not_read_is_cut_off(tmp_path):
+def test_a_client_that_does_not_read_is_disconnected(tmp_path):
     """A reader who takes nothing must not hold memory or a connection for ever."""
 
     async def endless(scope, receive, send):
@@ -249,7 +249,7 @@ def test_who_does_not_read_is_cut_off(tmp_path):
     running.close()
 
 
-def test_connections_are_counted(start):
+def test_connections_are_limited(start):
     running = start(Web(limits=LimitSettings(connections_per_address=8, connections_max=8)))
     held = [socket.create_connection(place(running), timeout=5) for _ in range(8)]
     time.sleep(0.2)
@@ -262,7 +262,7 @@ def test_connections_are_counted(start):
     )
 
 
-def test_pages_are_counted(start):
+def test_sockets_are_limited(start):
     running = start(sockets_per_address=2)
     live = running.address.replace("http", "ws") + "/live"
     with logged_in(running) as client:
@@ -279,12 +279,12 @@ def test_pages_are_counted(start):
 
 
 @pytest.mark.parametrize("headers", [{}, {"Cookie": "beltscape=nonsense"}])
-def test_a_stranger_opens_no_socket(start, headers):
+def test_sockets_require_login(start, headers):
     with pytest.raises(InvalidStatus, match="403"):
         connect(start().address.replace("http", "ws") + "/live", additional_headers=headers)
 
 
-def test_another_site_opens_no_socket_and_the_own_page_does(start):
+def test_sockets_require_the_own_origin(start):
     running = start()
     live = running.address.replace("http", "ws") + "/live"
     with logged_in(running) as client:
@@ -295,7 +295,7 @@ def test_another_site_opens_no_socket_and_the_own_page_does(start):
             assert page.recv() == "anna"
 
 
-def test_logging_out_closes_the_pages(start):
+def test_logging_out_closes_the_sockets(start):
     running = start()
     with logged_in(running) as client:
         with connect(
@@ -310,13 +310,13 @@ def test_logging_out_closes_the_pages(start):
         assert closed.value.rcvd.code == 4401
 
 
-def test_a_trusted_proxy_speaks_for_others_and_nobody_else_does(start):
-    told = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.9", "Host": "127.0.0.1"}
+def test_only_trusted_proxies_forward_addresses(start):
+    headers = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.9", "Host": "127.0.0.1"}
     login = {"name": "anna", "password": PASSWORD}
     proxied = start(Web(limits=LimitSettings(trusted_proxies=("127.0.0.1",))))
-    reply = httpx.post(proxied.address + "/api/access/login", json=login, headers=told)
+    reply = httpx.post(proxied.address + "/api/access/login", json=login, headers=headers)
     assert "Secure" in reply.headers["set-cookie"]
     assert reply.headers["strict-transport-security"]
     direct = start()
-    reply = httpx.post(direct.address + "/api/access/login", json=login, headers=told)
+    reply = httpx.post(direct.address + "/api/access/login", json=login, headers=headers)
     assert "Secure" not in reply.headers["set-cookie"]

@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 from beltscape.service.access import Access, LimitSettings
 from beltscape.service.server import serve
 from service.access import attack
-from service.access.door import CHEAP, PASSWORD, application
+from service.access.sample_app import CHEAP, PASSWORD, make_application
 from service.test_server import Web, cookie, logged_in, place, raw
 
 HZ, QUEUED, SECONDS = 20, 2, 4.0
@@ -33,7 +33,7 @@ def running(tmp_path):
     with closing(Access(tmp_path, None, CHEAP)) as access:
         access.accounts.add("anna", "operator", PASSWORD)
         limits = LimitSettings(header_timeout_s=0.5)
-        with closing(serve(application(access), Web(limits=limits))) as server:
+        with closing(serve(make_application(access), Web(limits=limits))) as server:
             yield server
 
 
@@ -42,7 +42,7 @@ def status(reply: bytes) -> int:
 
 
 @pytest.mark.parametrize("kind", attack.PLAIN)
-def test_each_attack_is_answered_or_cut_off(running, kind):
+def test_each_attack_is_answered_or_disconnected(running, kind):
     reply = raw(running, attack.PLAIN[kind])
     expected = {
         "traversal": 404, "plain traversal": 404, "nul": 404, "raw nul": 400, "bad utf-8": 400, "long target": 414,
@@ -59,7 +59,7 @@ def test_each_attack_is_answered_or_cut_off(running, kind):
     assert httpx.get(f"{running.address}/login").status_code == 200
 
 
-def test_an_answer_is_not_split_by_what_was_asked(running):
+def test_requests_cannot_split_a_response(running):
     reply = raw(
         running, attack.get(b"/%0d%0aSet-Cookie:%20a=b", b"Accept: text/html\r\nConnection: close\r\n")
     )
@@ -84,7 +84,7 @@ def test_an_answer_is_not_split_by_what_was_asked(running):
         b"\x80\x80mask",  # goes on with nothing
     ],
 )
-def test_junk_on_a_socket_ends_that_socket_only(running, frames):
+def test_invalid_data_ends_its_socket_only(running, frames):
     live = running.address.replace("http", "ws") + "/live"
     with logged_in(running) as client, connect(live, additional_headers=cookie(client)) as other:
         request = attack.get(
@@ -103,7 +103,7 @@ def test_junk_on_a_socket_ends_that_socket_only(running, frames):
             assert other.recv(timeout=3) == "anna"
 
 
-def test_a_message_too_long_ends_the_socket(running):
+def test_a_too_long_message_ends_its_socket(running):
     live = running.address.replace("http", "ws") + "/live"
     with logged_in(running) as client, connect(live, additional_headers=cookie(client)) as page:
         page.send("x" * 70_000)
@@ -151,15 +151,15 @@ class Metering:
         self._threads[1].join()
 
 
-def missed_while(words: list[str | Path]) -> tuple[int, int, str]:
-    """FrameStatistics done and missed while a program runs, and what it printed."""
+def run_and_count_frames(words: list[str | Path]) -> tuple[int, int, str]:
+    """Return the frames done and missed while a program runs, and its output."""
     program = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     with closing(Metering()) as metering:
-        said, _ = program.communicate(timeout=60)
-    return metering.done, metering.missed, said
+        output, _ = program.communicate(timeout=60)
+    return metering.done, metering.missed, output
 
 
-def test_no_frame_is_missed_while_two_hundred_attack(running):
+def test_no_frame_is_missed_under_attack(running):
     """The attackers come from 250 addresses, so that no limit per address stops them."""
     _, port = place(running)
     words = [sys.executable, Path(attack.__file__), str(port), str(SECONDS)]
@@ -171,24 +171,24 @@ def test_no_frame_is_missed_while_two_hundred_attack(running):
     used = time.pthread_getcpuclockid(running._thread.ident)
     for _ in range(3):
         before = time.clock_gettime(used)
-        done, missed, said = missed_while(words)
-        found = json.loads(said)
-        assert sum(found["made"].values()) > 150
-        assert len(found["answers"]) > 5
-        assert not any(answer.startswith("5") for answer in found["answers"]), found["answers"]
+        done, missed, output = run_and_count_frames(words)
+        counts = json.loads(output)
+        assert sum(counts["made"].values()) > 150
+        assert len(counts["answers"]) > 5
+        assert not any(answer.startswith("5") for answer in counts["answers"]), counts["answers"]
         assert time.clock_gettime(used) - before < 0.5 * SECONDS, "the web takes less than half a core"
         assert httpx.get(f"{running.address}/login", timeout=10).status_code == 200
-        print(done, missed, found)
+        print(done, missed, counts)
         if missed == 0:
             assert done > 0.8 * SECONDS * HZ
             return
-        _, control, _ = missed_while(burner)
+        _, control, _ = run_and_count_frames(burner)
         if control:
             pytest.skip(f"this machine misses {control} frames of {SECONDS * HZ:.0f} without any attack")
     pytest.fail(f"{missed} frames missed under attack, none without")
 
 
-def test_files_and_threads_do_not_grow(running):
+def test_open_files_and_threads_do_not_grow(running):
     """What attackers leave behind is cleared away."""
 
     def held() -> tuple[int, int]:

@@ -1,6 +1,6 @@
-"""Run as a program of its own: hammers a server from many addresses of this machine for some seconds.
+"""A program that attacks a server from many addresses of this machine for some seconds.
 
-``python attack.py PORT SECONDS`` prints as JSON how often each attack was made, and which answers came.
+``python attack.py PORT SECONDS`` prints as JSON the number of attacks of each kind and of each answer.
 """
 
 from __future__ import annotations
@@ -69,11 +69,11 @@ PLAIN = {
     "upgrade elsewhere": get(b"/look", UPGRADE) + b"\xff" * 5000,
     "odd upgrade": get(b"/look", b"Connection: upgrade\r\nUpgrade: h2c\r\n"),
 }
-"""Sent at once."""
+"""Attacks that are sent in one piece."""
 
 
 async def attack(port: int, ends: float, kinds: list[str], rng: random.Random) -> None:
-    """One attacker, connection after connection."""
+    """Run one attacker, connection after connection."""
     while time.monotonic() < ends:
         kind = rng.choice(kinds)
         made[kind] += 1
@@ -104,7 +104,7 @@ async def attack(port: int, ends: float, kinds: list[str], rng: random.Random) -
 
 
 async def main(port: int, seconds: float) -> None:
-    """200 attackers at once."""
+    """Run 200 attackers at once."""
     ends = time.monotonic() + seconds
     rng = random.Random(7)
     kinds = [*PLAIN, "slow", "silent"]

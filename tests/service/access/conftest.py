@@ -1,4 +1,4 @@
-"""Doors with users, closed at the end."""
+"""Fixtures: access control with users, closed at the end."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ import pytest
 from fastapi import FastAPI
 
 from beltscape.service.access import Access, AccessSettings
-from service.access.door import CHEAP, PASSWORD, application
+from service.access.sample_app import CHEAP, PASSWORD, make_application
 
 
 @pytest.fixture
 def make(tmp_path):
-    """A function of settings that gives a door, closed at the end."""
-    doors: list[Access] = []
+    """Return a function that creates access control with given settings."""
+    created: list[Access] = []
 
-    def door(folder: Path = tmp_path, **settings: Any) -> Access:
-        doors.append(Access(folder, AccessSettings(**settings), CHEAP))
-        return doors[-1]
+    def make_access(folder: Path = tmp_path, **settings: Any) -> Access:
+        created.append(Access(folder, AccessSettings(**settings), CHEAP))
+        return created[-1]
 
-    yield door
-    for one in doors:
-        one.close()
+    yield make_access
+    for access in created:
+        access.close()
 
 
 @pytest.fixture
 def access(make) -> Iterator[Access]:
-    """A door with one user of each role."""
-    door = make()
+    """Access control with one user of each role."""
+    access = make()
     for role in ("engineer", "operator", "viewer"):
-        door.accounts.add(f"the-{role}", role, PASSWORD)
-    return door
+        access.accounts.add(f"the-{role}", role, PASSWORD)
+    return access
 
 
 @pytest.fixture
 def app(access) -> FastAPI:
-    """AppContext the door with one user of each role."""
-    return application(access)
+    """The sample application with one user of each role."""
+    return make_application(access)

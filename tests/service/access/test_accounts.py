@@ -1,4 +1,4 @@
-"""Users: who there is, and what cannot be done to them."""
+"""User accounts: names, roles and protected changes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from beltscape.service.access.identity.roles import ROLES, User
 PASSWORD = "coal on the belt"
 
 
-def test_users_come_back_after_a_restart(make):
+def test_users_survive_a_restart(make):
     make().accounts.add("Anna", "engineer", PASSWORD)
     again = make().accounts
     assert again.check("ANNA", PASSWORD) == User("anna", "engineer")
@@ -25,7 +25,7 @@ def test_users_come_back_after_a_restart(make):
     assert again.check("bert", PASSWORD) is None
 
 
-def test_a_name_is_one_however_it_is_written(make):
+def test_names_match_in_every_spelling(make):
     accounts = make().accounts
     accounts.add("Jürgen", "engineer", PASSWORD)
     with pytest.raises(InputError, match="exists already"):
@@ -34,7 +34,7 @@ def test_a_name_is_one_however_it_is_written(make):
     assert [a.name for a in accounts.list()] == ["jürgen", "王伟"]
 
 
-def test_the_last_engineer_stays(access):
+def test_the_last_engineer_cannot_be_removed(access):
     with pytest.raises(InputError, match="last engineer"):
         access.accounts.remove("the-engineer")
     with pytest.raises(InputError, match="last engineer"):
@@ -47,7 +47,7 @@ def test_the_last_engineer_stays(access):
     }
 
 
-def test_setup_closes_for_ever(make):
+def test_setup_stays_closed_after_the_first_user(make):
     accounts = make().accounts
     assert accounts.is_setup_open
     accounts.add("anna", "engineer", PASSWORD, first=True)
@@ -57,7 +57,7 @@ def test_setup_closes_for_ever(make):
     assert not make().accounts.is_setup_open
 
 
-def test_what_is_refused_leaves_nothing(make):
+def test_refused_changes_leave_no_trace(make):
     accounts = make().accounts
     for name, role, password in [("", "viewer", PASSWORD), ("a", "boss", PASSWORD), ("a", "viewer", "short")]:
         with pytest.raises(InputError):
@@ -70,7 +70,7 @@ def test_what_is_refused_leaves_nothing(make):
 
 
 @given(st.text(max_size=50))
-def test_a_usable_name_is_plain(name):
+def test_accepted_names_are_plain(name):
     try:
         kept = validate_name(name)
     except InputError as error:
@@ -85,30 +85,30 @@ def test_a_usable_name_is_plain(name):
 @pytest.mark.parametrize(
     "name", ["anonymous", "Anonymous", "..", ".", "-rf", "a b", "a/b", "x" * 33, "a\x00", "\ud800"]
 )
-def test_names_that_nobody_can_have(name):
+def test_unusable_names_are_refused(name):
     with pytest.raises(InputError):
         validate_name(name)
 
 
-def test_only_the_owner_reads_the_database(make, tmp_path):
+def test_database_is_readable_by_its_owner_only(make, tmp_path):
     make().accounts.add("anna", "engineer", PASSWORD)
     for file in tmp_path.glob("users.db*"):
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert PASSWORD.encode() not in b"".join(f.read_bytes() for f in tmp_path.glob("users.db*"))
 
 
-def test_something_else_in_its_place_is_said_in_one_line(tmp_path):
+def test_a_file_that_is_no_database_is_refused(tmp_path):
     (tmp_path / "users.db").write_bytes(b"this is no database, but long enough to look at" * 30)
     with pytest.raises(InputError, match=r"users\.db: no user database .* restore it"):
         Database(tmp_path)
 
 
-def test_a_role_may_what_those_before_it_may():
+def test_roles_include_those_before_them():
     for i, own in enumerate(ROLES):
         assert [User("a", own).has_role(role) for role in ROLES] == [j <= i for j in range(3)]
 
 
-def test_another_process_may_change_them_meanwhile(make, tmp_path):
+def test_changes_of_other_processes_take_effect(make, tmp_path):
     accounts = make().accounts
     accounts.add("anna", "engineer", PASSWORD)
     other = sqlite3.connect(tmp_path / "users.db")

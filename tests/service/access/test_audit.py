@@ -17,7 +17,7 @@ def entries(audit: Audit) -> list[dict]:
 
 
 @given(st.text(), st.text(), st.text(max_size=500))
-def test_no_value_fakes_an_entry(tmp_path_factory, what, who, value):
+def test_values_cannot_fake_an_entry(tmp_path_factory, what, who, value):
     audit = Audit(tmp_path_factory.mktemp("audit"), 10**6, 2)
     audit.write(what, who, "::1", {"value": value})
     audit.write("end", "anna")
@@ -29,7 +29,7 @@ def test_no_value_fakes_an_entry(tmp_path_factory, what, who, value):
     assert last["what"] == "end"
 
 
-def test_it_is_set_aside_and_bounded(tmp_path):
+def test_log_is_rotated_and_bounded(tmp_path):
     ticks = iter(range(10**6))
     audit = Audit(tmp_path, 1000, 3, lambda: 1.8e9 + next(ticks))
     for i in range(90):
@@ -43,7 +43,7 @@ def test_it_is_set_aside_and_bounded(tmp_path):
     assert kept == [f"user{i}" for i in range(90 - len(kept), 90)], "the newest, in order, none twice"
 
 
-def test_a_line_torn_by_a_power_failure_swallows_no_other(tmp_path):
+def test_a_torn_line_does_not_join_the_next_entry(tmp_path):
     audit = Audit(tmp_path, 10**6, 2)
     audit.write("login", "anna")
     with audit.path.open("ab") as file:
@@ -52,7 +52,7 @@ def test_a_line_torn_by_a_power_failure_swallows_no_other(tmp_path):
     assert [e["what"] for e in audit.read_last(10)] == ["logout", "login"]
 
 
-def test_the_newest_come_first_and_no_more_than_asked_for(tmp_path):
+def test_entries_are_returned_newest_first_up_to_the_count(tmp_path):
     audit = Audit(tmp_path, 10**6, 2)
     assert audit.read_last(5) == []
     for i in range(20):
@@ -74,13 +74,13 @@ def test_threads_write_whole_lines(tmp_path):
     assert len({json.loads(line)["who"] for line in lines}) == len(lines) == 100
 
 
-def test_only_the_owner_reads_it(tmp_path):
+def test_log_is_readable_by_its_owner_only(tmp_path):
     audit = Audit(tmp_path, 10**6, 2)
     audit.write("login", "anna")
     assert stat.S_IMODE(audit.path.stat().st_mode) == 0o600
 
 
-def test_where_it_cannot_be_written_that_is_counted(tmp_path):
+def test_lost_entries_are_counted(tmp_path):
     audit = Audit(tmp_path / "gone", 10**6, 2)
     audit.write("login", "anna")
     assert audit.lost == 1

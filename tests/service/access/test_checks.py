@@ -1,4 +1,4 @@
-"""What is wrong with a request in itself."""
+"""Checks of a request's host, path and origin."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from beltscape.service.access.requests.checks import (
 NAMES = list_own_names(("Belt.Plant.example",))
 
 
-def judged(target: str) -> bool:
-    """As uvicorn hands a path on."""
+def is_allowed(target: str) -> bool:
+    """Check a path as uvicorn passes it on."""
     return is_path_allowed(unquote(target), target.encode())
 
 
@@ -33,21 +33,21 @@ def judged(target: str) -> bool:
         "/%ff", "", "page", "*", "http://elsewhere/", "/a\tb", "/%e2%80%ae", "/..;/x", "/page/..%c0%af", "/%2f",
     ],
 )  # fmt: skip
-def test_paths_that_hide_what_they_name(target):
-    assert not judged(target)
+def test_disguised_paths_are_refused(target):
+    assert not is_allowed(target)
 
 
 @pytest.mark.parametrize(
     "target", ["/", "/page/app.js", "/api/access/users/anna", "/page/", "/api/users/%E7%8E%8B"]
 )
-def test_plain_paths(target):
-    assert judged(target)
+def test_plain_paths_are_allowed(target):
+    assert is_allowed(target)
 
 
 @given(st.text(min_size=1, max_size=30))
-def test_no_path_that_passes_leads_upwards(text):
+def test_allowed_paths_never_lead_upwards(text):
     target = quote("/page/" + text, safe="/.%;\\")
-    if judged(target):
+    if is_allowed(target):
         decoded = unquote(target)
         assert ".." not in decoded.split("/")
         assert decoded.isprintable()
@@ -59,7 +59,7 @@ def test_no_path_that_passes_leads_upwards(text):
     ["localhost", "localhost:8460", "127.0.0.1:8460", "192.0.2.7", "[::1]:80", "[2001:db8::1]", "belt.plant.example",
      "BELT.plant.example.:443"],
 )  # fmt: skip
-def test_hosts_one_may_call_it_by(host):
+def test_own_hosts_are_allowed(host):
     assert is_host_allowed(host, NAMES)
 
 
@@ -69,7 +69,7 @@ def test_hosts_one_may_call_it_by(host):
      "localhost:80:80", "localhost:port", "localhost/x", "local host", "[::1", "[nonsense]", "1.2.3",
      "localhost\r\nX: y"],
 )  # fmt: skip
-def test_hosts_of_somebody_else(host):
+def test_foreign_hosts_are_refused(host):
     assert not is_host_allowed(host, NAMES)
 
 
@@ -96,10 +96,10 @@ OWN = {"host": "belt.example:8460"}
         ({"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"}, True, False),
     ],
 )
-def test_only_the_own_page_changes_anything(headers, unsafe, fine):
+def test_changes_are_allowed_from_the_own_page_only(headers, unsafe, fine):
     assert is_same_origin({**OWN, **headers}, "http", unsafe=unsafe) == fine
 
 
-def test_a_socket_has_the_origin_of_its_page():
+def test_a_socket_must_have_the_origin_of_its_page():
     assert is_same_origin({**OWN, "origin": "https://belt.example:8460"}, "wss", unsafe=True)
     assert not is_same_origin({**OWN, "origin": "http://belt.example:8460"}, "wss", unsafe=True)

@@ -23,8 +23,8 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from service.access.door import CHEAP, PASSWORD
-from service.feeder import Plant
+from service.access.sample_app import CHEAP, PASSWORD
+from service.feeder import SimulatedPlant
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -120,7 +120,7 @@ def caller(tmp_path_factory):
             access.accounts.add(f"the-{role}", role, PASSWORD)
         history.begin_run()
         live_state = LiveState(web)
-        plant = Plant([live_state], history)
+        plant = SimulatedPlant([live_state], history)
         for i in range(30):
             plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
         live_state.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
@@ -153,7 +153,7 @@ def attacked(caller: Caller, operation, mode: GenerationMode, role: str | None) 
     ("mode", "role"),
     [*((GenerationMode.POSITIVE, role) for role in (None, *ROLES)), (GenerationMode.NEGATIVE, "engineer")],
 )
-def test_nothing_that_is_sent_breaks_an_endpoint(caller, mode, role):
+def test_no_input_breaks_an_endpoint(caller, mode, role):
     schema = schemathesis.openapi.from_dict(caller.app.openapi())
     operations = [found.ok() for found in schema.get_all_operations()]
     seen = {operation.label: attacked(caller, operation, mode, role) for operation in operations}

@@ -7,10 +7,10 @@ import json
 
 import pytest
 
-from service.access.door import PASSWORD, Browser, application
+from service.access.sample_app import PASSWORD, Browser, make_application
 
 
-def test_a_stranger_sees_nothing(app):
+def test_every_path_requires_login(app):
     browser = Browser(app)
     for path in ("/look", "/api/openapi.json", "/docs", "/openapi.json", "/nothing"):
         assert browser("GET", path).status_code == 401, path
@@ -20,7 +20,7 @@ def test_a_stranger_sees_nothing(app):
 
 
 @pytest.mark.parametrize(("role", "status"), [("viewer", 403), ("operator", 200), ("engineer", 200)])
-def test_each_role_may_what_is_its_own(app, role, status):
+def test_roles_are_enforced(app, role, status):
     browser = Browser(app)
     assert browser.log_in(f"the-{role}").status_code == 200
     assert browser("GET", "/look").json() == {"name": f"the-{role}", "role": role}
@@ -29,10 +29,10 @@ def test_each_role_may_what_is_its_own(app, role, status):
     assert users == (200 if role == "engineer" else 403)
 
 
-def test_a_viewer_without_name_where_that_is_allowed(make):
+def test_anonymous_viewers_are_allowed_by_setting(make):
     access = make(anonymous_role="viewer")
     access.accounts.add("the-engineer", "engineer", PASSWORD)
-    browser = Browser(application(access))
+    browser = Browser(make_application(access))
     assert browser("GET", "/look").json() == {"name": "anonymous", "role": "viewer"}
     assert browser("POST", "/alarms/a/acknowledge").status_code == 403
     assert browser("POST", "/api/access/logout").status_code == 200
@@ -41,8 +41,8 @@ def test_a_viewer_without_name_where_that_is_allowed(make):
     assert browser("GET", "/look").json()["role"] == "engineer"
 
 
-def test_public_paths_decide_for_themselves(access):
-    app = application(access, public=("/open", "/files/"))
+def test_public_paths_need_no_login(access):
+    app = make_application(access, public=("/open", "/files/"))
     for path in ("/open", "/files/x"):
         app.add_api_route(path, lambda: {}, methods=["GET"])
     browser = Browser(app)
@@ -62,7 +62,7 @@ def test_public_paths_decide_for_themselves(access):
         {"x-beltscape-token": "\u00fc"},
     ],
 )
-def test_another_site_cannot_act_for_its_visitor(app, headers):
+def test_another_site_cannot_act_for_a_user(app, headers):
     browser = Browser(app)
     browser.log_in("the-operator")
     encoded = {name: value.encode("latin-1") for name, value in headers.items()}
@@ -71,7 +71,7 @@ def test_another_site_cannot_act_for_its_visitor(app, headers):
     assert browser("POST", "/alarms/a/acknowledge", headers=own).status_code == 200
 
 
-def test_another_site_cannot_log_its_visitor_in(app):
+def test_another_site_cannot_log_a_user_in(app):
     reply = Browser(app)(
         "POST", "/api/access/login", headers={"origin": "http://evil.example"},
         json={"name": "the-viewer", "password": PASSWORD},
@@ -88,12 +88,12 @@ def test_tokens_of_two_sessions_differ(app):
     assert one("POST", "/alarms/a/acknowledge").status_code == 403
 
 
-def test_a_foreign_name_for_this_machine_is_refused(app):
+def test_foreign_host_names_are_refused(app):
     assert Browser(app, base="http://rebound.evil.example")("GET", "/look").status_code == 400
     assert Browser(app, base="http://192.0.2.1:8460")("GET", "/look").status_code == 401
 
 
-def test_every_answer_says_what_the_page_never_does(app):
+def test_every_response_has_security_headers(app):
     browser = Browser(app, base="https://localhost")
     browser.log_in("the-viewer")
     for path in ("/look", "/nothing", "/a/../b", "/login"):
@@ -109,14 +109,14 @@ def test_every_answer_says_what_the_page_never_does(app):
     assert "strict-transport-security" not in Browser(app)("GET", "/look").headers
 
 
-def test_inline_scripts_by_their_hash_only(access):
-    app = application(access, script_hashes=("sha256-abc=",))
+def test_inline_scripts_need_their_hash(access):
+    app = make_application(access, script_hashes=("sha256-abc=",))
     assert (
         "script-src 'self' 'sha256-abc=';" in Browser(app)("GET", "/look").headers["content-security-policy"]
     )
 
 
-def test_the_cookie_is_kept_from_scripts_and_other_sites(app):
+def test_cookie_is_hidden_from_scripts_and_other_sites(app):
     cookie = Browser(app).log_in("the-viewer").headers["set-cookie"]
     assert cookie.startswith("beltscape=")
     assert {"HttpOnly", "SameSite=strict", "Path=/", "Max-Age=604800"} <= set(cookie.split("; "))
@@ -125,9 +125,9 @@ def test_the_cookie_is_kept_from_scripts_and_other_sites(app):
     assert "Secure" in cookie.split("; ")
 
 
-def test_one_address_cannot_ask_for_ever(make):
+def test_an_address_is_rate_limited(make):
     access = make(requests_per_s=0.1, requests_burst=5)
-    app = application(access)
+    app = make_application(access)
     eager, other = Browser(app, "10.0.0.1"), Browser(app, "10.0.0.2")
     statuses = [eager("GET", "/look").status_code for _ in range(8)]
     assert statuses == [401] * 5 + [429] * 3
@@ -135,10 +135,10 @@ def test_one_address_cannot_ask_for_ever(make):
     assert other("GET", "/look").status_code == 401
 
 
-def test_one_user_cannot_ask_for_ever_from_many_addresses(make):
+def test_a_user_is_rate_limited_over_all_addresses(make):
     access = make(requests_per_s=0.1, requests_burst=5)
     access.accounts.add("anna", "engineer", PASSWORD)
-    app = application(access)
+    app = make_application(access)
     browser = Browser(app)
     browser.log_in("anna")
     statuses = []
@@ -170,10 +170,10 @@ def asgi(app, messages: list[dict], **scope) -> list[dict]:
     return sent
 
 
-def test_a_long_body_is_refused_before_and_while_it_comes(access):
-    app = application(access)
-    told = [(b"host", b"localhost"), (b"content-length", b"70000")]
-    assert asgi(app, [], headers=told)[0]["status"] == 413
+def test_a_long_body_is_refused_before_and_while_it_arrives(access):
+    app = make_application(access)
+    headers = [(b"host", b"localhost"), (b"content-length", b"70000")]
+    assert asgi(app, [], headers=headers)[0]["status"] == 413
     part = {"type": "http.request", "body": b"x" * 40_000, "more_body": True}
     untold = [(b"host", b"localhost"), (b"transfer-encoding", b"chunked")]
     messages = [part, part, part, part]
@@ -186,7 +186,7 @@ def test_a_long_body_is_refused_before_and_while_it_comes(access):
 
 
 def test_a_slow_body_is_refused(make):
-    app = application(make(body_timeout_s=0.05))
+    app = make_application(make(body_timeout_s=0.05))
     headers = [(b"host", b"localhost"), (b"content-length", b"100")]
     part = {"type": "http.request", "body": b"x", "more_body": True}
     sent = asgi(app, [part], headers=headers)
@@ -194,12 +194,12 @@ def test_a_slow_body_is_refused(make):
     assert (b"connection", b"close") in sent[0]["headers"]
 
 
-def test_two_hosts_are_none(access):
+def test_two_host_headers_are_refused(access):
     headers = [(b"host", b"localhost"), (b"host", b"evil.example")]
-    assert asgi(application(access), [], headers=headers)[0]["status"] == 400
+    assert asgi(make_application(access), [], headers=headers)[0]["status"] == 400
 
 
-def test_odd_methods_and_long_addresses(app):
+def test_unknown_methods_and_long_addresses_are_refused(app):
     browser = Browser(app)
     for method in ("TRACE", "CONNECT", "BREW", "get"):
         assert asgi(app, [], method=method)[0]["status"] == 405
@@ -209,7 +209,7 @@ def test_odd_methods_and_long_addresses(app):
         assert browser(method, "/look").status_code == 405
 
 
-def test_what_is_done_is_written_down_by_itself(app, access):
+def test_changes_are_audited_automatically(app, access):
     browser = Browser(app)
     browser.log_in("the-operator")
     browser("POST", "/alarms/overload/acknowledge")
@@ -224,7 +224,7 @@ def test_what_is_done_is_written_down_by_itself(app, access):
     assert older["request"] == "POST /alarms/overload/acknowledge"
 
 
-def test_a_refused_value_is_not_said_again(app, access):
+def test_refused_values_are_not_repeated(app, access):
     browser = Browser(app)
     secret = "x" * 5000
     reply = browser("POST", "/api/access/login", json={"name": "a", "password": secret})

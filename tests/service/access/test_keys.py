@@ -1,4 +1,4 @@
-"""A program's key reads what a viewer may, and changes nothing."""
+"""A program's key allows a viewer's reads and no changes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import asyncio
 import pytest
 
 from beltscape.core.errors import InputError
-from service.access.door import Browser, application
+from service.access.sample_app import Browser, make_application
 
 
 def bearer(key: str) -> dict[str, str]:
     return {"authorization": f"Bearer {key}"}
 
 
-def test_it_reads_and_only_that(access, app):
+def test_a_key_allows_reading_only(access, app):
     key = access.keys.create("Prometheus")
     browser = Browser(app)
     assert browser("GET", "/look", bearer(key)).json() == {"name": "key prometheus", "role": "viewer"}
@@ -26,46 +26,46 @@ def test_it_reads_and_only_that(access, app):
     assert browser("GET", "/look").status_code == 401
 
 
-def test_it_acts_for_nobody_who_is_signed_in(access, app):
+def test_a_key_takes_precedence_over_a_session(access, app):
     browser = Browser(app)
     browser.log_in("the-engineer")
     assert browser("POST", "/alarms/a/acknowledge", bearer(access.keys.create("a"))).status_code == 403
 
 
-def test_the_live_channel_is_for_people(access):
+def test_a_key_opens_no_live_channel(access):
     headers = {"host": "localhost", "origin": "http://localhost", **bearer(access.keys.create("a"))}
     scope = {
         "type": "websocket", "scheme": "ws", "path": "/live", "raw_path": b"/live", "query_string": b"",
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
         "client": ("10.0.0.1", 5000), "server": ("localhost", 80), "subprotocols": [],
     }  # fmt: skip
-    said: list[dict] = []
+    sent: list[dict] = []
 
     async def receive() -> dict:
         return {"type": "websocket.connect"}
 
     async def send(message: dict) -> None:
-        said.append(message)
+        sent.append(message)
 
-    asyncio.run(application(access)(scope, receive, send))
-    assert [message["type"] for message in said] == ["websocket.close"]
-    assert "only reads" in said[0]["reason"]
+    asyncio.run(make_application(access)(scope, receive, send))
+    assert [message["type"] for message in sent] == ["websocket.close"]
+    assert "only reads" in sent[0]["reason"]
 
 
 @pytest.mark.parametrize("key", ["", "x", "ü" * 40, "A" * 3000])
-def test_what_is_no_key_opens_nothing(app, key):
+def test_unknown_keys_are_refused(app, key):
     reply = Browser(app)("GET", "/look", {"authorization": f"Bearer {key}".encode("latin-1")})
     assert reply.status_code == 401
 
 
-def test_other_schemes_are_not_looked_at(access, app):
+def test_other_authorization_schemes_are_ignored(access, app):
     browser = Browser(app)
     assert browser("GET", "/look", {"authorization": "Basic YTpi"}).status_code == 401
     browser.log_in("the-viewer")
     assert browser("GET", "/look", {"authorization": "Basic YTpi"}).status_code == 200
 
 
-def test_a_new_one_and_none_end_the_old(access, app):
+def test_replacing_or_removing_a_key_ends_the_old_one(access, app):
     old, browser = access.keys.create("a"), Browser(app)
     new = access.keys.create("A")
     assert browser("GET", "/look", bearer(old)).status_code == 401
@@ -77,14 +77,14 @@ def test_a_new_one_and_none_end_the_old(access, app):
         access.keys.remove("a")
 
 
-def test_it_is_not_kept_itself(access, tmp_path):
+def test_keys_are_stored_as_hashes(access, tmp_path):
     key = access.keys.create("a")
     kept = b"".join(path.read_bytes() for path in tmp_path.glob("users.db*"))
     assert b"users" in kept
     assert key.encode() not in kept
 
 
-def test_it_may_not_ask_too_often(make):
+def test_keys_are_rate_limited(make):
     access = make(requests_per_s=1, requests_burst=5)
-    browser, key = Browser(application(access)), access.keys.create("a")
+    browser, key = Browser(make_application(access)), access.keys.create("a")
     assert 429 in {browser("GET", "/look", bearer(key)).status_code for _ in range(8)}

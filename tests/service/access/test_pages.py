@@ -15,7 +15,7 @@ import beltscape.service.access as access_package
 from beltscape.service.access import Access, install_access
 from beltscape.service.server import serve
 from beltscape.service.static import FOLDER, make_static_files
-from service.access.door import CHEAP, PASSWORD
+from service.access.sample_app import CHEAP, PASSWORD
 from service.test_server import Web
 
 CHROMIUM = shutil.which("chromium")
@@ -58,7 +58,7 @@ def sign_in(page, name: str, password: str) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-def test_from_the_first_start_to_a_second_user(door, page):
+def test_setup_login_and_user_management_in_the_browser(door, page):
     access, address = door
     page.goto(address)
     page.wait_for_selector("h1:has-text('Erster Start')")
@@ -98,7 +98,7 @@ def test_from_the_first_start_to_a_second_user(door, page):
     assert page.locator("#users-panel").is_hidden()
 
 
-def test_every_word_of_the_pages_is_there_in_three_languages():
+def test_texts_of_the_access_pages_exist_in_every_language():
     texts = json.loads((FOLDER / "texts.json").read_text(encoding="utf-8"))
     used = set()
     for file in (Path(access_package.__file__).parent / "page").iterdir():

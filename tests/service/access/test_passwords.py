@@ -1,4 +1,4 @@
-"""What is kept of a password, and which are refused."""
+"""Password hashes, and the rules for new passwords."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CHEAP = ScryptCost(log2_n=4, r=8, p=1)
 
 @given(st.text(max_size=40), st.text(max_size=40))
 @settings(max_examples=30)
-def test_only_the_same_password_matches(one, other):
+def test_only_the_same_password_is_accepted(one, other):
     kept = hash_password(one, CHEAP)
     assert verify_password(one, kept)
     if other != one:
@@ -31,22 +31,22 @@ def test_only_the_same_password_matches(one, other):
         assert verify_password(other, kept) == same
 
 
-def test_the_same_password_is_never_kept_alike_and_never_as_it_is():
+def test_hashes_are_salted_and_hide_the_password():
     kept = {hash_password("coal on the belt", CHEAP) for _ in range(4)}
     assert len(kept) == 4
     assert not any("coal" in one for one in kept)
     assert all(re.fullmatch(r"scrypt\$4\$8\$1\$[\w+/]{22}==\$[\w+/]{43}=", one) for one in kept)
 
 
-def test_costs_are_kept_so_old_hashes_hold_when_they_grow():
+def test_hashes_carry_their_costs():
     assert verify_password("coal on the belt", hash_password("coal on the belt", ScryptCost(5, 4, 2)))
 
 
-def test_an_umlaut_is_the_same_however_it_was_typed():
+def test_umlauts_match_in_every_unicode_form():
     assert verify_password("fo\u0308rderband 12", hash_password("f\u00f6rderband 12", CHEAP))
 
 
-def test_a_guess_costs_what_owasp_asks_for():
+def test_default_cost_is_what_owasp_recommends():
     """OWASP's password storage sheet: N = 2^15, r = 8, p = 3 is one of its least settings."""
     assert ScryptCost() == ScryptCost(log2_n=15, r=8, p=3)
 
@@ -60,7 +60,7 @@ def test_a_guess_costs_what_owasp_asks_for():
         ("I-am-MEIER-12", "user's name"),
     ],
 )
-def test_weak_ones_are_refused_without_saying_them_again(password, line):
+def test_weak_passwords_are_refused_without_repeating_them(password, line):
     with pytest.raises(InputError, match=line) as raised:
         validate_password(password, "meier")
     assert password not in str(raised.value)

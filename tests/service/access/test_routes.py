@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from service.access.door import PASSWORD, Browser, application
+from service.access.sample_app import PASSWORD, Browser, make_application
 
 
 def set_up(browser: Browser, token: str | None, name: str = "Anna", password: str = PASSWORD):
     return browser("POST", "/api/access/setup", json={"token": token, "name": name, "password": password})
 
 
-def test_the_first_start(make):
+def test_setup_creates_the_first_engineer(make):
     access = make()
-    browser = Browser(application(access))
+    browser = Browser(make_application(access))
     assert browser("GET", "/api/access/state").json() == {
         "setup": True,
         "user": None,
@@ -31,9 +31,9 @@ def test_the_first_start(make):
     assert access.setup_message is None
 
 
-def test_the_token_is_said_at_the_start_and_never_kept(make, tmp_path, caplog):
+def test_setup_token_is_printed_and_never_stored(make, tmp_path, caplog):
     access = make()
-    application(access)
+    make_application(access)
     token = access.setup_token
     assert token is not None
     assert len(token.replace("-", "")) == 20
@@ -42,44 +42,46 @@ def test_the_token_is_said_at_the_start_and_never_kept(make, tmp_path, caplog):
     assert make().setup_token != token
 
 
-def test_however_the_token_is_typed(make):
+def test_setup_token_is_accepted_in_every_spelling(make):
     access = make()
     token = access.setup_token or ""
-    assert set_up(Browser(application(access)), f" {token.upper().replace('-', ' ')} ").status_code == 201
+    assert (
+        set_up(Browser(make_application(access)), f" {token.upper().replace('-', ' ')} ").status_code == 201
+    )
 
 
-def test_without_the_token_there_is_no_setup(make):
+def test_setup_requires_the_token(make):
     access = make()
-    browser = Browser(application(access))
+    browser = Browser(make_application(access))
     for wrong in ("0000-0000-0000-0000-0000", (access.setup_token or "")[:-1], "\u0660" * 20):
         assert set_up(browser, wrong).status_code == 409
     assert access.accounts.list() == ()
     assert [e["what"] for e in access.audit.read_last(9)] == ["setup failed"] * 3
 
 
-def test_the_setup_is_over_for_ever(make):
+def test_setup_cannot_be_repeated(make):
     access = make()
     token = access.setup_token
-    app = application(access)
+    app = make_application(access)
     assert set_up(Browser(app), token).status_code == 201
     again = set_up(Browser(app), token, "Eve")
     assert again.status_code == 409
     assert "setup is over" in again.json()["detail"]
     later = make()
     assert later.setup_token is None
-    assert set_up(Browser(application(later)), token, "Eve").status_code == 409
+    assert set_up(Browser(make_application(later)), token, "Eve").status_code == 409
     assert [a.name for a in later.accounts.list()] == ["anna"]
 
 
-def test_guessing_the_token_is_slow(make):
+def test_guessing_the_setup_token_is_throttled(make):
     access = make()
-    browser = Browser(application(access))
+    browser = Browser(make_application(access))
     statuses = [set_up(browser, f"{i:020}").status_code for i in range(14)]
     assert statuses == [409] * 10 + [429] * 4
-    assert set_up(Browser(application(access), "10.0.0.2"), access.setup_token).status_code == 201
+    assert set_up(Browser(make_application(access), "10.0.0.2"), access.setup_token).status_code == 201
 
 
-def test_wrong_passwords_get_slow_and_say_nothing_of_the_user(app):
+def test_wrong_passwords_are_throttled_and_reveal_no_user(app):
     browser = Browser(app)
     replies = [browser.log_in(name, "not this one") for name in ("the-viewer", "nobody")]
     assert [r.status_code for r in replies] == [401, 401]
@@ -91,7 +93,7 @@ def test_wrong_passwords_get_slow_and_say_nothing_of_the_user(app):
     assert int(refused.headers["retry-after"]) >= 1
 
 
-def test_strangers_everywhere_do_not_lock_out_who_was_here_before(app):
+def test_guesses_from_elsewhere_do_not_lock_out_known_users(app):
     here = Browser(app, "10.0.0.1")
     assert here.log_in("the-viewer").status_code == 200
     for i in range(60):
@@ -100,7 +102,7 @@ def test_strangers_everywhere_do_not_lock_out_who_was_here_before(app):
     assert Browser(app, "10.0.0.1").log_in("the-viewer").status_code == 200
 
 
-def test_logging_in_changes_the_session_and_logging_out_ends_it(app):
+def test_login_replaces_the_session_and_logout_ends_it(app):
     browser = Browser(app)
     browser.log_in("the-viewer")
     first = browser.cookies["beltscape"]
@@ -132,7 +134,7 @@ def test_a_new_password_ends_all_other_sessions(app, access):
     assert "ore on the belt" not in access.audit.path.read_text()
 
 
-def test_what_engineers_do_about_users(app, access):
+def test_engineers_manage_users(app, access):
     browser = Browser(app)
     browser.log_in("the-engineer")
     new = {"name": "王伟", "role": "viewer", "password": PASSWORD}
@@ -161,7 +163,7 @@ def test_what_engineers_do_about_users(app, access):
     "method_path", ["GET /users", "POST /users", "PATCH /users/a", "DELETE /users/a", "GET /audit"]
 )
 @pytest.mark.parametrize("role", ["viewer", "operator"])
-def test_users_are_for_engineers_only(app, role, method_path):
+def test_user_management_requires_an_engineer(app, role, method_path):
     method, path = method_path.split()
     browser = Browser(app)
     browser.log_in(f"the-{role}")
@@ -170,7 +172,7 @@ def test_users_are_for_engineers_only(app, role, method_path):
 
 
 @pytest.mark.parametrize("path", ["/login", "/setup", "/access/door.js", "/access/door.css"])
-def test_the_way_in_is_open_to_all(app, path):
+def test_login_pages_are_public(app, path):
     reply = Browser(app)("GET", path)
     assert reply.status_code == 200
     if path in ("/login", "/setup"):
@@ -178,11 +180,11 @@ def test_the_way_in_is_open_to_all(app, path):
         assert " style=" not in reply.text
 
 
-def test_the_account_is_not(app):
+def test_the_account_page_requires_login(app):
     assert Browser(app)("GET", "/account").status_code == 401
 
 
-def test_a_full_disk_keeps_nobody_out(app, access):
+def test_login_works_on_a_full_disk(app, access):
     access._database.select("PRAGMA query_only = 1")
     browser = Browser(app)
     assert browser.log_in("the-engineer").status_code == 200

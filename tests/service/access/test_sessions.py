@@ -1,4 +1,4 @@
-"""Sessions end when they should, and only then."""
+"""Sessions: life, end, storage."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def clock():
 
 @pytest.fixture
 def database(tmp_path):
-    found = Database(tmp_path)
-    with found.transaction() as connection:
+    database = Database(tmp_path)
+    with database.transaction() as connection:
         connection.execute("INSERT INTO users VALUES ('anna', 'engineer', 'x', 0, 0)")
-    yield found
-    found.close()
+    yield database
+    database.close()
 
 
 @pytest.fixture
@@ -56,14 +56,14 @@ def test_a_session_survives_a_restart(sessions, database, clock):
     assert Sessions(database, IDLE_S, LIFE_S, clock).find(token) == ANNA
 
 
-def test_only_its_hash_is_kept(sessions, database):
+def test_tokens_are_stored_as_hashes(sessions, database):
     token = sessions.open(ANNA, "::1")
     ((kept,),) = database.select("SELECT token FROM sessions")
     assert kept == hashlib.sha256(token.encode()).hexdigest()
     assert sessions.find(kept) is None
 
 
-def test_it_ends_when_unused(sessions, clock):
+def test_an_unused_session_ends(sessions, clock):
     token = sessions.open(ANNA, "")
     clock.now += IDLE_S - 1
     assert sessions.find(token) == ANNA
@@ -75,7 +75,7 @@ def test_it_ends_when_unused(sessions, clock):
     assert sessions.find(token) is None, "ended for ever"
 
 
-def test_it_ends_at_last_though_used(sessions, clock):
+def test_a_used_session_ends_after_its_life(sessions, clock):
     token = sessions.open(ANNA, "")
     for _ in range(int(LIFE_S / 1000)):
         assert sessions.find(token) == ANNA
@@ -85,7 +85,7 @@ def test_it_ends_at_last_though_used(sessions, clock):
 
 @given(st.lists(st.floats(-50_000, 50_000), max_size=8))
 @settings(max_examples=20)
-def test_no_step_of_the_clock_prolongs_one(tmp_path_factory, steps):
+def test_no_step_of_the_clock_prolongs_a_session(tmp_path_factory, steps):
     """Wherever the clock is set to, a session older than its life by that clock is over."""
     clock = Clock()
     database = Database(tmp_path_factory.mktemp("steps"))
@@ -100,13 +100,13 @@ def test_no_step_of_the_clock_prolongs_one(tmp_path_factory, steps):
     database.close()
 
 
-def test_logging_out_ends_it_for_ever(sessions):
+def test_logging_out_ends_a_session(sessions):
     token, other = sessions.open(ANNA, ""), sessions.open(ANNA, "")
     sessions.close(token)
     assert (sessions.find(token), sessions.find(other)) == (None, ANNA)
 
 
-def test_a_removed_user_has_none(sessions, database):
+def test_a_removed_user_has_no_session(sessions, database):
     token = sessions.open(ANNA, "")
     with database.transaction() as connection:
         connection.execute("DELETE FROM users")
@@ -121,7 +121,7 @@ def test_a_role_changes_at_once(sessions, database):
     assert sessions.find(token) == User("anna", "viewer")
 
 
-def test_there_are_never_many(sessions, database, clock):
+def test_sessions_per_user_are_bounded(sessions, database, clock):
     first = sessions.open(ANNA, "")
     for _ in range(MAX_PER_USER):
         clock.now += 1
@@ -130,7 +130,7 @@ def test_there_are_never_many(sessions, database, clock):
     assert (sessions.find(first), sessions.find(last)) == (None, ANNA)
 
 
-def test_a_full_disk_locks_nobody_in_or_out(sessions, database, clock):
+def test_login_and_logout_work_on_a_full_disk(sessions, database, clock):
     token = sessions.open(ANNA, "")
     database.select("PRAGMA max_page_count = 1")
     database.select("PRAGMA query_only = 1")
@@ -150,6 +150,6 @@ def test_a_full_disk_locks_nobody_in_or_out(sessions, database, clock):
 
 
 @given(st.text(max_size=80))
-def test_no_other_token_opens(text):
+def test_page_tokens_differ(text):
     assert derive_page_token(text) != derive_page_token(text + "x")
     assert len(derive_page_token(text.encode("utf-8", "replace").decode())) == 64

@@ -1,4 +1,4 @@
-"""Guessing gets slow, strangers lock nobody out, memory stays bounded."""
+"""Throttling of guesses and requests, in bounded memory."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ def guesses_within(seconds: float, names: int, addresses: int) -> int:
     return tries
 
 
-def test_one_address_guesses_few_passwords_a_day():
+def test_one_address_can_guess_few_passwords_a_day():
     assert guesses_within(86_400, names=1, addresses=1) < 200
     assert guesses_within(86_400, names=50, addresses=1) < 200
 
 
-def test_many_addresses_guess_one_account_slowly():
+def test_many_addresses_can_guess_one_account_slowly_only():
     # no faster than one a minute after the first few
     assert guesses_within(7200, names=1, addresses=100) < 7200 / ACCOUNT.longest_s + 20
 
 
-def test_delays_grow_and_end():
+def test_delays_grow_to_a_limit():
     assert [ADDRESS.compute_s(n) for n in (0, 9, 10, 11, 12, 30, 10_000)] == [0, 0, 1, 2, 4, 900, 900]
 
 
-def test_a_user_is_not_locked_out_where_he_was_before():
+def test_a_known_address_is_not_locked_out():
     throttle = Throttle(Clock())
     throttle.count_success("anna", "desk")
     for i in range(100):
@@ -61,7 +61,7 @@ def test_a_user_is_not_locked_out_where_he_was_before():
     assert throttle.wait_s("anna", "elsewhere") > 0
 
 
-def test_a_right_password_does_not_free_an_address():
+def test_a_login_does_not_reset_its_address():
     """Else somebody with one account could guess at the others for ever."""
     throttle = Throttle(Clock())
     for _ in range(12):
@@ -93,7 +93,7 @@ def test_memory_is_bounded():
     st.integers(1, 50),
     st.lists(st.floats(0, 5, allow_nan=False), min_size=1, max_size=200),
 )
-def test_a_bucket_gives_no_more_than_its_rate(rate_hz, burst, pauses):
+def test_a_bucket_never_exceeds_its_rate(rate_hz, burst, pauses):
     clock = Clock()
     buckets = TokenBuckets(rate_hz, burst, clock)
     allowed = 0
@@ -106,7 +106,7 @@ def test_a_bucket_gives_no_more_than_its_rate(rate_hz, burst, pauses):
     assert buckets.take("b") == 0, "others are not held up"
 
 
-def test_what_counts_as_one_address():
+def test_addresses_are_normalised():
     assert normalise_address("192.0.2.7") == "192.0.2.7"
     assert normalise_address("::ffff:192.0.2.7") == "192.0.2.7"
     assert normalise_address("2001:db8::1") == normalise_address("2001:db8::ffff:1") == "2001:db8::/64"

@@ -78,9 +78,7 @@ def _check_readable(path: Path, kind: str) -> None:
 
 
 def _refuse_passphrase(key: Path) -> str:
-    raise InputError(
-        f"{key}: has a passphrase; give the key without one, map_history_errors for the service alone"
-    )
+    raise InputError(f"{key}: has a passphrase; give the key without one, readable for the service alone")
 
 
 def _describe_error(certificate: Path, key: Path, error: ssl.SSLError) -> str:

@@ -1,1 +1,1 @@
-"""What programs may ask for by HTTP; one file per subject."""
+"""The HTTP interface: one module of endpoints per subject."""

@@ -23,6 +23,7 @@ from beltscape.service.api.common import (
     check_period,
     describe_refusals,
 )
+from beltscape.sinks.historian import DaySum, Event, Series
 
 MS_NS = 1_000_000
 Viewer = Annotated[User, Depends(require_role("viewer"))]
@@ -45,6 +46,25 @@ class SeriesOut(ResponseModel):
     valid_m: tuple[Number, ...]
     degraded_m: tuple[Number, ...]
     missing_m: tuple[Number, ...]
+
+    @classmethod
+    def from_series(cls, curves: Series) -> SeriesOut:
+        """Return the curves in ms, m³/h, m/s, m³, t and m."""
+        return cls(
+            start_ms=tuple(int(ns) // MS_NS for ns in curves.start_ns),
+            width_ms=curves.width_ns / MS_NS,
+            flow_m3_h=_to_json_numbers(curves.flow_m3_h),
+            low_m3_h=_to_json_numbers(curves.flow_low_m3_h),
+            high_m3_h=_to_json_numbers(curves.flow_high_m3_h),
+            mass_flow_t_h=_to_json_numbers(curves.mass_flow_t_h),
+            speed_m_s=_to_json_numbers(curves.speed_mm_s * 1e-3),
+            coverage=_to_json_numbers(curves.coverage),
+            volume_m3=_to_json_numbers(curves.volume_mm3 * 1e-9),
+            mass_t=_to_json_numbers(curves.mass_kg * 1e-3),
+            valid_m=_to_json_numbers(curves.valid_mm * 1e-3),
+            degraded_m=_to_json_numbers(curves.degraded_mm * 1e-3),
+            missing_m=_to_json_numbers(curves.missing_mm * 1e-3),
+        )
 
 
 class RecordOut(ResponseModel):
@@ -96,6 +116,19 @@ class DayOut(ResponseModel):
     degraded_m: float
     missing_m: float
 
+    @classmethod
+    def from_day(cls, day: DaySum) -> DayOut:
+        """Return the day in m³, t and m."""
+        return cls(
+            day=day.day,
+            records=day.records,
+            volume_m3=day.volume_mm3 * 1e-9,
+            mass_t=day.mass_kg * 1e-3,
+            valid_m=day.valid_mm * 1e-3,
+            degraded_m=day.degraded_mm * 1e-3,
+            missing_m=day.missing_mm * 1e-3,
+        )
+
 
 class EventOut(ResponseModel):
     """One event of the history."""
@@ -106,6 +139,18 @@ class EventOut(ResponseModel):
     name: str
     text: str
     by: str
+
+    @classmethod
+    def from_event(cls, event: Event) -> EventOut:
+        """Return the event with its time in ms."""
+        return cls(
+            number=event.number,
+            wall_ms=event.wall_ns // MS_NS,
+            kind=event.kind,
+            name=event.name,
+            text=event.text,
+            by=event.by,
+        )
 
 
 class SectionOut(ResponseModel):
@@ -137,22 +182,8 @@ def make_router(context: AppContext) -> APIRouter:
         """Curves from ``since_ms`` to before ``until_ms`` in at most ``points`` intervals."""
         check_period(since_ms, until_ms)
         with map_history_errors():
-            found = history.series(since_ms * MS_NS, until_ms * MS_NS, points)
-        return SeriesOut(
-            start_ms=tuple(int(ns) // MS_NS for ns in found.start_ns),
-            width_ms=found.width_ns / MS_NS,
-            flow_m3_h=_to_json_numbers(found.flow_m3_h),
-            low_m3_h=_to_json_numbers(found.flow_low_m3_h),
-            high_m3_h=_to_json_numbers(found.flow_high_m3_h),
-            mass_flow_t_h=_to_json_numbers(found.mass_flow_t_h),
-            speed_m_s=_to_json_numbers(found.speed_mm_s * 1e-3),
-            coverage=_to_json_numbers(found.coverage),
-            volume_m3=_to_json_numbers(found.volume_mm3 * 1e-9),
-            mass_t=_to_json_numbers(found.mass_kg * 1e-3),
-            valid_m=_to_json_numbers(found.valid_mm * 1e-3),
-            degraded_m=_to_json_numbers(found.degraded_mm * 1e-3),
-            missing_m=_to_json_numbers(found.missing_mm * 1e-3),
-        )
+            curves = history.series(since_ms * MS_NS, until_ms * MS_NS, points)
+        return SeriesOut.from_series(curves)
 
     @router.get("/records", responses=describe_refusals(503))
     def records(
@@ -165,8 +196,8 @@ def make_router(context: AppContext) -> APIRouter:
         """Entries of the ledger with numbers above ``after``, in order."""
         check_period(since_ms, until_ms)
         with map_history_errors():
-            found = history.records(since_ms * MS_NS, until_ms * MS_NS, limit, after)
-        return [RecordOut.from_record(record) for record in found]
+            entries = history.records(since_ms * MS_NS, until_ms * MS_NS, limit, after)
+        return [RecordOut.from_record(record) for record in entries]
 
     @router.get("/events", responses=describe_refusals(503))
     def events(
@@ -175,46 +206,29 @@ def make_router(context: AppContext) -> APIRouter:
         """Alarms, messages and operators' actions, newest first."""
         check_period(since_ms, until_ms)
         with map_history_errors():
-            found = history.events(since_ms * MS_NS, until_ms * MS_NS, limit)
-        return [
-            EventOut(
-                number=one.number,
-                wall_ms=one.wall_ns // MS_NS,
-                kind=one.kind,
-                name=one.name,
-                text=one.text,
-                by=one.by,
-            )
-            for one in found
-        ]
+            entries = history.events(since_ms * MS_NS, until_ms * MS_NS, limit)
+        return [EventOut.from_event(event) for event in entries]
 
     @router.get("/days", responses=describe_refusals(503))
     def days(_: Viewer, since_ms: WallMs, until_ms: WallMs) -> list[DayOut]:
         """Sums of at most the last 1000 days that begin in that period, oldest first."""
         check_period(since_ms, until_ms)
         with map_history_errors():
-            found = history.day_totals(since_ms * MS_NS, until_ms * MS_NS)[-1000:]
-        return [
-            DayOut(
-                day=one.day,
-                records=one.records,
-                volume_m3=one.volume_mm3 * 1e-9,
-                mass_t=one.mass_kg * 1e-3,
-                valid_m=one.valid_mm * 1e-3,
-                degraded_m=one.degraded_mm * 1e-3,
-                missing_m=one.missing_mm * 1e-3,
-            )
-            for one in found
-        ]
+            totals = history.day_totals(since_ms * MS_NS, until_ms * MS_NS)[-1000:]
+        return [DayOut.from_day(day) for day in totals]
 
     @router.get("/section", responses=describe_refusals(404, 503))
     def section(_: Viewer, number: RecordNumber) -> SectionOut:
         """The cross-section of the record of that number."""
         with map_history_errors():
-            found = history.section(number)
-        if found is None:
+            cross_section = history.section(number)
+        if cross_section is None:
             raise HTTPException(404, "no cross-section is kept for that record")
-        return SectionOut(number=number, x_mm=_round(found.x_mm), height_mm=_to_json_numbers(found.height_mm))
+        return SectionOut(
+            number=number,
+            x_mm=_round(cross_section.x_mm),
+            height_mm=_to_json_numbers(cross_section.height_mm),
+        )
 
     return router
 

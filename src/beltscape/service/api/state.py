@@ -201,7 +201,7 @@ def make_router(context: AppContext) -> APIRouter:
 
     @router.get("/state", responses=describe_refusals())
     def state(_: Annotated[User, Depends(require_role("viewer"))]) -> StateOut:
-        """Flow, totals, cameras and alarms as they are snapshot."""
+        """Flow, totals, cameras and alarms as they are now."""
         return StateOut.from_snapshot(context.live_state.take_snapshot())
 
     @router.get("/page", responses=describe_refusals())

@@ -1,4 +1,4 @@
-"""A small application behind the door, and a browser that calls it."""
+"""A small application with access control, and a browser that calls it."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class Browser:
         return response
 
 
-async def until_it_ends(websocket: WebSocket) -> None:
+async def wait_for_disconnect(websocket: WebSocket) -> None:
     while (await websocket.receive())["type"] != "websocket.disconnect":
         pass
 
 
-def application(access: Access, **more: Any) -> FastAPI:
-    """One route a role, one that fails, one WebSocket."""
+def make_application(access: Access, **more: Any) -> FastAPI:
+    """Return an application with a route for each of two roles, an export and a WebSocket."""
     app = FastAPI()
 
     @app.get("/look")
@@ -69,7 +69,7 @@ def application(access: Access, **more: Any) -> FastAPI:
         user = get_socket_user(websocket)
         assert user is not None
         await websocket.accept()
-        listening = asyncio.create_task(until_it_ends(websocket))
+        listening = asyncio.create_task(wait_for_disconnect(websocket))
         while not listening.done():
             await websocket.send_text(user.name)
             await asyncio.sleep(0.02)

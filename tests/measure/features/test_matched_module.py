@@ -13,7 +13,7 @@ from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.features.measure import measure_module
-from beltscape.measure.features.pose.nominal import nominal_view
+from beltscape.measure.features.pose.nominal import render_nominal_view
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pointcloud.cloud import undistorted
@@ -53,7 +53,7 @@ def test_a_base_by_its_rim_alone_is_honest_however_far_the_matcher_reaches(reach
     """Another preset, or a base as dark as the belt, lets the rim of all edges reach farther or less far, alike."""
     seen, pose = Seen(module(), lying(12, -8, 25)), lying(12, -8, 25)
     depth = seen.depth()
-    base = nominal_view(module(), pose, rig().core_camera)
+    base = render_nominal_view(module(), pose, rig().core_camera)
     module_px = base.label >= 0
     grown = ndimage.binary_dilation(module_px) if reach_px > 0 else ndimage.binary_erosion(module_px)
     changed = (grown != module_px) if reach_px else np.zeros_like(module_px)

@@ -12,10 +12,10 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
+from beltscape.measure.features.correlation_area import estimate_correlation_area_px
 from beltscape.measure.features.face import fit_face
-from beltscape.measure.features.grain import grain_px
 from beltscape.measure.features.measure import measure_module
-from beltscape.measure.features.pose.nominal import nominal_view
+from beltscape.measure.features.pose.nominal import render_nominal_view
 from beltscape.measure.features.result import MeasuredModule
 from synthetic.modules import Seen, lying, module, rig
 
@@ -149,7 +149,7 @@ def test_a_frame_without_depth_shows_no_module():
 def test_sigma_of_a_height_is_what_correlated_noise_makes_of_it(exact):
     """The σ of a face's height covers errors that go together over several pixels."""
     depth, camera = exact[0], rig().core_camera
-    view = nominal_view(module(), lying(12, -8, 25), camera)
+    view = render_nominal_view(module(), lying(12, -8, 25), camera)
     ratios: list[float] = []
     for seed in range(12):
         noise = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=view.label.shape), 2.0)
@@ -159,9 +159,9 @@ def test_sigma_of_a_height_is_what_correlated_noise_makes_of_it(exact):
         faces = [fit_face(noisy, camera, view.face(label), view.depth_mm) for label in (0, 1, 2)]
         assert all(faces)
         base, *tops = [face for face in faces if face]
-        grain = grain_px([face.residual_mm for face in (base, *tops)])
+        grain = estimate_correlation_area_px([face.residual_mm for face in (base, *tops)])
         for top, true in zip(tops, (100.0, 60.0), strict=True):
-            height, slope = base.above(top.middle_mm)
+            height, slope = base.height_above(top.middle_mm)
             variance = top.depth_variance(grain) + grain * slope @ base.covariance @ slope
             ratios.append((height - true) / np.sqrt(variance))
     assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.4

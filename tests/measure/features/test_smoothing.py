@@ -9,8 +9,8 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.measure.features.face import rays_at
-from beltscape.measure.features.smoothing import Smoothing, grid_step, smoothing_of
+from beltscape.measure.features.face import compute_rays
+from beltscape.measure.features.smoothing import Smoothing, detect_grid_step, estimate_smoothing
 from beltscape.measure.features.sphere import fit_sphere
 from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -47,7 +47,7 @@ def depth_of(z: np.ndarray, sigma_mm: float = 0.05) -> DepthMap:
 
 
 def sphere_depth(radius_mm: float, center: np.ndarray) -> np.ndarray:
-    rays = rays_at(rig().core_camera, *np.mgrid[:HEIGHT, :WIDTH])
+    rays = compute_rays(rig().core_camera, *np.mgrid[:HEIGHT, :WIDTH])
     a, b = np.sum(rays**2, axis=-1), rays @ center
     with np.errstate(invalid="ignore"):
         return (b - np.sqrt(b * b - a * (center @ center - radius_mm**2))) / a
@@ -61,7 +61,7 @@ def test_the_passes_are_those_of_the_matcher():
         confidence = np.kron(np.random.default_rng(0).uniform(size=(64, 64)), np.ones((step, step)))
         fields = np.ones((64 * step,) * 2, np.float32)
         depth = DepthMap(fields, fields, fields.astype(np.uint8), confidence.astype(np.float32))
-        smoothing = smoothing_of(np.ones_like(fields), depth, rig())
+        smoothing = estimate_smoothing(np.ones_like(fields), depth, rig())
         assert smoothing.step == step
         assert smoothing.passes.twicing == settings.sharpen
         *before, last = settings.final_px
@@ -79,7 +79,7 @@ def test_blocks_of_a_coarser_grid_are_recognised():
     fine = generator.uniform(size=(40, 60)).astype(np.float32)
     coarse = np.kron(fine, np.ones((2, 2), np.float32))
     maps = [DepthMap(c, c, c.astype(np.uint8), c) for c in (fine, coarse, np.ones_like(fine))]
-    assert [grid_step(depth) for depth in maps] == [1, 2, 1]
+    assert [detect_grid_step(depth) for depth in maps] == [1, 2, 1]
 
 
 @pytest.mark.parametrize("radius_mm", [20.0, 35.0, 50.0])
@@ -87,7 +87,7 @@ def test_a_sphere_that_the_matcher_smoothed_has_its_radius(radius_mm):
     """The fit takes off what the smoothing added; without the correction the radius would be several σ too small."""
     center = np.array([0.0, 0.0, 730.0])
     true, image = sphere_depth(radius_mm, center), speckled()
-    smoothing = smoothing_of(image, depth_of(true), rig())
+    smoothing = estimate_smoothing(image, depth_of(true), rig())
     window = (slice(100, 412), slice(150, 462))
     seen = np.full_like(true, np.nan)
     seen[window] = smoothing.smooth(true[window], window)
@@ -103,7 +103,7 @@ def test_a_sphere_that_the_matcher_smoothed_has_its_radius(radius_mm):
 def test_an_exact_sphere_is_not_corrected():
     center, image = np.array([0.0, 0.0, 730.0]), speckled()
     true = sphere_depth(35.0, center)
-    smoothing = smoothing_of(image, depth_of(true), rig())
+    smoothing = estimate_smoothing(image, depth_of(true), rig())
     ball = fit_sphere(depth_of(true), rig().core_camera, np.isfinite(true), center, 35.0, smoothing)
     assert ball is not None
     assert ball.corrected_mm == 0

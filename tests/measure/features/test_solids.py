@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.measure.features.pose.solids import solids_of
+from beltscape.measure.features.pose.solids import build_solids
 from synthetic.modules import module
 
 
@@ -18,8 +18,8 @@ def test_where_a_ray_enters_the_distance_is_nothing(seed):
     aim = np.column_stack(
         [rng.uniform(-140, 140, 400), rng.uniform(-100, 100, 400), rng.uniform(-10, 100, 400)]
     )
-    for solid in solids_of(module()):
-        t, top = solid.hit(eye, aim - eye)
+    for solid in build_solids(module()):
+        t, top = solid.intersect(eye, aim - eye)
         hit = np.isfinite(t)
         points = eye + t[hit, None] * (aim - eye)[hit]
         assert np.abs(solid.distance(points)).max(initial=0) < 1e-9
@@ -36,7 +36,7 @@ def test_where_a_ray_enters_the_distance_is_nothing(seed):
 def test_distance_is_below_that_to_any_point_inside(seed):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-250, 250, (200, 3))
-    for solid in solids_of(module()):
+    for solid in build_solids(module()):
         corners = solid.corners()
         samples = rng.uniform(corners.min(axis=0), corners.max(axis=0), (200, 3))
         inside = samples[solid.distance(samples) <= 0]

@@ -1,1 +1,1 @@
-"""A calibration module in one depth map: where it lies, and how large its features are."""
+"""A calibration module in one depth map: its pose, and the dimensions of its features."""

@@ -1,4 +1,4 @@
-"""A flat upper face: a weighted plane through its interior, with the covariance that correlated errors leave it."""
+"""A flat upper face: a weighted plane fitted to its interior, with its covariance under correlated errors."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from scipy import ndimage
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.measure.features.view import MATCHER_REACH_PX, scale_of
+from beltscape.measure.features.matcher_scale import MATCHER_REACH_PX, compute_camera_scale
 
-_LEAST = 30
-"""Pixels that a plane needs."""
+_MIN_PIXELS = 30
+"""Least number of pixels of a plane."""
 _OFF_MM = 3.0
-"""A face farther than this from where the perfect module has it is not the module's."""
+"""Pixels farther than this from the nominal module's face do not belong to it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,59 +25,59 @@ class Face:
     q: NDArray[np.float64]
     """(3,) 1/mm: the unit normal away from the camera over the distance."""
     covariance: NDArray[np.float64]
-    """(3, 3) of q, for errors that go together over `area_px` = 1; see `widened`."""
+    """(3, 3) covariance of q for independent pixels; `depth_variance` accounts for their correlation."""
     middle_mm: NDArray[np.float64]
     """(3,) the mean of its pixels, on the plane."""
     points: int
-    """Pixels it was fitted to."""
+    """Number of pixels with weight in the fit."""
     pixels: NDArray[np.bool_]
-    """(H, W) which."""
+    """(H, W) the pixels of the fit."""
     residual_mm: NDArray[np.float32]
     """(H, W) depth minus the plane's at these pixels, NaN elsewhere."""
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """(3,) unit, towards the camera."""
+        """Return the unit normal (3,) towards the camera."""
         return -self.q / np.linalg.norm(self.q)
 
     @property
     def distance_mm(self) -> float:
-        """Of the plane from the camera."""
+        """Return the distance of the plane from the camera."""
         return float(1 / np.linalg.norm(self.q))
 
     def depth_at(self, rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(...) depth, mm, where rays (..., 3) x/z, y/z, 1 meet it."""
+        """Return the depth (...) mm at which rays (..., 3) x/z, y/z, 1 meet the plane."""
         return 1 / (rays @ self.q)
 
-    def above(self, point_mm: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Height of a point over the plane, mm, and its slope (3,) by q."""
+    def height_above(self, point_mm: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Return the height of a point over the plane, mm, and its derivative (3,) by q."""
         size = float(np.linalg.norm(self.q))
         over = float(self.q @ point_mm) - 1
         return -over / size, -(point_mm / size - over * self.q / size**3)
 
     def depth_variance(self, area_px: float) -> float:
-        """Of the face's middle along its normal, mm²: errors of ``area_px`` pixels act as one."""
-        _, slope = self.above(self.middle_mm)
+        """Return the variance of the face's centre along its normal, mm², for a correlation area of ``area_px``."""
+        _, slope = self.height_above(self.middle_mm)
         return float(slope @ self.covariance @ slope) * area_px
 
 
 def fit_face(
-    depth: DepthMap, camera: Camera, shown: NDArray[np.bool_], expected_mm: NDArray[np.float64]
+    depth: DepthMap, camera: Camera, face_mask: NDArray[np.bool_], expected_mm: NDArray[np.float64]
 ) -> Face | None:
-    """Plane through the interior of ``shown`` (H, W), away from its border; None where too little is measured.
+    """Fit a plane to the interior of ``face_mask`` (H, W), away from its border; None where too little is measured.
 
-    Weighted by 1/σ² with Tukey's bisquare in inverse depth, where a plane is linear and the noise even.
-    Pixels far off ``expected_mm`` (H, W) are not the face's.
+    Weights are 1/σ² with Tukey's bisquare in inverse depth, in which a plane is linear and the noise uniform.
+    Pixels far off ``expected_mm`` (H, W) are excluded.
     """
-    seen = shown & depth.measured
-    seen &= np.abs(depth.depth_mm - np.where(shown, expected_mm, 0)) < _OFF_MM
-    if seen.sum() < max(_LEAST, 0.3 * shown.sum()):
+    valid = face_mask & depth.measured
+    valid &= np.abs(depth.depth_mm - np.where(face_mask, expected_mm, 0)) < _OFF_MM
+    if valid.sum() < max(_MIN_PIXELS, 0.3 * face_mask.sum()):
         return None
-    inside = _interior(shown, seen, MATCHER_REACH_PX * scale_of(camera))
-    if inside.sum() < _LEAST:
+    inside = _interior_mask(face_mask, valid, MATCHER_REACH_PX * compute_camera_scale(camera))
+    if inside.sum() < _MIN_PIXELS:
         return None
     rows, columns = np.nonzero(inside)
-    rays = rays_at(camera, rows, columns)
+    rays = compute_rays(camera, rows, columns)
     z, sigma = depth.depth_mm[inside].astype(np.float64), depth.sigma_mm[inside].astype(np.float64)
     error = np.maximum(sigma, 0.3 * np.median(sigma)) / z**2 + 1e-15
     middle = rays.mean(axis=0)
@@ -99,14 +99,18 @@ def fit_face(
     return Face(q, spread**2 * turn @ inverse @ turn.T, center, int((weight > 0).sum()), inside, residual)
 
 
-def rays_at(camera: Camera, rows: NDArray[np.integer], columns: NDArray[np.integer]) -> NDArray[np.float64]:
-    """(..., 3) x/z, y/z, 1 of pixels of the undistorted grid."""
+def compute_rays(
+    camera: Camera, rows: NDArray[np.integer], columns: NDArray[np.integer]
+) -> NDArray[np.float64]:
+    """Return the rays (..., 3) x/z, y/z, 1 of pixels of the undistorted grid."""
     x = (columns - camera.center_px[0]) / camera.focal_px[0]
     y = (rows - camera.center_px[1]) / camera.focal_px[1]
     return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
-def _interior(shown: NDArray[np.bool_], seen: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
-    """Pixels that far inside the face; of a small face, its inner third."""
-    within = np.asarray(ndimage.distance_transform_edt(np.pad(shown, 1)))[1:-1, 1:-1]
-    return seen & (within > min(reach_px, 0.6 * float(within.max())))
+def _interior_mask(
+    face_mask: NDArray[np.bool_], valid: NDArray[np.bool_], reach_px: float
+) -> NDArray[np.bool_]:
+    """Return the measured pixels at least ``reach_px`` inside the face; of a small face, its inner part."""
+    within = np.asarray(ndimage.distance_transform_edt(np.pad(face_mask, 1)))[1:-1, 1:-1]
+    return valid & (within > min(reach_px, 0.6 * float(within.max())))

@@ -1,4 +1,4 @@
-"""What was measured of a module."""
+"""The results of measuring a module."""
 
 from __future__ import annotations
 
@@ -11,56 +11,56 @@ from numpy.typing import NDArray
 from beltscape.core.pose import Pose
 from beltscape.measure.features.face import Face
 from beltscape.measure.features.pose.nominal import NominalView
-from beltscape.measure.features.sphere import Ball
+from beltscape.measure.features.sphere import FittedSphere
 from beltscape.target.module import Module
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One dimension."""
+    """One measured dimension."""
 
     name: str
-    """Of the feature; ``base``; ``step:LARGE-SMALL``."""
+    """Name of the feature, or ``base``, or ``step:LARGE-SMALL``."""
     quantity: str
     """edge, height, radius, diameter, length, width, height_difference."""
     nominal_mm: float
     measured_mm: float
-    """NaN where it could not be measured."""
+    """NaN where the dimension could not be measured."""
     sigma_mm: float
-    """One standard deviation; NaN where it could not be measured."""
+    """One standard deviation; NaN where the dimension could not be measured."""
     points: int
-    """Pixels, or pieces of edge, that it rests on."""
+    """Number of pixels, or pieces of edge, that were used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeLine:
-    """One located edge, as it is drawn."""
+    """One located edge as a polyline."""
 
     name: str
-    """Of the feature."""
+    """Name of the feature."""
     line_mm: NDArray[np.float64]
     """(n, 3) polyline in the core's frame, on the face."""
     nominal_mm: NDArray[np.float64]
-    """(n, 3) where the perfect module has it."""
+    """(n, 3) the edge of the nominal module."""
     sigma_mm: float
     by_image: bool
-    """Whether an image located it, or only the depth map's rim."""
+    """Whether an image located the edge, or only the depth map's rim."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredModule:
-    """A module in a frame."""
+    """A module measured in one frame."""
 
     module: Module
     core_from_module: Pose
     agreement: float
-    """Share of its surface that was recognised, less what disagrees."""
+    """Share of the module's surface with the right height, less a penalty for wrong heights."""
     view: NominalView
-    """The perfect module at that pose."""
+    """The nominal module rendered at that pose."""
     faces: Mapping[str, Face]
-    """Upper faces that were measured, by feature; ``base`` among them."""
-    balls: Mapping[str, Ball]
-    """Spheres that were measured."""
+    """Measured upper faces by feature, including ``base``."""
+    spheres: Mapping[str, FittedSphere]
+    """Measured spheres by feature."""
     edges: tuple[EdgeLine, ...]
     quantities: tuple[Quantity, ...]
     warnings: tuple[str, ...]

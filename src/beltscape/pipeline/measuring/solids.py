@@ -12,7 +12,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.files.documents.json_text import read_json
 from beltscape.measure.features.result import MeasuredModule
-from beltscape.report.drawing.scene_solids import Lines, outline
+from beltscape.report.drawing.scene_solids import Lines, outline_solid
 from beltscape.target.module import Cube, Sphere
 
 
@@ -71,7 +71,7 @@ def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
         pose = document["pose"]["core_from_module"]
         core_from_module = Pose.of(pose["rotation"], pose["translation_mm"])
         return [
-            (str(solid["name"]), [core_from_module.apply(line) for line in outline(solid)])
+            (str(solid["name"]), [core_from_module.apply(line) for line in outline_solid(solid)])
             for solid in document["solids"]
         ]
     except (KeyError, TypeError, ValueError) as error:

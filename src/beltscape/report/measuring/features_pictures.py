@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
-from beltscape.measure.features.pose.nominal import NOTHING
+from beltscape.measure.features.pose.nominal import NO_PART
 from beltscape.measure.features.result import EdgeLine, MeasuredModule
 from beltscape.report.drawing.depth_picture import NO_TRUTH
 from beltscape.report.drawing.legend import (
@@ -36,44 +36,44 @@ _MARGIN_PX = 12
 _SCENE_POINTS = 12_000
 
 
-def feature_panel(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Panel:
+def make_feature_panel(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Panel:
     """Pixels that were fitted, in their feature's colour over the depth in grey, with the located edges."""
-    rows, columns = _around(measured)
+    rows, columns = _crop_to_module(measured)
     z = depth.depth_mm[rows, columns]
     low, high = np.nanquantile(z, [0.01, 0.99]) if np.isfinite(z).any() else (0.0, 1.0)
     shade = np.nan_to_num((high - z) / max(high - low, 1e-6))
     image = np.repeat((60 + 120 * np.clip(shade, 0, 1))[..., None], 3, axis=2)
     names = ["base", *(feature.name for feature in measured.module.features)]
     for label, name in enumerate(names):
-        here = _fitted(depth, measured, label, name)[rows, columns]
+        here = _fitted_mask(depth, measured, label, name)[rows, columns]
         image[here] = 0.35 * image[here] + 0.65 * np.array(_color(label))
-    big, zoom = _enlarged(image.astype(np.uint8), 1400)
+    big, zoom = _enlarge(image.astype(np.uint8), 1400)
     for line in measured.edges:
         _draw(big, line.line_mm, camera, (rows.start, columns.start), zoom, (255, 255, 255))
     marks: list[Mark] = []
-    for name, where in _middles(measured):
+    for name, where in _label_positions(measured):
         u, v = _pixels(where[None], camera)[0] - [columns.start, rows.start]
         marks.append(Mark(name, (float(u + 0.5) / z.shape[1], float(v + 0.5) / z.shape[0])))
     return Panel(big, "what was fitted", Swatches([("located edge", (255, 255, 255))]), marks=marks)
 
 
-def deviation_panel(depth: DepthMap, measured: MeasuredModule) -> Panel:
+def make_deviation_panel(depth: DepthMap, measured: MeasuredModule) -> Panel:
     """Measured minus perfect depth on the module, mm."""
-    rows, columns = _around(measured)
-    on = measured.view.label[rows, columns] != NOTHING
+    rows, columns = _crop_to_module(measured)
+    on = measured.view.label[rows, columns] != NO_PART
     off = np.where(on, depth.depth_mm[rows, columns] - measured.view.depth_mm[rows, columns], np.nan)
     known = np.abs(off[np.isfinite(off)])
     limit = round_above(max(float(np.quantile(known, 0.9)), 0.01)) if known.size else 1.0
     scale = Scale(-limit, limit, DIFFERENCE)
     key = Swatches([("not measured", QUIET), ("not the module", NO_TRUTH)])
-    image = scale.colored(off)
+    image = scale.to_rgb(off)
     image[~on] = NO_TRUTH
     note = f"median {np.median(known):.3f}" if known.size else ""
-    big, _ = _enlarged(image, 1400)
+    big, _ = _enlarge(image, 1400)
     return Panel(big, "measured minus perfect, mm", scale, key, note)
 
 
-def edge_panels(
+def make_edge_panels(
     image: Image | None, depth: DepthMap, camera: Camera, measured: MeasuredModule
 ) -> Iterator[Panel]:
     """Each feature's upper face from close by, with its edges as found and as they should be."""
@@ -85,30 +85,30 @@ def edge_panels(
         size = np.array(camera.size_px)
         low = np.clip(np.floor(points.min(axis=0)).astype(int) - _MARGIN_PX, 0, size - 2)
         high = np.clip(np.ceil(points.max(axis=0)).astype(int) + _MARGIN_PX, low + 2, size)
-        big, zoom = _enlarged(ground[low[1] : high[1], low[0] : high[0]], 900)
+        big, zoom = _enlarge(ground[low[1] : high[1], low[0] : high[0]], 900)
         for line in lines:
             for way, color in ((line.nominal_mm, PERFECT), (line.line_mm, FOUND)):
                 _draw(big, way, camera, (int(low[1]), int(low[0])), zoom, color)
         yield Panel(big, name, key, note=_sigmas(lines))
 
 
-def feature_scene(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Scene:
+def make_feature_scene(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Scene:
     """The cloud by feature, and the primitives: outlines of faces, rings of spheres."""
-    on = (measured.view.label != NOTHING) & depth.measured
+    on = (measured.view.label != NO_PART) & depth.measured
     labels = measured.view.label[on]
     every = max(len(labels) // _SCENE_POINTS, 1)
     points = depth.points_mm(camera)[on][::every]
     near = np.abs(points[:, 2] - measured.view.depth_mm[on][::every]) < 5.0
     colors = np.array([_color(label) for label in labels[::every]], np.uint8)
     lines = [("#2b8a3e" if line.by_image else "#868e96", line.line_mm) for line in measured.edges]
-    for ball in measured.balls.values():
+    for ball in measured.spheres.values():
         lines += [("#c92a2a", ring) for ring in _rings(ball.center_mm, ball.radius_mm)]
-    return Scene(tuple(lines), tuple(_middles(measured)), points[near], colors[near])
+    return Scene(tuple(lines), tuple(_label_positions(measured)), points[near], colors[near])
 
 
-def _middles(measured: MeasuredModule) -> list[tuple[str, NDArray[np.float64]]]:
+def _label_positions(measured: MeasuredModule) -> list[tuple[str, NDArray[np.float64]]]:
     """Names of the features that were measured, and where to write them: (3,) in the core's frame."""
-    balls = [(name, ball.center_mm) for name, ball in measured.balls.items()]
+    balls = [(name, ball.center_mm) for name, ball in measured.spheres.items()]
     return balls + [(name, face.middle_mm) for name, face in measured.faces.items() if name != "base"]
 
 
@@ -120,17 +120,17 @@ def _rings(center: NDArray[np.float64], radius: float) -> Iterator[NDArray[np.fl
         yield center + radius * ring
 
 
-def _fitted(depth: DepthMap, measured: MeasuredModule, label: int, name: str) -> NDArray[np.bool_]:
+def _fitted_mask(depth: DepthMap, measured: MeasuredModule, label: int, name: str) -> NDArray[np.bool_]:
     """(H, W) pixels of a face's plane, or of a sphere's cap."""
     if name in measured.faces:
         return measured.faces[name].pixels
     shown = measured.view.face(label) & depth.measured
-    return shown if name in measured.balls else np.zeros_like(shown)
+    return shown if name in measured.spheres else np.zeros_like(shown)
 
 
-def _around(measured: MeasuredModule) -> tuple[slice, slice]:
+def _crop_to_module(measured: MeasuredModule) -> tuple[slice, slice]:
     """Rows and columns that show the module, with a margin."""
-    on = measured.view.label != NOTHING
+    on = measured.view.label != NO_PART
     spans: list[slice] = []
     for axis in (1, 0):
         there = np.nonzero(on.any(axis=axis))[0]
@@ -151,7 +151,7 @@ def _relief(depth: DepthMap) -> Rgb:
     return np.repeat((40 + 200 * grey).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _enlarged(image: Rgb, width_px: int) -> tuple[Rgb, float]:
+def _enlarge(image: Rgb, width_px: int) -> tuple[Rgb, float]:
     """The image at about that width, in whole steps, and by how much it grew."""
     zoom = max(round(width_px / image.shape[1]), 1)
     big = cv2.resize(np.ascontiguousarray(image), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)

@@ -1,1 +1,1 @@
-"""Edges of a face: the image and the rim of the depth map in a band about each edge."""
+"""Edges of a face, located in the image and at the rim of the depth map, in a band around each edge."""

@@ -1,4 +1,4 @@
-"""The pixels about one edge of an upper face, in coordinates across and along it."""
+"""The pixels around one edge of an upper face, in coordinates across and along it."""
 
 from __future__ import annotations
 
@@ -9,77 +9,77 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
-from beltscape.measure.features.face import Face, rays_at
-from beltscape.measure.features.pose.nominal import NOTHING, NominalView
-from beltscape.measure.features.view import MATCHER_REACH_PX, scale_of
+from beltscape.measure.features.face import Face, compute_rays
+from beltscape.measure.features.matcher_scale import MATCHER_REACH_PX, compute_camera_scale
+from beltscape.measure.features.pose.nominal import NO_PART, NominalView
 
 WIDE_PX = 9.0
 """Half of a band's width."""
 BIN_PX = 1.5
-"""Length of the pieces along the edge that are judged one by one."""
+"""Length of the pieces along the edge that are evaluated one by one."""
 _NEXT_PX = (1.0, 3.5)
-"""What lies so far outside may hide the edge; up to the farther it should be one thing: a strip is another step."""
+"""Range outside the edge in which another part may occlude it; two parts in this range mean a second step."""
 _MIXED_PX = 1.0
-"""About something else, a pixel is of both."""
+"""Pixels this near to another part are mixed."""
 _NEARER_MM = 1.0
 _SIDE_SHARE = 0.15
-"""Of what lies beyond an edge: with more of the solid's own side the edge is a crease."""
+"""With a larger share of the solid's own side beyond an edge, the edge is a crease."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """Pixels about an edge; what hides the edge, or steps beside it, has been left out."""
+    """Pixels around an edge, without those that occlude it or lie beyond a second step."""
 
     across_px: NDArray[np.float64]
-    """(N,) from where the edge should be, outwards, in pixels on the face."""
+    """(N,) distance from the nominal edge, outwards, in pixels on the face."""
     along_px: NDArray[np.float64]
-    """(N,) along it, from its middle."""
+    """(N,) position along the edge, from its middle."""
     bins: NDArray[np.intp]
     """(N,) number of the piece along the edge."""
     shapes: NDArray[np.float64]
-    """(N, J) how the edge moves across when a nuisance (tilt; shifts of a circle) grows by one px."""
+    """(N, J) derivative of the edge's position across by the nuisance parameters (tilt; shifts of a circle)."""
     index: NDArray[np.intp]
-    """(N,) into the raveled image."""
+    """(N,) index into the flattened image."""
     px_mm: float
     """Size of a pixel on the face."""
     off_mm: NDArray[np.float32]
     """(N,) measured depth minus the face's, NaN where not measured."""
     clear: NDArray[np.bool_]
-    """(N,) whether the matcher's windows met nothing else near its piece: else its depth says nothing of the edge."""
+    """(N,) whether no other part lies within the matcher's windows at its piece, so that its depth can be used."""
     kind: Literal["outline", "crease", "round"]
-    """Crease: one sees the solid's own side beyond the edge; a round edge is partly this, partly that."""
+    """Crease: the solid's own side is visible beyond the edge; a round edge is partly outline, partly crease."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OnFace:
-    """Where the pixels around a face lie in its plane."""
+class FaceCoordinates:
+    """Coordinates in a face's plane of the pixels around it."""
 
     window: tuple[slice, slice]
     """Rows and columns."""
     x_mm: NDArray[np.float64]
-    """(h, w) along the module's x, from the place given."""
+    """(h, w) along the module's x, from the given centre."""
     y_mm: NDArray[np.float64]
     depth_mm: NDArray[np.float64]
-    """(h, w) of the plane."""
+    """(h, w) depth of the plane."""
     px_mm: float
     scale: float
-    """See `scale_of`."""
+    """See `compute_camera_scale`."""
 
 
-def on_face(
+def compute_face_coordinates(
     face: Face,
     camera: Camera,
     center_mm: NDArray[np.float64],
     axes: tuple[NDArray[np.float64], NDArray[np.float64]],
     half_mm: float,
-) -> OnFace:
-    """The face's plane about ``center_mm`` (3,), with directions (3,) that are brought into it."""
+) -> FaceCoordinates:
+    """Return the coordinates in the face's plane around ``center_mm`` (3,), along projected ``axes`` (3,)."""
     normal = face.normal
     x_axis = axes[0] - (axes[0] @ normal) * normal
     x_axis /= np.linalg.norm(x_axis)
     y_axis = axes[1] - (axes[1] @ normal) * normal - (axes[1] @ x_axis) * x_axis
     y_axis /= np.linalg.norm(y_axis)
-    height, _ = face.above(center_mm)
+    height, _ = face.height_above(center_mm)
     center = center_mm - height * normal
     pixel = float(center[2] / camera.focal_px.mean())
     reach = half_mm / pixel + WIDE_PX + 2
@@ -89,14 +89,14 @@ def on_face(
         slice(max(int(v - reach), 0), max(min(int(v + reach) + 1, tall), 0)),
         slice(max(int(u - reach), 0), max(min(int(u + reach) + 1, width), 0)),
     )
-    rays = rays_at(camera, *np.mgrid[window])
+    rays = compute_rays(camera, *np.mgrid[window])
     depth = face.depth_at(rays)
     local = rays * depth[..., None] - center
-    return OnFace(window, local @ x_axis, local @ y_axis, depth, pixel, scale_of(camera))
+    return FaceCoordinates(window, local @ x_axis, local @ y_axis, depth, pixel, compute_camera_scale(camera))
 
 
-def straight_band(
-    plane: OnFace,
+def make_straight_band(
+    plane: FaceCoordinates,
     view: NominalView,
     label: int,
     depth_mm: NDArray[np.float32],
@@ -104,29 +104,31 @@ def straight_band(
     axis: int,
     sign: int,
 ) -> Band | None:
-    """About the edge at ``sign · half_mm[axis]`` along the axis; None where too little of it is to be seen."""
+    """Return the band around the edge at ``sign · half_mm[axis]``; None where too little of it is visible."""
     coordinates = plane.x_mm, plane.y_mm
     across = (sign * coordinates[axis] - half_mm[axis]) / plane.px_mm
     along = coordinates[1 - axis] / plane.px_mm
     reach = half_mm[1 - axis] / plane.px_mm - 5
     near = (np.abs(across) < WIDE_PX) & (np.abs(along) < reach)
-    return _band(plane, view, label, depth_mm, near, across, along, along[..., None] / max(reach, 1.0))
+    return _select_pixels(
+        plane, view, label, depth_mm, near, across, along, along[..., None] / max(reach, 1.0)
+    )
 
 
-def round_band(
-    plane: OnFace, view: NominalView, label: int, depth_mm: NDArray[np.float32], radius_mm: float
+def make_round_band(
+    plane: FaceCoordinates, view: NominalView, label: int, depth_mm: NDArray[np.float32], radius_mm: float
 ) -> Band | None:
-    """About a circle of that radius around the plane's origin."""
+    """Return the band around a circle about the plane's origin; None where too little of it is visible."""
     far = np.hypot(plane.x_mm, plane.y_mm)
     across = (far - radius_mm) / plane.px_mm
     angle = np.arctan2(plane.y_mm, plane.x_mm)
     near = np.abs(across) < min(WIDE_PX, 0.7 * radius_mm / plane.px_mm)
     shapes = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return _band(plane, view, label, depth_mm, near, across, angle * radius_mm / plane.px_mm, shapes)
+    return _select_pixels(plane, view, label, depth_mm, near, across, angle * radius_mm / plane.px_mm, shapes)
 
 
-def _band(
-    plane: OnFace,
+def _select_pixels(
+    plane: FaceCoordinates,
     view: NominalView,
     label: int,
     depth_mm: NDArray[np.float32],
@@ -143,15 +145,15 @@ def _band(
     bins = np.floor((along - along.min()) / BIN_PX).astype(np.intp)
     count = int(bins.max()) + 1
     over = nominal < plane.depth_mm[near] - _NEARER_MM
-    last = _furthest(bins, across, count, ((labels != label) | ~tops) & (across < -1.0))
-    next_ = -_furthest(bins, -across, count, over & (across > 1.0))
-    bad = (last > -_NEXT_PX[1]) | (next_ < _NEXT_PX[1])
+    last = _find_outermost(bins, across, count, ((labels != label) | ~tops) & (across < -1.0))
+    next_part = -_find_outermost(bins, -across, count, over & (across > 1.0))
+    occluded = (last > -_NEXT_PX[1]) | (next_part < _NEXT_PX[1])
     outside = (across > 0.15) & (across < _NEXT_PX[1]) & (labels != label)
-    highest, lowest = np.full(count, NOTHING - 1), np.full(count, np.iinfo(np.int16).max)
+    highest, lowest = np.full(count, NO_PART - 1), np.full(count, np.iinfo(np.int16).max)
     np.maximum.at(highest, bins[outside], labels[outside])
     np.minimum.at(lowest, bins[outside], labels[outside])
-    bad |= (highest > lowest) & (highest >= NOTHING)
-    keep = ~bad[bins] & (across > last[bins] + _MIXED_PX) & (across < next_[bins] - _MIXED_PX)
+    occluded |= (highest > lowest) & (highest >= NO_PART)
+    keep = ~occluded[bins] & (across > last[bins] + _MIXED_PX) & (across < next_part[bins] - _MIXED_PX)
     if keep.sum() < 60:
         return None
     rows, columns = np.mgrid[window]
@@ -161,14 +163,14 @@ def _band(
     crease = bool(beyond.any()) and float(np.mean(labels[beyond] == label)) > _SIDE_SHARE
     kind = "round" if shapes.shape[1] == 2 else "crease" if crease else "outline"
     reach = min(MATCHER_REACH_PX * plane.scale + 2, WIDE_PX)
-    clear = ((last < -reach) & (next_ > reach))[bins[keep]]
+    clear = ((last < -reach) & (next_part > reach))[bins[keep]]
     return Band(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, clear, kind)
 
 
-def _furthest(
+def _find_outermost(
     bins: NDArray[np.intp], across: NDArray[np.float64], count: int, other: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """(count,) the largest place across of what is something else, by piece; far inside where nothing is."""
+    """Return the outermost position across (count,) of other parts, by piece; -inf where there are none."""
     furthest = np.full(count, -np.inf)
     np.maximum.at(furthest, bins[other], across[other])
     return furthest

@@ -1,1 +1,1 @@
-"""The module's pose in a depth map, and the solids it consists of."""
+"""The pose of the module in a depth map, and the solids that it consists of."""

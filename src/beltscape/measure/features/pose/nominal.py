@@ -1,4 +1,4 @@
-"""What the core camera would see of a perfect module."""
+"""The nominal module rendered in the core camera's view."""
 
 from __future__ import annotations
 
@@ -9,52 +9,52 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
-from beltscape.measure.features.pose.solids import Solid, solids_of
+from beltscape.measure.features.pose.solids import Solid, build_solids
 from beltscape.target.module import Module
 
-NOTHING = -1
+NO_PART = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NominalView:
-    """Per pixel of the core's undistorted grid, the nearest part of a perfect module."""
+    """The nearest part of the nominal module at each pixel of the core's undistorted grid."""
 
     label: NDArray[np.int16]
-    """(H, W) 0 the base, i + 1 the i-th feature, NOTHING beside the module."""
+    """(H, W) 0 the base, i + 1 the i-th feature, NO_PART beside the module."""
     top: NDArray[np.bool_]
-    """(H, W) whether it is an upper face (all of a sphere counts as one)."""
+    """(H, W) whether the part is an upper face (a whole sphere counts as one)."""
     depth_mm: NDArray[np.float64]
     """(H, W) along the optical axis; NaN beside the module."""
 
     def face(self, label: int) -> NDArray[np.bool_]:
-        """(H, W) the upper face of one part."""
+        """Return the pixels (H, W) of the upper face of one part."""
         return (self.label == label) & self.top
 
 
-def nominal_view(module: Module, core_from_module: Pose, camera: Camera) -> NominalView:
-    """Cast a ray through every pixel that can show the module."""
+def render_nominal_view(module: Module, core_from_module: Pose, camera: Camera) -> NominalView:
+    """Render the module by casting a ray through every pixel that can show it."""
     width, height = camera.size_px
-    label = np.full((height, width), NOTHING, np.int16)
+    label = np.full((height, width), NO_PART, np.int16)
     top = np.zeros((height, width), bool)
     depth = np.full((height, width), np.inf)
     module_from_core = core_from_module.inverse()
-    for index, solid in enumerate(solids_of(module)):
-        window = _window(solid, core_from_module, camera)
+    for index, solid in enumerate(build_solids(module)):
+        window = _project_window(solid, core_from_module, camera)
         if window is None:
             continue
-        rays = _rays(camera, window) @ module_from_core.rotation.T
-        z, upper = solid.hit(module_from_core.translation_mm, rays.reshape(-1, 3))
+        rays = _compute_rays(camera, window) @ module_from_core.rotation.T
+        z, upper = solid.intersect(module_from_core.translation_mm, rays.reshape(-1, 3))
         z, upper = z.reshape(rays.shape[:2]), upper.reshape(rays.shape[:2])
         nearer = (z < depth[window]) & (z > 0)
         depth[window] = np.where(nearer, z, depth[window])
         label[window] = np.where(nearer, index, label[window])
         top[window] = np.where(nearer, upper, top[window])
-    depth[label == NOTHING] = np.nan
+    depth[label == NO_PART] = np.nan
     return NominalView(label, top, depth)
 
 
-def _window(solid: Solid, core_from_module: Pose, camera: Camera) -> tuple[slice, slice] | None:
-    """Rows and columns that can show a solid; None where none do."""
+def _project_window(solid: Solid, core_from_module: Pose, camera: Camera) -> tuple[slice, slice] | None:
+    """Return the rows and columns that can show a solid; None if there are none."""
     corners = core_from_module.apply(solid.corners())
     if (corners[:, 2] <= 0).any():
         return None
@@ -64,8 +64,8 @@ def _window(solid: Solid, core_from_module: Pose, camera: Camera) -> tuple[slice
     return None if (low >= high).any() else (slice(low[1], high[1]), slice(low[0], high[0]))
 
 
-def _rays(camera: Camera, window: tuple[slice, slice]) -> NDArray[np.float64]:
-    """(h, w, 3) x/z, y/z, 1 of the pixels in a window."""
+def _compute_rays(camera: Camera, window: tuple[slice, slice]) -> NDArray[np.float64]:
+    """Return the rays (h, w, 3) x/z, y/z, 1 of the pixels in a window."""
     v, u = np.mgrid[window]
     x, y = (u - camera.center_px[0]) / camera.focal_px[0], (v - camera.center_px[1]) / camera.focal_px[1]
     return np.stack([x, y, np.ones_like(x)], axis=-1)

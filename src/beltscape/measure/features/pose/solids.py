@@ -1,4 +1,4 @@
-"""Boxes, spheres and upright cylinders of a module: where a ray meets them, and how far a point is from them."""
+"""Boxes, spheres and upright cylinders of a module: ray intersection, signed distance, and height."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ Points = NDArray[np.float64]
 class Solid(Protocol):
     """A convex body in the module's frame, mm."""
 
-    def hit(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """Where rays enter: (N,) multiple of ``direction`` (N, 3), inf without; whether through the top."""
+    def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
+        """Return where rays enter (N,), as multiples of ``direction`` (N, 3), inf for none; whether at the top."""
         ...
 
     def distance(self, points: Points) -> Points:
-        """(N,) signed distance of points (N, 3) from the surface, mm, negative inside."""
+        """Return signed distances (N,) of points (N, 3) from the surface, mm, negative inside."""
         ...
 
     def height(self, x: Points, y: Points) -> Points:
-        """Of its upper surface at places x, y (...), mm; NaN beside it."""
+        """Return the height of the upper surface at positions x, y (...), mm; NaN beside the solid."""
         ...
 
     def corners(self) -> Points:
-        """(8, 3) of a box around it."""
+        """Return the corners (8, 3) of the bounding box."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Box:
-    """Axis-parallel box."""
+class BoxSolid:
+    """An axis-aligned box."""
 
     low: Points
     """(3,) mm."""
     high: Points
     """(3,) mm."""
 
-    def hit(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
+    def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
         """See `Solid`."""
         with np.errstate(divide="ignore", invalid="ignore"):
             one, two = (self.low - origin) / direction, (self.high - origin) / direction
@@ -62,20 +62,20 @@ class Box:
 
     def corners(self) -> Points:
         """See `Solid`."""
-        return _corners(self.low, self.high)
+        return _bounding_corners(self.low, self.high)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ball:
-    """Sphere."""
+class SphereSolid:
+    """A sphere."""
 
     center: Points
     """(3,) mm."""
     radius: float
 
-    def hit(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """See `Solid`; all of it counts as the top."""
-        enter = _enter(origin - self.center, direction, self.radius)[0]
+    def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
+        """See `Solid`; the whole sphere counts as the top."""
+        enter = _intersect_round(origin - self.center, direction, self.radius)[0]
         return enter, np.ones(len(enter), bool)
 
     def distance(self, points: Points) -> Points:
@@ -90,21 +90,21 @@ class Ball:
 
     def corners(self) -> Points:
         """See `Solid`."""
-        return _corners(self.center - self.radius, self.center + self.radius)
+        return _bounding_corners(self.center - self.radius, self.center + self.radius)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rod:
-    """Upright cylinder on z = 0."""
+class CylinderSolid:
+    """An upright cylinder on z = 0."""
 
     center: Points
     """(2,) mm."""
     radius: float
     height_mm: float
 
-    def hit(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
+    def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
         """See `Solid`."""
-        side_in, side_out = _enter(origin[:2] - self.center, direction[:, :2], self.radius)
+        side_in, side_out = _intersect_round(origin[:2] - self.center, direction[:, :2], self.radius)
         with np.errstate(divide="ignore", invalid="ignore"):
             bottom, top = -origin[2] / direction[:, 2], (self.height_mm - origin[2]) / direction[:, 2]
         flat = np.minimum(bottom, top)
@@ -126,13 +126,13 @@ class Rod:
     def corners(self) -> Points:
         """See `Solid`."""
         low, high = self.center - self.radius, self.center + self.radius
-        return _corners(np.array([*low, 0.0]), np.array([*high, self.height_mm]))
+        return _bounding_corners(np.array([*low, 0.0]), np.array([*high, self.height_mm]))
 
 
-def solids_of(module: Module) -> tuple[Solid, ...]:
-    """The base, then the features in the order of `Module.features`."""
+def build_solids(module: Module) -> tuple[Solid, ...]:
+    """Return the base, then the features in the order of `Module.features`."""
     length, width, thickness = module.base.size_mm
-    base = Box(np.array([-length / 2, -width / 2, -thickness]), np.array([length / 2, width / 2, 0.0]))
+    base = BoxSolid(np.array([-length / 2, -width / 2, -thickness]), np.array([length / 2, width / 2, 0.0]))
     return (base, *(_solid(feature) for feature in module.features))
 
 
@@ -140,20 +140,20 @@ def _solid(feature: Feature) -> Solid:
     center = np.array(feature.center_mm, dtype=np.float64)
     if isinstance(feature, Cube):
         half = feature.edge_mm / 2
-        return Box(np.array([*(center - half), 0.0]), np.array([*(center + half), 2 * half]))
+        return BoxSolid(np.array([*(center - half), 0.0]), np.array([*(center + half), 2 * half]))
     if isinstance(feature, Sphere):
-        return Ball(np.array([*center, feature.diameter_mm / 2]), feature.diameter_mm / 2)
-    return Rod(center, feature.diameter_mm / 2, feature.height_mm)
+        return SphereSolid(np.array([*center, feature.diameter_mm / 2]), feature.diameter_mm / 2)
+    return CylinderSolid(center, feature.diameter_mm / 2, feature.height_mm)
 
 
-def _corners(low: Points, high: Points) -> Points:
+def _bounding_corners(low: Points, high: Points) -> Points:
     return np.array(
         [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
     )
 
 
-def _enter(off: Points, direction: Points, radius: float) -> tuple[Points, Points]:
-    """Where lines off + t·direction are at a distance ``radius`` from zero: both t, inf and −inf without."""
+def _intersect_round(off: Points, direction: Points, radius: float) -> tuple[Points, Points]:
+    """Return both t at which lines off + t·direction are at a distance ``radius`` from zero; inf, −inf for none."""
     a, b = np.sum(direction**2, axis=1), direction @ off
     inner = b * b - a * (off @ off - radius**2)
     with np.errstate(invalid="ignore", divide="ignore"):

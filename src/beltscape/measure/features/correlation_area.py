@@ -1,4 +1,4 @@
-"""How many pixels err as one: what the mean over a face does not average out."""
+"""The correlation area of a depth map's errors on faces, from the autocorrelation of residuals."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from numpy.typing import NDArray
 from scipy import fft
 
 _FARTHEST_PX = 24
-_GONE = 0.05
-"""An autocorrelation below this is noise."""
+_VANISHED = 0.05
+"""An autocorrelation below this counts as noise."""
 
 
-def grain_px(residuals: Sequence[NDArray[np.floating]], farthest_px: int = _FARTHEST_PX) -> float:
-    """Pixels whose errors act as one: the autocorrelation of residuals (h, w), NaN where there are none, summed.
+def estimate_correlation_area_px(
+    residuals: Sequence[NDArray[np.floating]], farthest_px: int = _FARTHEST_PX
+) -> float:
+    """Return the number of pixels whose errors act as one: the summed autocorrelation of residuals (h, w).
 
-    Pooled over the pictures, clipped at three robust standard deviations, summed up to the lag where it has
-    vanished; at least 1.
+    Residuals are NaN outside their face. The autocorrelation is pooled over all faces, clipped at three robust
+    standard deviations, and summed up to the lag where it vanishes; the result is at least 1.
     """
     side = farthest_px
     total, pairs = np.zeros((2 * side + 1,) * 2), np.zeros((2 * side + 1,) * 2)
     for residual in residuals:
-        products, count = _products(residual, side)
+        products, count = _correlate_residuals(residual, side)
         total, pairs = total + products, pairs + count
     if pairs[side, side] == 0 or total[side, side] <= 0:
         return 1.0
@@ -31,13 +33,15 @@ def grain_px(residuals: Sequence[NDArray[np.floating]], farthest_px: int = _FART
     v, u = np.mgrid[-side : side + 1, -side : side + 1]
     lag = np.rint(np.hypot(u, v)).astype(np.intp)
     rings = np.bincount(lag.ravel(), correlation.ravel())[: side + 1] / np.bincount(lag.ravel())[: side + 1]
-    gone = np.nonzero(rings < _GONE)[0]
-    reach = int(gone[0]) if len(gone) else side
+    vanished = np.nonzero(rings < _VANISHED)[0]
+    reach = int(vanished[0]) if len(vanished) else side
     return float(max(correlation[lag < max(reach, 1)].sum(), 1.0))
 
 
-def _products(residual: NDArray[np.floating], side: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(2 side + 1, 2 side + 1) sums of products at each lag, and how many pairs there are."""
+def _correlate_residuals(
+    residual: NDArray[np.floating], side: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the sums of products (2 side + 1, 2 side + 1) at each lag, and the number of pairs."""
     there = np.isfinite(residual)
     nothing = np.zeros((2 * side + 1,) * 2)
     if there.sum() < 30:

@@ -1,4 +1,4 @@
-"""What the image says of an edge: evidence for every offset of it, added up over the pieces along it."""
+"""The likelihood of an edge's offset given the image, summed over the pieces along the edge."""
 
 from __future__ import annotations
 
@@ -13,47 +13,47 @@ from beltscape.measure.features.edges.band import Band
 BLUR_PX = 0.75
 """Gaussian blur of an edge: lens, pixel, and the undistortion's interpolation."""
 OFFSETS_PX = np.arange(-2.5, 2.51, 0.1)
-"""(O,) where the edge may be."""
+"""(O,) candidate offsets of the edge."""
 _MARGIN_PX = 1.0
 _WINDOW_PX = 2.6
-"""Half of the window in which a piece is looked at; it moves with the offset, so that no place is favoured."""
+"""Half of the window in which a piece is evaluated; it moves with the offset, so that no offset is favoured."""
 _STEP_WEIGHT, _QUANTILE_WEIGHT = 0.1, 0.1
-"""Neighbouring pieces see the same dots; both kinds of evidence see the same pixels."""
+"""Weights below 1, since neighbouring pieces share dots and both likelihoods use the same pixels."""
 _SLOPE = 0.3
-"""Of brightness per px beside the edge, as a share of its spread over its noise: what a piece is expected to show."""
+"""Prior σ of the brightness's slope per px beside the edge, as a share of its spread over its noise."""
 _LEVELS = (0.1, 0.3, 0.5, 0.7, 0.9)
 _CLEAR_PX = (1.3, 2.8)
 _PIECE_PX = 60.0
-"""Levels are taken anew so often along the edge."""
+"""Length of the stretches along the edge for which brightness quantiles are computed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class EdgeLikelihood:
     """Log-likelihood by block along the edge, nuisance and offset."""
 
     blocks: NDArray[np.float64]
     """(K, M, O)."""
     pieces: int
-    """That could vote."""
+    """Number of pieces along the edge that were evaluated."""
 
 
-def evidence(
+def compute_edge_likelihood(
     band: Band,
     grey: NDArray[np.float64],
     start_px: float,
     nuisances: NDArray[np.float64],
     prior: NDArray[np.float64],
     blocks: int,
-) -> Evidence | None:
-    """Both kinds of evidence for offsets ``start_px + OFFSETS_PX`` under each of the nuisances (M, J).
+) -> EdgeLikelihood | None:
+    """Compute the likelihood of offsets ``start_px + OFFSETS_PX`` under each of the nuisances (M, J).
 
-    `step`: how much better two lines that meet in a blurred step describe the brightness across each short piece
-    than a parabola does. Each piece has its own scale, so that dots and the dark between them both count; a piece
-    may have dots in it that step as well: alone it proves nothing, but only at the edge do all step together.
-    `quantile`: the distribution of brightness changes at the edge (composite quantile regression, Zou & Yuan,
-    Ann. Statist. 36(3), 2008, doi:10.1214/07-AOS507).
+    It has two parts. Step: the gain of two lines that meet in a blurred step over a parabola, as models of the
+    brightness across each short piece. Each piece has its own scale, so that dots and the dark between them both
+    count. A single piece may step at a dot's rim; only at the edge do all pieces step together. Quantile: the
+    distribution of brightness changes at the edge (composite quantile regression, Zou & Yuan, Ann. Statist. 36(3),
+    2008, doi:10.1214/07-AOS507).
 
-    ``grey`` (N,) of the band's pixels; ``prior`` (M, O) is what is known of them before.
+    ``grey`` (N,) is the brightness of the band's pixels, ``prior`` (M, O) the prior's log-density.
     """
     near = np.abs(band.across_px - start_px) < _WINDOW_PX - OFFSETS_PX[0] + _MARGIN_PX
     if not near.any():
@@ -65,25 +65,25 @@ def evidence(
         band.across_px[near] - start_px, along, band.shapes[near], band.bins[near], grey[near],
         np.minimum(block, blocks - 1), blocks, noise,
     )  # fmt: skip
-    total, pieces = _step(pixels, nuisances)
+    total, pieces = _compute_step_likelihood(pixels, nuisances)
     if pieces < 8:
         return None
     total *= _STEP_WEIGHT
-    if band.kind == "round":  # too short to tell distributions by
-        return Evidence(total, pieces)
+    if band.kind == "round":  # too short for an estimate of distributions
+        return EdgeLikelihood(total, pieces)
     both = total
     for _ in range(3):
         at = float(OFFSETS_PX[int(np.argmax((both.sum(axis=0) + prior).max(axis=0)))])
-        both = total + _QUANTILE_WEIGHT * _quantile(pixels, nuisances, at)
-    return Evidence(both, pieces)
+        both = total + _QUANTILE_WEIGHT * _compute_quantile_likelihood(pixels, nuisances, at)
+    return EdgeLikelihood(both, pieces)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pixels:
-    """A band's pixels about where the edge may be."""
+    """A band's pixels around the candidate offsets."""
 
     across: NDArray[np.float64]
-    """(N,) px from the start."""
+    """(N,) px from the start offset."""
     along: NDArray[np.float64]
     shapes: NDArray[np.float64]
     """(N, J)."""
@@ -93,29 +93,31 @@ class _Pixels:
     block: NDArray[np.intp]
     blocks: int
     noise: float
-    """Of the brightness."""
+    """Noise of the brightness."""
 
 
-def _step(pixels: _Pixels, nuisances: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
-    """(K, M, O) gain in log-likelihood by a step, piece by piece; and how many pieces there are."""
+def _compute_step_likelihood(
+    pixels: _Pixels, nuisances: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], int]:
+    """Return the gain in log-likelihood (K, M, O) by a step, summed over pieces, and the number of pieces."""
     order = np.argsort(pixels.bins, kind="stable")
     fine = np.arange(OFFSETS_PX[0] - _MARGIN_PX, OFFSETS_PX[-1] + _MARGIN_PX + 0.05, 0.1)
     total, pieces = np.zeros((pixels.blocks, len(nuisances), len(OFFSETS_PX))), 0
     for piece in np.split(order, np.nonzero(np.diff(pixels.bins[order]))[0] + 1):
         if len(piece) < 3 * _WINDOW_PX:
             continue
-        gain = _gain(pixels.across[piece], pixels.value[piece], fine, pixels.noise)
-        moved = nuisances @ pixels.shapes[piece].mean(axis=0)
-        place = OFFSETS_PX[None] + np.clip(moved, -_MARGIN_PX, _MARGIN_PX)[:, None]
+        gain = _compute_step_gain(pixels.across[piece], pixels.value[piece], fine, pixels.noise)
+        displacement = nuisances @ pixels.shapes[piece].mean(axis=0)
+        place = OFFSETS_PX[None] + np.clip(displacement, -_MARGIN_PX, _MARGIN_PX)[:, None]
         total[pixels.block[piece[0]]] += np.interp(place, fine, gain)
         pieces += 1
     return total, pieces
 
 
-def _gain(
+def _compute_step_gain(
     t: NDArray[np.float64], y: NDArray[np.float64], offsets: NDArray[np.float64], noise: float
 ) -> NDArray[np.float64]:
-    """(F,) by how much a step at each offset describes the brightness better than a parabola about it does."""
+    """Return the gain (F,) in log-likelihood of a step at each offset over a parabola."""
     u = t[None] - offsets[:, None]
     weight = np.clip(1 - (u / _WINDOW_PX) ** 2, 0, None) ** 2
     count = weight.sum(axis=1)
@@ -131,30 +133,32 @@ def _gain(
     ridge = np.diag([1e-6, 1 / _SLOPE**2, 1e-6, 1 / _SLOPE**2]) * (noise / spread)[:, None, None] ** 2
     smooth = np.stack([np.ones_like(u), u, u * u], axis=-1)
     left = [
-        _left_over(design, weight, centred, square, more) / count_or_one + noise**2
+        _sum_squared_residuals(design, weight, centred, square, more) / count_or_one + noise**2
         for design, more in ((smooth, 1e-6 * np.eye(3)), (step, ridge))
     ]
     both_sides = (weight * (u < 0)).sum(axis=1).clip(max=(weight * (u > 0)).sum(axis=1)) > 0.2 * count
     return np.where(both_sides, 0.5 * count * np.log(left[0] / left[1]), 0.0)
 
 
-def _left_over(
+def _sum_squared_residuals(
     design: NDArray[np.float64],
     weight: NDArray[np.float64],
     value: NDArray[np.float64],
     square: NDArray[np.float64],
     ridge: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """(F,) weighted residual squares of ridged fits: design (F, n, p), weight and value (F, n)."""
+    """Return weighted residual squares (F,) of ridge regressions: design (F, n, p), weight and value (F, n)."""
     normal = np.einsum("gni,gn,gnj->gij", design, weight, design) + ridge + 1e-9 * np.eye(design.shape[-1])
     right = np.einsum("gni,gn->gi", design, weight * value)
     answer = np.linalg.solve(normal, right[..., None])[..., 0]
     return np.maximum(square - np.einsum("gi,gi->g", answer, right), 0)
 
 
-def _quantile(pixels: _Pixels, nuisances: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """(K, M, O) minus the check loss of brightness quantiles that change at the edge, in units of the least."""
-    inner, outer = _levels(pixels.across - at, pixels.along, pixels.value)
+def _compute_quantile_likelihood(
+    pixels: _Pixels, nuisances: NDArray[np.float64], at: float
+) -> NDArray[np.float64]:
+    """Return minus the check loss (K, M, O) of brightness quantiles that change at the edge, over its minimum."""
+    inner, outer = _compute_brightness_levels(pixels.across - at, pixels.along, pixels.value)
     mid = (np.abs(pixels.across - at) < _CLEAR_PX[0] + 0.7) & np.isfinite(inner[0])
     total = np.zeros((pixels.blocks, len(nuisances), len(OFFSETS_PX)))
     if mid.sum() < 40:
@@ -171,10 +175,10 @@ def _quantile(pixels: _Pixels, nuisances: NDArray[np.float64], at: float) -> NDA
     return total
 
 
-def _levels(
+def _compute_brightness_levels(
     across: NDArray[np.float64], along: NDArray[np.float64], value: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(T, N) quantiles of the brightness inside and outside, by stretch along the edge; NaN where unknown."""
+    """Return the quantiles (T, N) of the brightness inside and outside, by stretch; NaN where there are too few."""
     stretches = max(1, round(float(np.ptp(along)) / _PIECE_PX))
     stretch = np.minimum(
         ((along - along.min()) / (np.ptp(along) + 1e-9) * stretches).astype(int), stretches - 1

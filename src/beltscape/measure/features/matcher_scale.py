@@ -1,0 +1,21 @@
+"""The matcher's reach beside steps, and its scale on images of other sizes than the paper's, halved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from beltscape.core.camera import Camera
+
+MATCHER_REACH_PX = 7.0
+"""Distance from a step up to which the matcher's windows mix both sides, at the reference width."""
+_WIDTH_PX = 1224
+
+
+def compute_camera_scale(camera: Camera) -> float:
+    """Return the scale of a camera's image over the reference width; the matcher's windows grow with it."""
+    return compute_width_scale(camera.size_px[0])
+
+
+def compute_width_scale(width_px: int) -> float:
+    """Return the scale of a grid of this width."""
+    return float(np.clip(width_px / _WIDTH_PX, 0.5, 1.8))

@@ -45,7 +45,7 @@ def head(*more: str) -> list[str]:
 def row(name: str, result: Result, bases: Sequence[Cost | None], *more: str) -> str:
     """A method's figures; of its cost, too, if that was taken."""
     s = result.score
-    low, high = result.sigma_ratios
+    low, high = result.compute_sigma_ratios
     cells = [
         *more, name, f"{s.within_1mm:.2%}", f"{s.within_quarter_mm:.2%}", f"{s.interior_median_mm:.4f}",
         f"{s.interior_bias_mm:+.4f}", f"{s.interior_robust_sigma_mm:.4f}", f"{s.interior_p95_mm:.3f}",

@@ -11,8 +11,8 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_pixels, score_depth
-from beltscape.evaluate.scores.reliability import false_fill, pixel_locking, sigma_ratios
+from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_mask, score_depth
+from beltscape.evaluate.scores.reliability import false_fill, compute_pixel_locking, compute_sigma_ratios
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, horizontal_auxiliary
@@ -39,7 +39,7 @@ class Result:
     depth: DepthMap
     score: DepthScore
     false_fill: float
-    sigma_ratios: tuple[float, float]
+    compute_sigma_ratios: tuple[float, float]
     """Least and greatest over fifths of the predicted sigma."""
     locking_px: float
     cost: Cost | None
@@ -52,12 +52,12 @@ def run(method: str, scene: Scene, near_far: Range, *, timed: bool = True) -> Re
     else:
         depth, spent = matcher(method, scene, near_far, 0)(), None
     dz, where = _interior(depth, scene)
-    ratios = sigma_ratios(dz, depth.sigma_mm[where])
+    ratios = compute_sigma_ratios(dz, depth.sigma_mm[where])
     return Result(
         depth=depth,
         score=score_depth(depth, scene.true_depth_mm, scene.region),
         false_fill=false_fill(depth, scene.unseen),
-        sigma_ratios=(float(ratios.min()), float(ratios.max())),
+        compute_sigma_ratios=(float(ratios.min()), float(ratios.max())),
         locking_px=_locking(method, scene, near_far, depth, where),
         cost=spent,
     )
@@ -103,7 +103,7 @@ def bare_sgbm(name: str, scene: Scene, near_far: Range) -> Cost:
 def _interior(depth: DepthMap, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """(N,) errors, mm, and (H, W) where: measured, true, away from steps, no false surface."""
     error = depth.depth_mm.astype(np.float64) - scene.true_depth_mm
-    where = scene.region & interior_pixels(scene.true_depth_mm)
+    where = scene.region & interior_mask(scene.true_depth_mm)
     where &= np.isfinite(error) & (np.abs(np.nan_to_num(error)) < GROSS_MM)
     return error[where], where
 
@@ -115,7 +115,7 @@ def _locking(method: str, scene: Scene, near_far: Range, depth: DepthMap, where:
         _disparity_px(method, scene, near_far, z.astype(np.float64), where)
         for z in (depth.depth_mm, scene.true_depth_mm)
     )
-    return pixel_locking(measured, true)
+    return compute_pixel_locking(measured, true)
 
 
 def _disparity_px(

@@ -105,7 +105,7 @@ def _figures(scene: Scene) -> str:
         result = run("standard", scene, find_depth_range(scene.rig, scene.frame, Silent()), timed=False)
     except ReconstructionError as error:
         return f"refused: {error}" + " |" * 6
-    s, (low, high) = result.score, result.sigma_ratios
+    s, (low, high) = result.score, result.compute_sigma_ratios
     return (
         f"{s.within_1mm:.2%} | {s.coverage:.2%} | {s.gross:.2%} | {s.interior_median_mm:.4f} | "
         f"{s.interior_p95_mm:.3f} | {s.sigma_ratio:.2f} | {low:.2f}–{high:.2f}"

@@ -13,10 +13,10 @@ from report.layout import browser, layout_faults, needs_browser, text_faults
 def demo(tmp_path_factory):
     from beltscape.core.progress import Silent
     from beltscape.evaluate.demo import make_demo_document, run_demo
-    from beltscape.evaluate.demo_page import demo_page
+    from beltscape.evaluate.demo_page import render_demo_page
 
     result = run_demo(tmp_path_factory.mktemp("demo"), Silent())
-    return make_demo_document(result), demo_page(result)
+    return make_demo_document(result), render_demo_page(result)
 
 
 @pytest.fixture(scope="module")

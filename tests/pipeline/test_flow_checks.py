@@ -13,7 +13,11 @@ from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.evidence import MotionEvidence
 from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, describe_motion, warn_of_motion_conflicts
+from beltscape.pipeline.measuring.flow_checks import (
+    describe_motion,
+    require_consistent_motion,
+    warn_of_motion_conflicts,
+)
 
 ENCODER = Path("encoder.csv")
 STEP_MM = 200.0

@@ -52,7 +52,7 @@ def measured(planned, tmp_path_factory):
     return truth, {name: read_float_tiff(folder / name / "000" / "depth.tiff") for name in MATCHING_SIGMA_PX}
 
 
-def test_what_is_promised_to_be_seen_is_seen(planned, measured):
+def test_predicted_coverage_is_reached(planned, measured):
     truth, _ = measured
     belt = truth["label"] == 1
     camera = planned.planned.rig.core_camera
@@ -66,13 +66,13 @@ def test_what_is_promised_to_be_seen_is_seen(planned, measured):
 
 
 @pytest.mark.parametrize("method", MATCHING_SIGMA_PX)
-def test_depth_scatters_as_much_as_promised(planned, measured, method):
+def test_scatter_of_depth_equals_the_prediction(planned, measured, method):
     precision = PrecisionSettings(matching_sigma_px=MATCHING_SIGMA_PX[method])
     ratio = scatter_mm(measured, method) / promised_mm(planned, precision)
     assert 0.5 < ratio < 2.0
 
 
-def test_depth_scatters_no_more_than_the_default_plan_promises(planned, measured):
+def test_scatter_of_depth_is_within_the_default_prediction(planned, measured):
     assert scatter_mm(measured, "multiview") < promised_mm(planned, PrecisionSettings())
 
 

@@ -51,7 +51,7 @@ def made(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_a_capture_is_a_capture(made, kind):
+def test_simulated_capture_reads_as_a_capture(made, kind):
     scene, folder = SCENES[kind](), made(kind)
     capture = read_capture(folder)
     assert capture.cameras == CAMERAS  # neither truth nor tof
@@ -95,7 +95,7 @@ def test_board_and_module_can_be_read(made):
     assert read_module(made("module") / "module.toml").features
 
 
-def test_the_encoder_says_how_far_the_belt_went(made):
+def test_encoder_records_the_travel_of_the_belt(made):
     lines = (made("belt_moving") / "encoder.csv").read_text().splitlines()
     assert lines[0] == "frame,timestamp_s,belt_position_mm"
     rows = [line.split(",") for line in lines[1:]]
@@ -104,7 +104,7 @@ def test_the_encoder_says_how_far_the_belt_went(made):
     np.testing.assert_allclose(values, [[0, 0], [0.2, 102], [0.4, 204]])
 
 
-def test_the_true_depth_moves_with_the_belt(made):
+def test_true_depth_moves_with_the_belt(made):
     truth = made("belt_moving") / "truth"
     arrays, told = np.load(truth / "belt_moving_depth.npz"), read_json(truth / "belt_moving.json")
     assert arrays["depth_mm"].shape == arrays["label"].shape == (3, 264, 320)
@@ -132,7 +132,7 @@ def test_the_true_depth_moves_with_the_belt(made):
     assert np.trapezoid(load["area_mm2"], load["y_mm"]) == pytest.approx(told["heap_volume_mm3"], rel=0.01)
 
 
-def test_the_time_of_flight_camera_leaves_a_reconstruction(made):
+def test_time_of_flight_camera_writes_a_reconstruction(made):
     tof, truth = made("belt_loaded") / "tof", made("belt_loaded") / "truth"
     rig = read_rig(tof / "rig.json")
     assert rig.core_camera.size_px == (64, 48)
@@ -161,7 +161,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("more", "error", "line"), REFUSED)
-def test_what_cannot_be_rendered_is_refused_before_anything_is_written(tmp_path, more, error, line):
+def test_unrenderable_scene_is_refused_before_anything_is_written(tmp_path, more, error, line):
     with pytest.raises(error) as refusal:
         simulate(tiny("module", **more), tmp_path / "out", Silent())
     assert line in str(refusal.value)
@@ -180,7 +180,7 @@ def test_two_captures_are_not_mixed(tmp_path):
     assert (tmp_path / "cam0" / "000.png").read_bytes() == first
 
 
-def test_a_board_is_found_where_the_truth_has_it(tmp_path):
+def test_board_is_detected_at_its_true_position(tmp_path):
     """Images, lens, poses and board agree: corners are found without a common error, to some hundredths of a px."""
     scene = tiny(
         "calibration",

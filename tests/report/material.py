@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from evaluate.paper.test_page import paper
 
 from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
@@ -18,10 +17,11 @@ from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.plan.plan import Plan, make_plan
 from beltscape.plan.settings import PlanSettings
-from beltscape.report.measuring.belt import belt_page
-from beltscape.report.measuring.flow import FlowReport, flow_page
-from beltscape.report.measuring.lumps import lumps_page
+from beltscape.report.measuring.belt import render_belt_page
+from beltscape.report.measuring.flow import FlowReport, render_flow_page
+from beltscape.report.measuring.lumps import render_lumps_page
 from beltscape.report.planning.plan import render_plan_page
+from evaluate.test_page import paper
 from synthetic.packings import camera, ellipsoids, seen
 
 LIMIT_MM = 62.0
@@ -90,12 +90,12 @@ def flow(count: int = 24) -> FlowReport:
 
 def pages() -> dict[str, str]:
     """Name → the report as text."""
-    from beltscape.evaluate.paper.pages.page import paper_page
+    from beltscape.evaluate.paper.pages.page import render_paper_page
 
     return {
         "plan": render_plan_page(plan()),
-        "belt": belt_page(belt()),
-        "lumps": lumps_page(*lumps()),
-        "flow": flow_page(flow(), warnings=["a frame lacks"]),
-        "paper": paper_page(paper()),
+        "belt": render_belt_page(belt()),
+        "lumps": render_lumps_page(*lumps()),
+        "flow": render_flow_page(flow(), warnings=["a frame lacks"]),
+        "paper": render_paper_page(paper()),
     }

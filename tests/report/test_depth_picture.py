@@ -7,15 +7,15 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.report.drawing.depth_picture import (
     NO_TRUTH,
-    confidence_panel,
-    depth_panel,
-    error_panel,
-    frame_picture,
-    honesty_panel,
-    sigma_panel,
-    views_panel,
+    draw_depth_map,
+    make_confidence_panel,
+    make_depth_panel,
+    make_error_panel,
+    make_reliability_panel,
+    make_sigma_panel,
+    make_views_panel,
 )
-from beltscape.report.drawing.legend import DIFFERENCE, DOUBT, QUIET, TRUST
+from beltscape.report.drawing.legend import CERTAINTY, DIFFERENCE, QUIET, UNCERTAINTY
 from beltscape.report.drawing.pictures import Panel
 
 SIZE = (776, 200)
@@ -36,7 +36,7 @@ def flat() -> np.ndarray:
 
 def body(panel: Panel) -> np.ndarray:
     """The picture itself, between title and legend."""
-    return panel.drawn()[36 : 36 + SIZE[1], 12:-12].astype(int)
+    return panel.draw()[36 : 36 + SIZE[1], 12:-12].astype(int)
 
 
 def test_an_error_has_its_colour_and_what_is_missing_too():
@@ -45,10 +45,10 @@ def test_an_error_has_its_colour_and_what_is_missing_too():
     z[20:30] -= 0.5
     z[30:40] = np.nan
     truth[40:50] = np.nan
-    picture = body(error_panel(depth_map(z), truth, limit_mm=0.5))
+    picture = body(make_error_panel(depth_map(z), truth, limit_mm=0.5))
     for row, color in ((15, DIFFERENCE[-1]), (25, DIFFERENCE[0]), (35, QUIET), (45, NO_TRUTH), (60, PALE)):
         assert np.abs(picture[row] - color).max() <= 2, row
-    halved = body(error_panel(depth_map(z), truth, limit_mm=1.0))
+    halved = body(make_error_panel(depth_map(z), truth, limit_mm=1.0))
     assert np.abs(halved[15] - DIFFERENCE[191]).max() <= 2
 
 
@@ -56,7 +56,7 @@ def test_without_a_limit_the_usual_errors_are_told_apart():
     noise = np.random.default_rng(0).normal(0, 0.03, SIZE[::-1])
     z = flat() + noise
     z[:3] += 50  # gross errors do not set the scale
-    picture = body(error_panel(depth_map(z), flat()))
+    picture = body(make_error_panel(depth_map(z), flat()))
     assert (np.abs(picture[3:] - PALE).max(axis=-1) > 20).mean() > 0.5
     assert (picture[3:] == DIFFERENCE[[0, -1], None, None]).all(axis=-1).any(axis=0).mean() < 0.01
 
@@ -64,43 +64,43 @@ def test_without_a_limit_the_usual_errors_are_told_apart():
 def test_honesty_is_the_error_in_sigma():
     z = flat()
     z[50:] += 0.4
-    picture = body(honesty_panel(depth_map(z, 0.1), flat()))
+    picture = body(make_reliability_panel(depth_map(z, 0.1), flat()))
     assert np.abs(picture[10] - PALE).max() <= 2
     assert np.abs(picture[60] - DIFFERENCE[-1]).max() <= 2
 
 
 def test_another_grid_is_refused():
     with pytest.raises(InputError, match=r"the truth is \(3, 4\), the depth map \(200, 776\) pixels"):
-        error_panel(depth_map(flat()), np.zeros((3, 4)))
+        make_error_panel(depth_map(flat()), np.zeros((3, 4)))
 
 
 def test_views_and_confidence_are_told_by_colours():
     z = flat()
     z[:20] = np.nan
-    views, confidence = body(views_panel(depth_map(z))), body(confidence_panel(depth_map(z)))
+    views, confidence = body(make_views_panel(depth_map(z))), body(make_confidence_panel(depth_map(z)))
     for quarter in range(4):
         u = 97 + 194 * quarter
-        assert np.abs(views[100, u] - TRUST[85 * quarter]).max() <= 1
-        assert np.abs(confidence[100, u] - TRUST[round(255 * (quarter + 1) / 4)]).max() <= 1
+        assert np.abs(views[100, u] - CERTAINTY[85 * quarter]).max() <= 1
+        assert np.abs(confidence[100, u] - CERTAINTY[round(255 * (quarter + 1) / 4)]).max() <= 1
     for picture in (views, confidence):
         assert (picture[10] == QUIET).all()
-    legend = views_panel(depth_map(z)).drawn()[-38]
-    for color in (*TRUST[[0, 85, 170, 255]], QUIET):
+    legend = make_views_panel(depth_map(z)).draw()[-38]
+    for color in (*CERTAINTY[[0, 85, 170, 255]], QUIET):
         assert (legend == color).all(axis=1).sum() >= 16
 
 
 def test_sigma_is_told_by_decades():
     sigma = np.geomspace(0.01, 1, SIZE[0], dtype=np.float32)[None].repeat(SIZE[1], axis=0)
     depth = depth_map(flat())
-    picture = body(sigma_panel(DepthMap(depth.depth_mm, sigma, depth.views, depth.confidence)))
+    picture = body(make_sigma_panel(DepthMap(depth.depth_mm, sigma, depth.views, depth.confidence)))
     for u in (50, 388, 700):  # even steps of the logarithm are even steps of colour
-        assert np.abs(picture[100, u] - DOUBT[round(255 * u / 775)]).max() <= 8
+        assert np.abs(picture[100, u] - UNCERTAINTY[round(255 * u / 775)]).max() <= 8
 
 
 def test_a_roof_is_lit_from_the_left():
     # near in the middle: its left side falls off to the left, its right side is as deep, but turned from the light
     u = np.arange(SIZE[0])
-    picture = body(depth_panel(depth_map(flat() + 0.3 * np.abs(u - 388))))
+    picture = body(make_depth_panel(depth_map(flat() + 0.3 * np.abs(u - 388))))
     left, right = picture[100, 188].sum(), picture[100, 588].sum()
     assert left > 1.2 * right
 
@@ -111,6 +111,6 @@ def test_any_map_can_be_shown(size, kind):
     z = np.full(size[::-1], 700.0 if kind == "flat" else np.nan)
     z[0, 0] = 700.0 if kind == "one pixel" else z[0, 0]
     depth = depth_map(z)
-    assert frame_picture(depth).shape[1:] == (1600, 3)
-    assert frame_picture(depth, z + 0.1).shape[1:] == (2400, 3)
-    np.testing.assert_array_equal(frame_picture(depth), frame_picture(depth))
+    assert draw_depth_map(depth).shape[1:] == (1600, 3)
+    assert draw_depth_map(depth, z + 0.1).shape[1:] == (2400, 3)
+    np.testing.assert_array_equal(draw_depth_map(depth), draw_depth_map(depth))

@@ -6,25 +6,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.report.drawing.legend import (
+    CERTAINTY,
     DIFFERENCE,
-    DOUBT,
     LEGEND_PX,
     PAPER,
     QUIET,
-    TRUST,
+    UNCERTAINTY,
     Scale,
     Swatches,
-    keyed,
+    draw_scale_with_key,
     round_above,
     round_below,
 )
 
 SCALES = [
-    Scale(611.3, 742.8, DOUBT),
+    Scale(611.3, 742.8, UNCERTAINTY),
     Scale(-0.5, 0.5, DIFFERENCE),
-    Scale(0.0, 1.0, TRUST),
-    Scale(0.02, 2.0, DOUBT, log=True),
-    Scale(0.001, 5000.0, DOUBT, log=True),
+    Scale(0.0, 1.0, CERTAINTY),
+    Scale(0.02, 2.0, UNCERTAINTY, log=True),
+    Scale(0.001, 5000.0, UNCERTAINTY, log=True),
 ]
 RAMP_ROW = 12
 
@@ -47,7 +47,7 @@ def test_the_ramp_has_at_each_tick_the_colour_of_its_value(scale):
     assert legend.shape == (LEGEND_PX, 700, 3)
     below = legend[RAMP_ROW + 11]  # the ticks' own row, under the ramp
     drawn = np.flatnonzero((below == QUIET).all(axis=1))
-    for tick, color in zip(ticks, scale.colored(ticks), strict=True):
+    for tick, color in zip(ticks, scale.to_rgb(ticks), strict=True):
         ramp = legend[RAMP_ROW, drawn].astype(int)
         assert np.abs(ramp - color).max(axis=1).min() <= 6, tick
     assert len(drawn) >= len(ticks)
@@ -57,7 +57,7 @@ def test_the_ramp_has_at_each_tick_the_colour_of_its_value(scale):
 def test_colours_run_from_end_to_end_and_stay_there(scale):
     middle = np.sqrt(scale.low * scale.high) if scale.log else (scale.low + scale.high) / 2
     values = np.array([scale.low, middle, scale.high, scale.high * 3, np.nan])
-    colors = scale.colored(values)
+    colors = scale.to_rgb(values)
     np.testing.assert_array_equal(colors[0], scale.colormap[0])
     assert np.abs(colors[1].astype(int) - scale.colormap[127:129].mean(axis=0)).max() < 3
     np.testing.assert_array_equal(colors[2:4], [scale.colormap[-1]] * 2)
@@ -65,8 +65,8 @@ def test_colours_run_from_end_to_end_and_stay_there(scale):
 
 
 def test_what_has_no_logarithm_has_an_end_or_no_colour():
-    scale = Scale(0.1, 10.0, DOUBT, log=True)
-    np.testing.assert_array_equal(scale.colored(np.array([0.0, -1.0])), [DOUBT[0], QUIET])
+    scale = Scale(0.1, 10.0, UNCERTAINTY, log=True)
+    np.testing.assert_array_equal(scale.to_rgb(np.array([0.0, -1.0])), [UNCERTAINTY[0], QUIET])
 
 
 def test_zero_is_no_negative_number():
@@ -81,7 +81,7 @@ def test_zero_is_no_negative_number():
 
 def test_a_key_shows_its_colours_beside_the_scale():
     key = Swatches([("not measured", QUIET), ("no truth", (0, 0, 0))])
-    foot = keyed(SCALES[1], key, 776)
+    foot = draw_scale_with_key(SCALES[1], key, 776)
     assert foot.shape == (LEGEND_PX, 776, 3)
     row = foot[RAMP_ROW]
     for _, color in key.entries:

@@ -12,17 +12,17 @@ from beltscape.core.belt.flow_record import QUALITIES
 from beltscape.measure.lumps.lumps import FINES
 from beltscape.report.drawing import legend, palette
 from beltscape.report.drawing.charts import Chart, Entry, Key
-from beltscape.report.drawing.legend import DOUBT, HEIGHT, TRUST, Scale, Swatches
-from beltscape.report.drawing.plots import NARROW, WIDE, Form, panels, to_svg
-from beltscape.report.measuring.flow import flow_page
-from beltscape.report.measuring.flow_charts import flow_chart
+from beltscape.report.drawing.legend import CERTAINTY, HEIGHT, UNCERTAINTY, Scale, Swatches
+from beltscape.report.drawing.plots import NARROW, WIDE, Form, make_panels, to_svg
+from beltscape.report.measuring.flow import render_flow_page
+from beltscape.report.measuring.flow_charts import make_flow_chart
 from beltscape.report.measuring.lumps_pictures import (
     BELT,
     OVERSIZE,
-    largest,
-    lumps_panels,
-    shown_area,
-    sized_picture,
+    color_by_size,
+    crop_to_lumps,
+    largest_lumps,
+    make_lump_panels,
 )
 from beltscape.report.page import Section, Table, Tile, Tiles, render
 from beltscape.report.planning.plan_drawing import draw_side_view, make_side_charts, make_top_chart
@@ -108,9 +108,9 @@ def test_what_is_drawn_is_seen_on_its_ground(dark):
 
 def test_a_chart_has_in_both_forms_the_colours_of_its_key():
     (two_side, along), top = make_side_charts(plan()), make_top_chart(plan())
-    from beltscape.report.measuring.belt import section_chart
+    from beltscape.report.measuring.belt import make_section_chart
 
-    for chart in (two_side, along, top, section_chart(belt()), flow_chart(flow().records)):
+    for chart in (two_side, along, top, make_section_chart(belt()), make_flow_chart(flow().records)):
         entries = [entry for key in chart.legends if isinstance(key, Key) for entry in key.entries]
         assert entries
         for entry in entries:
@@ -120,7 +120,7 @@ def test_a_chart_has_in_both_forms_the_colours_of_its_key():
 
 
 def test_states_have_swatches_and_shapes():
-    page = flow_page(flow(), warnings=())
+    page = render_flow_page(flow(), warnings=())
     for quality in QUALITIES:
         rows = re.findall(rf'<td class="state">(<svg class="sample".*?</svg>){quality}</td>', page)
         assert len(rows) == 1 + 24 // len(QUALITIES)  # what it means, and the strips that have it
@@ -146,14 +146,14 @@ def test_the_plans_side_views_have_one_scale():
 
 def test_the_picture_has_the_numbers_of_the_table():
     found, depth, picture = lumps()
-    numbers = [str(lump.number) for lump in largest(found)]
+    numbers = [str(lump.number) for lump in largest_lumps(found)]
     assert len(numbers) == 12
-    for panel in lumps_panels(found, depth, picture):
+    for panel in make_lump_panels(found, depth, picture):
         assert [mark.text for mark in panel.marks] == numbers
-        for mark, lump in zip(panel.marks, largest(found), strict=True):
+        for mark, lump in zip(panel.marks, largest_lumps(found), strict=True):
             height, width = panel.image.shape[:2]
             v, u = int(mark.place[1] * height), int(mark.place[0] * width)
-            assert found.labels[shown_area(found)][v, u] == lump.number
+            assert found.labels[crop_to_lumps(found)][v, u] == lump.number
     page = pages()["lumps"]
     rows = re.findall(r"<tr><td>(\d+)</td>", page[page.index("The largest") :])
     assert rows == numbers
@@ -163,7 +163,7 @@ def test_the_picture_has_the_numbers_of_the_table():
 
 def test_the_lumps_legend_has_the_colours_of_the_picture():
     found, depth, picture = lumps()
-    for panel in lumps_panels(found, depth, picture):
+    for panel in make_lump_panels(found, depth, picture):
         for each in panel.legends:
             if isinstance(each, Swatches):
                 for text, color in each.entries:
@@ -171,29 +171,29 @@ def test_the_lumps_legend_has_the_colours_of_the_picture():
                         assert (panel.image == color).all(axis=-1).any(), text
     level = np.ones(found.labels.shape)
     scale = Scale(20.0, 70.0, HEIGHT)
-    image = sized_picture(found.labels, found, level, scale)
+    image = color_by_size(found.labels, found, level, scale)
     assert (image[found.labels == 0] == BELT).all()
     whole = [lump for lump in found.lumps if not lump.occluded and not lump.cut]
     assert whole
     for lump in whole:
-        expected = scale.colored(np.array(lump.size_mm))
+        expected = scale.to_rgb(np.array(lump.size_mm))
         assert (image[found.labels == lump.number] == expected).all()
     assert (found.labels != FINES).all() or (image[found.labels == FINES] != BELT).any()
     over = [n for n, chance in found.oversize.lumps if chance > 0.5] if found.oversize else []
     assert over
-    key = lumps_panels(found, depth, picture)[1].legend
+    key = make_lump_panels(found, depth, picture)[1].legend
     assert isinstance(key, Swatches)
     assert OVERSIZE in [color for _, color in key.entries]
 
 
 def test_dark_is_sure_everywhere():
     """σ small and confidence high have the same colour, and the scale says so."""
-    np.testing.assert_array_equal(TRUST, DOUBT[::-1])
-    for ramp in (DOUBT, HEIGHT):
+    np.testing.assert_array_equal(CERTAINTY, UNCERTAINTY[::-1])
+    for ramp in (UNCERTAINTY, HEIGHT):
         light = ramp.astype(float) @ [0.299, 0.587, 0.114]
         assert (np.diff(light) > -1.5).all()  # the eye takes brighter for more, in grey print too
         assert light[-1] - light[0] > 120
-    assert legend.DARK_IS_SURE in pages()["plan"]
+    assert legend.DARK_IS_CERTAIN in pages()["plan"]
 
 
 def test_the_belts_tile_names_what_it_is():
@@ -203,7 +203,7 @@ def test_the_belts_tile_names_what_it_is():
 
 def test_a_charts_text_is_text_and_its_numbers_stay():
     def plot(form: Form):
-        figure, (axis,) = panels(1, form)
+        figure, (axis,) = make_panels(1, form)
         axis.plot([0.12345678, 1], [0, 1], color=palette.light("first"))
         axis.set(title="σ = 0.0012345 mm")
         return figure

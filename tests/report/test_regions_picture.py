@@ -6,7 +6,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.report.drawing.pictures import PANEL_PX
-from beltscape.report.regions import regions_drawn, regions_picture
+from beltscape.report.regions import draw_camera_regions, draw_regions
 from beltscape.stereo.markers.grid import find_marker_grid
 from stereo.projected import picture, view
 
@@ -17,7 +17,7 @@ def test_found_and_expected_markers_are_drawn_apart():
     image = picture(view(), hidden=hidden)
     grid = find_marker_grid(image)
     assert grid is not None
-    drawn = regions_drawn(image, grid)
+    drawn = draw_camera_regions(image, grid)
     assert drawn.shape == (750, 900, 3) and drawn.dtype == np.uint8
     factor = 900 / 816
     for row, column, color in ((0, 0, (80, 255, 120)), (1, 1, (255, 160, 60))):
@@ -30,5 +30,5 @@ def test_cameras_without_markers_are_shown_too():
     grid = find_marker_grid(image)
     assert grid is not None
     frames = FrameSet("000", {"cam0": image, "cam1": image, "cam2": image, "cam3": np.zeros_like(image)})
-    shown = regions_picture(frames, {"cam0": grid, "cam1": grid, "cam2": grid})
+    shown = draw_regions(frames, {"cam0": grid, "cam1": grid, "cam2": grid})
     assert shown.shape[1] == 3 * PANEL_PX and shown.shape[0] > 2 * 600

@@ -28,11 +28,11 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import Volume
 from beltscape.pipeline.calibrating.calibration import Calibration, calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration
-from beltscape.pipeline.measuring.volume import measure_volume_of_frames
+from beltscape.pipeline.measuring.volume import measure_volume_of_frames, write_volume
 from beltscape.pipeline.reconstructing.reconstruction import open_capture, reconstruct_capture
 from beltscape.pipeline.reconstructing.rectification import rectify, rectify_capture
 from beltscape.report.drawing.pictures import Panel
-from beltscape.report.rectification import check_panels
+from beltscape.report.rectification import make_rectification_panels
 from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.board import read_board
 
@@ -110,7 +110,7 @@ def _make_rectified_panels(data: Path, rig: Rig, near_far: tuple[float, float]) 
     """Return the pictures of the loaded belt's pairs before and after rectification."""
     source = open_capture(data / "belt_loaded", rig, Silent())
     frame_set, pairs, *_ = next(rectify(source, rig, near_far, Silent()))
-    return check_panels(rig, frame_set, pairs)
+    return make_rectification_panels(rig, frame_set, pairs)
 
 
 def _evaluate_scene(
@@ -160,7 +160,7 @@ def _evaluate_volume(data: Path, scene: str, out: Path, reporter: Reporter) -> V
     volume = measure_volume_of_frames(
         out / scene / "000", out / "belt_empty" / "000", VolumeSettings(), across_mm=None, along_mm=ALONG_MM
     )
-    write_evaluate_volume(out / f"volume_{scene}", volume)
+    write_volume(out / f"volume_{scene}", volume)
     reporter.step(f"measuring {scene}", 1, 1)
     edges = truth["first_y_mm"] + np.arange(len(truth["area_mm2"]) + 1)
     cumulated = np.concatenate([[0.0], np.cumsum(truth["area_mm2"])])

@@ -8,12 +8,12 @@ from beltscape.core.rig import Rig
 from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, MAIN, METHODS, Demo
 from beltscape.evaluate.scores.depth import DepthScore
 from beltscape.files.meshes.ply_points import read_cloud
-from beltscape.report.drawing.depth_picture import depth_panel, error_panel, sigma_panel
+from beltscape.report.drawing.depth_picture import make_depth_panel, make_error_panel, make_sigma_panel
 from beltscape.report.drawing.legend import NEAR_TO_FAR, Scale
 from beltscape.report.drawing.pictures import Panel, to_rgb
-from beltscape.report.drawing.scene import Scene, rig_scene
-from beltscape.report.measuring.volume import height_chart, litres, profiles_chart
-from beltscape.report.page import Pictures, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.drawing.scene import Scene, make_rig_scene
+from beltscape.report.measuring.volume import format_litres, make_height_chart, make_profiles_chart
+from beltscape.report.page import InteractiveScene, Pictures, Section, Table, Tile, Tiles, render
 
 TITLES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
 CLOUD_POINTS = 30_000
@@ -21,13 +21,13 @@ CLOUD_POINTS = 30_000
 ERROR_MM = 1.0
 
 
-def demo_page(demo: Demo) -> str:
+def render_demo_page(demo: Demo) -> str:
     """Return report.html of the demo."""
     loaded, module = demo.volumes["belt_loaded"], demo.volumes["module"]
     summary = (
         f"Five cameras, calibrated from {demo.calibration.training.views} board views, measure "
-        f"{litres(loaded.volume.volume_mm3)} ± {litres(loaded.volume.sigma_mm3)} litres of rock on 0.4 m of belt; "
-        f"the truth is {litres(loaded.true_mm3)}."
+        f"{format_litres(loaded.volume.volume_mm3)} ± {format_litres(loaded.volume.sigma_mm3)} litres of rock on 0.4 m of belt; "
+        f"the truth is {format_litres(loaded.true_mm3)}."
     )
     sections = [
         Section(
@@ -38,7 +38,7 @@ def demo_page(demo: Demo) -> str:
         Section(
             "Rig and point cloud",
             "Cameras as calibrated, and the loaded belt as points in the core camera's frame.",
-            [Turnable(_scene(demo), "Core camera in orange, auxiliaries in blue."), _rig_table(demo)],
+            [InteractiveScene(_scene(demo), "Core camera in orange, auxiliaries in blue."), _rig_table(demo)],
         ),
         Section(
             "Epipolar rectification",
@@ -56,13 +56,13 @@ def demo_page(demo: Demo) -> str:
         ),
         Section(
             "Volume",
-            f"Loaded belt: {litres(loaded.volume.volume_mm3)} ± {litres(loaded.volume.sigma_mm3)} l measured, "
-            f"{litres(loaded.true_mm3)} l true. Module: {litres(module.volume.volume_mm3)} ± "
-            f"{litres(module.volume.sigma_mm3)} l measured, {litres(module.true_mm3)} l true.",
+            f"Loaded belt: {format_litres(loaded.volume.volume_mm3)} ± {format_litres(loaded.volume.sigma_mm3)} l measured, "
+            f"{format_litres(loaded.true_mm3)} l true. Module: {format_litres(module.volume.volume_mm3)} ± "
+            f"{format_litres(module.volume.sigma_mm3)} l measured, {format_litres(module.true_mm3)} l true.",
             [
                 _volume_table(demo),
-                height_chart(loaded.volume),
-                profiles_chart(loaded.volume),
+                make_height_chart(loaded.volume),
+                make_profiles_chart(loaded.volume),
             ],
         ),
     ]
@@ -104,8 +104,8 @@ def _scene(demo: Demo) -> Scene:
     points = cloud.points_mm[np.sort(chosen)].astype(np.float64)
     depth = points[:, 2]
     scale = Scale(float(np.quantile(depth, 0.01)), float(np.quantile(depth, 0.99)), NEAR_TO_FAR)
-    cameras = rig_scene(rig, length_mm=0.25 * float(np.median(depth)))
-    return Scene(cameras.lines, cameras.labels, points, scale.colored(depth))
+    cameras = make_rig_scene(rig, length_mm=0.25 * float(np.median(depth)))
+    return Scene(cameras.lines, cameras.labels, points, scale.to_rgb(depth))
 
 
 def _depth_table(demo: Demo) -> Table:
@@ -142,9 +142,9 @@ def _scene_figure(demo: Demo, scene: str) -> Pictures:
     depth = result.depth_map
     panels = [
         Panel(to_rgb(result.core_image), "core camera, undistorted"),
-        depth_panel(depth),
-        sigma_panel(depth),
-        error_panel(depth, result.true_mm, limit_mm=ERROR_MM),
+        make_depth_panel(depth),
+        make_sigma_panel(depth),
+        make_error_panel(depth, result.true_mm, limit_mm=ERROR_MM),
     ]
     return Pictures(
         panels,
@@ -157,7 +157,7 @@ def _volume_table(demo: Demo) -> Table:
     return Table(
         ["scene", "measured l", "σ l", "true l", "error", "error / σ", "measured share"],
         [
-            [TITLES[scene], litres(v.volume.volume_mm3), litres(v.volume.sigma_mm3), litres(v.true_mm3),
+            [TITLES[scene], format_litres(v.volume.volume_mm3), format_litres(v.volume.sigma_mm3), format_litres(v.true_mm3),
              f"{v.error:+.2%}", f"{(v.volume.volume_mm3 - v.true_mm3) / v.volume.sigma_mm3:+.1f}",
              f"{v.volume.coverage:.1%}"]
             for scene, v in demo.volumes.items()

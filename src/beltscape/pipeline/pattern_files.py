@@ -9,7 +9,7 @@ from typing import Literal
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import write_bytes, write_text
 from beltscape.files.rasters.images import write_image
-from beltscape.report.blue_noise import quality_picture
+from beltscape.report.blue_noise import draw_quality
 from beltscape.target.speckle.blue_noise import BlueNoise, measure_blue_noise
 from beltscape.target.speckle.pattern import Pattern
 from beltscape.target.speckle.pattern_image import draw_pattern
@@ -33,5 +33,5 @@ def write_pattern_files(
     write_text(files["svg"], pattern_to_svg(pattern))
     write_pattern(files["pattern"], pattern)
     write_json(files["quality"], asdict(quality))
-    write_bytes(files["picture"], quality_picture(image, quality))
+    write_bytes(files["picture"], draw_quality(image, quality))
     return files, quality

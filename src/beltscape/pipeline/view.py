@@ -19,9 +19,9 @@ from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.files.reconstruction import list_frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.measuring.solids import read_solid_outlines
-from beltscape.report.drawing.scene import rig_scene
-from beltscape.report.drawing.scene_solids import belt_triangles
-from beltscape.report.viewer import ViewerCloud, ViewerScene, viewer_page
+from beltscape.report.drawing.scene import make_rig_scene
+from beltscape.report.drawing.scene_solids import make_belt_triangles
+from beltscape.report.viewer import ViewerCloud, ViewerScene, render_viewer_page
 
 _POINTS = 300_000
 """Largest number of points of one frame; a browser rotates them smoothly."""
@@ -56,11 +56,11 @@ def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> V
     labels: list[tuple[str, str, NDArray[np.float64]]] = []
     surfaces: list[tuple[str, str, NDArray[np.float64]]] = []
     if rig is not None:
-        cameras = rig_scene(rig, length_mm=0.2 * _viewing_distance(rig, clouds, up))
+        cameras = make_rig_scene(rig, length_mm=0.2 * _viewing_distance(rig, clouds, up))
         lines += [("cameras", color, up.apply(line)) for color, line in cameras.lines]
         labels += [("cameras", text, up.apply(where)) for text, where in cameras.labels]
     if belt is not None:
-        triangles = belt_triangles(document, _extent_along(clouds))
+        triangles = make_belt_triangles(document, _extent_along(clouds))
         if triangles is None:
             raise InputError(f"{belt}: holds no cross-section x_mm, z_mm; give the belt.json of measure belt")
         surfaces.append(("belt", _BELT, triangles))
@@ -83,7 +83,7 @@ def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> V
 
 def write_view(path: Path, view: ViewerScene) -> None:
     """Write the viewer's page atomically."""
-    write_text(path, viewer_page(view))
+    write_text(path, render_viewer_page(view))
 
 
 def _find_frames(source: Path) -> tuple[Rig | None, Sequence[Path]]:

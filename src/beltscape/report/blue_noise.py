@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import STYLE, Form, panels, to_png
+from beltscape.report.drawing.plots import STYLE, Form, make_panels, to_png
 from beltscape.target.speckle.blue_noise import LOW_FREQUENCY, BlueNoise
 
 if TYPE_CHECKING:
@@ -19,17 +19,17 @@ BLUE, ORANGE = light("first"), light("second")
 _SHEET = Form(1080.0, narrow=False)
 
 
-def quality_picture(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:
+def draw_quality(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:
     """PNG of the quality; ``image`` (H, W, 3) is the drawn pattern. The same input gives the same bytes."""
-    figure, (piece, nearest, spectrum) = panels(3, _SHEET, columns=3, height=275)
+    figure, (piece, nearest, spectrum) = make_panels(3, _SHEET, columns=3, height=275)
     with mpl.rc_context(dict(STYLE)):
-        _piece(piece, image, quality.d_min_px)
-        _nearest(nearest, quality)
-        _spectrum(spectrum, quality)
+        _show_piece(piece, image, quality.d_min_px)
+        _plot_nearest(nearest, quality)
+        _plot_spectrum(spectrum, quality)
     return to_png(figure)
 
 
-def _piece(axes: Axes, image: NDArray[Any], d_min_px: float) -> None:
+def _show_piece(axes: Axes, image: NDArray[Any], d_min_px: float) -> None:
     """What lies about one of the inner markers, 40 d_min wide."""
     height, width = image.shape[:2]
     side = int(min(40 * d_min_px, width, height))
@@ -41,7 +41,7 @@ def _piece(axes: Axes, image: NDArray[Any], d_min_px: float) -> None:
     axes.set_title("a piece of the pattern, px")
 
 
-def _nearest(axes: Axes, quality: BlueNoise) -> None:
+def _plot_nearest(axes: Axes, quality: BlueNoise) -> None:
     edges = quality.nearest_edges_px
     axes.stairs(quality.nearest_share, edges, fill=True, color=BLUE)
     axes.axvline(quality.d_min_px, color=ORANGE, linewidth=1)
@@ -53,7 +53,7 @@ def _nearest(axes: Axes, quality: BlueNoise) -> None:
     axes.set_ylabel("share of dots")
 
 
-def _spectrum(axes: Axes, quality: BlueNoise) -> None:
+def _plot_spectrum(axes: Axes, quality: BlueNoise) -> None:
     frequency = quality.frequency_per_px
     axes.axvspan(0, LOW_FREQUENCY / quality.d_min_px, color=light("grid"), linewidth=0)
     axes.axhline(1, color=light("reference"), linewidth=0.8, linestyle="--")

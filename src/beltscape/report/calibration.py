@@ -17,8 +17,8 @@ from beltscape.calibrate.network.association import Misclosure
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
 from beltscape.report.drawing.pictures import Panel, to_rgb
-from beltscape.report.drawing.scene import Scene, rig_scene
-from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.drawing.scene import Scene, make_rig_scene
+from beltscape.report.page import InteractiveScene, Item, Lines, Pictures, Section, Table, Tile, Tiles, render
 from beltscape.target.board import Board
 
 CLOSURE = ("error °", "error mm", "χ² / dof")
@@ -51,7 +51,9 @@ def calibration_page(
             "The rig",
             "Cameras as calibrated, with the outline of the board in every frame.",
             [
-                Turnable(_make_scene(adjustment, board), "Core camera in orange, auxiliaries in blue."),
+                InteractiveScene(
+                    _make_scene(adjustment, board), "Core camera in orange, auxiliaries in blue."
+                ),
                 _make_camera_table(hierarchy, adjustment, covariance),
             ],
         ),
@@ -197,11 +199,11 @@ def _describe_shape(adjustment: BundleAdjustmentResult) -> str:
     )
 
 
-def _next_view(adjustment: BundleAdjustmentResult, board: Board, following: NextBestView) -> Turnable:
+def _next_view(adjustment: BundleAdjustmentResult, board: Board, following: NextBestView) -> InteractiveScene:
     outline = following.core_from_board.apply(_outline_board(adjustment, board))
     middle = float(np.median(np.linalg.norm(adjustment.geometry.board_translation_mm, axis=1)))
-    return Turnable(
-        rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
+    return InteractiveScene(
+        make_rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
         "The recommended pose of the board.",
     )
 
@@ -222,7 +224,7 @@ def _make_scene(adjustment: BundleAdjustmentResult, board: Board) -> Scene:
         )
     }
     middle = float(np.median(np.linalg.norm(geometry.board_translation_mm, axis=1)))
-    return rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm=boards)
+    return make_rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm=boards)
 
 
 def _make_camera_table(

@@ -15,9 +15,9 @@ from beltscape.calibrate.assessment.score import RigErrors
 from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
 from beltscape.report.drawing.charts import Chart
-from beltscape.report.drawing.legend import DARK_IS_SURE, DOUBT, Scale
+from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, faded, map_height, panels, show_map
+from beltscape.report.drawing.plots import Form, compute_map_height, fade_unmeasured, make_panels, show_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,19 +32,19 @@ _MOST_ARROWS = 400
 def depth_sigma_chart(maps: Sequence[DepthSigma], caption: str) -> Chart:
     """Return σ of depth over the core camera's view, at each distance, on one scale."""
     top = max(float(np.nanquantile(m.sigma_mm, 0.98)) for m in maps)
-    scale = Scale(0.0, top, DOUBT, label=f"σ of depth, mm; {DARK_IS_SURE}")
+    scale = Scale(0.0, top, UNCERTAINTY, label=f"σ of depth, mm; {DARK_IS_CERTAIN}")
     return Chart.draw(partial(_depth_sigma, maps, scale), caption, scale)
 
 
 def _depth_sigma(maps: Sequence[DepthSigma], scale: Scale, form: Form) -> Figure:
     widest = max(maps, key=lambda m: np.ptp(m.y_mm) / np.ptp(m.x_mm))
-    height = map_height(form, float(np.ptp(widest.x_mm)), float(np.ptp(widest.y_mm)), columns=3)
-    figure, axes = panels(len(maps), form, columns=3, height=height + 14)
+    height = compute_map_height(form, float(np.ptp(widest.x_mm)), float(np.ptp(widest.y_mm)), columns=3)
+    figure, axes = make_panels(len(maps), form, columns=3, height=height + 14)
     for axis, m in zip(axes, maps, strict=True):
         extent = (m.x_mm[0], m.x_mm[-1], m.y_mm[-1], m.y_mm[0])
         show_map(
             axis,
-            faded(scale.colored(m.sigma_mm), m.sigma_mm, np.ones(m.sigma_mm.shape)),
+            fade_unmeasured(scale.to_rgb(m.sigma_mm), m.sigma_mm, np.ones(m.sigma_mm.shape)),
             extent,
             first_row_below=False,
         )
@@ -56,7 +56,7 @@ def _depth_sigma(maps: Sequence[DepthSigma], scale: Scale, form: Form) -> Figure
 def coverage_chart(rig: Rig, rig_errors: RigErrors, caption: str) -> Chart:
     """Return the corners in each camera's image, coloured by their reprojection error."""
     top = float(np.quantile(np.linalg.norm(rig_errors.compute_errors_px(), axis=1), 0.98))
-    scale = Scale(0.0, top, DOUBT, label=f"reprojection error, px; {DARK_IS_SURE}")
+    scale = Scale(0.0, top, UNCERTAINTY, label=f"reprojection error, px; {DARK_IS_CERTAIN}")
     return Chart.draw(partial(_coverage, rig, rig_errors, scale), caption, scale)
 
 
@@ -67,7 +67,7 @@ def _coverage(rig: Rig, rig_errors: RigErrors, scale: Scale, form: Form) -> Figu
         size = np.linalg.norm(errors, axis=1)
         step = np.clip(size / scale.high * _COLORS, 0, _COLORS - 1).astype(int)
         for k in np.unique(step):
-            color = tuple(scale.colored(np.array((k + 0.5) / _COLORS * scale.high)) / 255.0)
+            color = tuple(scale.to_rgb(np.array((k + 0.5) / _COLORS * scale.high)) / 255.0)
             _draw_lines(axis, np.stack([pixels[step == k]] * 2, axis=1), color=color, linewidth=2.4)
         _frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
     return figure
@@ -118,8 +118,8 @@ def _residuals(rig_errors: RigErrors, name: str) -> tuple[NDArray[np.float64], N
 
 def _image_panels(rig: Rig, form: Form) -> tuple[Figure, list[Axes]]:
     tallest = max(rig.cameras.values(), key=lambda camera: camera.size_px[1] / camera.size_px[0])
-    height = map_height(form, *tallest.size_px, columns=3)
-    return panels(len(rig.cameras), form, columns=3, height=height)
+    height = compute_map_height(form, *tallest.size_px, columns=3)
+    return make_panels(len(rig.cameras), form, columns=3, height=height)
 
 
 def _frame_axes(axis: Axes, camera: Camera, title: str) -> None:

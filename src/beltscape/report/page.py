@@ -61,7 +61,7 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True)
-class Turnable:
+class InteractiveScene:
     """A scene that one turns with the mouse or a finger."""
 
     scene: Scene
@@ -69,7 +69,7 @@ class Turnable:
     kind: str = "scene"
 
 
-Item = Tiles | Chart | Key | Pictures | Table | Lines | Turnable
+Item = Tiles | Chart | Key | Pictures | Table | Lines | InteractiveScene
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
-from beltscape.report.drawing.legend import PAPER, Rgb, text_width, write
-from beltscape.report.drawing.pictures import Panel, sheet, to_rgb
+from beltscape.report.drawing.legend import PAPER, Rgb, draw_text, measure_text
+from beltscape.report.drawing.pictures import Panel, arrange_panels, to_rgb
 from beltscape.stereo.pairwise.rectification import upright_turns
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages
 
@@ -22,7 +22,7 @@ _WARNING = (176, 0, 32)
 _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 149, 237), (238, 130, 238)]
 
 
-def check_picture(
+def draw_rectification(
     rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], doubts: Sequence[str] = ()
 ) -> Rgb:
     """One row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
@@ -30,33 +30,33 @@ def check_picture(
     Corresponding points lie on lines of one colour. Pairs about a vertical baseline are shown upright, so that
     their rows stand on end. What is wrong with the cameras is written above.
     """
-    page = sheet(check_panels(rig, frame_set, pairs), 4)
-    return np.concatenate([_written(doubts, page.shape[1]), page]) if doubts else page
+    page = arrange_panels(make_rectification_panels(rig, frame_set, pairs), 4)
+    return np.concatenate([_draw_warnings(doubts, page.shape[1]), page]) if doubts else page
 
 
-def _written(lines: Sequence[str], width_px: int) -> Rgb:
+def _draw_warnings(lines: Sequence[str], width_px: int) -> Rgb:
     """Return the lines as a strip of that width, broken between words where they are longer."""
     shown: list[str] = []
     for line in lines:
         shown.append("Warning:")
         for word in line.split():
-            if text_width(f"{shown[-1]} {word}", _TEXT_PX) > width_px - 2 * _TEXT_PX:
+            if measure_text(f"{shown[-1]} {word}", _TEXT_PX) > width_px - 2 * _TEXT_PX:
                 shown.append(word)
             else:
                 shown[-1] += f" {word}"
     strip = np.full((_LINE_PX * (len(shown) + 1), width_px, 3), PAPER, np.uint8)
     for i, text in enumerate(shown, 1):
-        write(strip, text, (_TEXT_PX, _LINE_PX * i), _TEXT_PX, _WARNING)
+        draw_text(strip, text, (_TEXT_PX, _LINE_PX * i), _TEXT_PX, _WARNING)
     return strip
 
 
-def check_panels(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> list[Panel]:
+def make_rectification_panels(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> list[Panel]:
     """Return the four pictures of each pair: core and auxiliary before, core and auxiliary after."""
     panels: list[Panel] = []
     for images in pairs:
         name, pair = images.pair.auxiliary, images.pair
-        before_core, before_aux = _before(rig, frame_set, images)
-        after_core, after_aux = _after(images)
+        before_core, before_aux = _draw_before(rig, frame_set, images)
+        after_core, after_aux = _draw_after(images)
         off = (
             f"rows met within {images.rows.rms_px:.2f} px"
             if np.isfinite(images.rows.rms_px)
@@ -71,7 +71,7 @@ def check_panels(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) ->
     return panels
 
 
-def _after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
+def _draw_after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
     turns = upright_turns(images.pair)
     width, height = images.pair.size_px
     shown = []
@@ -83,7 +83,7 @@ def _after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
     return shown[0], shown[1]
 
 
-def _before(rig: Rig, frame_set: FrameSet, images: RectifiedImages) -> tuple[Rgb, Rgb]:
+def _draw_before(rig: Rig, frame_set: FrameSet, images: RectifiedImages) -> tuple[Rgb, Rgb]:
     """The same lines in the images as they were taken: where each rectified row came from."""
     shown = []
     for name, source in (

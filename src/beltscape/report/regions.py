@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet, Image
 from beltscape.report.drawing.legend import Rgb
-from beltscape.report.drawing.pictures import Panel, sheet, to_rgb
+from beltscape.report.drawing.pictures import Panel, arrange_panels, to_rgb
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.markers.regions import region_outline
 
@@ -20,17 +20,19 @@ _DRAWN_WIDTH_PX = 900
 _FARTHEST_PX = 30_000.0
 
 
-def regions_picture(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: int = 3) -> Rgb:
+def draw_regions(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: int = 3) -> Rgb:
     """(H, W, 3) RGB: every camera of a frame with its regions, so many side by side; cameras without are named so."""
     panels = []
     for name, image in frame_set.images.items():
         grid = grids.get(name)
         said = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"
-        panels.append(Panel(to_rgb(image) if grid is None else regions_drawn(image, grid), f"{name}: {said}"))
-    return sheet(panels, columns)
+        panels.append(
+            Panel(to_rgb(image) if grid is None else draw_camera_regions(image, grid), f"{name}: {said}")
+        )
+    return arrange_panels(panels, columns)
 
 
-def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:
+def draw_camera_regions(image: Image, grid: MarkerGrid) -> Rgb:
     """(H', W', 3) RGB: an image with its regions; found markers ringed in green, expected ones crossed in orange."""
     factor = _DRAWN_WIDTH_PX / image.shape[1]
     size = (_DRAWN_WIDTH_PX, round(image.shape[0] * factor))
@@ -38,12 +40,12 @@ def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:
     rgb = np.ascontiguousarray(cv2.resize(to_rgb(image), size, interpolation=way), np.uint8)
     for row in range(SIDE):
         for column in range(SIDE):
-            outline = _drawn(region_outline(grid.center_px, row, column), factor)
+            outline = _to_drawing(region_outline(grid.center_px, row, column), factor)
             cv2.polylines(rgb, [outline], True, _BOUNDARY, 2, cv2.LINE_AA)
     typical = float(np.nanmedian(grid.radius_px))
     for row in range(SIDE):
         for column in range(SIDE):
-            u, v = (int(n) for n in _drawn(grid.center_px[row, column], factor))
+            u, v = (int(n) for n in _to_drawing(grid.center_px[row, column], factor))
             if grid.found[row, column]:
                 cv2.circle(
                     rgb, (u, v), round(factor * (grid.radius_px[row, column] + 3)), _FOUND, 2, cv2.LINE_AA
@@ -55,7 +57,7 @@ def regions_drawn(image: Image, grid: MarkerGrid) -> Rgb:
     return rgb
 
 
-def _drawn(points_px: NDArray[np.float64], factor: float) -> NDArray[np.int32]:
+def _to_drawing(points_px: NDArray[np.float64], factor: float) -> NDArray[np.int32]:
     scaled = (points_px + 0.5) * factor - 0.5
     return np.rint(np.clip(scaled, -_FARTHEST_PX, _FARTHEST_PX)).astype(np.int32)
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from beltscape.report.drawing.legend import DOUBT, HEIGHT, Rgb
-from beltscape.report.drawing.pictures import span
+from beltscape.report.drawing.legend import HEIGHT, UNCERTAINTY, Rgb
+from beltscape.report.drawing.pictures import quantile_range
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -25,7 +25,7 @@ _COLOUR, _HEIGHT, _SIGMA, _CLAY = range(4)
 """Ways to colour a cloud, as viewer.js knows them."""
 _RAMP = 17
 """Colours of a ramp, as viewer.js has them."""
-_SEEN_FROM = 2.3
+_VIEWING_DISTANCE = 2.3
 """Distance of the eye, in radii of what is shown."""
 
 
@@ -59,12 +59,10 @@ class ViewerScene:
     """(layer, text, (3,) where)."""
 
 
-def viewer_page(view: ViewerScene) -> str:
+def render_viewer_page(view: ViewerScene) -> str:
     """The page as text; it needs no network."""
     scene = json.dumps(_document(view), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return (
-        _environment().get_template("viewer.html").render(title=view.title, note=view.note, scene=scene)
-    )
+    return _environment().get_template("viewer.html").render(title=view.title, note=view.note, scene=scene)
 
 
 @cache
@@ -82,8 +80,8 @@ def _environment() -> Environment:
 def _document(view: ViewerScene) -> dict[str, Any]:
     heights = np.concatenate([cloud.points_mm[:, 2] for cloud in view.clouds] or [np.zeros(0)])
     sigmas = np.concatenate([cloud.sigma_mm for cloud in view.clouds] or [np.zeros(0)])
-    low, high = span(heights, 0.005)
-    top = span(sigmas, 0.03)[1]
+    low, high = quantile_range(heights, 0.005)
+    top = quantile_range(sigmas, 0.03)[1]
     modes = [
         {
             "mode": _HEIGHT,
@@ -98,15 +96,13 @@ def _document(view: ViewerScene) -> dict[str, Any]:
             "text": "σ",
             "range": ["0", f"{top:.3g} mm"],
             "what": "σ, dark: sure",
-            "ramp": _ramp(DOUBT),
+            "ramp": _ramp(UNCERTAINTY),
         },
         {"mode": _CLAY, "text": "clay", "range": None, "what": ""},
     ]
     return {
-        "frames": [_packed(cloud, top) for cloud in view.clouds],
-        "lines": [
-            {"layer": a, "colour": b, "line": np.round(line, 2).tolist()} for a, b, line in view.lines
-        ],
+        "frames": [_pack_cloud(cloud, top) for cloud in view.clouds],
+        "lines": [{"layer": a, "colour": b, "line": np.round(line, 2).tolist()} for a, b, line in view.lines],
         "surfaces": [
             {"layer": a, "colour": b, "triangles": np.round(corners.reshape(-1, 3), 2).tolist()}
             for a, b, corners in view.surfaces
@@ -115,7 +111,7 @@ def _document(view: ViewerScene) -> dict[str, Any]:
         "modes": modes if view.clouds else [],
         "heights": [low, high],
         "axes": AXES,
-        "home": _home(view),
+        "home": _initial_view(view),
     }
 
 
@@ -124,7 +120,7 @@ def _ramp(colormap: Rgb) -> list[list[int]]:
     return colormap[np.rint(np.linspace(0, len(colormap) - 1, _RAMP)).astype(int)].tolist()
 
 
-def _packed(cloud: ViewerCloud, sigma_top_mm: float) -> dict[str, Any]:
+def _pack_cloud(cloud: ViewerCloud, sigma_top_mm: float) -> dict[str, Any]:
     """Places in 16 bits over the cloud's box, normals in 8, colour with σ as its fourth channel."""
     points = np.asarray(cloud.points_mm, np.float64)
     low = points.min(axis=0) if len(points) else np.zeros(3)
@@ -140,7 +136,7 @@ def _packed(cloud: ViewerCloud, sigma_top_mm: float) -> dict[str, Any]:
         "spacing": _spacing(points),
         "place": _base64(np.rint((points - low) / step).astype("<u2")),
         "normal": _base64(normals),
-        "colour": _base64(np.column_stack([_bright(cloud.colors), sigma])),
+        "colour": _base64(np.column_stack([_brighten(cloud.colors), sigma])),
     }
 
 
@@ -153,7 +149,7 @@ def _spacing(points: NDArray[np.float64]) -> float:
     return float(np.median(distance[:, -1])) * np.sqrt(np.pi / 7)  # seven neighbours in that circle
 
 
-def _bright(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _brighten(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Dark scenes brightened, so that one sees what was there."""
     top = max(float(np.quantile(colors.max(axis=1), 0.98)), 1.0) if len(colors) else 1.0
     return np.rint(255 * np.clip(colors / top, 0, 1) ** 0.7).astype(np.uint8)
@@ -163,7 +159,7 @@ def _base64(values: NDArray[np.generic]) -> str:
     return b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")
 
 
-def _home(view: ViewerScene) -> dict[str, Any]:
+def _initial_view(view: ViewerScene) -> dict[str, Any]:
     """Where one looks from at first: everything in the picture, the load in the middle."""
     lines = [line for _, _, line in view.lines]
     parts = [
@@ -174,4 +170,4 @@ def _home(view: ViewerScene) -> dict[str, Any]:
     everything = np.concatenate(parts or lines or [np.zeros((1, 3))])
     middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
     reach = float(np.linalg.norm(np.ptp(everything, axis=0))) / 2 or 100.0
-    return {"turn": -0.5, "tilt": 0.85, "reach": _SEEN_FROM * reach, "middle": middle.tolist()}
+    return {"turn": -0.5, "tilt": 0.85, "reach": _VIEWING_DISTANCE * reach, "middle": middle.tolist()}

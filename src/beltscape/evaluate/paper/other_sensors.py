@@ -20,7 +20,7 @@ from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth, score_surface
 from beltscape.files.rasters.images import read_image
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from beltscape.report.drawing.depth_picture import frame_picture
+from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.simulate.geometry.world import Projector
 from beltscape.simulate.rendering.render import RenderSettings
 from beltscape.simulate.rig_and_projector import make_projector
@@ -169,7 +169,7 @@ def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> Scor
     write_rig(folder / "rig.json", rig)
     image = read_image(scene.capture / rig.core / f"{FRAME}.png")
     cloud = CloudBuilder(rig.core_camera).cloud(depth, image)
-    write_frame(folder / FRAME, depth, cloud, frame_picture(depth))
+    write_frame(folder / FRAME, depth, cloud, draw_depth_map(depth))
     return score_surface(scene, name, folder / FRAME, depth, rig)
 
 

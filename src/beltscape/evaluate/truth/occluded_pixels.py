@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import packed_projections
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale, packed_projections
 from beltscape.stereo.multiview.frame.visibility import count_visible_views
 
 

@@ -17,7 +17,7 @@ from beltscape.files.folders.atomic import write_text
 from beltscape.files.reconstruction import list_frame_folders, read_frame
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
-from beltscape.report.measuring.belt import belt_page
+from beltscape.report.measuring.belt import render_belt_page
 
 
 def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Reporter) -> tuple[Belt, Camera]:
@@ -87,7 +87,7 @@ def write_belt_files(out: Path, belt: Belt, camera: Camera) -> Path:
     """Write belt.json and its report beside it; return the report's path."""
     write_belt(out, belt, camera)
     page = out.with_suffix(".html")
-    write_text(page, belt_page(belt))
+    write_text(page, render_belt_page(belt))
     return page
 
 

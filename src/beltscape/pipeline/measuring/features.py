@@ -18,7 +18,7 @@ from beltscape.files.reconstruction import FrameResult, read_frame
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.pipeline.measuring.solids import make_solids_document
-from beltscape.report.measuring.features import features_page
+from beltscape.report.measuring.features import render_features_page
 from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import read_module
 
@@ -83,7 +83,7 @@ def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> N
     ensure_output_folder(out)
     write_json(out / "features.json", make_features_document(measured))
     write_text(out / "features.csv", format_features_csv(measured))
-    write_text(out / "report.html", features_page(frame.depth, frame.rig.core_camera, frame.image, measured))
+    write_text(out / "report.html", render_features_page(frame.depth, frame.rig.core_camera, frame.image, measured))
 
 
 def format_features_csv(measured: MeasuredModule) -> str:

@@ -18,7 +18,7 @@ from beltscape.measure.flow.motion.evidence import MotionEvidence
 from beltscape.measure.flow.records.density import Density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_checks import describe_motion
-from beltscape.report.measuring.flow import FlowReport, flow_page
+from beltscape.report.measuring.flow import FlowReport, render_flow_page
 
 _DIRECTIONS = {1: "+y", -1: "-y", 0: None}
 
@@ -32,7 +32,7 @@ def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequenc
     grid = {"origin_mm": belt.origin_mm, "cell_mm": belt.cell_mm, "rows": "belt coordinate s", "columns": "x"}
     write_json(out / "flow.json", {**document, "belt_grid": grid})
     page = FlowReport(flow.records, flow.steps, flow.meter.totals, document, belt, share)
-    write_text(out / "report.html", flow_page(page, warnings=warnings))
+    write_text(out / "report.html", render_flow_page(page, warnings=warnings))
     return {**document, "flow": out / "flow.csv", "belt": out / "belt.tiff", "report": out / "report.html"}
 
 

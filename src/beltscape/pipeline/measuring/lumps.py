@@ -20,7 +20,7 @@ from beltscape.measure.lumps.distribution import SizeDistribution
 from beltscape.measure.lumps.lumps import BIAS, Lumps, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
-from beltscape.report.measuring.lumps import lumps_page
+from beltscape.report.measuring.lumps import render_lumps_page
 
 _SHARES = ("d10", "d50", "d80", "d90")
 _COLUMNS = (
@@ -113,7 +113,7 @@ def write_lumps(out: Path, measured: FrameLumps) -> None:
     write_json(out / "lumps.json", make_lumps_document(measured.lumps))
     write_text(out / "lumps.csv", format_lumps_csv(measured.lumps))
     write_text(out / "sieve.csv", format_sieve_csv(measured.lumps))
-    write_text(out / "report.html", lumps_page(measured.lumps, measured.frame.depth, measured.picture))
+    write_text(out / "report.html", render_lumps_page(measured.lumps, measured.frame.depth, measured.picture))
 
 
 def format_lumps_csv(lumps: Lumps) -> str:

@@ -17,7 +17,7 @@ from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume
 from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
 from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
-from beltscape.report.measuring.volume import volume_page
+from beltscape.report.measuring.volume import render_volume_page
 
 LEAST_COVERAGE = 0.5
 """Below this coverage a volume is mostly interpolated, and a warning is given."""
@@ -130,7 +130,7 @@ def write_volume(out: Path, volume: Volume) -> None:
         write_stl(out / name, mesh.vertices_mm, mesh.faces)
     write_text(out / "profiles.csv", format_profiles_csv(volume))
     write_text(out / "areas.csv", format_areas_csv(volume))
-    write_text(out / "report.html", volume_page(volume, warnings=()))
+    write_text(out / "report.html", render_volume_page(volume, warnings=()))
 
 
 def format_areas_csv(volume: Volume) -> str:

@@ -22,7 +22,7 @@ from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
-from beltscape.report.drawing.depth_picture import frame_picture
+from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import camera_consistency, consistency_document
 from beltscape.stereo.consistency.exchange import exchange_in_doubt
@@ -115,7 +115,7 @@ def reconstruct_capture(
 def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
     checked, image = frame.checked, frame.frame_set.images[builder.camera.name]
     depth = checked.depth
-    write_frame(folder, depth, builder.cloud(depth, image), frame_picture(depth), builder.undistorted(image))
+    write_frame(folder, depth, builder.cloud(depth, image), draw_depth_map(depth), builder.undistorted(image))
     measured = depth.measured.any()
     return {
         "frame": frame.frame_set.frame,

@@ -15,7 +15,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import write_image
 from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
-from beltscape.report.rectification import check_picture
+from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cameras import usable_auxiliaries
 from beltscape.stereo.consistency.check import RigConsistency, camera_consistency, consistency_document
@@ -55,7 +55,7 @@ def rectify_capture(
         for images in pairs:
             write_image(folder / images.pair.auxiliary / "core.png", images.core)
             write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
-        write_image(folder / "rectification.png", check_picture(rig, frame_set, pairs, doubts))
+        write_image(folder / "rectification.png", draw_rectification(rig, frame_set, pairs, doubts))
         document = {
             "frame": frame_set.frame,
             "pairs": [_document(images) for images in pairs],

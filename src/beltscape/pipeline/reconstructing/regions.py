@@ -12,7 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.files.rasters.images import write_image
-from beltscape.report.regions import regions_picture
+from beltscape.report.regions import draw_regions
 from beltscape.stereo.markers.prior import find_grids
 
 _WIDEST_PX = 1600
@@ -35,7 +35,7 @@ def write_regions(path: Path, frame_set: FrameSet, rig: Rig, cameras: Sequence[s
     grids = find_grids(shown, rig, Silent())
     if rig.core not in grids or len(grids) < 2:
         return None
-    picture = regions_picture(shown, grids)
+    picture = draw_regions(shown, grids)
     factor = min(1.0, _WIDEST_PX / picture.shape[1])
     small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     write_image(path, np.asarray(small, np.uint8))

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.report.drawing.legend import (
-    DARK_IS_SURE,
+    CERTAINTY,
+    DARK_IS_CERTAIN,
     DIFFERENCE,
-    DOUBT,
     NEAR_TO_FAR,
     QUIET,
-    TRUST,
+    UNCERTAINTY,
     Color,
     Rgb,
     Scale,
@@ -23,7 +23,7 @@ from beltscape.report.drawing.legend import (
     round_above,
     round_below,
 )
-from beltscape.report.drawing.pictures import PANEL_PX, Panel, sheet, span
+from beltscape.report.drawing.pictures import PANEL_PX, Panel, arrange_panels, quantile_range
 
 NO_TRUTH: Color = (0, 0, 0)
 _UNMEASURED = ("not measured", QUIET)
@@ -34,11 +34,11 @@ _LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 """From the surface to the light: from above left, in camera axes."""
 _FLAT_MM = 1.0
 """A surface flatter than this keeps one colour; its noise is not stretched over all of them."""
-_HONEST = 4.0
+_RELIABILITY_SIGMAS = 4.0
 """Errors are shown up to so many σ."""
 
 
-def frame_picture(depth: DepthMap, true_depth_mm: NDArray[np.floating] | None = None) -> Rgb:
+def draw_depth_map(depth: DepthMap, true_depth_mm: NDArray[np.floating] | None = None) -> Rgb:
     """(H', W', 3): depth, σ, views used and confidence; with the truth its error too, in mm and in σ.
 
     Raises
@@ -46,50 +46,55 @@ def frame_picture(depth: DepthMap, true_depth_mm: NDArray[np.floating] | None = 
     InputError
         When the truth (H, W, mm, NaN = unknown) is not on the depth map's grid.
     """
-    four = [depth_panel(depth), sigma_panel(depth), views_panel(depth), confidence_panel(depth)]
+    four = [
+        make_depth_panel(depth),
+        make_sigma_panel(depth),
+        make_views_panel(depth),
+        make_confidence_panel(depth),
+    ]
     if true_depth_mm is None:
-        return sheet(four, 2)
-    errors = [error_panel(depth, true_depth_mm), honesty_panel(depth, true_depth_mm)]
-    return sheet([*four[:2], errors[0], *four[2:], errors[1]], 3)
+        return arrange_panels(four, 2)
+    errors = [make_error_panel(depth, true_depth_mm), make_reliability_panel(depth, true_depth_mm)]
+    return arrange_panels([*four[:2], errors[0], *four[2:], errors[1]], 3)
 
 
-def depth_panel(depth: DepthMap) -> Panel:
+def make_depth_panel(depth: DepthMap) -> Panel:
     """Depth, near bright, with the relief that light from above left would show."""
-    z = _thinned(depth.depth_mm)
-    near, far = span(z)
+    z = _subsample(depth.depth_mm)
+    near, far = quantile_range(z)
     scale = Scale(near, max(far, near + _FLAT_MM), NEAR_TO_FAR)
-    return Panel(relief(z, scale), "depth, mm", scale, key=GAPS, note=f"{depth.coverage:.1%} measured")
+    return Panel(shade_depth(z, scale), "depth, mm", scale, key=GAPS, note=f"{depth.coverage:.1%} measured")
 
 
-def sigma_panel(depth: DepthMap) -> Panel:
+def make_sigma_panel(depth: DepthMap) -> Panel:
     """One standard deviation of the depth, on a logarithmic scale between round ends."""
-    sigma = _thinned(depth.sigma_mm)
+    sigma = _subsample(depth.sigma_mm)
     positive = sigma[sigma > 0]
-    low, high = span(positive, 0.01) if positive.size else (0.1, 1.0)
+    low, high = quantile_range(positive, 0.01) if positive.size else (0.1, 1.0)
     low, high = round_below(low), round_above(high)
-    scale = Scale(low, high if high > low else 10 * low, DOUBT, log=True, label=DARK_IS_SURE)
+    scale = Scale(low, high if high > low else 10 * low, UNCERTAINTY, log=True, label=DARK_IS_CERTAIN)
     note = f"median {np.median(positive):.2g}" if positive.size else ""
-    return Panel(scale.colored(sigma), "one standard deviation of the depth, mm", scale, key=GAPS, note=note)
+    return Panel(scale.to_rgb(sigma), "one standard deviation of the depth, mm", scale, key=GAPS, note=note)
 
 
-def views_panel(depth: DepthMap) -> Panel:
+def make_views_panel(depth: DepthMap) -> Panel:
     """How many auxiliaries measured each pixel, a colour for each number."""
     most = max(int(depth.views.max(initial=0)), 1)
     steps = np.rint(np.linspace(0, 255, most)) if most > 1 else np.array([255])
-    colors = np.vstack([QUIET, TRUST[steps.astype(int)]]).astype(np.uint8)
+    colors = np.vstack([QUIET, CERTAINTY[steps.astype(int)]]).astype(np.uint8)
     entries = [(str(n), _color(colors[n])) for n in range(1, most + 1)]
-    image = colors.take(_thinned(depth.views), axis=0)
+    image = colors.take(_subsample(depth.views), axis=0)
     return Panel(image, "views used", Swatches([*entries, _UNMEASURED]))
 
 
-def confidence_panel(depth: DepthMap) -> Panel:
+def make_confidence_panel(depth: DepthMap) -> Panel:
     """Trust that a pixel is no false surface; grey where not measured."""
     confidence = np.where(np.isfinite(depth.depth_mm), depth.confidence, np.float32(np.nan))
-    scale = Scale(0.0, 1.0, TRUST, label=DARK_IS_SURE)
+    scale = Scale(0.0, 1.0, CERTAINTY, label=DARK_IS_CERTAIN)
     mean = float(depth.confidence[depth.measured].mean()) if depth.measured.any() else 0.0
     note = f"mean {mean:.2f}"
     return Panel(
-        scale.colored(_thinned(confidence)),
+        scale.to_rgb(_subsample(confidence)),
         "confidence that it is no false surface",
         scale,
         key=GAPS,
@@ -97,7 +102,7 @@ def confidence_panel(depth: DepthMap) -> Panel:
     )
 
 
-def error_panel(
+def make_error_panel(
     depth: DepthMap, true_depth_mm: NDArray[np.floating], *, limit_mm: float | None = None
 ) -> Panel:
     """Measured minus true depth: blue nearer, red farther, grey not measured, black where no truth is known.
@@ -120,16 +125,16 @@ def error_panel(
     size = np.abs(error[np.isfinite(error)])
     limit = limit_mm or round_above(max(6 * float(np.median(size)), 1e-3) if size.size else 1.0)
     note = f"median size {np.median(size):.2g}" if size.size else ""
-    return _against_truth(error, true_depth_mm, limit, "measured minus true depth, mm", note)
+    return _make_error_panel(error, true_depth_mm, limit, "measured minus true depth, mm", note)
 
 
-def honesty_panel(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> Panel:
+def make_reliability_panel(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> Panel:
     """The error in its own standard deviations: pale where σ is honest or too large."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = _error_mm(depth, true_depth_mm) / depth.sigma_mm
     size = np.abs(ratio[np.isfinite(ratio)])
     note = f"{(size <= 1).mean():.0%} within one σ, honest is 68%" if size.size else ""
-    return _against_truth(ratio, true_depth_mm, _HONEST, "measured minus true depth, σ", note)
+    return _make_error_panel(ratio, true_depth_mm, _RELIABILITY_SIGMAS, "measured minus true depth, σ", note)
 
 
 def _error_mm(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -138,33 +143,33 @@ def _error_mm(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> NDArray[n
     return (depth.depth_mm - true_depth_mm).astype(np.float32)
 
 
-def _against_truth(
+def _make_error_panel(
     values: NDArray[np.float32], true_depth_mm: NDArray[np.floating], limit: float, title: str, note: str
 ) -> Panel:
     scale = Scale(-limit, limit, DIFFERENCE)
-    image = error_colors(_thinned(values), _thinned(true_depth_mm), scale)
+    image = color_errors(_subsample(values), _subsample(true_depth_mm), scale)
     return Panel(image, title, scale, key=NO_ERROR, note=note)
 
 
-def relief(depth_mm: NDArray[np.float32], scale: Scale) -> Rgb:
+def shade_depth(depth_mm: NDArray[np.float32], scale: Scale) -> Rgb:
     """(H, W, 3) the colours of a depth (H, W), shaded as a matt surface lit from above left would be."""
-    return _lit(scale.colored(depth_mm), depth_mm)
+    return _shade(scale.to_rgb(depth_mm), depth_mm)
 
 
-def error_colors(values: NDArray[np.floating], true_depth_mm: NDArray[np.floating], scale: Scale) -> Rgb:
+def color_errors(values: NDArray[np.floating], true_depth_mm: NDArray[np.floating], scale: Scale) -> Rgb:
     """(H, W, 3) the colours of errors (H, W); black where there is no truth."""
-    image = scale.colored(np.asarray(values, np.float32))
+    image = scale.to_rgb(np.asarray(values, np.float32))
     image[~np.isfinite(true_depth_mm)] = NO_TRUTH
     return image
 
 
-def _thinned(values: NDArray[Any]) -> NDArray[Any]:
+def _subsample(values: NDArray[Any]) -> NDArray[Any]:
     """Every n-th pixel: as many as the panel has, or up to twice that."""
     step = max(values.shape[1] // PANEL_PX, 1)
     return values[::step, ::step]
 
 
-def _lit(image: Rgb, depth_mm: NDArray[np.float32]) -> Rgb:
+def _shade(image: Rgb, depth_mm: NDArray[np.float32]) -> Rgb:
     """The colours as a matt surface would show them; slopes as if the camera saw 53° across."""
     footprint = depth_mm / depth_mm.shape[1]
     p, q = np.zeros_like(depth_mm), np.zeros_like(depth_mm)

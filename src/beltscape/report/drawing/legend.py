@@ -28,19 +28,19 @@ _STEPS = 4
 _PATCH_PX = 16
 
 
-def _through(*anchors: Color) -> Rgb:
+def _interpolate_colors(*anchors: Color) -> Rgb:
     """(256, 3): a colour map through evenly spaced colours."""
     where = np.linspace(0, 1, len(anchors))
     channels = np.array(anchors, np.float64).T
     return np.rint([np.interp(np.linspace(0, 1, 256), where, c) for c in channels]).T.astype(np.uint8)
 
 
-def _of_opencv(name: int) -> Rgb:
+def _opencv_colormap(name: int) -> Rgb:
     ramp = np.arange(256, dtype=np.uint8)[:, None]
     return np.ascontiguousarray(np.asarray(cv2.applyColorMap(ramp, name))[:, 0, ::-1], np.uint8)
 
 
-HEIGHT = _through(
+HEIGHT = _interpolate_colors(
     (1, 25, 89), (16, 63, 96), (28, 90, 98), (60, 109, 86), (104, 123, 62), (157, 137, 43), (210, 147, 67),
     (248, 161, 123), (253, 183, 188), (250, 204, 250),
 )  # fmt: skip
@@ -48,13 +48,13 @@ HEIGHT = _through(
 even to the eye and to colour-blind eyes."""
 NEAR_TO_FAR = HEIGHT[:24:-1]
 """(231, 3) for depths, near bright; its far end is not too dark to be shaded."""
-DIFFERENCE = _through((23, 78, 166), (250, 250, 250), (178, 24, 43))
+DIFFERENCE = _interpolate_colors((23, 78, 166), (250, 250, 250), (178, 24, 43))
 """(256, 3) blue below, white at and red above the middle."""
-DOUBT = _of_opencv(cv2.COLORMAP_VIRIDIS)
+UNCERTAINTY = _opencv_colormap(cv2.COLORMAP_VIRIDIS)
 """(256, 3) for σ and sizes of errors, from small to large: dark is sure, bright is unsure."""
-TRUST = np.ascontiguousarray(DOUBT[::-1])
+CERTAINTY = np.ascontiguousarray(UNCERTAINTY[::-1])
 """(256, 3) for confidence, views and coverage, from little to much: the same colours mean the same trust."""
-DARK_IS_SURE = "dark: sure, bright: unsure"
+DARK_IS_CERTAIN = "dark: sure, bright: unsure"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class Scale:
     """What the legend says about the colours."""
     kind: str = "scale"
 
-    def colored(self, values: NDArray[np.floating]) -> Rgb:
+    def to_rgb(self, values: NDArray[np.floating]) -> Rgb:
         """(...) values → (..., 3) RGB; NaN grey."""
         with np.errstate(invalid="ignore", divide="ignore"):
             share = self._share(values.astype(np.float32))
@@ -87,8 +87,8 @@ class Scale:
         for share, text in self.marks():
             u = round(share * (width_px - 1))
             image[_BAR.stop : _BAR.stop + 5, max(u - 1, 0) : u + 1] = QUIET
-            left = min(max(u - text_width(text, 13) // 2, 0), width_px - text_width(text, 13))
-            write(image, text, (left, _BAR.stop + 20), 13)
+            left = min(max(u - measure_text(text, 13) // 2, 0), width_px - measure_text(text, 13))
+            draw_text(image, text, (left, _BAR.stop + 20), 13)
         return image
 
     def marks(self, steps: int = _STEPS) -> list[tuple[float, str]]:
@@ -131,7 +131,7 @@ class Swatches:
         image, left = _paper(width_px), 0
         for text, color in self.entries:
             image[_BAR.start - 2 : _BAR.stop + 2, left : left + _PATCH_PX] = color
-            write(image, text, (left + _PATCH_PX + 7, _BAR.stop - 1), 14)
+            draw_text(image, text, (left + _PATCH_PX + 7, _BAR.stop - 1), 14)
             left += self._step(text)
         return image
 
@@ -142,10 +142,10 @@ class Swatches:
 
     @staticmethod
     def _step(text: str) -> int:
-        return _PATCH_PX + 7 + text_width(text, 14) + 20
+        return _PATCH_PX + 7 + measure_text(text, 14) + 20
 
 
-def keyed(scale: Scale, key: Swatches, width_px: int) -> Rgb:
+def draw_scale_with_key(scale: Scale, key: Swatches, width_px: int) -> Rgb:
     """(LEGEND_PX, width, 3): a scale, and to the right of it the colours that stand for no value."""
     ramp = scale.legend(width_px - key.width_px - _PATCH_PX)
     return np.concatenate([ramp, _paper(_PATCH_PX), key.legend(key.width_px)], axis=1)
@@ -162,12 +162,12 @@ def round_below(value: float) -> float:
     return 1 / round_above(1 / value)
 
 
-def write(image: Rgb, text: str, left_base: tuple[int, int], size: int, color: Color = INK) -> None:
+def draw_text(image: Rgb, text: str, left_base: tuple[int, int], size: int, color: Color = INK) -> None:
     """Draw text into an image; the position is the left end of its base line, px."""
     cv2.putText(image, text, left_base, color, _font(), size, 400)
 
 
-def text_width(text: str, size: int) -> int:
+def measure_text(text: str, size: int) -> int:
     """Width of a text, px."""
     return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, 400)[2])
 

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from beltscape.report.drawing.charts import Entry
 from beltscape.report.drawing.legend import Color, Rgb, Scale
-from beltscape.report.drawing.pictures import PANEL_PX, is_light, shrink
+from beltscape.report.drawing.pictures import PANEL_PX, is_light, limit_width
 
 _QUALITY = 82
 """Of WebP: at 82 speckle stays sharp, at half the bytes of a JPEG that looks the same."""
@@ -28,7 +28,7 @@ _END = 5.0
 def image_uri(image: Rgb, columns: int) -> str:
     """Return a picture as a data URI, as wide as a row of so many needs it."""
     return _uri(
-        shrink(image, PANEL_PX if columns <= 2 else _SMALL_PX),
+        limit_width(image, PANEL_PX if columns <= 2 else _SMALL_PX),
         ".webp",
         [cv2.IMWRITE_WEBP_QUALITY, _QUALITY],
         "image/webp",

@@ -17,9 +17,9 @@ from beltscape.report.drawing.legend import (
     Rgb,
     Scale,
     Swatches,
-    keyed,
-    text_width,
-    write,
+    draw_scale_with_key,
+    draw_text,
+    measure_text,
 )
 
 PANEL_PX = 800
@@ -52,18 +52,18 @@ class Panel:
     note: str = ""
     marks: Sequence[Mark] = ()
 
-    def drawn(self) -> Rgb:
+    def draw(self) -> Rgb:
         """Return all of it as one image, ``PANEL_PX`` wide."""
-        body = _resized(self.image, _BODY_PX)
+        body = _resize(self.image, _BODY_PX)
         for mark in self.marks:
             _draw_mark(body, mark)
         head = np.full((_HEAD_PX, _BODY_PX, 3), PAPER, np.uint8)
         scale = self.legend if isinstance(self.legend, Scale) else None
-        write(head, f"{self.title} ({scale.label})" if scale and scale.label else self.title, (0, 26), 18)
-        write(head, self.note, (_BODY_PX - text_width(self.note, 14), 26), 14, QUIET)
+        draw_text(head, f"{self.title} ({scale.label})" if scale and scale.label else self.title, (0, 26), 18)
+        draw_text(head, self.note, (_BODY_PX - measure_text(self.note, 14), 26), 14, QUIET)
         parts = [head, body]
         if scale is not None and self.key is not None:
-            parts.append(keyed(scale, self.key, _BODY_PX))
+            parts.append(draw_scale_with_key(scale, self.key, _BODY_PX))
         elif self.legend is not None:
             parts.append(self.legend.legend(_BODY_PX))
         sides = ((0, _MARGIN_PX // 2), (_MARGIN_PX, _MARGIN_PX), (0, 0))
@@ -75,9 +75,9 @@ class Panel:
         return [each for each in (self.legend, self.key) if each is not None]
 
 
-def sheet(panels: Sequence[Panel], columns: int) -> Rgb:
+def arrange_panels(panels: Sequence[Panel], columns: int) -> Rgb:
     """Return the panels drawn in rows of so many, on white."""
-    drawn = [panel.drawn() for panel in panels]
+    drawn = [panel.draw() for panel in panels]
     rows = [drawn[i : i + columns] for i in range(0, len(drawn), columns)]
     width = PANEL_PX * min(columns, len(drawn))
     heights = [max(p.shape[0] for p in row) for row in rows]
@@ -90,7 +90,7 @@ def sheet(panels: Sequence[Panel], columns: int) -> Rgb:
     return page
 
 
-def span(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, float]:
+def quantile_range(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, float]:
     """Range of the finite values without the outermost ``share`` on both sides; (0, 1) where there are none."""
     finite = values[np.isfinite(values)]
     if not finite.size:
@@ -107,12 +107,12 @@ def to_rgb(image: Image) -> Rgb:
     return eight if eight.ndim == 3 else np.repeat(eight[..., None], 3, axis=2)
 
 
-def shrink(image: Rgb, width_px: int = PANEL_PX) -> Rgb:
+def limit_width(image: Rgb, width_px: int = PANEL_PX) -> Rgb:
     """Return an image at most so wide."""
-    return image if image.shape[1] <= width_px else _resized(image, width_px)
+    return image if image.shape[1] <= width_px else _resize(image, width_px)
 
 
-def _resized(image: Rgb, width_px: int) -> Rgb:
+def _resize(image: Rgb, width_px: int) -> Rgb:
     factor = width_px / image.shape[1]
     way = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
     size = (width_px, max(round(image.shape[0] * factor), 1))
@@ -122,12 +122,12 @@ def _resized(image: Rgb, width_px: int) -> Rgb:
 def _draw_mark(image: Rgb, mark: Mark) -> None:
     """Draw a mark with a contrasting rim, in place."""
     height, width = image.shape[:2]
-    left = round(mark.place[0] * width) - text_width(mark.text, _MARK_PX) // 2
+    left = round(mark.place[0] * width) - measure_text(mark.text, _MARK_PX) // 2
     base = round(mark.place[1] * height) + _MARK_PX // 3
     rim = (0, 0, 0) if is_light(mark.color) else (255, 255, 255)
     for shift in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)):
-        write(image, mark.text, (left + shift[0], base + shift[1]), _MARK_PX, rim)
-    write(image, mark.text, (left, base), _MARK_PX, mark.color)
+        draw_text(image, mark.text, (left + shift[0], base + shift[1]), _MARK_PX, rim)
+    draw_text(image, mark.text, (left, base), _MARK_PX, mark.color)
 
 
 def is_light(color: Color) -> bool:

@@ -39,11 +39,11 @@ class Form:
 WIDE, NARROW = Form(800.0, narrow=False), Form(300.0, narrow=True)
 """Of a screen of 900 px or more and of a sheet of paper, and of a phone."""
 
-_SETTLING = 2
+_LAYOUT_PASSES = 2
 """Layouts before the one that is drawn: ticks change with the room for them, and the room with the ticks."""
 _TALLEST = 420.0
 """Height of a map at most, points: it is seen whole on a screen."""
-_FADED = 90
+_FADED_ALPHA = 90
 """Opacity of 255 of what was not measured: told from what was, its height still told."""
 
 STYLE: Mapping[str, Any] = {
@@ -72,7 +72,7 @@ STYLE: Mapping[str, Any] = {
 }
 
 
-def panels(
+def make_panels(
     count: int, form: Form, *, columns: int = 1, height: float = 200.0, narrow_height: float | None = None
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure with ``count`` axes in rows of ``columns``, below one another where it is narrow.
@@ -96,18 +96,20 @@ def show_map(axis: Axes, colors: Rgb, extent: Sequence[float], *, first_row_belo
     axis.imshow(colors, origin=origin, extent=tuple(extent), interpolation="none", aspect="equal")  # pyright: ignore[reportArgumentType]
 
 
-def faded(
+def fade_unmeasured(
     colors: Rgb, values: NDArray[np.floating], share: NDArray[np.floating] | NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
     """(H, W, 4): a map's colours, faded where less than all of a cell was measured, empty without a value.
 
     ``share`` (H, W) is the measured share of each cell, 0 to 1.
     """
-    alpha = np.where(np.isfinite(values), _FADED + (255 - _FADED) * np.clip(share, 0, 1), 0)
+    alpha = np.where(np.isfinite(values), _FADED_ALPHA + (255 - _FADED_ALPHA) * np.clip(share, 0, 1), 0)
     return np.dstack([colors, np.rint(alpha).astype(np.uint8)])
 
 
-def map_height(form: Form, width: float, height: float, *, columns: int = 1, least: float = 90.0) -> float:
+def compute_map_height(
+    form: Form, width: float, height: float, *, columns: int = 1, least: float = 90.0
+) -> float:
     """Return the height in points of a panel that shows ``width`` × ``height`` to scale, with its labels."""
     across = form.width / (1 if form.narrow else columns) - 62
     return min(max(across * height / max(width, 1e-9), least), _TALLEST) + 58
@@ -126,7 +128,7 @@ def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
     """Return a plot as an SVG element whose text is text and whose colours follow the page's scheme."""
     with mpl.rc_context(dict(STYLE)):
         figure, buffer = plot(form), StringIO()
-        for _ in range(_SETTLING):
+        for _ in range(_LAYOUT_PASSES):
             figure.draw_without_rendering()
         nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
@@ -137,16 +139,16 @@ def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
     svg = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font-size: \1px", svg)
     svg = re.sub(r"; font-family: [^;\"]*", "", svg)
     svg = re.sub(r"#[0-9a-f]{6}\b", lambda found: css_color(found[0]), svg)
-    svg = re.sub(r"<[^>]*>", _rounded, svg)
-    return _own_names(re.sub(r"\s*\n\s*", "\n", svg))
+    svg = re.sub(r"<[^>]*>", _round_coordinates, svg)
+    return _make_ids_unique(re.sub(r"\s*\n\s*", "\n", svg))
 
 
-def _rounded(tag: re.Match[str]) -> str:
+def _round_coordinates(tag: re.Match[str]) -> str:
     """Return a tag with its coordinates rounded to a hundredth of a point; the texts between tags stay."""
     return re.sub(r"\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}".rstrip("0").rstrip("."), tag[0])
 
 
-def _own_names(svg: str) -> str:
+def _make_ids_unique(svg: str) -> str:
     """Return the SVG with the names that it refers to made its own, and without the others."""
     used = set(re.findall(r'(?:url\(|href=")#([\w-]+)', svg))
     prefix = "c" + sha256(svg.encode()).hexdigest()[:8]

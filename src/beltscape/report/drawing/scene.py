@@ -44,7 +44,7 @@ class Scene:
         )
 
 
-def rig_scene(
+def make_rig_scene(
     rig: Rig, *, length_mm: float, boards_mm: Mapping[str, NDArray[np.float64]] | None = None
 ) -> Scene:
     """The cameras' frusta, drawn ``length_mm`` long, and the outlines (n, 3) of boards in the core frame."""

@@ -12,7 +12,9 @@ Lines = list[NDArray[np.float64]]
 _ROUND = 49
 
 
-def belt_triangles(document: Mapping[str, Any], along_mm: tuple[float, float]) -> NDArray[np.float64] | None:
+def make_belt_triangles(
+    document: Mapping[str, Any], along_mm: tuple[float, float]
+) -> NDArray[np.float64] | None:
     """(T, 3, 3) the belt's cross-section drawn along y, in the belt frame; None where the file tells none."""
     belt = document.get("belt", document)
     for part in (belt, *(value for value in belt.values() if isinstance(value, Mapping))):
@@ -30,7 +32,7 @@ def belt_triangles(document: Mapping[str, Any], along_mm: tuple[float, float]) -
     return triangles[np.isfinite(triangles).all(axis=(1, 2))]
 
 
-def outline(solid: Mapping[str, Any]) -> Lines:
+def outline_solid(solid: Mapping[str, Any]) -> Lines:
     """Return the polylines, (n, 3) in mm, that draw a box, a sphere or a cylinder about its ``center_mm``.
 
     KeyError, TypeError or ValueError where the mapping describes none of them.

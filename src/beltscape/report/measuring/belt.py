@@ -11,30 +11,30 @@ from beltscape.core.belt.empty_belt import Belt
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.legend import DIFFERENCE, Scale
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, map_height, panels, show_map
+from beltscape.report.drawing.plots import Form, compute_map_height, make_panels, show_map
 from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
 
 _MAP_CELLS = 200
 """Of the map on each side: finer than a node, as many as a page shows."""
 
 
-def belt_page(belt: Belt) -> str:
+def render_belt_page(belt: Belt) -> str:
     """Return the page beside a belt.json."""
-    items: list[Item] = [_tiles(belt), section_chart(belt)]
+    items: list[Item] = [_tiles(belt), make_section_chart(belt)]
     sections = [Section("Shape", "x across, z up from where the core's optical axis meets the belt.", items)]
     if belt.deviation is not None:
         sections.append(
             Section(
                 "Along the belt",
                 "What one cross-section does not tell: sag, waves, or slow errors of the rig.",
-                [deviation_chart(belt)],
+                [make_deviation_chart(belt)],
             )
         )
     sections.append(Section("Ends", "Against floor or frame behind them.", [_edge_table(belt)]))
-    return render("Empty belt", _verdict(belt), sections, warnings=())
+    return render("Empty belt", _summarise(belt), sections, warnings=())
 
 
-def _verdict(belt: Belt) -> str:
+def _summarise(belt: Belt) -> str:
     frames = "one frame" if belt.frames == 1 else f"{belt.frames} frames"
     text = f"Learned from {frames}; points scatter by {belt.noise_mm:.3f} mm about it."
     edges = belt.edges
@@ -56,19 +56,19 @@ def _tiles(belt: Belt) -> Tiles:
     )
 
 
-def section_chart(belt: Belt) -> Chart:
+def make_section_chart(belt: Belt) -> Chart:
     """Return the cross-section as a chart."""
     entries = [Entry("height of the belt", "first"), Entry("three σ of it", "band", "area")]
     if belt.flat_mm is not None:
         entries.append(Entry("level middle", "grid", "area"))
     if any(np.isfinite(end) for end in _ends(belt)):
         entries.append(Entry("ends", "limit"))
-    return Chart.draw(partial(section_plot, belt), "Cross-section, and three σ of it.", Key(entries))
+    return Chart.draw(partial(plot_section, belt), "Cross-section, and three σ of it.", Key(entries))
 
 
-def section_plot(belt: Belt, form: Form) -> Figure:
+def plot_section(belt: Belt, form: Form) -> Figure:
     """Plot the cross-section, with its ends where they were seen."""
-    figure, (axis,) = panels(1, form, height=230, narrow_height=170)
+    figure, (axis,) = make_panels(1, form, height=230, narrow_height=170)
     low, high = belt.z_mm - 3 * belt.z_sigma_mm, belt.z_mm + 3 * belt.z_sigma_mm
     axis.fill_between(belt.x_mm, low, high, color=light("band"), linewidth=0)
     axis.plot(belt.x_mm, belt.z_mm, color=light("first"), linewidth=1.4)
@@ -82,25 +82,25 @@ def section_plot(belt: Belt, form: Form) -> Figure:
     return figure
 
 
-def deviation_chart(belt: Belt) -> Chart:
+def make_deviation_chart(belt: Belt) -> Chart:
     """Return the deviation along the belt as a chart."""
     deviation = belt.deviation
     assert deviation is not None
     most = max(float(np.abs(deviation.height_mm).max()), 1e-6)
     label = "height over the cross-section, mm; blue: below, red: above"
     scale = Scale(-most, most, DIFFERENCE, label=label)
-    return Chart.draw(partial(deviation_plot, belt, scale), "Height over the cross-section.", scale)
+    return Chart.draw(partial(plot_deviation, belt, scale), "Height over the cross-section.", scale)
 
 
-def deviation_plot(belt: Belt, scale: Scale, form: Form) -> Figure:
+def plot_deviation(belt: Belt, scale: Scale, form: Form) -> Figure:
     """Plot the deviation as a map."""
     deviation = belt.deviation
     assert deviation is not None
     extent = (deviation.x_mm[0], deviation.x_mm[-1], deviation.y_mm[0], deviation.y_mm[-1])
     x = np.linspace(*extent[:2], _MAP_CELLS)
     y = np.linspace(*extent[2:], _MAP_CELLS)
-    figure, (axis,) = panels(1, form, height=map_height(form, np.ptp(x), np.ptp(y)))
-    show_map(axis, scale.colored(deviation.interpolate(x[None], y[:, None])), extent)
+    figure, (axis,) = make_panels(1, form, height=compute_map_height(form, np.ptp(x), np.ptp(y)))
+    show_map(axis, scale.to_rgb(deviation.interpolate(x[None], y[:, None])), extent)
     axis.set(xlabel="x across, mm", ylabel="y along, mm")
     return figure
 

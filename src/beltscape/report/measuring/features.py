@@ -9,17 +9,19 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
 from beltscape.measure.features.result import MeasuredModule, Quantity
 from beltscape.report.measuring.features_pictures import (
-    deviation_panel,
-    edge_panels,
-    feature_panel,
-    feature_scene,
+    make_deviation_panel,
+    make_edge_panels,
+    make_feature_panel,
+    make_feature_scene,
 )
-from beltscape.report.page import Pictures, Section, Table, Tile, Tiles, Turnable, render
+from beltscape.report.page import InteractiveScene, Pictures, Section, Table, Tile, Tiles, render
 
 
-def features_page(depth: DepthMap, camera: Camera, image: Image | None, measured: MeasuredModule) -> str:
+def render_features_page(
+    depth: DepthMap, camera: Camera, image: Image | None, measured: MeasuredModule
+) -> str:
     """report.html of a module's dimensions."""
-    edges = list(edge_panels(image, depth, camera, measured))
+    edges = list(make_edge_panels(image, depth, camera, measured))
     sections = [
         Section("Dimensions", "Each feature measured by itself.", [_tiles(measured), _table(measured)]),
         Section(
@@ -27,17 +29,18 @@ def features_page(depth: DepthMap, camera: Camera, image: Image | None, measured
             "The pixels that planes and spheres were fitted to, by feature; edges in white.",
             [
                 Pictures(
-                    [feature_panel(depth, camera, measured)], "Faces, caps and edges in the core's view."
+                    [make_feature_panel(depth, camera, measured)], "Faces, caps and edges in the core's view."
                 ),
-                Turnable(
-                    feature_scene(depth, camera, measured), "The cloud by feature, with fitted primitives."
+                InteractiveScene(
+                    make_feature_scene(depth, camera, measured),
+                    "The cloud by feature, with fitted primitives.",
                 ),
             ],
         ),
         Section(
             "Against the perfect module",
             "Measured depth minus that of the perfect module at the pose found: blue nearer, red farther.",
-            [Pictures([deviation_panel(depth, measured)])],
+            [Pictures([make_deviation_panel(depth, measured)])],
         ),
         Section(
             "Edges",
@@ -46,11 +49,14 @@ def features_page(depth: DepthMap, camera: Camera, image: Image | None, measured
         ),
     ]
     return render(
-        f"Dimensions of {measured.module.name}", verdict(measured), sections, warnings=measured.warnings
+        f"Dimensions of {measured.module.name}",
+        summarise_module(measured),
+        sections,
+        warnings=measured.warnings,
     )
 
 
-def verdict(measured: MeasuredModule) -> str:
+def summarise_module(measured: MeasuredModule) -> str:
     """The result in a sentence."""
     known = [q for q in measured.quantities if np.isfinite(q.measured_mm)]
     if not known:

@@ -14,11 +14,11 @@ from beltscape.core.belt.height_map import HeightMap
 from beltscape.measure.flow.meter import Step
 from beltscape.measure.flow.records.totals import FlowTotals
 from beltscape.report.measuring.flow_charts import (
-    belt_chart,
-    coverage_chart,
-    flow_chart,
-    motion_chart,
-    state_entry,
+    make_belt_chart,
+    make_coverage_chart,
+    make_flow_chart,
+    make_motion_chart,
+    make_state_entry,
 )
 from beltscape.report.page import Section, Table, Tile, Tiles, render
 
@@ -40,7 +40,7 @@ class FlowReport:
     """Share of its cells that were measured."""
 
 
-def flow_page(flow: FlowReport, *, warnings: Sequence[str]) -> str:
+def render_flow_page(flow: FlowReport, *, warnings: Sequence[str]) -> str:
     """report.html of a moving belt."""
     sections = [
         Section("What passed", "", [Tiles(_tiles(flow))]),
@@ -48,31 +48,31 @@ def flow_page(flow: FlowReport, *, warnings: Sequence[str]) -> str:
             "The belt",
             "All frames laid over one another where the belt had moved to: load above the empty belt. It travels to "
             "the left.",
-            [belt_chart(flow.records, flow.belt, flow.share)],
+            [make_belt_chart(flow.records, flow.belt, flow.share)],
         ),
         Section(
             "Flow",
             "Every record is the strip of belt that became new in its frame; the strips meet without gap or overlap, "
             "so their volumes add up to the total.",
-            [flow_chart(flow.records), _key()],
+            [make_flow_chart(flow.records), _key()],
         ),
         Section(
             "The belt's motion",
             "Found by laying successive height maps over one another; the projected pattern stands still and cannot "
             "tell it.",
-            [motion_chart(flow.steps)],
+            [make_motion_chart(flow.steps)],
         ),
         Section(
             "What fusion adds",
             "The material meets other dots, markers and shadows in every frame.",
-            [coverage_chart(flow.records), _fusion_table(flow)],
+            [make_coverage_chart(flow.records), _fusion_table(flow)],
         ),
         Section("Strips", "", [_strip_table(flow.records)]),
     ]
-    return render("Flow on the belt", verdict(flow), sections, warnings=warnings)
+    return render("Flow on the belt", summarise_flow(flow), sections, warnings=warnings)
 
 
-def verdict(flow: FlowReport) -> str:
+def summarise_flow(flow: FlowReport) -> str:
     """The result in a sentence."""
     totals, document = flow.totals, flow.document
     text = (
@@ -141,7 +141,7 @@ def _key() -> Table:
         "bridged": "part of it passed between frames, interpolated between its neighbours",
         "missing": "not counted, or counted with the next frame's strip",
     }
-    return Table(["quality", "means"], [[state_entry(name), meaning[name]] for name in QUALITIES])
+    return Table(["quality", "means"], [[make_state_entry(name), meaning[name]] for name in QUALITIES])
 
 
 def _fusion_table(flow: FlowReport) -> Table:
@@ -177,7 +177,7 @@ def _strip_table(records: Sequence[FlowRecord]) -> Table:
             f"{r.sigma_mm3 * 1e-6:.4f}",
             f"{r.volume_flow_m3_h:.2f}",
             f"{r.coverage:.1%}",
-            state_entry(r.quality),
+            make_state_entry(r.quality),
         ]
         for r in shown
     ]

@@ -16,8 +16,8 @@ from beltscape.measure.flow.meter import Step
 from beltscape.report.drawing.charts import Chart, Entry, Key, Mark
 from beltscape.report.drawing.legend import HEIGHT, Scale
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.pictures import span
-from beltscape.report.drawing.plots import Form, faded, panels, show_map
+from beltscape.report.drawing.pictures import quantile_range
+from beltscape.report.drawing.plots import Form, fade_unmeasured, make_panels, show_map
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,22 +35,22 @@ _MOST_CELLS = 1600
 """Of a piece, along the belt: more than a page shows."""
 
 
-def state_entry(quality: str) -> Entry:
+def make_state_entry(quality: str) -> Entry:
     """Return the word of a strip's quality with its mark."""
     return Entry(quality, quality, _SHAPES[quality][0])
 
 
-def belt_chart(records: Sequence[FlowRecord], belt: HeightMap, share: NDArray[np.float64]) -> Chart:
+def make_belt_chart(records: Sequence[FlowRecord], belt: HeightMap, share: NDArray[np.float64]) -> Chart:
     """Return the fused belt, seen from above, travelling to the left."""
-    low, high = span(belt.height_mm, 0.002)
+    low, high = quantile_range(belt.height_mm, 0.002)
     scale = Scale(min(low, 0.0), max(high, 1.0), HEIGHT, label="load, mm")
     caption = (
         "Fused surface over the belt coordinate s; lines part the strips, faded places are interpolated."
     )
-    return Chart.draw(partial(_belt, records, belt, share, scale), caption, scale)
+    return Chart.draw(partial(_plot_belt, records, belt, share, scale), caption, scale)
 
 
-def _belt(
+def _plot_belt(
     records: Sequence[FlowRecord], belt: HeightMap, share: NDArray[np.float64], scale: Scale, form: Form
 ) -> Figure:
     half = belt.cell_mm / 2
@@ -59,11 +59,13 @@ def _belt(
     count = int(np.clip(np.ceil((high - low) / row_mm), 1, _MOST_PIECES))
     across = (belt.x_mm[0] - half, belt.x_mm[-1] + half)
     height = float(np.clip((form.width - 70) * (across[1] - across[0]) * count / (high - low), 70, 400)) + 40
-    figure, axes = panels(count, form, height=height)
+    figure, axes = make_panels(count, form, height=height)
     every = max(1, round(len(belt.y_mm) / count / _MOST_CELLS))
     for axis, rows in zip(axes, np.array_split(np.arange(len(belt.y_mm)), count), strict=True):
         heights = belt.height_mm[rows]
-        colors = faded(scale.colored(heights), heights, share[rows]).transpose(1, 0, 2)[::every, ::every]
+        colors = fade_unmeasured(scale.to_rgb(heights), heights, share[rows]).transpose(1, 0, 2)[
+            ::every, ::every
+        ]
         start, end = belt.y_mm[rows[0]] - half, belt.y_mm[rows[-1]] + half
         show_map(axis, colors, (start, end, *across))
         for record in records:
@@ -74,25 +76,27 @@ def _belt(
     return figure
 
 
-def flow_chart(records: Sequence[FlowRecord]) -> Chart:
+def make_flow_chart(records: Sequence[FlowRecord]) -> Chart:
     """Return the cross-section over the belt, and the flow over time."""
     present = [quality for quality in QUALITIES if any(r.quality == quality for r in records)]
     caption = "Cross-section along the belt with two σ, and flow over time."
-    return Chart.draw(partial(_flow, records), caption, Key([state_entry(name) for name in present]))
+    return Chart.draw(
+        partial(_plot_flow, records), caption, Key([make_state_entry(name) for name in present])
+    )
 
 
-def _flow(records: Sequence[FlowRecord], form: Form) -> Figure:
+def _plot_flow(records: Sequence[FlowRecord], form: Form) -> Figure:
     timed = [r for r in records if r.time_ns is not None and np.isfinite(r.volume_flow_m3_h)]
-    figure, axes = panels(2 if timed else 1, form, height=210, narrow_height=190)
-    _cross_sections(axes[0], records)
+    figure, axes = make_panels(2 if timed else 1, form, height=210, narrow_height=190)
+    _plot_cross_sections(axes[0], records)
     if timed:
-        _rates(axes[1], timed)
+        _plot_rates(axes[1], timed)
     for axis in axes:
         axis.grid()
     return figure
 
 
-def _cross_sections(axis: Axes, records: Sequence[FlowRecord]) -> None:
+def _plot_cross_sections(axis: Axes, records: Sequence[FlowRecord]) -> None:
     for record in _strips(records):
         length = record.strip_mm[1] - record.strip_mm[0]
         area, sigma = record.area_mm2 / 100, record.sigma_mm3 / length / 100
@@ -105,7 +109,7 @@ def _cross_sections(axis: Axes, records: Sequence[FlowRecord]) -> None:
     axis.set(xlabel="belt coordinate s, mm", ylabel="cross-section, cm²")
 
 
-def _rates(axis: Axes, timed: Sequence[FlowRecord]) -> None:
+def _plot_rates(axis: Axes, timed: Sequence[FlowRecord]) -> None:
     time, rate = _times(timed), np.array([r.volume_flow_m3_h for r in timed])
     axis.plot(time, rate, color=light("reference"), linewidth=1.0, zorder=1)
     for quality, (_, marker) in _SHAPES.items():
@@ -121,20 +125,20 @@ def _rates(axis: Axes, timed: Sequence[FlowRecord]) -> None:
         axis.secondary_yaxis("right", functions=back).set_ylabel("t/h")
 
 
-def motion_chart(steps: Sequence[Step]) -> Chart:
+def make_motion_chart(steps: Sequence[Step]) -> Chart:
     """Return the speed of material and encoder, and how far the encoder runs away from the material."""
     entries = [Entry("belt as used", "first"), Entry("told by the material", "first", "circle")]
     if any(s.place.encoder_mm is not None for s in steps):
         entries.append(Entry("encoder", "second", "dashed"))
     caption = "Speed by the material and by the encoder; what they differ by."
-    return Chart.draw(partial(_motion, steps), caption, Key(entries))
+    return Chart.draw(partial(_plot_motion, steps), caption, Key(entries))
 
 
-def _motion(steps: Sequence[Step], form: Form) -> Figure:
+def _plot_motion(steps: Sequence[Step], form: Form) -> Figure:
     both = [s for s in steps if s.place.encoder_mm is not None]
-    figure, axes = panels(2 if both else 1, form, height=190, narrow_height=180)
+    figure, axes = make_panels(2 if both else 1, form, height=190, narrow_height=180)
     if len(steps) > 1:
-        _speeds(axes[0], steps, encoder=len(both) == len(steps))
+        _plot_speeds(axes[0], steps, encoder=len(both) == len(steps))
     axes[0].set(xlabel="time, s", ylabel="speed, mm/s")
     if both:
         off = [float(s.place.encoder_mm or 0.0) - s.place.position_mm for s in both]
@@ -146,7 +150,7 @@ def _motion(steps: Sequence[Step], form: Form) -> Figure:
     return figure
 
 
-def _speeds(axis: Axes, steps: Sequence[Step], *, encoder: bool) -> None:
+def _plot_speeds(axis: Axes, steps: Sequence[Step], *, encoder: bool) -> None:
     clock = np.array([s.place.clock for s in steps])
     place = np.array([s.place.position_mm for s in steps])
     sure = np.array([s.place.source == "material" for s in steps], bool)[1:]
@@ -163,14 +167,14 @@ def _speeds(axis: Axes, steps: Sequence[Step], *, encoder: bool) -> None:
     axis.set_ylim(low - room, high + room)
 
 
-def coverage_chart(records: Sequence[FlowRecord]) -> Chart:
+def make_coverage_chart(records: Sequence[FlowRecord]) -> Chart:
     """Return the measured share of every strip: one frame alone, and all together."""
     key = Key([Entry("all frames", "first"), Entry("one frame alone", "second", "dashed")])
-    return Chart.draw(partial(_coverage, records), "Share of each strip that was measured.", key)
+    return Chart.draw(partial(_plot_coverage, records), "Share of each strip that was measured.", key)
 
 
-def _coverage(records: Sequence[FlowRecord], form: Form) -> Figure:
-    figure, (axis,) = panels(1, form, height=190, narrow_height=170)
+def _plot_coverage(records: Sequence[FlowRecord], form: Form) -> Figure:
+    figure, (axis,) = make_panels(1, form, height=190, narrow_height=170)
     strips = _strips(records)
     edges = [s for record in strips for s in record.strip_mm]
     for values, role, style in (

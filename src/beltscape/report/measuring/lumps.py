@@ -14,8 +14,8 @@ from beltscape.measure.lumps.lumps import BIAS, Lumps
 from beltscape.measure.lumps.shape import Lump
 from beltscape.report.drawing.charts import Chart, Entry, Key, Mark
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, panels
-from beltscape.report.measuring.lumps_pictures import largest, lumps_panels
+from beltscape.report.drawing.plots import Form, make_panels
+from beltscape.report.measuring.lumps_pictures import largest_lumps, make_lump_panels
 from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, render
 
 _CURVES: tuple[tuple[str, bool, str, Mark], ...] = (
@@ -24,17 +24,17 @@ _CURVES: tuple[tuple[str, bool, str, Mark], ...] = (
 """(name, of fully visible ones alone, role of the palette, mark)."""
 
 
-def lumps_page(lumps: Lumps, depth: DepthMap, picture: Image | None) -> str:
+def render_lumps_page(lumps: Lumps, depth: DepthMap, picture: Image | None) -> str:
     """report.html of a frame's lumps."""
     sections = [
         Section("Lumps in view", "Each lump in the colour of its size.", _view(lumps, depth, picture)),
         Section("Size distribution", BIAS, _sizes(lumps)),
         Section("The largest", "Sizes with one standard deviation.", [_table(lumps)]),
     ]
-    return render("Lumps on the belt", verdict(lumps), sections)
+    return render("Lumps on the belt", summarise_lumps(lumps), sections)
 
 
-def verdict(lumps: Lumps) -> str:
+def summarise_lumps(lumps: Lumps) -> str:
     """The result in a sentence or two."""
     if not lumps.lumps:
         return "No lumps in view."
@@ -64,7 +64,7 @@ def _view(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Item]:
         chance = f"{100 * lumps.oversize.probability:.0f}"
         tiles.append(Tile("oversize", chance, "%", f"that one is over {lumps.oversize.limit_mm:g} mm"))
     caption = "Numbers: as in the table of the largest. Sizes of pale lumps are less sure."
-    return [Tiles(tiles), Pictures(lumps_panels(lumps, depth, picture), caption, columns=2)]
+    return [Tiles(tiles), Pictures(make_lump_panels(lumps, depth, picture), caption, columns=2)]
 
 
 def _sizes(lumps: Lumps) -> list[Item]:
@@ -76,7 +76,7 @@ def _sizes(lumps: Lumps) -> list[Item]:
     ]
     fines = f"Lumps below {lumps.smallest_mm:.0f} mm are not told apart and left out as fines."
     return [
-        distribution_chart(lumps),
+        make_distribution_chart(lumps),
         Table(["sieve mm", "passing, all lumps", "fully visible ones"], rows),
         Lines([fines]),
     ]
@@ -86,24 +86,24 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f} %" if np.isfinite(share) else "–"
 
 
-def distribution_chart(lumps: Lumps) -> Chart:
+def make_distribution_chart(lumps: Lumps) -> Chart:
     """Return the distribution of the sizes as a chart."""
     entries = [
         Entry(f"{name} ({len(chosen)})", role, mark)
         for name, whole, role, mark in _CURVES
-        if (chosen := _chosen(lumps, whole))
+        if (chosen := _select_lumps(lumps, whole))
     ]
     if lumps.oversize is not None:
         entries.append(Entry(f"over {lumps.oversize.limit_mm:g} mm is oversize", "limit", "dotted"))
     caption = "Share of the mass in lumps smaller than a size, with d10 to d90 of all and their σ; numbers of lumps."
-    return Chart.draw(partial(distribution_plot, lumps), caption, Key(entries))
+    return Chart.draw(partial(plot_distribution, lumps), caption, Key(entries))
 
 
-def distribution_plot(lumps: Lumps, form: Form) -> Figure:
+def plot_distribution(lumps: Lumps, form: Form) -> Figure:
     """Plot passing curves of all and of the fully visible lumps, and how many there are of each size."""
-    figure, (curve, count) = panels(2, form, columns=2, height=300, narrow_height=220)
+    figure, (curve, count) = make_panels(2, form, columns=2, height=300, narrow_height=220)
     for _, whole, role, mark in _CURVES:
-        chosen = sorted(_chosen(lumps, whole), key=lambda lump: lump.size_mm)
+        chosen = sorted(_select_lumps(lumps, whole), key=lambda lump: lump.size_mm)
         if chosen:
             size = np.array([lump.size_mm for lump in chosen])
             mass = np.array([lump.volume_mm3 for lump in chosen])
@@ -126,7 +126,7 @@ def distribution_plot(lumps: Lumps, form: Form) -> Figure:
     return figure
 
 
-def _chosen(lumps: Lumps, whole: bool) -> list[Lump]:
+def _select_lumps(lumps: Lumps, whole: bool) -> list[Lump]:
     return [lump for lump in lumps.lumps if not lump.cut and not (whole and lump.occluded)]
 
 
@@ -150,7 +150,7 @@ def _table(lumps: Lumps) -> Table:
     ]
     columns.append(f"place x, y mm ({lumps.frame})")
     rows = []
-    for lump in largest(lumps):
+    for lump in largest_lumps(lumps):
         row = [str(lump.number), f"{lump.size_mm:.1f}", f"{lump.sigma_mm:.1f}", f"{lump.length_mm:.1f}"]
         row += [
             f"{lump.width_mm:.1f}",

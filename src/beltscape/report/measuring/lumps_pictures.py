@@ -12,7 +12,7 @@ from beltscape.core.frames import Image, to_grey
 from beltscape.measure.lumps.lumps import FINES, Lumps
 from beltscape.measure.lumps.shape import Lump
 from beltscape.report.drawing.legend import HEIGHT, Color, Rgb, Scale, Swatches
-from beltscape.report.drawing.pictures import Mark, Panel, span, to_rgb
+from beltscape.report.drawing.pictures import Mark, Panel, quantile_range, to_rgb
 
 OVERSIZE: Color = (217, 0, 130)
 """Outline of what is over the limit: of no other colour's hue."""
@@ -26,36 +26,36 @@ _LARGEST = 12
 _LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 
 
-def largest(lumps: Lumps) -> list[Lump]:
+def largest_lumps(lumps: Lumps) -> list[Lump]:
     """Return the lumps of the table, from the largest on; the pictures number these."""
-    count = max(_LARGEST, len(_over(lumps)))
+    count = max(_LARGEST, len(_oversize_numbers(lumps)))
     return sorted(lumps.lumps, key=lambda lump: -lump.size_mm)[:count]
 
 
-def lumps_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Panel]:
+def make_lump_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Panel]:
     """Return the lumps coloured by size on the relief, outlined; beside it what the camera saw, outlined."""
-    area = shown_area(lumps)
+    area = crop_to_lumps(lumps)
     labels = lumps.labels[area]
-    scale = Scale(*span(_sizes(lumps), 0.02), HEIGHT[40:])
+    scale = Scale(*quantile_range(_sizes(lumps), 0.02), HEIGHT[40:])
     marks = _marks(lumps, labels)
-    sized = _outlined(sized_picture(labels, lumps, _relief(depth)[area], scale), labels, lumps, _OUTLINE)
+    sized = _draw_outlines(color_by_size(labels, lumps, _relief(depth)[area], scale), labels, lumps, _OUTLINE)
     panels = [Panel(sized, "size of the lumps, mm", scale, _key(labels, lumps), marks=marks)]
     if picture is not None:
         smooth = cv2.GaussianBlur(
             to_grey(picture), (0, 0), max(labels.shape) / 500
         )  # without the projected dots
-        seen = _outlined(to_rgb(np.asarray(smooth)[area]), labels, lumps, _SEEN_OUTLINE)
+        seen = _draw_outlines(to_rgb(np.asarray(smooth)[area]), labels, lumps, _SEEN_OUTLINE)
         outlines = Swatches([("outline of a lump", _SEEN_OUTLINE), *_oversize_swatch(lumps)])
         panels.append(Panel(seen, "what the core camera saw", outlines, marks=marks))
     return panels
 
 
-def sized_picture(labels: NDArray[np.uint16], lumps: Lumps, relief: NDArray[np.float64], scale: Scale) -> Rgb:
+def color_by_size(labels: NDArray[np.uint16], lumps: Lumps, relief: NDArray[np.float64], scale: Scale) -> Rgb:
     """(H, W, 3): lumps in their sizes' colours, shaded; where no lump is, the key's own colours."""
     pale = np.zeros(FINES + 1, bool)
     for lump in lumps.lumps:
         pale[lump.number] = lump.occluded or lump.cut
-    colored = scale.colored(_sizes(lumps)[labels]).astype(np.float64)
+    colored = scale.to_rgb(_sizes(lumps)[labels]).astype(np.float64)
     weight = np.where(pale[labels], _PALE, 1.0)[..., None]
     shaded = (weight * colored + (1 - weight) * _PALE_TO) * relief[..., None]
     image = np.rint(np.clip(shaded, 0, 255)).astype(np.uint8)
@@ -87,10 +87,14 @@ def _key(labels: NDArray[np.uint16], lumps: Lumps) -> Swatches:
 
 
 def _oversize_swatch(lumps: Lumps) -> list[tuple[str, Color]]:
-    return [(f"over {lumps.oversize.limit_mm:g} mm", OVERSIZE)] if lumps.oversize and _over(lumps) else []
+    return (
+        [(f"over {lumps.oversize.limit_mm:g} mm", OVERSIZE)]
+        if lumps.oversize and _oversize_numbers(lumps)
+        else []
+    )
 
 
-def _over(lumps: Lumps) -> list[int]:
+def _oversize_numbers(lumps: Lumps) -> list[int]:
     """Numbers of the lumps that are over the limit more likely than not."""
     return [] if lumps.oversize is None else [n for n, chance in lumps.oversize.lumps if chance > 0.5]
 
@@ -99,22 +103,22 @@ def _marks(lumps: Lumps, labels: NDArray[np.uint16]) -> list[Mark]:
     """The numbers of the largest, each on its lump."""
     marks: list[Mark] = []
     height, width = labels.shape
-    for lump in largest(lumps):
+    for lump in largest_lumps(lumps):
         own = labels == lump.number
         if own.any():
-            v, u = _inmost(own)
+            v, u = _find_innermost(own)
             marks.append(Mark(str(lump.number), ((u + 0.5) / width, (v + 0.5) / height)))
     return marks
 
 
-def _inmost(own: NDArray[np.bool_]) -> tuple[int, int]:
+def _find_innermost(own: NDArray[np.bool_]) -> tuple[int, int]:
     """Row and column of the pixel that is farthest from the edge."""
     inside = ndimage.distance_transform_edt(np.pad(own, 1))
     v, u = np.unravel_index(int(np.argmax(inside)), own.shape + np.array([2, 2]))
     return int(v) - 1, int(u) - 1
 
 
-def shown_area(lumps: Lumps) -> tuple[slice, slice]:
+def crop_to_lumps(lumps: Lumps) -> tuple[slice, slice]:
     """Return the rows and columns that the pictures show: where there are lumps, with a rim; all without lumps."""
     there = np.argwhere(lumps.labels > 0)
     if not len(there):
@@ -138,14 +142,14 @@ def _relief(depth: DepthMap) -> NDArray[np.float64]:
     return np.clip(1.0 + 0.7 * np.where(known, brighter, 0.0), 0.3, 1.2)
 
 
-def _outlined(image: Rgb, labels: NDArray[np.uint16], lumps: Lumps, color: Color) -> Rgb:
+def _draw_outlines(image: Rgb, labels: NDArray[np.uint16], lumps: Lumps, color: Color) -> Rgb:
     """(H, W, 3): the image with the outlines of all lumps, and above them those of what is over the limit."""
     thick = max(1, round(max(image.shape[:2]) / 600))
     edge = _edges(labels)
     wide = np.asarray(ndimage.binary_dilation(edge, np.ones((thick, thick))), bool) if thick > 1 else edge
     drawn = image.copy()
     drawn[wide] = color
-    for number in _over(lumps):
+    for number in _oversize_numbers(lumps):
         own = (labels == number).astype(np.uint8)
         outline, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(drawn, outline, -1, OVERSIZE, max(2, image.shape[1] // 260))

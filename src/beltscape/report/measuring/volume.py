@@ -13,50 +13,52 @@ from beltscape.measure.volume.volume import Volume
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.legend import HEIGHT, Scale
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.pictures import span
-from beltscape.report.drawing.plots import Form, faded, map_height, panels, show_map
+from beltscape.report.drawing.pictures import quantile_range
+from beltscape.report.drawing.plots import Form, compute_map_height, fade_unmeasured, make_panels, show_map
 from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
 
 
-def volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
+def render_volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
     """report.html of a volume."""
     sections = [
-        Section("The load", "Heights above the empty belt, in the belt frame.", volume_items(volume)),
+        Section("The load", "Heights above the empty belt, in the belt frame.", make_volume_items(volume)),
         Section(
             "How sure, and where its weight acts",
             "Of an evenly dense load; x across, y along the belt, z up from the belt's level middle.",
-            [sigma_table(volume), centre_table(volume)],
+            [make_sigma_table(volume), make_centre_table(volume)],
         ),
         Section(
             "Cross-sections",
             "Each is the mean over its stretch of belt; area times length adds up to the volume.",
-            [profiles_chart(volume), _profile_table(volume)],
+            [make_profiles_chart(volume), _profile_table(volume)],
         ),
     ]
-    return render("Volume on the belt", verdict(volume), sections, warnings=warnings)
+    return render("Volume on the belt", summarise_volume(volume), sections, warnings=warnings)
 
 
-def litres(volume_mm3: float) -> str:
+def format_litres(volume_mm3: float) -> str:
     """Volume in litres with sensible digits."""
     return f"{volume_mm3 * 1e-6:.3f}"
 
 
-def verdict(volume: Volume) -> str:
+def summarise_volume(volume: Volume) -> str:
     """The result in a sentence."""
     return (
-        f"{litres(volume.volume_mm3)} ± {litres(volume.sigma_mm3)} litres between x = {volume.across_mm[0]:.0f} … "
+        f"{format_litres(volume.volume_mm3)} ± {format_litres(volume.sigma_mm3)} litres between x = {volume.across_mm[0]:.0f} … "
         f"{volume.across_mm[1]:.0f} mm and y = {volume.along_mm[0]:.0f} … {volume.along_mm[1]:.0f} mm; "
         f"{volume.coverage:.1%} of that belt was measured, the rest is interpolated."
     )
 
 
-def volume_items(volume: Volume) -> list[Item]:
+def make_volume_items(volume: Volume) -> list[Item]:
     """Numbers and height map."""
     length = volume.along_mm[1] - volume.along_mm[0]
     return [
         Tiles(
             [
-                Tile("volume", litres(volume.volume_mm3), "l", f"σ {litres(volume.sigma_mm3)} l"),
+                Tile(
+                    "volume", format_litres(volume.volume_mm3), "l", f"σ {format_litres(volume.sigma_mm3)} l"
+                ),
                 Tile(
                     "mean cross-section",
                     f"{volume.volume_mm3 / length / 100:.1f}",
@@ -67,7 +69,7 @@ def volume_items(volume: Volume) -> list[Item]:
                 *_load_tiles(volume),
             ]
         ),
-        height_chart(volume),
+        make_height_chart(volume),
     ]
 
 
@@ -85,7 +87,7 @@ def _load_tiles(volume: Volume) -> list[Tile]:
     return tiles
 
 
-def sigma_table(volume: Volume) -> Table:
+def make_sigma_table(volume: Volume) -> Table:
     """What the uncertainty is put together from."""
     causes = volume.causes
     rows = (
@@ -100,7 +102,7 @@ def sigma_table(volume: Volume) -> Table:
     return Table(["cause", "σ, litres"], [[name, f"{value * 1e-6:.4f}"] for name, value in rows])
 
 
-def centre_table(volume: Volume) -> Table:
+def make_centre_table(volume: Volume) -> Table:
     """The centre of gravity."""
     centre = volume.centre
     if centre is None:
@@ -113,25 +115,27 @@ def centre_table(volume: Volume) -> Table:
     return Table(["centre of gravity", "mm", "σ"], [*rows, ["off the belt's middle", *off]])
 
 
-def height_chart(volume: Volume) -> Chart:
+def make_height_chart(volume: Volume) -> Chart:
     """Return the load's height map as a chart."""
-    low, high = span(volume.load.height_mm, 0.002)
+    low, high = quantile_range(volume.load.height_mm, 0.002)
     scale = Scale(min(low, 0.0), high, HEIGHT, label="height, mm")
     signs = [Entry("stretch that is measured", "limit", "outline")]
     if volume.centre is not None:
         signs.append(Entry("centre of gravity", "limit", "cross"))
     caption = "Height of the load above the empty belt; interpolated cells are faded, unknown ones empty."
-    return Chart.draw(partial(height_plot, volume, scale), caption, scale, Key(signs))
+    return Chart.draw(partial(plot_heights, volume, scale), caption, scale, Key(signs))
 
 
-def height_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
+def plot_heights(volume: Volume, scale: Scale, form: Form) -> Figure:
     """Plot the load's height map with the box and what was interpolated."""
     load = volume.load
     half = load.cell_mm / 2
     extent = (load.x_mm[0] - half, load.x_mm[-1] + half, load.y_mm[0] - half, load.y_mm[-1] + half)
-    height = map_height(form, extent[1] - extent[0], extent[3] - extent[2])
-    figure, (axis,) = panels(1, form, height=height)
-    show_map(axis, faded(scale.colored(load.height_mm), load.height_mm, ~volume.interpolated), extent)
+    height = compute_map_height(form, extent[1] - extent[0], extent[3] - extent[2])
+    figure, (axis,) = make_panels(1, form, height=height)
+    show_map(
+        axis, fade_unmeasured(scale.to_rgb(load.height_mm), load.height_mm, ~volume.interpolated), extent
+    )
     (x0, x1), (y0, y1) = volume.across_mm, volume.along_mm
     box = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=light("limit"), linewidth=1.8)
     axis.add_patch(box)
@@ -143,18 +147,18 @@ def height_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
     return figure
 
 
-def profiles_chart(volume: Volume) -> Chart:
+def make_profiles_chart(volume: Volume) -> Chart:
     """Return all cross-sections as a chart."""
     scale = Scale(volume.along_mm[0], volume.along_mm[1], HEIGHT[85:205], label="y along the belt, mm")
     caption = "Cross-sections of the load above the empty belt."
-    return Chart.draw(partial(profiles_plot, volume, scale), caption, scale)
+    return Chart.draw(partial(plot_profiles, volume, scale), caption, scale)
 
 
-def profiles_plot(volume: Volume, scale: Scale, form: Form) -> Figure:
+def plot_profiles(volume: Volume, scale: Scale, form: Form) -> Figure:
     """Plot all cross-sections over one another, coloured along the belt."""
-    figure, (axis,) = panels(1, form, height=270, narrow_height=200)
+    figure, (axis,) = make_panels(1, form, height=270, narrow_height=200)
     for profile in volume.profiles:
-        color = tuple(scale.colored(np.array(profile.y_mm)) / 255.0)
+        color = tuple(scale.to_rgb(np.array(profile.y_mm)) / 255.0)
         axis.plot(profile.x_mm, profile.height_mm, color=color, linewidth=1.4)
     axis.set(xlabel="x across, mm", ylabel="height, mm")
     axis.grid()

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from beltscape.plan.plan import Plan
 from beltscape.report.drawing.charts import Chart
-from beltscape.report.drawing.legend import DARK_IS_SURE, DOUBT, Scale
-from beltscape.report.drawing.plots import Form, faded, map_height, panels, show_map
-from beltscape.report.drawing.scene import rig_scene
-from beltscape.report.page import Section, Tile, Tiles, Turnable, render
+from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
+from beltscape.report.drawing.plots import Form, compute_map_height, fade_unmeasured, make_panels, show_map
+from beltscape.report.drawing.scene import make_rig_scene
+from beltscape.report.page import InteractiveScene, Section, Tile, Tiles, render
 from beltscape.report.planning.plan_drawing import make_side_charts, make_top_chart
 from beltscape.report.planning.plan_tables import (
     make_alternatives_table,
@@ -103,15 +103,15 @@ def _describe_mounting(plan: Plan) -> str:
     )
 
 
-def _make_scene(plan: Plan) -> Turnable:
+def _make_scene(plan: Plan) -> InteractiveScene:
     boards = {}
     for plane in plan.planes:
         half, length = plane.width_mm / 2, max(plane.core_length_mm, 1.0) / 2
         x, y = np.array([-1, 1, 1, -1, -1]) * half, np.array([-1, -1, 1, 1, -1]) * length
         outline = np.column_stack([x, y, np.full(5, plane.height_mm)])
         boards[plane.name] = plan.planned.core_from_world.apply(outline)
-    scene = rig_scene(plan.planned.rig, length_mm=0.3 * plan.mounting.above_belt_mm, boards_mm=boards)
-    return Turnable(
+    scene = make_rig_scene(plan.planned.rig, length_mm=0.3 * plan.mounting.above_belt_mm, boards_mm=boards)
+    return InteractiveScene(
         scene, "The rig; grey: belt, edges and top of the load, as long as the core sees them whole."
     )
 
@@ -144,8 +144,8 @@ def make_sigma_chart(plan: Plan) -> Chart:
     """Return the σ maps as a chart, one scale for all."""
     finite = np.concatenate([sigma_map.sigma_mm[np.isfinite(sigma_map.sigma_mm)] for sigma_map in plan.sigma])
     low, high = (float(finite.min()), float(np.percentile(finite, 98))) if len(finite) else (0.0, 1.0)
-    label = f"depth σ, mm; {DARK_IS_SURE}"
-    scale = Scale(low, max(high, low + 1e-6), DOUBT, label=label)
+    label = f"depth σ, mm; {DARK_IS_CERTAIN}"
+    scale = Scale(low, max(high, low + 1e-6), UNCERTAINTY, label=label)
     return Chart.draw(partial(_draw_sigma_maps, plan, scale), "Empty: fewer than two cameras.", scale)
 
 
@@ -153,13 +153,15 @@ def _draw_sigma_maps(plan: Plan, scale: Scale, form: Form) -> Figure:
     width, length = (
         max(float(np.ptp(getattr(sigma_map, name))) for sigma_map in plan.sigma) for name in ("x_mm", "y_mm")
     )
-    height = map_height(form, width, length, columns=3)
-    figure, axes = panels(len(plan.sigma), form, columns=3, height=height + 14)
+    height = compute_map_height(form, width, length, columns=3)
+    figure, axes = make_panels(len(plan.sigma), form, columns=3, height=height + 14)
     for axis, sigma_map, plane in zip(axes, plan.sigma, plan.planes, strict=True):
         extent = (sigma_map.x_mm[0], sigma_map.x_mm[-1], sigma_map.y_mm[0], sigma_map.y_mm[-1])
         show_map(
             axis,
-            faded(scale.colored(sigma_map.sigma_mm), sigma_map.sigma_mm, np.ones(sigma_map.sigma_mm.shape)),
+            fade_unmeasured(
+                scale.to_rgb(sigma_map.sigma_mm), sigma_map.sigma_mm, np.ones(sigma_map.sigma_mm.shape)
+            ),
             extent,
         )
         axis.set(

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from beltscape.evaluate.paper.dimensions import DimensionRow
 from beltscape.evaluate.paper.surfaces import ScoredDepth
 from beltscape.report.drawing.charts import Chart, Entry, Key
-from beltscape.report.drawing.depth_picture import GAPS, NO_ERROR, error_colors, relief
+from beltscape.report.drawing.depth_picture import GAPS, NO_ERROR, color_errors, shade_depth
 from beltscape.report.drawing.legend import DIFFERENCE, NEAR_TO_FAR, Scale
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.pictures import Panel, span
-from beltscape.report.drawing.plots import Form, panels
+from beltscape.report.drawing.pictures import Panel, quantile_range
+from beltscape.report.drawing.plots import Form, make_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,11 +31,11 @@ def depth_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str]) -> lis
     ``titles`` tells by whom it was measured → what stands over its picture; all are on grids of one size.
     """
     truth = found[0].truth.depth_mm
-    near, far = span(truth, 0.002)
+    near, far = quantile_range(truth, 0.002)
     scale = Scale(near, far, NEAR_TO_FAR, label="depth, mm")
     panels = [
         Panel(
-            relief(one.depth.depth_mm, scale),
+            shade_depth(one.depth.depth_mm, scale),
             titles[one.by],
             scale,
             GAPS,
@@ -43,7 +43,7 @@ def depth_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str]) -> lis
         )
         for one in found
     ]
-    return [*panels, Panel(relief(truth.astype(np.float32), scale), "truth", scale)]
+    return [*panels, Panel(shade_depth(truth.astype(np.float32), scale), "truth", scale)]
 
 
 def error_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str], *, limit_mm: float) -> list[Panel]:
@@ -51,7 +51,7 @@ def error_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str], *, lim
     scale = Scale(-limit_mm, limit_mm, DIFFERENCE, label="measured minus true depth, mm")
     return [
         Panel(
-            error_colors(one.depth.depth_mm - one.truth.depth_mm, one.truth.depth_mm, scale),
+            color_errors(one.depth.depth_mm - one.truth.depth_mm, one.truth.depth_mm, scale),
             f"{titles[one.by]}: error", scale, NO_ERROR, f"{one.score.depth.within_1mm:.1%} < 1 mm",
         )
         for one in found
@@ -67,7 +67,7 @@ def dimension_chart(rows: Sequence[DimensionRow], by: Mapping[str, str]) -> Char
 
 
 def _dimension_plot(rows: Sequence[DimensionRow], who: Sequence[str], form: Form) -> Figure:
-    figure, (axis,) = panels(1, form, height=60 + 30 * len(rows), narrow_height=60 + 40 * len(rows))
+    figure, (axis,) = make_panels(1, form, height=60 + 30 * len(rows), narrow_height=60 + 40 * len(rows))
     place = np.arange(len(rows), dtype=np.float64)
     high = (0.54 if form.narrow else 0.8) / len(who)
     for k, key in enumerate(who):
@@ -103,7 +103,7 @@ def motion_chart(travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours
 def _motion_plot(
     travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth, form: Form
 ) -> Figure:
-    figure, axes = panels(2, form, columns=2, height=270, narrow_height=220)
+    figure, axes = make_panels(2, form, columns=2, height=270, narrow_height=220)
     x = np.array([travel if travel > 0 else _AT_REST_MM for travel in travels_mm])
     values = (
         [100 * one.score.depth.within_1mm for one in found],

@@ -83,7 +83,7 @@ class Plant:
         self.second = 0
 
     def run(self, readings, seconds):
-        """Looks once a second; every alarm that changed."""
+        """Update once a second; return every alarm that changed."""
         changed = []
         for _ in range(seconds):
             self.second += 1

@@ -57,7 +57,7 @@ def test_strong_lenses_are_undistorted_to_the_last_digits(focal_px, distortion):
     np.testing.assert_allclose(again, corners, atol=1e-9)
 
 
-def test_a_pixel_the_lens_cannot_have_drawn_is_nan_not_a_guess():
+def test_pixel_that_the_lens_cannot_produce_is_nan():
     camera = Camera(
         "c", (640, 480), np.full(2, 400.0), np.array([320.0, 240.0]), np.array([-0.3, 0, 0, 0, 0])
     )
@@ -69,7 +69,7 @@ def test_a_pixel_the_lens_cannot_have_drawn_is_nan_not_a_guess():
 
 
 @given(cameras(), st.floats(-1000, 0))
-def test_what_is_not_before_the_camera_has_no_pixel(camera, depth):
+def test_point_behind_the_camera_has_no_pixel(camera, depth):
     assert np.isnan(camera.project(np.array([[10.0, 20.0, depth]]))).all()
 
 

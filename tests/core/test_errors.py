@@ -10,7 +10,7 @@ TREE = {
 }  # fmt: skip
 
 
-def test_the_tree_is_the_one_drawn_at_the_top_of_its_file():
+def test_exceptions_match_the_tree_in_the_docstring():
     classes = {name for name, kind in vars(errors).items() if inspect.isclass(kind)} - {"BeltscapeError"}
     assert classes == TREE
     drawn = {line.split()[1] for line in (errors.__doc__ or "").splitlines() if line[:1] in "├└" and line}

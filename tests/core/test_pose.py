@@ -69,7 +69,7 @@ def test_rotation_vectors_agree_with_opencv(vector):
 
 
 @given(rotation_vectors())
-def test_rotations_survive_the_way_through_their_vector(vector):
+def test_rotation_through_its_vector_is_unchanged(vector):
     rotation = rotation_from_vector(vector)
     np.testing.assert_allclose(rotation_from_vector(vector_from_rotation(rotation)), rotation, atol=1e-14)
 
@@ -83,7 +83,7 @@ def test_rotation_vectors_survive_the_round_trip(vector):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_the_angle_is_told_in_degrees(angle):
+def test_angle_is_in_degrees(angle):
     pose = Pose.of(np.array([0.6, 0.0, -0.8]) * angle, [0, 0, 0])
     assert pose.angle_deg == pytest.approx(np.rad2deg(angle), rel=1e-12, abs=1e-12)
 

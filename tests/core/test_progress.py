@@ -3,7 +3,7 @@ from __future__ import annotations
 from beltscape.core.progress import Silent
 
 
-def test_a_silent_reporter_keeps_the_warnings_in_order():
+def test_silent_reporter_collects_the_warnings_in_order():
     reporter = Silent()
     reporter.step("working", 1, 2)
     reporter.warn("first")

@@ -24,7 +24,7 @@ CAMERA = Camera(
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.25, 2.0])
-def test_a_ray_meets_the_same_place_of_the_image(factor):
+def test_ray_meets_the_same_place_of_the_scaled_image(factor):
     scaled = scale_camera(CAMERA, factor)
     ray = np.array([0.1, -0.2])
     one, other = (c.distort(ray) * c.focal_px + c.center_px for c in (CAMERA, scaled))
@@ -32,7 +32,7 @@ def test_a_ray_meets_the_same_place_of_the_image(factor):
 
 
 @given(st.integers(1, 2448))
-def test_what_was_scaled_is_known_again(width):
+def test_scaled_camera_is_recognised(width):
     factor = width / CAMERA.size_px[0]
     scaled = scale_camera(CAMERA, factor)
     assert scaled.size_px[0] == width

@@ -20,7 +20,7 @@ def test_a_file_is_replaced_whole(tmp_path):
 
 
 @pytest.mark.parametrize("error", [ValueError("broke"), KeyboardInterrupt()])
-def test_when_the_body_raises_the_old_file_stays_and_nothing_else(tmp_path, error):
+def test_exception_leaves_the_old_file_unchanged(tmp_path, error):
     path = tmp_path / "rig.json"
     path.write_text("old")
     with pytest.raises(type(error)), atomic_replacement(path) as temporary:
@@ -30,7 +30,7 @@ def test_when_the_body_raises_the_old_file_stays_and_nothing_else(tmp_path, erro
     assert [p.name for p in tmp_path.iterdir()] == ["rig.json"]
 
 
-def test_a_full_disk_is_told_in_one_line(tmp_path):
+def test_full_disk_is_reported_in_one_line(tmp_path):
     with pytest.raises(OutputError) as error, atomic_replacement(tmp_path / "cloud.ply") as temporary:
         temporary.write_text("half")
         raise OSError(28, "No space left on device")
@@ -52,7 +52,7 @@ def test_a_file_where_a_folder_is_needed_is_named(tmp_path, below):
 
 
 @pytest.mark.parametrize("below", [".", "deeper"])
-def test_an_output_folder_is_tried_before_the_work(tmp_path, below):
+def test_output_folder_is_checked_before_the_work(tmp_path, below):
     (tmp_path / "file").write_text("here")
     path = tmp_path / "file" / below
     with pytest.raises(OutputError) as error:

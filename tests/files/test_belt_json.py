@@ -69,7 +69,7 @@ def test_the_round_trip_is_exact_and_stable_to_the_byte(tmp_path, full):
         (("edges", "against"), "wall", "edges.against = 'wall'"),
     ],
 )
-def test_what_does_not_fit_is_named(tmp_path, place, value, words):
+def test_invalid_value_is_named(tmp_path, place, value, words):
     path = tmp_path / "belt.json"
     write_belt(path, belt(), CAMERA)
     document = json.loads(path.read_text())

@@ -45,7 +45,7 @@ def test_only_images_in_camera_folders_count(tmp_path):
     }  # fmt: skip
 
 
-def test_a_frame_that_is_there_twice_is_refused(tmp_path):
+def test_duplicate_frame_is_refused(tmp_path):
     make(tmp_path, "cam0/07.png", "cam0/07.tiff")
     with pytest.raises(InputError) as error:
         read_capture(tmp_path)
@@ -54,7 +54,7 @@ def test_a_frame_that_is_there_twice_is_refused(tmp_path):
     )
 
 
-def test_gaps_are_told_for_each_camera(tmp_path):
+def test_missing_frames_are_listed_for_each_camera(tmp_path):
     make(tmp_path, *(f"cam0/{i}.png" for i in range(8)), "cam1/0.png", "cam1/9.png", "cam2/0.png")
     assert read_capture(tmp_path).describe_missing_frames() == [
         f"{tmp_path}/cam0: no image for frame 9; going on without",
@@ -75,7 +75,7 @@ def test_only_keeps_known_cameras_in_the_given_order(tmp_path):
     assert capture.frames == ("0", "1")
 
 
-def test_a_missing_or_empty_folder_says_how_a_capture_looks(tmp_path):
+def test_missing_or_empty_folder_is_refused_with_the_layout(tmp_path):
     with pytest.raises(InputError) as missing:
         read_capture(tmp_path / "nowhere")
     with pytest.raises(InputError) as empty:

@@ -16,7 +16,7 @@ def depth() -> np.ndarray:
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_depth_survives_with_what_was_not_measured(tmp_path, compressed):
+def test_depth_with_unmeasured_pixels_reads_back(tmp_path, compressed):
     write_float_tiff(tmp_path / "depth.tiff", depth(), compressed=compressed)
     back = read_float_tiff(tmp_path / "depth.tiff")
     assert back.dtype == np.float32

@@ -61,7 +61,7 @@ def test_density_by_time(tmp_path: Path) -> None:
         read_density_table(path)
 
 
-def test_products(tmp_path: Path) -> None:
+def test_products_are_read_by_name(tmp_path: Path) -> None:
     path = written(tmp_path, "[coal]\ndensity_kg_m3 = 850\nsigma_kg_m3 = 20\n", "products.toml")
     assert find_product(path, "coal").density_kg_m3 == 850
     with pytest.raises(InputError, match="no product coall; did you mean coal"):
@@ -71,7 +71,7 @@ def test_products(tmp_path: Path) -> None:
         find_product(path, "coal")
 
 
-def test_flow_csv_leaves_empty_what_is_not_known(tmp_path: Path) -> None:
+def test_flow_csv_has_empty_cells_for_unknown_values(tmp_path: Path) -> None:
     nan = float("nan")
     known = FlowRecord(
         "000", 1_500_000_000, 10.0, (0.0, 10.0), 20.0, 200.0, 1.0, 1000.0, 1600.0, 0.9, 0.8, "measured"

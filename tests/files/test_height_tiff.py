@@ -14,7 +14,7 @@ HEIGHT[1, 2] = np.nan
 MAP = HeightMap(HEIGHT, 0.1 * HEIGHT, (-7.0, 20.0), 2.5)
 
 
-def test_it_comes_back_in_its_place(tmp_path):
+def test_height_map_reads_back_at_its_position(tmp_path):
     write_height_tiff(tmp_path / "load.tiff", MAP)
     back = read_height_tiff(tmp_path / "load.tiff")
     np.testing.assert_array_equal(back.height_mm, HEIGHT)

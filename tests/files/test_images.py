@@ -24,7 +24,7 @@ def two_colours() -> PIL.Image.Image:
 @pytest.mark.parametrize("extension", [".png", ".tif", ".tiff", ".PNG"])
 @pytest.mark.parametrize("shape", [(13, 17), (13, 17, 3)], ids=["grey", "rgb"])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_images_survive_writing_and_reading(tmp_path, extension, shape, dtype):
+def test_images_read_back_unchanged(tmp_path, extension, shape, dtype):
     image = noise(dtype, *shape)
     write_image(tmp_path / f"a{extension}", image)
     back = read_image(tmp_path / f"a{extension}")
@@ -33,7 +33,7 @@ def test_images_survive_writing_and_reading(tmp_path, extension, shape, dtype):
     np.testing.assert_array_equal(back, image)
 
 
-def test_bmp_survives_and_jpeg_nearly(tmp_path):
+def test_bmp_is_lossless_and_jpeg_nearly(tmp_path):
     image = cv2.GaussianBlur(noise(np.uint8, 40, 40, 3), (0, 0), 8)
     write_image(tmp_path / "a.bmp", image)
     write_image(tmp_path / "a.jpg", image)
@@ -43,7 +43,7 @@ def test_bmp_survives_and_jpeg_nearly(tmp_path):
 
 @pytest.mark.parametrize("mode", ["RGB", "RGBA", "P"])
 @pytest.mark.parametrize("extension", [".png", ".tif"])
-def test_colours_are_rgb_whoever_wrote_them(tmp_path, mode, extension):
+def test_colours_are_rgb_for_every_format(tmp_path, mode, extension):
     two_colours().convert(mode, palette=PIL.Image.Palette.ADAPTIVE).save(tmp_path / f"a{extension}")
     image = read_image(tmp_path / f"a{extension}")
     assert image.shape == (8, 10, 3)

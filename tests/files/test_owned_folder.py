@@ -1,4 +1,4 @@
-"""An output folder belongs to the command that wrote it: replaced as a whole, never mixed, never somebody else's."""
+"""Output folders belong to the command that wrote them: replaced as a whole, never mixed, never foreign ones."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_same_files_give_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("names", "says"),
+    ("names", "message"),
     [
         (
             ["photo.jpg"],
@@ -83,13 +83,13 @@ def test_the_same_files_give_the_same_bytes(tmp_path):
         (["truth/scenario.json"], "written without a manifest"),
     ],
 )
-def test_a_foreign_folder_is_refused_and_stays_as_it_was(tmp_path, names, says):
+def test_a_foreign_folder_is_refused_and_stays_as_it_was(tmp_path, names, message):
     for name in names:
         write_text(tmp_path / "out" / name, "theirs")
     with pytest.raises(OutputError) as error:
         put(tmp_path / "out", "rig.json")
     assert str(error.value).startswith(f"{tmp_path / 'out'}: ")
-    assert says in str(error.value)
+    assert message in str(error.value)
     assert held(tmp_path / "out") == dict.fromkeys(names, "theirs")
 
 
@@ -148,7 +148,7 @@ with module.owned_folder(out, "reconstruct") as staging:
 
 @pytest.mark.parametrize("moment", ["writing", "swapping"])
 @pytest.mark.parametrize("earlier", [True, False])
-def test_a_killed_run_never_passes_for_a_result(tmp_path, moment, earlier):
+def test_killed_run_is_never_read_as_a_result(tmp_path, moment, earlier):
     out = tmp_path / "out"
     if earlier:
         put(out, "1.x", "2.x", "old.x", text="old")
@@ -183,7 +183,7 @@ def test_a_link_to_a_folder_is_followed_and_a_broken_one_named(tmp_path):
         put(tmp_path / "broken", "rig.json")
 
 
-def test_a_continued_folder_goes_on_and_is_refused_to_others(tmp_path):
+def test_continued_folder_is_reused_and_refused_to_other_commands(tmp_path):
     out = tmp_path / "out"
     for text in ("one", "two"):
         with continued_folder(out, "replay") as place, (place / "history").open("a") as file:
@@ -197,7 +197,7 @@ def test_a_continued_folder_goes_on_and_is_refused_to_others(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("number", "says"),
+    ("number", "message"),
     [
         (errno.ENOSPC, r"the disk is full \(\d+\.\d MiB free there\); free some space"),
         (errno.EDQUOT, "the disk is full"),
@@ -206,10 +206,10 @@ def test_a_continued_folder_goes_on_and_is_refused_to_others(tmp_path):
         (errno.EACCES, r"cannot be written \(Permission denied\)"),
     ],
 )
-def test_why_a_file_cannot_be_written(tmp_path, number, says):
+def test_reason_of_a_failed_write_is_named(tmp_path, number, message):
     error = output_error(tmp_path / "not" / "there.tiff", OSError(number, os.strerror(number)))
     assert str(error).startswith(f"{tmp_path / 'not' / 'there.tiff'}: ")
-    with pytest.raises(OutputError, match=says):
+    with pytest.raises(OutputError, match=message):
         raise error
 
 

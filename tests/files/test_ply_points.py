@@ -21,28 +21,28 @@ def cloud(count: int) -> PointCloud:
 
 
 @pytest.mark.parametrize("count", [0, 1, 1000])
-def test_a_cloud_is_read_back_as_written(tmp_path, count):
-    told = cloud(count)
-    write_cloud(tmp_path / "cloud.ply", told)
+def test_cloud_reads_back_unchanged(tmp_path, count):
+    expected = cloud(count)
+    write_cloud(tmp_path / "cloud.ply", expected)
     back = read_cloud(tmp_path / "cloud.ply")
     for name in ("points_mm", "normals", "colors", "sigma_mm"):
-        assert np.array_equal(getattr(back, name), getattr(told, name))
+        assert np.array_equal(getattr(back, name), getattr(expected, name))
 
 
 def test_colours_go_back_to_their_pixels(tmp_path):
     measured = np.random.default_rng(1).random((5, 7)) > 0.4
-    told = cloud(int(measured.sum()))
-    write_cloud(tmp_path / "cloud.ply", told)
+    expected = cloud(int(measured.sum()))
+    write_cloud(tmp_path / "cloud.ply", expected)
     image = image_from_cloud(tmp_path / "cloud.ply", measured)
     assert image is not None
-    assert np.array_equal(image[measured], told.colors)
+    assert np.array_equal(image[measured], expected.colors)
     assert not image[~measured].any()
     assert image_from_cloud(tmp_path / "cloud.ply", ~measured) is None
     assert image_from_cloud(tmp_path / "none.ply", measured) is None
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         (b"", "no binary little-endian PLY"),
         (b"ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "no binary little-endian PLY"),
@@ -56,16 +56,16 @@ def test_colours_go_back_to_their_pixels(tmp_path):
         ),
     ],
 )
-def test_what_is_no_cloud_is_said_in_one_line(tmp_path, content, says):
+def test_other_files_are_refused_in_one_line(tmp_path, content, message):
     path = tmp_path / "cloud.ply"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=says) as error:
+    with pytest.raises(InputError, match=message) as error:
         read_cloud(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_a_cut_off_file_and_a_missing_one_are_said(tmp_path):
+def test_truncated_and_missing_files_are_refused_by_name(tmp_path):
     write_cloud(tmp_path / "cloud.ply", cloud(10))
     whole = (tmp_path / "cloud.ply").read_bytes()
     (tmp_path / "cut.ply").write_bytes(whole[:-5])

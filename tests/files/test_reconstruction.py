@@ -36,7 +36,7 @@ def frame(tmp_path: Path) -> Path:
     return tmp_path / "000"
 
 
-def test_a_frame_comes_back_as_it_was_written(frame):
+def test_frame_reads_back_unchanged(frame):
     back, expected = read_frame(frame).depth, depth_map()
     for name in ("depth_mm", "sigma_mm", "views", "confidence"):
         values = getattr(back, name)
@@ -44,7 +44,7 @@ def test_a_frame_comes_back_as_it_was_written(frame):
         np.testing.assert_array_equal(values, getattr(expected, name))
 
 
-def test_what_is_measured_is_trusted_where_nobody_wrote_the_trust_down(frame):
+def test_confidence_is_one_where_measured_without_its_file(frame):
     (frame / "confidence.tiff").unlink()
     (frame / "views.png").unlink()
     depth = read_frame(frame).depth

@@ -36,7 +36,7 @@ def test_the_round_trip_is_exact_and_stable_to_the_byte(tmp_path_factory, rig):
 
 
 @given(rigs(), st.floats(0.01, 0.99), st.sampled_from(["metres", "fold", "focal"]))
-def test_what_no_rig_can_be_is_not_read_back(tmp_path_factory, rig, share, fault):
+def test_impossible_rig_is_not_read(tmp_path_factory, rig, share, fault):
     name = rig.auxiliaries[0]
     camera = rig.cameras[name]
     if fault == "metres":
@@ -157,7 +157,7 @@ POSE = "cameras.cam1.cam_from_core"
         ),
     ],
 )
-def test_what_does_not_fit_is_named_by_its_place(tmp_path, where, value, message):
+def test_invalid_value_is_named_by_its_position(tmp_path, where, value, message):
     values = document()
     *parents, last = where.split(".")
     target = values
@@ -183,14 +183,14 @@ def test_what_does_not_fit_is_named_by_its_place(tmp_path, where, value, message
         (b"", "not JSON (line 1, column 1: Expecting value)"),
     ],
 )
-def test_what_is_no_rig_at_all_is_said(tmp_path, data, message):
+def test_other_documents_are_refused(tmp_path, data, message):
     (tmp_path / "rig.json").write_bytes(data)
     with pytest.raises(InputError) as error:
         read_rig(tmp_path / "rig.json")
     assert str(error.value) == f"{tmp_path}/rig.json: {message}"
 
 
-def test_a_missing_file_and_a_folder_are_said(tmp_path):
+def test_missing_file_and_folder_are_refused_by_name(tmp_path):
     with pytest.raises(InputError) as missing:
         read_rig(tmp_path / "rig.json")
     with pytest.raises(InputError) as folder:
@@ -199,6 +199,6 @@ def test_a_missing_file_and_a_folder_are_said(tmp_path):
     assert str(folder.value) == f"{tmp_path}: cannot be read (Is a directory)"
 
 
-def test_a_byte_order_mark_does_no_harm(tmp_path):
+def test_byte_order_mark_is_accepted(tmp_path):
     (tmp_path / "rig.json").write_bytes(b"\xef\xbb\xbf" + json.dumps(document()).encode())
     assert read_rig(tmp_path / "rig.json").core == "cam0"

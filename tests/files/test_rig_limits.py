@@ -28,7 +28,7 @@ def scale_translations(cameras, factor):
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         (lambda c: scale_translations(c, 1e-3), "in metres; multiply its translations by 1000"),
         (lambda c: scale_translations(c, 0.004), "in metres; multiply its translations by 1000"),
@@ -46,22 +46,22 @@ def scale_translations(cameras, factor):
         (lambda c: c["cam4"].update(center_px=[30000, 256]), "camera cam4: center_px = [30000, 256]"),
     ],
 )
-def test_what_no_rig_can_be_is_refused(tmp_path, change, says):
+def test_impossible_rig_is_refused(tmp_path, change, message):
     path = edited(tmp_path, change)
     with pytest.raises(InputError) as caught:
         read_rig(path)
     assert str(path) in str(caught.value)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_merely_unusual_is_read_and_warned_of(tmp_path):
+def test_unusual_rig_is_read_with_a_warning(tmp_path):
     small = read_rig(edited(tmp_path, lambda c: scale_translations(c, 0.02)))
     assert find_refusal(small) is None
     assert any("unusually near" in line for line in find_oddities(small))
 
 
-def test_a_sound_rig_is_neither(tmp_path):
+def test_plausible_rig_is_neither_refused_nor_odd(tmp_path):
     rig = read_rig(TRUE_RIG)
     assert find_refusal(rig) is None
     assert find_oddities(rig) == []

@@ -23,7 +23,7 @@ def test_triangles_come_back_and_normals_point_outside(tmp_path):
     assert volume == pytest.approx(1.0)
 
 
-def test_a_cut_file_is_refused(tmp_path):
+def test_truncated_file_is_refused(tmp_path):
     path = tmp_path / "a.stl"
     write_stl(path, VERTICES, FACES)
     path.write_bytes(path.read_bytes()[:-1])

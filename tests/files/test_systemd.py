@@ -27,7 +27,7 @@ def supervisor(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("where", ["file", "abstract"])
-def test_it_is_heard(supervisor, tmp_path, where):
+def test_notification_is_received(supervisor, tmp_path, where):
     sock = supervisor(str(tmp_path / "notify") if where == "file" else f"@beltscape-test-{os.getpid()}")
     assert notify("READY=1")
     assert notify("STATUS=5 cameras, 1200 m³/h")
@@ -38,14 +38,14 @@ def test_it_is_heard(supervisor, tmp_path, where):
 @pytest.mark.parametrize(
     "address", [None, "", "relative", "/nowhere/at/all", "@nobody-listens", "/" + "x" * 300]
 )
-def test_nobody_listening_is_no_failure(monkeypatch, address):
+def test_missing_supervisor_is_no_failure(monkeypatch, address):
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     if address is not None:
         monkeypatch.setenv("NOTIFY_SOCKET", address)
     assert not notify("READY=1")
 
 
-def test_a_supervisor_that_does_not_read_holds_nobody_up(supervisor, tmp_path):
+def test_supervisor_that_does_not_read_does_not_block(supervisor, tmp_path):
     supervisor(str(tmp_path / "notify"))
     assert not all(notify("WATCHDOG=1") for _ in range(5000))
 

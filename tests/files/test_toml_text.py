@@ -42,7 +42,7 @@ class Settings(BaseModel):
         ("width_mm = 3\n[ring]\ndiameter_mm = -1", "ring.diameter_mm = -1: must be greater than 0"),
     ],
 )
-def test_the_first_thing_that_does_not_fit_is_named(tmp_path, text, message):
+def test_first_invalid_value_is_named(tmp_path, text, message):
     path = tmp_path / "project.toml"
     path.write_text(text)
     with pytest.raises(InputError) as error:
@@ -50,13 +50,13 @@ def test_the_first_thing_that_does_not_fit_is_named(tmp_path, text, message):
     assert str(error.value) == f"{path}: {message}"
 
 
-def test_what_fits_is_returned(tmp_path):
+def test_valid_values_are_returned(tmp_path):
     path = tmp_path / "project.toml"
     path.write_bytes(b"\xef\xbb\xbfwidth_mm = 3\n[ring]\ndiameter_mm = 2.5\n")
     assert validate(path, Settings, read_toml(path)) == Settings(width_mm=3, ring=Ring(diameter_mm=2.5))
 
 
-def test_what_is_no_toml_is_named_with_its_place(tmp_path):
+def test_invalid_toml_is_refused_with_its_position(tmp_path):
     path = tmp_path / "board.toml"
     path.write_text('kind = "charuco"\nsquares = [5, 4\n')
     with pytest.raises(InputError) as error:
@@ -64,7 +64,7 @@ def test_what_is_no_toml_is_named_with_its_place(tmp_path):
     assert str(error.value) == f"{path}: not TOML (Unclosed array (at end of document))"
 
 
-def test_missing_files_folders_and_other_encodings_are_said(tmp_path):
+def test_missing_files_folders_and_other_encodings_are_refused_by_name(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     for path, message in [
         (tmp_path / "none.toml", "no such file"),
@@ -90,11 +90,11 @@ class Outer(BaseModel):
 
 
 @pytest.mark.parametrize("table", ["rig", "tof"])
-def test_an_unknown_key_in_a_table_is_told_with_the_tables_own_keys(table):
+def test_unknown_key_in_a_table_is_refused_with_the_tables_own_keys(table):
     with pytest.raises(InputError, match=rf"unknown key {table}\.heigth_mm; did you mean height_mm\?"):
         validate(Path("scene.toml"), Outer, {table: {"heigth_mm": 3}})
 
 
-def test_so_is_one_in_a_list_of_tables():
+def test_unknown_key_in_a_list_of_tables_is_refused():
     with pytest.raises(InputError, match=r"unknown key faults\[1\]\.zzz; known: height_mm, aim_mm"):
         validate(Path("scene.toml"), Outer, {"faults": [{"aim_mm": 1}, {"zzz": 3}]})

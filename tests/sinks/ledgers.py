@@ -62,7 +62,7 @@ def ledger(
 def record(
     number: int, run: int, wall_ns: int, *, sections: bool = True, length_mm: float = 300.0
 ) -> BeltRecord:
-    # the same float whichever record it is asked for
+    # the same float for every record
     belt = (0.1 + (number - 1) * length_mm, 0.1 + number * length_mm)
     absent = number % 7 == 0
     measured = None if absent else strip(number, *belt)

@@ -15,7 +15,7 @@ _NAMESPACE = ["unshare", "--mount", "--map-root-user"]
 
 
 def seen_by(script: Path, folder: Path) -> dict[str, Any]:
-    """What a script prints that may mount at ``folder``; the test is skipped where nobody may."""
+    """Return the output of a script that may mount at ``folder``; the test is skipped without that right."""
     if not shutil.which("unshare") or _run([*_NAMESPACE, "true"]).returncode:
         pytest.skip("no mount namespace: unshare --mount is not allowed here")
     done = _run([*_NAMESPACE, sys.executable, str(script), str(folder)])

@@ -40,7 +40,7 @@ def test_a_row_is_flow_csvs_and_the_ledgers(tmp_path):
     assert row["standing"] == record.standing
 
 
-def test_a_belt_that_nobody_saw_has_a_row(tmp_path):
+def test_missing_belt_has_a_row(tmp_path):
     records = ledger(7)
     assert records[6].strip is None
     CsvSink(tmp_path, SETTINGS).write(records)
@@ -61,7 +61,7 @@ def test_words_with_commas_and_ends_of_lines_stay_one_cell(tmp_path):
 
 @settings(max_examples=40)
 @given(st.integers(0, 5000), st.integers(1, 8))
-def test_a_torn_tail_is_mended_and_nothing_is_there_twice(tmp_path_factory, cut, more):
+def test_truncated_tail_is_repaired_without_duplicates(tmp_path_factory, cut, more):
     folder = tmp_path_factory.mktemp("csv")
     records = ledger(12, every_ns=DAY_NS // 5, sections=False)
     CsvSink(folder, SETTINGS).write(records[:8])
@@ -78,7 +78,7 @@ def test_a_torn_tail_is_mended_and_nothing_is_there_twice(tmp_path_factory, cut,
     assert all(None not in row and None not in row.values() for row in found)
 
 
-def test_a_clock_set_back_goes_to_its_own_day_and_order_stays(tmp_path):
+def test_clock_set_back_keeps_the_order_of_records(tmp_path):
     shifts = [0, 0, -2 * DAY_NS, -2 * DAY_NS, 0, 3650 * DAY_NS, 0]
     records = [replace(r, wall_ns=r.wall_ns + s) for r, s in zip(ledger(7), shifts, strict=True)]
     sink = CsvSink(tmp_path, SETTINGS)
@@ -89,17 +89,17 @@ def test_a_clock_set_back_goes_to_its_own_day_and_order_stays(tmp_path):
     assert [int(row["number"]) for row in rows(tmp_path)] == list(range(1, 8))
 
 
-def test_the_oldest_files_go_by_what_is_in_them(tmp_path):
+def test_oldest_files_are_removed_by_their_record_numbers(tmp_path):
     sink = CsvSink(tmp_path, CsvSettings(enabled=True, days=3))
     records = ledger(6, every_ns=DAY_NS)
-    # the last days' clock says 1970
+    # the clock of the last days is in 1970
     records = [*records[:4], *(replace(r, wall_ns=r.wall_ns - START_NS) for r in records[4:])]
     for record in records:
         sink.write([record])
     assert [int(row["number"]) for row in rows(tmp_path)] == [4, 5, 6]
 
 
-def test_a_disk_that_takes_half_leaves_no_half_line(tmp_path, monkeypatch):
+def test_partial_write_leaves_no_partial_line(tmp_path, monkeypatch):
     import pathlib
 
     records = ledger(20)
@@ -139,7 +139,7 @@ def test_a_disk_that_takes_half_leaves_no_half_line(tmp_path, monkeypatch):
     assert [int(row["number"]) for row in rows(tmp_path)] == list(range(1, 21))
 
 
-def test_somebody_elses_file_is_left_alone(tmp_path):
+def test_foreign_file_is_not_changed(tmp_path):
     (tmp_path / "2026-09-21.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputError, match="header"):
         CsvSink(tmp_path, SETTINGS)
@@ -149,7 +149,7 @@ def test_somebody_elses_file_is_left_alone(tmp_path):
     assert os.listdir(tmp_path) == ["2026-09-21.csv"]  # noqa: PTH208
 
 
-def test_days_begin_when_told(tmp_path):
+def test_days_begin_at_the_set_hour(tmp_path):
     sink = CsvSink(tmp_path, CsvSettings(enabled=True, day_begins_utc_h=-10))
     sink.write(ledger(1))
     assert [p.name for p in tmp_path.iterdir()] == ["2026-09-22.csv"]

@@ -59,7 +59,7 @@ def holds(folder, numbers) -> bool:
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A monotonic clock that stands until it is told."""
+    """A monotonic clock that only moves when it is set."""
 
     class Clock:
         now = 1000.0
@@ -75,7 +75,7 @@ def clock(monkeypatch):
     return one
 
 
-def test_off_records_nothing(tmp_path):
+def test_mode_off_records_nothing(tmp_path):
     recorder = Recorder(tmp_path / "recordings", settings(mode="off"))
     recorder.take(frames(1))
     assert recorder.keep("alarm") is None
@@ -118,7 +118,7 @@ def test_the_ring_holds_the_last_minutes_and_keeps_them(tmp_path, clock):
     assert again is not None and holds(again, range(100, 105))
 
 
-def test_a_belt_that_runs_back_begins_a_capture_of_its_own(tmp_path):
+def test_reversed_belt_begins_a_new_capture(tmp_path):
     recorder = Recorder(tmp_path, settings(mode="ring"))
     for number in (5, 6, 7, 1, 2):
         recorder.take(frames(number))
@@ -128,7 +128,7 @@ def test_a_belt_that_runs_back_begins_a_capture_of_its_own(tmp_path):
     assert holds(kept.with_name(f"{kept.name}-before1"), (5, 6, 7))
 
 
-def test_what_an_ended_run_left_in_the_ring_can_be_kept(tmp_path):
+def test_ring_of_an_ended_run_can_be_kept(tmp_path):
     recorder = Recorder(tmp_path, settings(mode="ring"))
     for number in range(5):
         recorder.take(frames(number))
@@ -166,7 +166,7 @@ def test_a_slow_disk_never_blocks_and_is_counted(tmp_path, monkeypatch):
     assert holds(capture, range(4))
 
 
-def test_a_full_disk_pauses_recording_and_it_goes_on_by_itself(tmp_path, clock, monkeypatch):
+def test_full_disk_pauses_recording_until_space_is_free(tmp_path, clock, monkeypatch):
     left = [10 << 30]
     monkeypatch.setattr(
         recorder_module.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100 << 30, 0, left[0])
@@ -209,7 +209,7 @@ def test_an_error_while_writing_pauses_too(tmp_path, clock, monkeypatch):
     assert kept is not None and holds(kept, (2,))
 
 
-def test_on_a_real_disk_that_is_full(tmp_path):
+def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
     seen = seen_by(Path(__file__).parent / "recording" / "small_disk.py", tmp_path / "disk")
     assert "No space left on device" in seen["trouble"]
     assert 5 < seen["paused_at"] < 100
@@ -220,7 +220,7 @@ def test_on_a_real_disk_that_is_full(tmp_path):
     assert seen["hidden"] == []
 
 
-def test_the_oldest_that_nobody_kept_go_first(tmp_path, clock):
+def test_oldest_captures_that_are_not_kept_are_removed_first(tmp_path, clock):
     recorder = Recorder(tmp_path, settings(mode="ring"))
     recorder.take(frames(0))
     kept = recorder.keep("precious")
@@ -250,7 +250,7 @@ def test_kept_captures_that_fill_the_limit_pause_recording(tmp_path, clock):
     settled(recorder)
     assert "no longer needed" in recorder.trouble
     assert kept is not None
-    shutil.rmtree(kept)  # somebody tidies up
+    shutil.rmtree(kept)  # a person removes it
     clock.now += 2
     recorder.take(frames(6))
     settled(recorder)

@@ -16,7 +16,7 @@ COUNT = 200
 
 @pytest.fixture
 def folder(tmp_path):
-    """A closed history of 200 records; its first tells two hours of the day before."""
+    """A closed history of 200 records; its first two hours are of the previous day."""
     historian = Historian(tmp_path, SETTINGS)
     records = ledger(COUNT, every_ns=300_000_000_000)
     historian.write(records)
@@ -43,9 +43,9 @@ def damaged(folder, where: str) -> None:
 
 @pytest.mark.parametrize("where", ["cut", "head", "all", "middle"])
 @pytest.mark.parametrize("snapshot", [True, False])
-def test_a_damaged_database_is_moved_aside_and_the_ledger_goes_on(folder, where, snapshot):
+def test_damaged_database_is_moved_aside_and_the_ledger_continues(folder, where, snapshot):
     if not snapshot and where == "all":
-        pytest.skip("nothing is left to tell the totals")
+        pytest.skip("no totals are left to recover")
     damaged(folder, where)
     before = (folder / "history.db").read_bytes()
     if not snapshot:
@@ -56,8 +56,8 @@ def test_a_damaged_database_is_moved_aside_and_the_ledger_goes_on(folder, where,
     assert "damaged" in historian.repair_message and str(moved.parent) in historian.repair_message
     assert historian.events(*ALWAYS)[0].text == historian.repair_message
     records = ledger(COUNT + 5)
-    assert historian.resume.number == COUNT
-    assert historian.resume.end_mm == records[COUNT - 1].belt_mm[1]
+    assert historian.ledger_end.number == COUNT
+    assert historian.ledger_end.end_mm == records[COUNT - 1].belt_mm[1]
     assert historian.totals.records == COUNT
     assert historian.begin_run() > 1
     historian.write(records[COUNT:])
@@ -71,20 +71,20 @@ def test_a_damaged_database_is_moved_aside_and_the_ledger_goes_on(folder, where,
     historian.close()
     historian = Historian(folder, SETTINGS)
     assert historian.repair_message == ""
-    assert historian.resume.number == COUNT + 5
+    assert historian.ledger_end.number == COUNT + 5
     historian.close()
 
 
-def test_a_database_that_is_gone_or_empty_does_not_begin_at_zero(folder):
+def test_missing_or_empty_database_continues_from_the_snapshot(folder):
     for step in (lambda: damaged(folder, "empty"), (folder / "history.db").unlink):
         step()
         historian = Historian(folder, SETTINGS)
-        assert historian.resume.number == COUNT
+        assert historian.ledger_end.number == COUNT
         assert "totals.json" in historian.repair_message
         historian.close()
 
 
-def test_an_older_copy_goes_on_with_the_newest_totals(folder):
+def test_older_copy_continues_with_the_newest_totals(folder):
     old = (folder / "history.db").read_bytes()
     historian = Historian(folder, SETTINGS)
     more = ledger(
@@ -109,37 +109,37 @@ def test_an_older_copy_goes_on_with_the_newest_totals(folder):
     historian.close()
 
 
-def test_damage_while_running_is_survived(tmp_path):
+def test_damage_while_running_is_repaired(tmp_path):
     historian = Historian(tmp_path, SETTINGS)
     records = ledger(400)
     historian.write(records[:300])
     historian._store.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
     historian._store.connection.execute("PRAGMA cache_size = 0")
     damaged(tmp_path, "middle")
-    with sqlite3.connect(tmp_path / "history.db") as other:  # whoever changes the file makes caches stale
+    with sqlite3.connect(tmp_path / "history.db") as other:  # a change of the file makes caches stale
         other.execute("PRAGMA user_version = 1")
     other.close()
     for start in range(300, 400, 10):
         historian.write(records[start : start + 10])
-    assert historian.resume.number == 400
+    assert historian.ledger_end.number == 400
     assert historian.totals.records == 400
     assert "damaged" in historian.repair_message
     historian.close()
     historian = Historian(tmp_path, SETTINGS)
-    assert historian.resume.number == 400
+    assert historian.ledger_end.number == 400
     historian.close()
 
 
-def test_a_damaged_snapshot_is_not_believed(folder):
+def test_damaged_snapshot_is_ignored(folder):
     path = folder / "totals.json"
     path.write_text(path.read_text().replace('"number": 200', '"number": 900'))
     historian = Historian(folder, SETTINGS)
-    assert historian.resume.number == COUNT
+    assert historian.ledger_end.number == COUNT
     historian.close()
 
 
 def test_a_backup_taken_while_running_is_a_history(tmp_path):
-    """As the manual says: VACUUM INTO, then the day files and totals.json."""
+    """As in the manual: VACUUM INTO, then the day files and totals.json."""
     running, restored = tmp_path / "data", tmp_path / "restored"
     historian = Historian(running, SETTINGS)
     records = ledger(COUNT, every_ns=300_000_000_000)
@@ -154,7 +154,7 @@ def test_a_backup_taken_while_running_is_a_history(tmp_path):
     shutil.copytree(running / "days", restored / "days")
     historian = Historian(restored, SETTINGS)
     assert historian.repair_message == ""
-    assert historian.resume.number == 150
+    assert historian.ledger_end.number == 150
     assert [r.number for r in historian.records(*ALWAYS, limit=1000)] == list(range(1, 151))
     historian.write(records[150:])
     historian.maintain(records[-1].wall_ns + 86_400_000_000_000)

@@ -39,12 +39,12 @@ def records():
 def test_days_that_are_over_become_files_and_read_back_from_them(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=2))
     historian.write(records)
-    before = historian.totals, historian.resume
+    before = historian.totals, historian.ledger_end
     historian.maintain(records[-1].wall_ns)
     assert historian.trouble == ""
     assert names(tmp_path) == [f"2026-09-{day}.parquet" for day in (21, 22, 23, 24)]
     assert in_database(historian) == list(range(73, 121))
-    assert (historian.totals, historian.resume) == before
+    assert (historian.totals, historian.ledger_end) == before
     found = historian.records(*ALWAYS, limit=1000, sections=True)
     assert len(found) == 120 and all(map(same, found, records))
     assert all(same_section(historian.section(r.number), r.section) for r in records)
@@ -53,7 +53,7 @@ def test_days_that_are_over_become_files_and_read_back_from_them(tmp_path, recor
     assert historian.series(0, 1 << 61, 1000).volume_mm3.sum() == pytest.approx(before[0].volume_mm3)
     historian.close()
     historian = Historian(tmp_path, settings(database_days=2))
-    assert (historian.totals, historian.resume) == before
+    assert (historian.totals, historian.ledger_end) == before
     historian.maintain(records[-1].wall_ns)
     assert len(names(tmp_path)) == 4
     historian.close()
@@ -111,7 +111,7 @@ def test_every_record_lies_in_exactly_one_file_however_the_clock_jumps(tmp_path,
             historian.maintain(jumped[-1].wall_ns)
             assert historian.trouble == ""
     assert historian.totals.volume_mm3 == math.fsum(r.volume_mm3 for r in records)
-    assert historian.resume.end_mm == records[-1].belt_mm[1]
+    assert historian.ledger_end.end_mm == records[-1].belt_mm[1]
     found = historian.records(*ALWAYS, limit=1000, sections=True)
     assert len(found) == 120 and all(map(same, found, jumped))
     historian.maintain(jumped[-1].wall_ns + 2 * DAY_NS)
@@ -155,7 +155,7 @@ def test_by_size_the_oldest_leave_the_database_first(tmp_path, records):
     historian.close()
 
 
-def test_old_files_go_and_the_totals_stay(tmp_path, records):
+def test_old_files_are_removed_and_the_totals_remain(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=1, file_days=3))
     historian.write(records)
     totals = historian.totals
@@ -174,7 +174,7 @@ def test_old_files_go_and_the_totals_stay(tmp_path, records):
     historian.close()
 
 
-def test_a_damaged_file_is_written_anew_before_its_records_go(tmp_path, records):
+def test_damaged_day_file_is_rewritten_before_its_records_are_removed(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=7))
     historian.write(records)
     historian.maintain(records[-1].wall_ns)
@@ -193,7 +193,7 @@ def test_a_damaged_file_is_written_anew_before_its_records_go(tmp_path, records)
     historian.close()
 
 
-def test_a_damaged_file_of_the_past_is_told(tmp_path, records):
+def test_damaged_day_file_is_reported(tmp_path, records):
     historian = Historian(tmp_path, settings(database_days=1))
     historian.write(records)
     historian.maintain(records[-1].wall_ns)

@@ -17,7 +17,7 @@ from sinks.ledgers import ledger, same
 ALWAYS = (0, 1 << 62)
 
 
-def test_a_database_of_the_first_version_goes_on(tmp_path, monkeypatch):
+def test_database_of_the_first_version_continues(tmp_path, monkeypatch):
     records = [replace(r, offset_mm=0.0, section=None) for r in ledger(5)]
     with monkeypatch.context() as older:
         older.setattr(schema, "MIGRATIONS", schema.MIGRATIONS[:1])
@@ -36,7 +36,7 @@ def test_a_database_of_the_first_version_goes_on(tmp_path, monkeypatch):
     connection.close()
     historian = Historian(tmp_path, HistorySettings(reserve_mib=1))
     assert historian.repair_message == ""
-    assert historian.resume.number == 5
+    assert historian.ledger_end.number == 5
     with historian._store.readers.borrow() as reader:
         numbers = reader.execute("SELECT number, offset_mm FROM records").fetchall()
     assert numbers == [(n, 0.0) for n in range(1, 6)]
@@ -53,7 +53,7 @@ def _resigned(text: str) -> str:
     return json.dumps(document, sort_keys=True)
 
 
-def test_a_day_file_from_before_a_column_reads(tmp_path):
+def test_day_file_without_a_later_column_reads(tmp_path):
     historian = Historian(tmp_path, HistorySettings(reserve_mib=1))
     records = ledger(30, every_ns=3_600_000_000_000)
     historian.write(records)

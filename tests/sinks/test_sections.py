@@ -25,7 +25,7 @@ def test_heights_read_back_to_half_a_step(height):
 
 
 @given(heights)
-def test_what_was_read_back_once_never_changes_again(height):
+def test_second_round_trip_changes_nothing(height):
     once = unpack_heights(pack_heights(height))
     assert np.array_equal(once, round_heights(height), equal_nan=True)
     assert pack_heights(once) == pack_heights(height)
@@ -36,7 +36,7 @@ def test_a_section_takes_two_fifths_of_its_floats():
     assert len(pack_heights(height)) < 0.4 * height.nbytes
 
 
-def test_cut_bytes_are_told():
+def test_truncated_bytes_are_refused():
     data = pack_heights(section(3).height_mm)
     for cut in (0, 3, 10, len(data) - 1):
         with pytest.raises(ValueError):

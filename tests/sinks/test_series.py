@@ -30,7 +30,7 @@ def historian(tmp_path, records):
 
 
 @pytest.mark.parametrize("hours", [0.25, 3, 24, 24 * 60])
-def test_every_way_adds_up_to_the_same(historian, records, hours):
+def test_all_sums_of_the_ledger_agree(historian, records, hours):
     until_ns = FIRST_NS + round(hours * HOUR_NS)
     its = [r for r in records if r.wall_ns < until_ns]
     series = historian.series(FIRST_NS, until_ns, 100)
@@ -55,7 +55,7 @@ def test_means_are_over_the_time_the_belt_moved(historian, records):
     assert series.coverage[0] == pytest.approx(np.mean([s.coverage for s in strips]))
 
 
-def test_minutes_and_records_tell_the_same_of_a_minute(historian):
+def test_minutes_and_records_give_the_same_sums(historian):
     minute = HOUR_NS // 60
     raw = historian.series(FIRST_NS, FIRST_NS + 20 * minute, 20)
     sums = historian.series(FIRST_NS, FIRST_NS + 60 * minute, 60)
@@ -64,7 +64,7 @@ def test_minutes_and_records_tell_the_same_of_a_minute(historian):
         np.testing.assert_allclose(getattr(raw, name), getattr(sums, name)[:20], rtol=1e-12, err_msg=name)
 
 
-def test_nothing_is_no_zero(historian):
+def test_missing_value_is_not_zero(historian):
     series = historian.series(FIRST_NS - 10 * HOUR_NS, FIRST_NS - 8 * HOUR_NS, 50)
     assert np.isnan(series.flow_m3_h).all()
     assert not series.records.any()
@@ -81,7 +81,7 @@ def test_a_belt_that_stands_has_no_flow(tmp_path):
     historian.close()
 
 
-def test_days_add_up(historian, records):
+def test_day_sums_add_up(historian, records):
     day_ns = 24 * HOUR_NS
     midnight = FIRST_NS // day_ns * day_ns
     (day,) = historian.day_totals(midnight, midnight + day_ns)

@@ -22,7 +22,7 @@ def test_sums_lose_nothing(numbers):
     )
 
 
-def test_a_million_tenths():
+def test_sum_of_a_million_tenths_is_exact():
     pair, naive = (0.0, 0.0), 0.0
     for _ in range(1_000_000):
         pair, naive = add_compensated(pair, 0.1), naive + 0.1
@@ -46,7 +46,7 @@ def test_totals_are_the_records_sums():
     assert totals.since_ns == records[0].wall_ns
 
 
-def test_one_load_without_density_makes_the_mass_unknown_for_ever():
+def test_one_load_without_density_makes_the_mass_unknown():
     first, second = ledger(2)
     unknown = replace(first, strip=replace(first.strip, density_kg_m3=math.nan))
     assert math.isnan(Sums().with_record(unknown).with_record(second).totals.mass_kg)
@@ -54,7 +54,7 @@ def test_one_load_without_density_makes_the_mass_unknown_for_ever():
     assert Sums().with_record(empty).with_record(second).totals.mass_kg == second.mass_kg
 
 
-def test_a_volume_that_is_no_number_adds_nothing():
+def test_nan_volume_adds_nothing():
     first, second = ledger(2)
     hidden = replace(first, strip=replace(first.strip, volume_mm3=math.nan))
     totals = Sums().with_record(hidden).with_record(second).totals
@@ -63,7 +63,7 @@ def test_a_volume_that_is_no_number_adds_nothing():
 
 
 @given(st.integers(1, 30), st.integers(0, 10_000))
-def test_text_reads_back_and_damage_is_seen(count, place):
+def test_text_reads_back_and_damage_is_detected(count, place):
     sums = Sums()
     for record in ledger(count, sections=False):
         sums = sums.with_record(record)

@@ -24,7 +24,7 @@ def source(folder, sizes=SIZE) -> tuple[FolderSource, Silent]:
     return FolderSource(read_capture(folder), sizes, reporter), reporter
 
 
-def test_frames_come_in_natural_order_with_all_cameras(folder):
+def test_frames_are_in_natural_order_with_all_cameras(folder):
     frames, reporter = source(folder)
     assert (len(frames), frames.frames, frames.cameras) == (3, ("1", "2", "10"), ("cam0", "cam1"))
     sets = list(frames)
@@ -34,7 +34,7 @@ def test_frames_come_in_natural_order_with_all_cameras(folder):
     assert len(list(frames)) == 3  # it can be gone through again
 
 
-def test_cameras_the_rig_does_not_know_are_not_read(folder):
+def test_cameras_outside_the_rig_are_not_read(folder):
     (folder / "cam9").mkdir()
     (folder / "cam9" / "99.png").write_text("not an image")
     frames, reporter = source(folder)
@@ -55,7 +55,7 @@ def test_a_missing_frame_is_named_and_the_others_of_its_instant_are_kept(folder)
     assert reporter.warnings == [f"{folder}/cam1: no image for frame 2; going on without"]
 
 
-def test_an_image_that_cannot_be_used_is_named_and_left_out(folder):
+def test_unusable_image_is_named_and_skipped(folder):
     (folder / "cam0" / "1.png").write_bytes(b"")
     write_image(folder / "cam1" / "2.png", np.zeros((20, 31), np.uint8))
     frames, reporter = source(folder)

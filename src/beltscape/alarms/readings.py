@@ -67,6 +67,8 @@ class Readings:
     @property
     def skew_ms(self) -> float:
         """The largest skew of a camera that is not lost, to either side; NaN where none is known."""
-        known = [abs(one.skew_ms) for one in self.cameras.values() if one.state in ("ok", "unusable")]
-        known = [value for value in known if np.isfinite(value)]
-        return max(known) if known else _NAN
+        skews_ms = [
+            abs(camera.skew_ms) for camera in self.cameras.values() if camera.state in ("ok", "unusable")
+        ]
+        skews_ms = [value for value in skews_ms if np.isfinite(value)]
+        return max(skews_ms) if skews_ms else _NAN

@@ -68,9 +68,9 @@ def read_belt(path: AnyPath) -> tuple[Belt, Camera]:
     """Read belt.json; InputError with the first invalid key. The camera has no distortion."""
     path = as_path(path)
     document = read_json(path)
-    found = document.get("format") if isinstance(document, dict) else None
-    if found != FORMAT:
-        raise InputError(f"{path}: format is {found!r}, not {FORMAT!r}; {_FIX}")
+    format_ = document.get("format") if isinstance(document, dict) else None
+    if format_ != FORMAT:
+        raise InputError(f"{path}: format is {format_!r}, not {FORMAT!r}; {_FIX}")
     try:
         return _belt(document), _camera(_entry(document, "core"))
     except ValueError as error:
@@ -85,7 +85,7 @@ def _belt(document: Mapping[str, Any]) -> Belt:
     if not isinstance(frames, int) or frames < 1:
         raise ValueError(f"frames = {frames!r}: must be a whole number of at least 1")
     section, quality = _entry(document, "section"), _entry(document, "quality")
-    x = _ascending("section", section, "x_mm")
+    x = _require_ascending("section", section, "x_mm")
     yaw_from = quality.get("yaw_from")
     if yaw_from not in ("shape", "edges", "camera"):
         raise ValueError(f"quality.yaw_from = {yaw_from!r}: must be shape, edges or camera")
@@ -109,7 +109,7 @@ def _belt(document: Mapping[str, Any]) -> Belt:
 
 
 def _deviation(entry: Mapping[str, Any]) -> BeltDeviation:
-    x, y = (_ascending("deviation", entry, key) for key in ("x_mm", "y_mm"))
+    x, y = (_require_ascending("deviation", entry, key) for key in ("x_mm", "y_mm"))
     shape = (len(y), len(x))
     return BeltDeviation(
         x, y, _array("deviation", entry, "height_mm", shape), _array("deviation", entry, "sigma_mm", shape)
@@ -158,7 +158,7 @@ def _range(document: Mapping[str, Any], key: str) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _ascending(place: str, entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
+def _require_ascending(place: str, entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     value = entry.get(key)
     values = _array(place, entry, key, (len(value) if isinstance(value, list) else 0,))
     if len(values) < 2 or (np.diff(values) <= 0).any():

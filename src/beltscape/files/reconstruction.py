@@ -110,12 +110,12 @@ def read_frame(folder: AnyPath) -> FrameResult:
     """
     folder = as_path(folder, "folder")
     folder = find_single_frame(folder)
-    if not (_beside(folder) / "rig.json").is_file():
+    if not (_reconstruction_folder(folder) / "rig.json").is_file():
         raise InputError(
-            f"{folder}: no rig.json lies beside this frame, in {_beside(folder)}; "
+            f"{folder}: no rig.json lies beside this frame, in {_reconstruction_folder(folder)}; "
             "copy the reconstruction as a whole, or reconstruct again"
         )
-    rig = read_rig(_beside(folder) / "rig.json")
+    rig = read_rig(_reconstruction_folder(folder) / "rig.json")
     depth, sigma = read_float_tiff(folder / "depth.tiff"), read_float_tiff(folder / "sigma.tiff")
     confidence = _confidence(folder / "confidence.tiff", depth)
     width, height = rig.core_camera.size_px
@@ -144,7 +144,7 @@ def _read_findings(folder: Path) -> tuple[float, tuple[str, ...]]:
     return 0.0, ()
 
 
-def _beside(folder: Path) -> Path:
+def _reconstruction_folder(folder: Path) -> Path:
     """Return the reconstruction's folder, also for a frame given as ``.`` or ``..``."""
     return folder.resolve().parent if folder.name in ("", "..") else folder.parent
 

@@ -55,10 +55,10 @@ def read_rig(path: AnyPath) -> Rig:
     path = as_path(path)
     require_finished(path.parent)
     document = read_json(path)
-    found = document.get("format") if isinstance(document, dict) else None
-    if found != FORMAT:
+    format_ = document.get("format") if isinstance(document, dict) else None
+    if format_ != FORMAT:
         raise InputError(
-            f"{path}: format is {found!r}, not {FORMAT!r}; give a rig.json of beltscape calibrate"
+            f"{path}: format is {format_!r}, not {FORMAT!r}; give a rig.json of beltscape calibrate"
         )
     try:
         return _rig(document)

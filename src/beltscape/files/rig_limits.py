@@ -70,10 +70,10 @@ def _refusals(rig: Rig) -> Iterator[str]:
         if has_fold(camera):
             values = ", ".join(f"{value:g}" for value in camera.distortion)
             yield f"camera {name}: distortion = [{values}] turns back within the image, which no lens does"
-    yield from _misplaced(rig)
+    yield from _position_refusals(rig)
 
 
-def _misplaced(rig: Rig) -> Iterator[str]:
+def _position_refusals(rig: Rig) -> Iterator[str]:
     """Yield cameras at the same place, or at distances that no rig has."""
     baselines = {name: float(np.linalg.norm(rig.cam_from_core[name].center_mm)) for name in rig.auxiliaries}
     for name, baseline in baselines.items():

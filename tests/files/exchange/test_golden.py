@@ -198,9 +198,7 @@ def test_a_folder_of_opencvs_files_gives_intrinsics_by_file_name(put):
     found = read_intrinsics(folder, Silent())
     assert list(found) == ["left", "right"]
     np.testing.assert_array_equal(found["right"].distortion, [-0.41, 0.52, 0, 1e-3, 0])
-    with pytest.raises(
-        InputError, match="has no pose of left, right; add its transform, or use the"
-    ):
+    with pytest.raises(InputError, match="has no pose of left, right; add its transform, or use the"):
         import_rig(folder, Silent())
 
 
@@ -218,7 +216,7 @@ def test_kalibrs_wiki_example(put):
     assert reporter.warnings == []
 
 
-def test_kalibrs_rounded_rotation_is_mended_and_said(put):
+def test_kalibrs_rounded_rotation_is_corrected_with_a_warning(put):
     path, reporter = (
         put("camchain.yaml", KALIBR.replace("[1.0, 0.0, 0.0, -0.11]", "[0.9999, 0.0, 0.0, -0.11]")),
         Silent(),
@@ -288,7 +286,7 @@ def test_ros_camera_info_and_a_tree_of_transforms(put):
         ("l.yaml", "a: 1\n", "", "", r"is none of opencv, kalibr, colmap, ros, vic3d; give a calibration file"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_one_line_with_file_value_and_mend(put, name, text, old, new, line):
+def test_invalid_file_is_refused_with_file_value_and_fix(put, name, text, old, new, line):
     assert old in text
     path = put(name, text.replace(old, new, 1))
     with pytest.raises(InputError, match=line) as caught:
@@ -297,7 +295,7 @@ def test_what_does_not_fit_is_one_line_with_file_value_and_mend(put, name, text,
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_not_there_is_said(put, tmp_path):
+def test_missing_file_is_refused_by_name(put, tmp_path):
     with pytest.raises(InputError, match=r"gone\.yaml: no such file"):
         import_rig(tmp_path / "gone.yaml", Silent())
     with pytest.raises(InputError, match=r"holds no \.yaml file; give a folder"):

@@ -56,7 +56,7 @@ def there_and_back(folder, rig: Rig, kind: str) -> tuple[Rig, list[str]]:
 @pytest.mark.parametrize("kind", ["opencv", "colmap", "ros"])
 @settings(max_examples=25)
 @given(rig=rigs())
-def test_what_a_format_carries_survives(tmp_path_factory, kind, rig):
+def test_content_of_a_format_reads_back_unchanged(tmp_path_factory, kind, rig):
     back, warnings = there_and_back(tmp_path_factory.getbasetemp(), rig, kind)
     assert warnings == []
     assert_same(back, rig)

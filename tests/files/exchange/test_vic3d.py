@@ -50,7 +50,7 @@ def test_a_project_is_read_about_its_first_camera(put):
     ]
 
 
-def test_its_angles_turn_the_world_about_x_then_y_then_z(put):
+def test_angles_rotate_about_x_then_y_then_z(put):
     rig, _ = import_rig(put(PROJECT), Silent())
     half = np.pi / 180
     about = [rotation_from_vector(np.array(v) * half) for v in ([-180.0, 0, 0], [0, -10.0, 0], [0, 0, 90.0])]
@@ -68,13 +68,13 @@ def test_its_angles_turn_the_world_about_x_then_y_then_z(put):
         ("180 0 0", "180 0", r"orientation of camera cam0 = .*: must be 6 finite numbers"),
         ("<camera id=\"1\"", "<camera id=\"0\"", r"two cameras are named 'cam0'; rename one"),
         ("<camera id=\"1\"", "<camera", r"camera has no id"),
-        ("polygonmask", "aoi", r"no polygonmask tells the size of the images; give a project XML with one"),
+        ("polygonmask", "aoi", r"no polygonmask has the size of the images; give a project XML with one"),
         ("width=\"1920\"", "width=\"wide\"", r"image width and height = .*: must be 2 finite numbers"),
         ("orientation>", "pose>", r"is none of opencv, kalibr, colmap, ros, vic3d; give a calibration file"),
         ("</project>", "", r"not XML \(no element found: line \d+, column \d+\)"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_one_line_with_the_file(put, old, new, line):
+def test_invalid_file_is_refused_in_one_line(put, old, new, line):
     assert old in PROJECT
     path = put(PROJECT.replace(old, new))
     with pytest.raises(InputError, match=line) as caught:
@@ -83,7 +83,7 @@ def test_what_does_not_fit_is_one_line_with_the_file(put, old, new, line):
     assert "\n" not in str(caught.value)
 
 
-def test_it_is_not_written(put, tmp_path):
+def test_format_is_read_only(put, tmp_path):
     rig: Rig = import_rig(put(PROJECT), Silent())[0]
     with pytest.raises(InputError, match="format 'vic3d' is read, not written; there are opencv, kalibr"):
         export_rig(tmp_path / "out.xml", rig, "vic3d", Silent())

@@ -180,7 +180,7 @@ def test_a_name_that_cannot_be_a_file_is_refused_before_anything_is_written(tmp_
 
 
 @pytest.mark.parametrize("kind", ["opencv", "kalibr", "colmap"])
-def test_what_cannot_be_written_leaves_nothing_behind(tmp_path, rig, kind):
+def test_failed_write_leaves_nothing_behind(tmp_path, rig, kind):
     (tmp_path / "out").mkdir()
     with pytest.raises(BeltscapeError, match="out"):
         export_rig(tmp_path / "out", rig, kind, Silent())

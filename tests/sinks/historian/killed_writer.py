@@ -33,7 +33,7 @@ def write_until_killed(folder: Path, acknowledge: int) -> None:
     """
     historian = Historian(folder, SETTINGS)
     run = historian.begin_run()
-    number = historian.resume.number
+    number = historian.ledger_end.number
     while True:
         # a quarter of an hour from record to record, on a clock that is two hours off every now and then
         batch = [
@@ -60,14 +60,14 @@ def killed_once(folder: Path, after_s: float, *, writing_first: bool) -> int:
         finally:
             os._exit(1)
     os.close(writing)
-    heard = os.read(reading, 8) if writing_first else b""
+    received = os.read(reading, 8) if writing_first else b""
     time.sleep(after_s)
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     assert os.WIFSIGNALED(status), "a writer ended by itself"
     with os.fdopen(reading, "rb") as pipe:
-        heard += pipe.read()
-    return int.from_bytes(heard[len(heard) // 8 * 8 - 8 :][:8], "little") if len(heard) >= 8 else 0
+        received += pipe.read()
+    return int.from_bytes(received[len(received) // 8 * 8 - 8 :][:8], "little") if len(received) >= 8 else 0
 
 
 def main(folder: Path, kills: int) -> None:
@@ -81,12 +81,12 @@ def main(folder: Path, kills: int) -> None:
         if kill % 10 == 9:
             historian = Historian(folder, SETTINGS)
             repairs.append(historian.repair_message)
-            assert historian.resume.number >= acknowledged, (historian.resume, acknowledged)
+            assert historian.ledger_end.number >= acknowledged, (historian.ledger_end, acknowledged)
             historian.close()
     historian = Historian(folder, SETTINGS)
     historian.maintain(START_NS)
     found = historian.records(0, 1 << 62, limit=1 << 40, sections=True)
-    totals, resume = historian.totals, historian.resume
+    totals, resume = historian.totals, historian.ledger_end
     curves = historian.series(0, 4_000_000_000_000_000_000, 10)
     historian.close()
     filed = [

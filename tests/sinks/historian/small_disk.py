@@ -1,4 +1,4 @@
-"""The historian on a disk of 8 MiB that somebody else fills; prints what it saw as JSON. Run by test_disk_full.py.
+"""The historian on a disk of 8 MiB that another program fills; prints its state as JSON. Run by test_disk_full.py.
 
 Mounts the disk itself: run it in a mount namespace of its own.
 """
@@ -36,7 +36,7 @@ def filled(path: Path) -> None:
 
 
 def batch(historian: Historian) -> list:
-    number = historian.resume.number
+    number = historian.ledger_end.number
     return [record(n, 1, time.time_ns()) for n in range(number + 1, number + 1 + BATCH)]
 
 
@@ -58,37 +58,37 @@ def main(folder: Path) -> None:
     historian = Historian(folder / "data", SETTINGS)
     for _ in range(4):
         historian.write(batch(historian))
-    seen["well"] = [historian.trouble, historian.resume.number]
+    seen["well"] = [historian.trouble, historian.ledger_end.number]
     filled(folder / "filler")
     # what the log still has room for goes as before
     while not historian.trouble:
         historian.write(batch(historian))
-    seen["full"] = [historian.trouble, historian.resume.number]
+    seen["full"] = [historian.trouble, historian.ledger_end.number]
     historian.add_event("alarm", "disk", "full")
     seen["refusal"] = until_refused(historian)
-    seen["refused"] = historian.resume.number
+    seen["refused"] = historian.ledger_end.number
     seen["read_while_full"] = len(historian.records(0, 1 << 62, limit=1 << 40))
     held = batch(historian)
     try:
         historian.write(held)
     except OutputError:
-        seen["refused_again"] = historian.resume.number
+        seen["refused_again"] = historian.ledger_end.number
     historian.close()
     # a start on a full disk
     historian = Historian(folder / "data", SETTINGS)
-    seen["start"] = [historian.trouble, historian.resume.number]
+    seen["start"] = [historian.trouble, historian.ledger_end.number]
     (folder / "filler").unlink()
     historian.write(held)
-    seen["free"] = [historian.trouble, historian.resume.number]
+    seen["free"] = [historian.trouble, historian.ledger_end.number]
     historian.write(batch(historian))
     reserve = (folder / "data" / "reserve").stat()
     seen["reserve"] = [reserve.st_size, os.statvfs(folder).f_bavail > 0]
     found = historian.records(0, 1 << 62, limit=1 << 40, sections=True)
-    seen["numbers"] = [r.number for r in found] == list(range(1, historian.resume.number + 1))
+    seen["numbers"] = [r.number for r in found] == list(range(1, historian.ledger_end.number + 1))
     seen["same"] = all(same(r, record(r.number, 1, r.wall_ns), sections=False) for r in found)
     seen["with_section"] = [r.number for r in found if r.section is not None]
     seen["events"] = len(historian.events(0, 1 << 62))
-    seen["last"] = historian.resume.number
+    seen["last"] = historian.ledger_end.number
     historian.close()
     with sqlite3.connect(folder / "data" / "history.db") as connection:
         seen["integrity"] = connection.execute("PRAGMA integrity_check").fetchone()[0]

@@ -69,7 +69,7 @@ def in_tens(historian, records) -> int:
     return len(records)
 
 
-def test_records_and_totals_go_on_in_the_reserve_without_sections(historian, disk, tmp_path):
+def test_records_and_totals_continue_in_the_reserve_without_sections(historian, disk, tmp_path):
     records = ledger(200)
     historian.write(records[:50])
     disk.fill()
@@ -87,7 +87,7 @@ def test_records_and_totals_go_on_in_the_reserve_without_sections(historian, dis
     assert all(map(same, historian.records(*ALWAYS, after=200, sections=True), more))
 
 
-def test_when_nothing_is_left_it_says_so_and_takes_the_same_records_later(historian, disk):
+def test_full_reserve_refuses_records_and_accepts_them_later(historian, disk):
     records = ledger(2000, sections=False)
     disk.fill()
     taken = in_tens(historian, records)
@@ -97,15 +97,15 @@ def test_when_nothing_is_left_it_says_so_and_takes_the_same_records_later(histor
         with pytest.raises(OutputError, match="free some space"):
             historian.write(records[taken : taken + 10])
     assert historian.totals == totals
-    assert historian.resume.number == taken
+    assert historian.ledger_end.number == taken
     disk.empty()
     historian.write(records[taken : taken + 10])
     historian.write(records[taken:])
-    assert historian.resume.number == 2000
+    assert historian.ledger_end.number == 2000
     assert historian.trouble == ""
 
 
-def test_a_reserve_that_is_not_there_is_told_at_the_start(tmp_path, monkeypatch):
+def test_missing_reserve_is_reported_at_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(100, 99, 1))
     historian = Historian(tmp_path, SETTINGS)
     assert "nearly full" in historian.trouble
@@ -128,7 +128,7 @@ def test_a_locked_database_is_no_full_disk(historian, tmp_path):
     historian.write(ledger(1))
 
 
-def test_on_a_real_disk_that_is_full(tmp_path):
+def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
     seen = seen_by(Path(__file__).with_name("small_disk.py"), tmp_path / "disk")
     assert seen["well"] == ["", 200]
     trouble, full = seen["full"]

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.sinks.historian import Historian, ResumePoint
+from beltscape.sinks.historian import Historian, LedgerEnd
 from beltscape.sinks.historian.storage import schema
 from beltscape.sinks.settings import HistorySettings
 from sinks.ledgers import START_NS, ledger, same, same_section
@@ -31,8 +31,8 @@ def all_same(found, expected) -> bool:
     return len(found) == len(expected) and all(map(same, found, expected))
 
 
-def test_begins_empty(historian):
-    assert historian.resume == ResumePoint(0, 0, None)
+def test_new_history_is_empty(historian):
+    assert historian.ledger_end == LedgerEnd(0, 0, None)
     assert historian.totals.records == 0
     assert historian.trouble == historian.repair_message == ""
     assert historian.records(*ALWAYS) == ()
@@ -45,10 +45,10 @@ def test_records_read_back_with_their_sections(historian):
     historian.write(records[1:])
     assert all_same(historian.records(*ALWAYS, sections=True), records)
     assert all(same_section(historian.section(r.number), r.section) for r in records)
-    assert historian.resume == ResumePoint(60, 1, records[-1].belt_mm[1], 4711.25)
+    assert historian.ledger_end == LedgerEnd(60, 1, records[-1].belt_mm[1], 4711.25)
 
 
-def test_what_is_not_known_reads_back_as_not_known(historian):
+def test_unknown_values_read_back_as_unknown(historian):
     record = ledger(1)[0]
     record = replace(
         record,
@@ -72,19 +72,19 @@ def test_pages_follow_each_other(historian):
     assert all_same(found, records)
 
 
-def test_only_records_of_that_time(historian):
+def test_records_are_limited_to_the_period(historian):
     records = ledger(50, sections=False)
     historian.write(records)
     found = historian.records(records[10].wall_ns, records[20].wall_ns)
     assert [r.number for r in found] == [r.number for r in records[10:20]]
 
 
-def test_goes_on_after_closing(tmp_path):
+def test_history_continues_after_closing(tmp_path):
     records = ledger(30)
     for start in range(0, 30, 10):
         historian = Historian(tmp_path, SETTINGS)
         assert historian.begin_run() == start // 10 + 1
-        assert historian.resume.number == start
+        assert historian.ledger_end.number == start
         historian.write(records[start : start + 10])
         historian.close()
     historian = Historian(tmp_path, SETTINGS)
@@ -95,11 +95,11 @@ def test_goes_on_after_closing(tmp_path):
 
 @settings(max_examples=10)
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=12))
-def test_asking_again_does_no_harm(tmp_path_factory, asked):
+def test_repeated_write_has_no_effect(tmp_path_factory, ranges):
     records = ledger(40, sections=False)
     historian = Historian(tmp_path_factory.mktemp("h"), SETTINGS)
     end = 0
-    for start, count in asked:
+    for start, count in ranges:
         first = min(start, end)
         historian.write(records[first : first + count])
         end = max(end, min(40, first + count))
@@ -111,7 +111,7 @@ def test_asking_again_does_no_harm(tmp_path_factory, asked):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: replace(r, number=r.number + 1), "goes on with number 6"),
+        (lambda r: replace(r, number=r.number + 1), "continues with number 6"),
         (lambda r: replace(r, belt_mm=(r.belt_mm[0] + 1e-9, r.belt_mm[1])), "they must meet"),
         (lambda r: replace(r, belt_mm=(r.belt_mm[0], r.belt_mm[0] - 1)), "goes forward"),
         (lambda r: replace(r, belt_mm=(r.belt_mm[0], math.nan)), "goes forward"),
@@ -127,7 +127,7 @@ def test_a_ledger_with_a_gap_is_refused_whole(historian, change, message):
         historian.write([records[5], change(replace(records[6], number=9))])
     assert all_same(historian.records(*ALWAYS, sections=True), records[:5])
     historian.write(records)
-    assert historian.resume.number == 7
+    assert historian.ledger_end.number == 7
 
 
 def test_the_database_itself_refuses_a_gap(historian, tmp_path):
@@ -143,14 +143,14 @@ def test_the_database_itself_refuses_a_gap(historian, tmp_path):
     other.close()
 
 
-def test_an_encoder_that_stands_is_no_gap(historian):
+def test_stopped_encoder_is_no_gap(historian):
     records = ledger(3, length_mm=0.0)
     historian.write(records)
-    assert historian.resume.number == 3
+    assert historian.ledger_end.number == 3
     assert historian.totals.length_mm == 0
 
 
-def test_one_folder_one_process(historian, tmp_path):
+def test_folder_is_open_in_one_process_only(historian, tmp_path):
     with pytest.raises(InputError, match="another beltscape"):
         Historian(tmp_path, SETTINGS)
 
@@ -162,7 +162,7 @@ def test_days_keep_their_hour(tmp_path):
     Historian(tmp_path, SETTINGS).close()
 
 
-def test_an_older_database_is_brought_up_to_date(tmp_path, monkeypatch):
+def test_older_database_is_migrated(tmp_path, monkeypatch):
     historian = Historian(tmp_path, SETTINGS)
     records = ledger(5)
     historian.write(records)
@@ -181,7 +181,7 @@ def test_an_older_database_is_brought_up_to_date(tmp_path, monkeypatch):
         Historian(tmp_path, SETTINGS)
 
 
-def test_another_programs_database_is_left_alone(tmp_path):
+def test_another_programs_database_is_not_changed(tmp_path):
     with sqlite3.connect(tmp_path / "history.db") as connection:
         connection.execute("PRAGMA application_id = 77")
     connection.close()
@@ -189,7 +189,7 @@ def test_another_programs_database_is_left_alone(tmp_path):
         Historian(tmp_path, SETTINGS)
 
 
-def test_events_newest_first(historian):
+def test_events_are_returned_newest_first(historian):
     historian.add_event("alarm", "overload", "812 t/h", wall_ns=START_NS)
     historian.add_event("note", "history", "später", by="Ånna", wall_ns=START_NS + 5)
     found = historian.events(START_NS, START_NS + 6)
@@ -221,10 +221,10 @@ def test_readers_never_see_half_a_batch_and_never_stop_the_writer(historian):
     for thread in threads:
         thread.join()
     assert not wrong
-    assert historian.resume.number == 400
+    assert historian.ledger_end.number == 400
 
 
-def test_a_reader_that_takes_its_time_does_not_hold_the_writer(historian):
+def test_slow_reader_does_not_block_the_writer(historian):
     historian.write(ledger(5))
     with historian._store.readers.borrow() as connection:
         assert connection.execute("SELECT count(*) FROM records").fetchone() == (5,)
@@ -232,10 +232,10 @@ def test_a_reader_that_takes_its_time_does_not_hold_the_writer(historian):
         assert connection.execute("SELECT count(*) FROM records").fetchone() == (5,)
         with pytest.raises(sqlite3.OperationalError, match="readonly"):
             connection.execute("DELETE FROM records")
-    assert historian.resume.number == 10
+    assert historian.ledger_end.number == 10
 
 
-def test_reading_after_closing_is_told(tmp_path):
+def test_reading_after_closing_is_refused(tmp_path):
     historian = Historian(tmp_path, SETTINGS)
     historian.close()
     with pytest.raises(InputError, match="closed"):

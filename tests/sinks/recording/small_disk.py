@@ -1,4 +1,4 @@
-"""The recorder on a disk of 8 MiB that it fills; prints what it saw as JSON. Run by test_recorder.py.
+"""The recorder on a disk of 8 MiB that it fills; prints its state as JSON. Run by test_recorder.py.
 
 Mounts the disk itself: run it in a mount namespace of its own.
 """

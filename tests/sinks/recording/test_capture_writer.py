@@ -62,7 +62,7 @@ def test_a_capture_of_the_contract(tmp_path):
     ]
 
 
-def test_an_instant_without_images_still_says_where_the_belt_was(tmp_path):
+def test_instant_without_images_still_has_a_belt_position(tmp_path):
     writer = CaptureWriter(tmp_path, "tiff")
     writer.write(frames(1, images={}))
     writer.write(frames(2))
@@ -70,7 +70,7 @@ def test_an_instant_without_images_still_says_where_the_belt_was(tmp_path):
     assert read_capture(tmp_path).frames == ("000002",)
 
 
-def test_without_an_encoder_there_is_no_table(tmp_path):
+def test_capture_without_an_encoder_has_no_table(tmp_path):
     CaptureWriter(tmp_path, "tiff").write(frames(1, position_mm=None))
     assert not (tmp_path / "encoder.csv").exists()
 
@@ -79,7 +79,7 @@ def test_without_an_encoder_there_is_no_table(tmp_path):
     "next_one",
     [frames(3), frames(4, frame="000003"), frames(4, time_ns=600_000_000), frames(4, position_mm=21.8)],
 )
-def test_what_a_reader_would_refuse_does_not_follow(tmp_path, next_one):
+def test_frame_set_that_a_reader_would_refuse_begins_a_new_capture(tmp_path, next_one):
     writer = CaptureWriter(tmp_path, "tiff")
     writer.write(frames(3))
     assert writer.can_append(frames(4))
@@ -87,7 +87,7 @@ def test_what_a_reader_would_refuse_does_not_follow(tmp_path, next_one):
     assert not writer.can_append(next_one)
 
 
-def test_a_frame_set_that_does_not_fit_leaves_nothing(tmp_path, monkeypatch):
+def test_frame_set_that_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
     import pathlib
 
     writer = CaptureWriter(tmp_path, "tiff")

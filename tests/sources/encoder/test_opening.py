@@ -45,7 +45,7 @@ def udp(tmp_path):
         one.close()
 
 
-def test_datagrams_are_heard(udp):
+def test_datagrams_are_received(udp):
     encoder, send = udp()
     assert encoder.position_at(monotonic_ns(), "f") is None
     send("100.5")
@@ -59,7 +59,7 @@ def test_datagrams_are_heard(udp):
     assert encoder.trouble == ""
 
 
-def test_datagrams_that_are_no_readings_are_told_and_survived(udp):
+def test_datagrams_that_are_no_readings_are_reported(udp):
     encoder, send = udp()
     for text in ("rubbish", "", "1,2,3,4", "\x00\xff", "9" * 5000):
         try:
@@ -71,17 +71,17 @@ def test_datagrams_that_are_no_readings_are_told_and_survived(udp):
     assert "cannot be read" in encoder.trouble
 
 
-def test_datagrams_of_strangers_do_not_count(udp):
+def test_datagrams_of_other_senders_are_ignored(udp):
     encoder, send = udp(sender="127.0.0.2")
     send("1")
     assert until(lambda: "127.0.0.1" in encoder.trouble)
     assert encoder.position_at(monotonic_ns(), "f") is None
 
 
-def test_several_lines_in_a_datagram(udp):
+def test_datagram_may_have_several_lines(udp):
     encoder, send = udp()
     send("0.00,5\n0.01,6\n0.02,7\n")
-    assert until(lambda: encoder._track._positions_mm == [7.0])  # nothing tells yet when they were taken
+    assert until(lambda: encoder._track._positions_mm == [7.0])  # their times are not known yet
     assert encoder.trouble == ""
 
 
@@ -93,7 +93,7 @@ def test_a_port_in_use_is_refused(udp, tmp_path):
         open_encoder(EncoderSettings(kind="udp", host="not an address"), tmp_path)
 
 
-def test_a_growing_file_is_followed(tmp_path):
+def test_growing_file_is_followed(tmp_path):
     path = tmp_path / "encoder.csv"
     path.write_text("frame,timestamp_s,belt_position_mm\nold,1.0,5\n")
     settings = EncoderSettings(kind="file", path="encoder.csv", poll_s=0.002)
@@ -114,7 +114,7 @@ def test_a_growing_file_is_followed(tmp_path):
         encoder.close()
 
 
-def test_a_folder_in_the_files_place_is_told(tmp_path):
+def test_folder_in_place_of_the_file_is_refused(tmp_path):
     encoder = open_encoder(EncoderSettings(kind="file", path=".", poll_s=0.002), tmp_path)
     try:
         assert until(lambda: "cannot be read" in encoder.trouble)
@@ -122,7 +122,7 @@ def test_a_folder_in_the_files_place_is_told(tmp_path):
         encoder.close()
 
 
-def test_a_captures_table_is_by_frame(tmp_path):
+def test_table_of_a_capture_is_read_by_frame(tmp_path):
     (tmp_path / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\na.png,0.0,10\nb,0.1,40\n")
     encoder = open_encoder(EncoderSettings(kind="capture"), tmp_path / "elsewhere", capture=tmp_path)
     assert [encoder.position_at(None, name) for name in ("a", "b", "c")] == [10, 40, None]
@@ -133,7 +133,7 @@ def test_a_captures_table_is_by_frame(tmp_path):
         open_encoder(EncoderSettings(kind="capture"), tmp_path)
 
 
-def test_a_told_speed_goes_on_from_the_ledgers_end(tmp_path):
+def test_constant_speed_continues_from_the_ledgers_end(tmp_path):
     encoder = open_encoder(EncoderSettings(kind="constant", speed_mm_s=2000), tmp_path, resume_mm=500.0)
     assert encoder.position_at(7_000_000_000, "a") == 500
     assert encoder.position_at(7_500_000_000, "b") == 1500
@@ -141,7 +141,7 @@ def test_a_told_speed_goes_on_from_the_ledgers_end(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["camera", "none"])
-def test_without_an_encoder_of_its_own(tmp_path, kind):
+def test_kinds_without_an_encoder_open_none(tmp_path, kind):
     assert open_encoder(EncoderSettings(kind=kind), tmp_path) is None
 
 
@@ -155,6 +155,6 @@ def test_without_an_encoder_of_its_own(tmp_path, kind):
         ({"kind": "upd"}, "kind = 'upd'"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(tmp_path, values, words):
+def test_invalid_settings_are_refused(tmp_path, values, words):
     with pytest.raises(InputError, match=words):
         validate(tmp_path / "project.toml", EncoderSettings, values)

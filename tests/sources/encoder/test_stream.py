@@ -33,20 +33,20 @@ def test_a_reading_is_read_as_it_was_written(position, stamp):
 @pytest.mark.parametrize(
     "line", ["", "  ", "frame,timestamp_s,belt_position_mm", "timestamp_s,belt_position_mm"]
 )
-def test_headers_and_empty_lines_say_nothing(line):
+def test_headers_and_empty_lines_are_no_readings(line):
     assert parse_reading(line) is None
 
 
 @pytest.mark.parametrize(
     "line", ["nan", "inf", "1e16", "1,2,3,4", "a", "1;2", "1,", ",1,", "0" * 300, "1,x,2"]
 )
-def test_what_is_no_reading_is_refused(line):
+def test_other_text_is_refused(line):
     with pytest.raises(ValueError, match=r"."):
         parse_reading(line)
 
 
 @given(st.text(max_size=400))
-def test_no_text_harms(line):
+def test_any_text_is_parsed_or_refused(line):
     stream = ReadingStream(SETTINGS)
     stream.add_line("1.0", 10)
     stream.add_line(line, 20)
@@ -54,7 +54,7 @@ def test_no_text_harms(line):
     assert "\n" not in stream.trouble
 
 
-def test_positions_between_arrivals():
+def test_positions_are_interpolated_between_arrivals():
     stream = ReadingStream(SETTINGS)
     for k in range(5):
         stream.add_line(f"{100 + 10 * k}", k * 10 * MS)
@@ -62,14 +62,14 @@ def test_positions_between_arrivals():
     assert stream.position_at(None, "f") is None
 
 
-def test_device_times_are_laid_on_this_machines():
+def test_device_times_are_converted_to_this_machines():
     stream = ReadingStream(SETTINGS)
     for k, delay in enumerate((3, 0, 5, 9, 2)):
         stream.add_line(f"{1.7e9 + 0.01 * k:.6f},{20 * k}", (1000 + 10 * k + delay) * MS)
     assert stream.position_at(1035 * MS, "f") == pytest.approx(70, abs=0.01)
 
 
-def test_device_times_may_be_disbelieved():
+def test_device_times_may_be_ignored():
     stream = ReadingStream(EncoderSettings(kind="udp", wait_s=0, times="arrival"))
     for k, delay in enumerate((3, 0, 5)):
         stream.add_line(f"{1.7e9 + 0.01 * k:.6f},{20 * k}", (1000 + 10 * k + delay) * MS)
@@ -93,7 +93,7 @@ def test_a_named_frame_has_its_own_reading():
     assert stream.position_at(3_600_000 * MS, "f1") is None
 
 
-def test_what_is_wrong_is_told():
+def test_faults_are_reported():
     stream = ReadingStream(SETTINGS)
     assert stream.trouble == ""
     now = monotonic_ns()
@@ -109,7 +109,7 @@ def test_what_is_wrong_is_told():
     assert "jumped" in jumped.trouble
 
 
-def test_silence_grows_and_ends():
+def test_silence_increases_and_ends():
     stream = ReadingStream(SETTINGS)
     now = monotonic_ns()
     stream.add_line("1", now - 5_000 * MS)
@@ -120,8 +120,8 @@ def test_silence_grows_and_ends():
     assert stream.silent_s < 1
 
 
-def test_the_count_goes_on_over_a_reset_and_a_restart(tmp_path):
-    """Device: 900 m, reset, 40 m; the program is started anew at 40 m and again at 60 m."""
+def test_count_continues_over_a_reset_and_a_restart(tmp_path):
+    """Device: 900 m, reset, 40 m; the program is restarted at 40 m and at 60 m."""
     offset = EncoderOffset(tmp_path / "encoder.json", SETTINGS)
     first = ReadingStream(SETTINGS, offset)
     first.add_line("900000", 0)
@@ -139,13 +139,13 @@ def test_the_count_goes_on_over_a_reset_and_a_restart(tmp_path):
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", '{"format": "beltscape-encoder/1"}', "null", '{"offset_mm": 5}']
 )
-def test_a_spoilt_origin_counts_as_none(tmp_path, text):
+def test_damaged_offset_counts_as_none(tmp_path, text):
     path = tmp_path / "encoder.json"
     path.write_text(text)
     assert EncoderOffset(path, SETTINGS).read_mm() == 0
 
 
-def test_an_origin_is_its_encoders_own(tmp_path):
+def test_offset_belongs_to_its_encoder(tmp_path):
     path = tmp_path / "encoder.json"
     assert EncoderOffset(path, SETTINGS).write_mm(12.5) == ""
     assert json.loads(path.read_text())["format"] == "beltscape-encoder/1"
@@ -153,7 +153,7 @@ def test_an_origin_is_its_encoders_own(tmp_path):
     assert EncoderOffset(path, EncoderSettings(kind="udp", mm_per_count=0.5)).read_mm() == 0
 
 
-def test_an_origin_that_cannot_be_written_is_told(tmp_path):
+def test_offset_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "data").write_text("a file in the way")
     stream = ReadingStream(SETTINGS, EncoderOffset(tmp_path / "data" / "encoder.json", SETTINGS))
     now = monotonic_ns()

@@ -24,7 +24,7 @@ def track(readings, silent_ms=100):
 
 
 @given(GAPS, floats(-10, 10), floats(-1e6, 1e6), floats(0, 1))
-def test_a_steady_belt_is_found_anywhere(gaps, speed, start, place):
+def test_position_at_constant_speed_is_exact(gaps, speed, start, place):
     times = [sum(gaps[:k]) for k in range(len(gaps) + 1)]
     found = track([(t, start + speed * t) for t in times])
     time_ns = round(place * times[-1] * MS)
@@ -32,30 +32,30 @@ def test_a_steady_belt_is_found_anywhere(gaps, speed, start, place):
 
 
 @given(GAPS, st.data())
-def test_it_lies_between_its_neighbours(gaps, data):
+def test_position_lies_between_its_neighbours(gaps, data):
     times = [sum(gaps[:k]) for k in range(len(gaps) + 1)]
     steps = data.draw(st.lists(floats(0, 50), min_size=len(times), max_size=len(times)))
     places = [sum(steps[: k + 1]) for k in range(len(times))]
     found = track(zip(times, places, strict=True))
-    asked = sorted(data.draw(st.lists(floats(0, times[-1]), min_size=1, max_size=20)))
-    positions = [found.position_at(round(t * MS)) for t in asked]
+    times_ms = sorted(data.draw(st.lists(floats(0, times[-1]), min_size=1, max_size=20)))
+    positions = [found.position_at(round(t * MS)) for t in times_ms]
     assert positions == sorted(positions)
     assert places[0] <= positions[0] <= positions[-1] <= places[-1]
 
 
-def test_before_the_first_reading_and_without_any_nothing_is_told():
+def test_position_before_the_first_reading_is_unknown():
     assert PositionTrack(MS).position_at(5) is None
     assert track([(10, 1.0), (20, 2.0)]).position_at(10 * MS - 1) is None
     assert track([(10, 1.0)]).position_at(10 * MS) == 1.0
     assert track([(10, 1.0)]).position_at(11 * MS) is None
 
 
-def test_within_a_silence_nothing_is_told():
+def test_position_within_a_gap_is_unknown():
     found = track([(0, 0.0), (10, 1.0), (200, 2.0), (210, 3.0)])
     assert [found.position_at(t * MS) for t in (10, 11, 199, 200, 205)] == [1.0, None, None, 2.0, 2.5]
 
 
-def test_it_goes_on_for_twice_its_last_interval():
+def test_track_is_extrapolated_for_twice_its_last_interval():
     found = track([(0, 0.0), (10, 1.0)])
     assert found.position_at(30 * MS) == pytest.approx(3.0)
     assert found.position_at(30 * MS + 1) is None
@@ -64,7 +64,7 @@ def test_it_goes_on_for_twice_its_last_interval():
     assert slow.position_at(190 * MS + 1) is None
 
 
-def test_a_reading_that_is_no_later_replaces_the_last():
+def test_reading_that_is_not_later_replaces_the_last():
     found = track([(0, 0.0), (10, 1.0), (10, 2.0), (9, 3.0)])
     assert found.position_at(10 * MS) == 3.0
     assert found.position_at(5 * MS) == 1.5
@@ -88,7 +88,7 @@ def test_a_frame_waits_for_the_reading_after_it():
     later.join()
 
 
-def test_nobody_waits_for_one_that_is_silent_or_closed():
+def test_silent_or_closed_track_is_not_waited_for():
     silent = track([(0, 0.0), (10, 1.0)])
     begun = monotonic_ns()
     assert silent.position_at(monotonic_ns(), wait_ns=5_000 * MS) is None
@@ -103,7 +103,7 @@ def test_nobody_waits_for_one_that_is_silent_or_closed():
 
 
 @given(st.lists(st.integers(0, 50), min_size=2, max_size=60), st.integers(-(10**12), 10**12))
-def test_a_device_clock_is_laid_by_its_quickest_message(delays, apart_ms):
+def test_device_clock_follows_its_fastest_message(delays, apart_ms):
     clock = DeviceClock()
     for k, delay in enumerate(delays):
         true_ns = (1_000_000 + 10 * k) * MS
@@ -113,7 +113,7 @@ def test_a_device_clock_is_laid_by_its_quickest_message(delays, apart_ms):
         assert found - true_ns == min(delays[: k + 1]) * MS
 
 
-def test_a_drifting_device_clock_is_followed():
+def test_drifting_device_clock_is_tracked():
     clock = DeviceClock()
     for k in range(200_000):
         true_ns = k * 10 * MS
@@ -121,7 +121,7 @@ def test_a_drifting_device_clock_is_followed():
     assert abs(found - true_ns) < 2.1 * MS
 
 
-def test_messages_out_of_order_are_left_out_and_a_clock_that_was_set_back_is_laid_anew():
+def test_messages_out_of_order_are_skipped_and_a_clock_set_back_is_estimated_anew():
     clock = DeviceClock()
     assert clock.steady_ns(5_000 * MS, 100 * MS) == 100 * MS
     assert clock.steady_ns(4_990 * MS, 101 * MS) is None
@@ -130,7 +130,7 @@ def test_messages_out_of_order_are_left_out_and_a_clock_that_was_set_back_is_lai
     assert not math.isnan(clock.steady_ns(9_000_000 * MS, 130 * MS))
 
 
-def test_a_clock_that_was_set_forward_is_laid_anew():
+def test_clock_set_forward_is_estimated_anew():
     clock = DeviceClock()
     clock.steady_ns(5_000 * MS, 100 * MS)
     assert clock.steady_ns(90_000 * MS, 110 * MS) == 110 * MS

@@ -36,7 +36,7 @@ def read(tmp_path, text: str) -> CamerasSettings:
     return validate(path, CamerasSettings, read_toml(path))
 
 
-def test_a_camera_has_its_own_or_what_all_have(tmp_path):
+def test_camera_has_its_own_or_the_common_settings(tmp_path):
     settings = read(tmp_path, TABLE)
     assert (settings.exposure_of("cam0"), settings.exposure_of("cam1")) == (800, 950)
     assert (settings.format_of("cam0"), settings.format_of("cam1")) == ("Mono12p", "BayerRG8")
@@ -45,7 +45,7 @@ def test_a_camera_has_its_own_or_what_all_have(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("exposure_us = 800", "exposure_ms = 1", "did you mean exposure_us"),
         ("[own.cam1]", "[own.cam2]", "own.cam2: no such camera in devices; there are cam0, cam1"),
@@ -57,25 +57,25 @@ def test_a_camera_has_its_own_or_what_all_have(tmp_path):
         ('"Mono12p"', '"Mono13"', "pixel_format"),
     ],
 )
-def test_what_does_not_fit_is_told_in_one_line(tmp_path, old, new, says):
-    with pytest.raises(InputError) as told:
+def test_invalid_settings_are_refused_in_one_line(tmp_path, old, new, message):
+    with pytest.raises(InputError) as error:
         read(tmp_path, TABLE.replace(old, new, 1))
-    assert says in str(told.value)
-    assert "\n" not in str(told.value)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_every_format_that_can_be_set_can_be_read():
     assert set(PixelFormat.__args__) - {one.name for one in FORMATS.values()} == set()
 
 
-def test_a_rig_s_camera_without_a_device_is_told():
+def test_rig_camera_without_a_device_is_refused():
     pytest.importorskip("gi", reason="PyGObject is not installed")
     settings = CamerasSettings(devices={"cam0": "127.0.0.11"})
     with pytest.raises(SettingsError, match="cam1 has no device; there are cam0"):
         open_cameras(settings, "cam0", {"cam0": (4, 4), "cam1": (4, 4)})
 
 
-def test_without_aravis_it_says_what_to_install(monkeypatch):
+def test_missing_aravis_is_refused_with_the_packages(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "gi", None)
     with pytest.raises(SettingsError, match=r"gir1\.2-aravis-0\.8.*pip install 'beltscape\[cameras\]'"):
         open_cameras(CamerasSettings(devices={"cam0": "127.0.0.11"}), "cam0")
@@ -84,7 +84,7 @@ def test_without_aravis_it_says_what_to_install(monkeypatch):
 @given(
     st.integers(0, 2**20), st.lists(st.integers(-100, 30000), max_size=50), st.sampled_from([0.05, 2.0, -0.1])
 )
-def test_position_goes_on_when_the_counter_begins_again(start, steps, mm_per_count):
+def test_position_continues_when_the_counter_wraps(start, steps, mm_per_count):
     counter = BeltCounter(EncoderSettings(mm_per_count=mm_per_count, chunk="CounterValue", bits=16))
     count, begin = start, counter.position_mm(start % 65536)
     for step in steps:
@@ -92,7 +92,7 @@ def test_position_goes_on_when_the_counter_begins_again(start, steps, mm_per_cou
         assert counter.position_mm(count % 65536) - begin == pytest.approx((count - start) * mm_per_count)
 
 
-def test_position_goes_on_when_the_camera_lost_power():
+def test_position_continues_after_a_power_loss():
     counter = BeltCounter(EncoderSettings(mm_per_count=0.5, feature="Counter0Value"))
     assert counter.position_mm(10_000) == 5000
     counter.on_reopened()
@@ -102,6 +102,6 @@ def test_position_goes_on_when_the_camera_lost_power():
     assert counter.position_mm(30) == 5065  # backwards
 
 
-def test_a_limit_is_a_limit():
+def test_limits_of_settings_are_enforced():
     with pytest.raises(ValidationError):
         CamerasSettings(devices={})

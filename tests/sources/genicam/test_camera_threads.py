@@ -20,7 +20,7 @@ MONO8 = 0x01080001
 
 
 class Steered:
-    """A camera that answers a trigger at once, until it is told to be dead: then its calls hang."""
+    """A camera that answers a trigger at once, until it is set to dead: then its calls hang."""
 
     def __init__(self, size=(8, 6), level: int = 100) -> None:
         self.size, self.level = size, level
@@ -81,7 +81,7 @@ def fetch(source: GenicamSource, enough, seconds: float = 6.0) -> list[tuple[flo
     return out
 
 
-def test_a_dead_camera_s_trigger_call_delays_no_other():
+def test_trigger_of_a_lost_camera_delays_no_other():
     a, b, again = Steered(), Steered(), Steered()
     source = source_of({"cam0": [a], "cam1": [b, again]})
     fetch(source, lambda one: len(one.images) == 2)
@@ -98,7 +98,7 @@ def test_a_dead_camera_s_trigger_call_delays_no_other():
     source.close()
 
 
-def test_it_waits_for_a_camera_that_cannot_be_opened_and_says_why(monkeypatch):
+def test_camera_that_cannot_be_opened_is_retried_and_reported(monkeypatch):
     monkeypatch.setattr("beltscape.sources.genicam.source.START_S", 0.2)
     trouble = [InputError("cam1 (10.0.0.7): no answer")] * 5
     source = source_of(
@@ -112,7 +112,7 @@ def test_it_waits_for_a_camera_that_cannot_be_opened_and_says_why(monkeypatch):
     source.close()
 
 
-def test_images_that_cannot_be_used_are_told():
+def test_unusable_images_are_reported():
     source = source_of({"cam0": [Steered()], "cam1": [Steered(size=(4, 4))], "cam2": [Steered(level=255)]})
     fetch(source, lambda one: set(one.images) == {"cam0", "cam2"} and source.health()["cam1"].message != "")
     health = source.health()
@@ -123,7 +123,7 @@ def test_images_that_cannot_be_used_are_told():
     source.close()
 
 
-def test_what_nobody_fetches_is_dropped_oldest_first():
+def test_unfetched_frame_sets_are_dropped_oldest_first():
     source = source_of({"cam0": [Steered()]})
     first = fetch(source, lambda _: True)[0][1]
     time.sleep((READY + 10) / 25)
@@ -133,7 +133,7 @@ def test_what_nobody_fetches_is_dropped_oldest_first():
     source.close()
 
 
-def test_closing_ends_the_iteration_even_with_a_dead_camera():
+def test_closing_ends_the_iteration_with_a_lost_camera():
     dead = Steered()
     dead.dead = True
     source = source_of({"cam0": [Steered()], "cam1": [dead]})
@@ -151,7 +151,7 @@ def test_all_threads_have_the_same_instants():
     assert pace.after(99.95) == pytest.approx(100.0)
 
 
-def test_brightness_is_judged():
+def test_brightness_faults_are_found():
     assert find_brightness_fault(np.full((40, 40), 255, np.uint8)).startswith("overexposed: 100%")
     assert find_brightness_fault(np.full((40, 40), 900, np.uint16)).startswith(
         "dark: the brightest pixels reach 1.4%"

@@ -25,7 +25,7 @@ ROUND = 25
 
 
 def picture(camera: int, number: int) -> np.ndarray:
-    """Noise of the camera's own; its first row tells the number."""
+    """Noise of one camera; its first row encodes the number."""
     image = np.random.default_rng(camera).integers(0, 200, SIZE[::-1], dtype=np.uint8)
     image[0] = 10 * number
     return image
@@ -169,7 +169,7 @@ def test_formats_and_sizes_as_set(fake_network, tmp_path):
     assert tuple(images["cam0"][20, 20]) == (200, 0, 50)
 
 
-def test_what_does_not_fit_is_told_and_the_others_go_on(fake_network, tmp_path):
+def test_unsupported_camera_is_reported_and_the_others_continue(fake_network, tmp_path):
     bench = SimulatedCameras(tmp_path / "bench", {name: PICTURES[name] for name in ("cam0", "cam1")}, 10)
     devices = {"cam0": bench.devices["cam0"], "cam1": "cam1", "cam2": "GV99"}  # two by serial number
     settings = settings_of(bench, devices=devices, own={"cam0": {"gain_db": -20}}, encoder=None)
@@ -187,7 +187,7 @@ def test_what_does_not_fit_is_told_and_the_others_go_on(fake_network, tmp_path):
     assert health["cam1"].state == "ok"
 
 
-def test_it_finds_and_checks_simulated_cameras(tmp_path, fake_network):
+def test_simulated_cameras_are_found_and_checked(tmp_path, fake_network):
     project = tmp_path / "project.toml"
     project.write_text(
         '[cameras]\npixel_format = "Mono12p"\ntrigger = "line"\ntrigger_line = "Line0"\n'

@@ -28,7 +28,7 @@ PERIOD_NS = 100_000_000
     start_ns=st.integers(0, 2**61),
     present=st.lists(st.booleans(), min_size=3, max_size=3),
 )
-def test_processes_agree_on_the_instant_whatever_they_missed(tmp_path_factory, late, start_ns, present):
+def test_processes_agree_on_the_instant(tmp_path_factory, late, start_ns, present):
     path = tmp_path_factory.mktemp("instants") / "instants"
     each = [InstantCounter(path, 0.1) for _ in late[0]]
     first = late[0][0] * 1_000_000
@@ -42,7 +42,7 @@ def test_processes_agree_on_the_instant_whatever_they_missed(tmp_path_factory, l
         one.close()
 
 
-def test_one_that_comes_later_counts_on(tmp_path):
+def test_later_process_continues_the_count(tmp_path):
     early = InstantCounter(tmp_path / "instants", 0.1)
     assert [early.number_at(5 + k * PERIOD_NS) for k in range(4)] == [0, 1, 2, 3]
     late = InstantCounter(tmp_path / "instants", 0.1)
@@ -56,7 +56,7 @@ def test_one_that_comes_later_counts_on(tmp_path):
 @pytest.mark.parametrize(
     ("shape", "dtype", "name"), [((3, 4), "u1", "Mono8"), ((3, 4), "u2", "Mono16"), ((3, 4, 3), "u1", "RGB8")]
 )
-def test_an_album_reads_back(tmp_path, shape, dtype, name):
+def test_album_reads_back(tmp_path, shape, dtype, name):
     images = [np.full(shape, k, dtype) for k in range(3)]
     write_album(tmp_path / "a.npy", images)
     np.testing.assert_array_equal(read_album(tmp_path / "a.npy"), images)
@@ -85,11 +85,11 @@ def test_a_capture_s_frames_that_all_cameras_have_with_the_belt_s_counts(tmp_pat
 def test_the_printed_tables_are_a_project_that_reads_the_encoder(tmp_path, frames_per_s, mm_per_count):
     images = [np.zeros((3, 4), np.uint8)] * 2
     bench = SimulatedCameras(tmp_path / "bench", {"cam0": images, "cam1": images}, frames_per_s)
-    told = tomllib.loads(project_tables(bench, frames_per_s, mm_per_count))
-    cameras = CamerasSettings.model_validate(told["cameras"])
+    tables = tomllib.loads(project_tables(bench, frames_per_s, mm_per_count))
+    cameras = CamerasSettings.model_validate(tables["cameras"])
     assert cameras.allowed_skew_ms == pytest.approx(300 / frames_per_s)
-    assert CameraSkew.model_validate(told["alarms"]["camera_skew"]).skew_ms == cameras.allowed_skew_ms
-    assert told.get("encoder", {}).get("kind") == (None if mm_per_count is None else "camera")
+    assert CameraSkew.model_validate(tables["alarms"]["camera_skew"]).skew_ms == cameras.allowed_skew_ms
+    assert tables.get("encoder", {}).get("kind") == (None if mm_per_count is None else "camera")
     assert (cameras.encoder is None) == (mm_per_count is None)
 
 

@@ -1,4 +1,4 @@
-"""Settings as they arrive at a camera, told by a camera that writes down what it is asked."""
+"""Settings as they arrive at a camera, recorded by a camera that stores its calls."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Notebook:
 
     def __init__(self, features=("TriggerActivation", "PtpEnable")) -> None:
         self.features = features
-        self.asked: dict[str, tuple] = {}
+        self.calls: dict[str, tuple] = {}
 
     def __getattr__(self, call: str):
         answers = {
@@ -39,7 +39,7 @@ class Notebook:
                 return answers[call]
             if call.startswith("is_"):
                 return True
-            self.asked[f"{call} {values[0]}" if call in ("set_boolean", "set_string") else call] = values
+            self.calls[f"{call} {values[0]}" if call in ("set_boolean", "set_string") else call] = values
             return None
 
         return called
@@ -48,11 +48,11 @@ class Notebook:
 def apply(camera: Notebook, size_px=(640, 480), **more) -> dict[str, tuple]:
     settings = CamerasSettings.model_validate({"devices": {"cam0": "10.0.0.1"}, **more})
     Features(LIB, "cam0", camera).apply(settings, size_px)
-    return camera.asked
+    return camera.calls
 
 
-def test_line_trigger_light_network_and_shared_clock():
-    asked = apply(
+def test_line_trigger_exposure_network_and_shared_clock_are_set():
+    calls = apply(
         Notebook(),
         trigger="line",
         trigger_activation="FallingEdge",
@@ -63,7 +63,7 @@ def test_line_trigger_light_network_and_shared_clock():
         packet_size=8000,
         packet_delay_ns=5000,
     )
-    assert asked == {
+    assert calls == {
         "set_pixel_format_from_string": ("Mono12p",),
         "set_exposure_time_auto": ("off",),
         "set_exposure_time": (700,),
@@ -78,9 +78,9 @@ def test_line_trigger_light_network_and_shared_clock():
     }
 
 
-def test_what_is_not_given_stays_as_the_camera_stands():
-    asked = apply(Notebook(features=("GevIEEE1588",)), clocks="ptp", trigger="free", frames_per_s=20)
-    assert asked == {
+def test_settings_not_given_are_not_changed():
+    calls = apply(Notebook(features=("GevIEEE1588",)), clocks="ptp", trigger="free", frames_per_s=20)
+    assert calls == {
         "set_pixel_format_from_string": ("Mono8",),
         "set_acquisition_mode": ("continuous",),
         "clear_triggers": (),
@@ -90,13 +90,13 @@ def test_what_is_not_given_stays_as_the_camera_stands():
     }
 
 
-def test_a_part_of_the_sensor():
-    asked = apply(Notebook(), (320, 200), own={"cam0": {"offset_px": [16, 8]}})
-    assert asked["set_region"] == (16, 8, 320, 200)
+def test_part_of_the_sensor_is_set():
+    calls = apply(Notebook(), (320, 200), own={"cam0": {"offset_px": [16, 8]}})
+    assert calls["set_region"] == (16, 8, 320, 200)
 
 
 @pytest.mark.parametrize(
-    ("size_px", "more", "says"),
+    ("size_px", "more", "message"),
     [
         ((640, 480), {"pixel_format": "RGB8"}, "offers no RGB8; it has Mono12p, Mono8"),
         (
@@ -109,10 +109,10 @@ def test_a_part_of_the_sensor():
         ((640, 500), {}, "640×500 px from 0, 0 on do not fit on the sensor's 640×480"),
     ],
 )
-def test_what_the_camera_cannot_do_is_told(size_px, more, says):
-    with pytest.raises(InputError, match="cam0: ") as told:
+def test_unsupported_setting_is_refused(size_px, more, message):
+    with pytest.raises(InputError, match="cam0: ") as error:
         apply(Notebook(), size_px, **more)
-    assert says in str(told.value)
+    assert message in str(error.value)
 
 
 def test_a_missing_feature_names_the_setting():

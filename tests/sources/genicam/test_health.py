@@ -20,7 +20,7 @@ def health(settings=SETTINGS, monitor=None, statistics=None, trouble="", is_open
 
 
 @pytest.mark.parametrize(
-    ("given", "state", "says"),
+    ("given", "state", "message"),
     [
         ({}, "ok", ""),
         ({"monitor": CameraMonitor()}, "waiting", "10.0.0.5 is being started"),
@@ -53,20 +53,20 @@ def health(settings=SETTINGS, monitor=None, statistics=None, trouble="", is_open
         ({"monitor": CameraMonitor(last_s=99.9, broken=4, broken_s=80)}, "ok", ""),
     ],
 )
-def test_states_and_words(given, state, says):
-    told = health(**given)
-    assert told.state == state
-    assert says in told.message
-    assert bool(told.message) == bool(says)
-    assert "\n" not in told.message
+def test_health_has_state_and_message(given, state, message):
+    camera = health(**given)
+    assert camera.state == state
+    assert message in camera.message
+    assert bool(camera.message) == bool(message)
+    assert "\n" not in camera.message
 
 
-def test_figures():
+def test_health_has_rate_and_counts():
     monitor = CameraMonitor()
     for i in range(100):
         monitor.add_image(90 + i / 10)
-    told = health(monitor=monitor, statistics=CameraStatistics(taken=100, missed=3, skew_ns=-1_500_000))
-    assert (told.frames, told.missed, told.skew_ms) == (100, 3, -1.5)
-    assert told.rate_hz == pytest.approx(10)
+    camera = health(monitor=monitor, statistics=CameraStatistics(taken=100, missed=3, skew_ns=-1_500_000))
+    assert (camera.frames, camera.missed, camera.skew_ms) == (100, 3, -1.5)
+    assert camera.rate_hz == pytest.approx(10)
     assert isnan(health().skew_ms)
     assert health(monitor=CameraMonitor(last_s=50.0)).rate_hz == 0

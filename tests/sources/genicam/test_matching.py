@@ -104,7 +104,7 @@ wires = st.builds(
 
 
 @given(st.lists(wires, min_size=2, max_size=4), st.integers(0, 1000))
-def test_nothing_is_mixed_whatever_is_lost_or_late(each, seed):
+def test_instants_are_never_mixed_with_lost_or_late_images(each, seed):
     _, given_out = played(dict(zip(CAMERAS, each, strict=False)), 60, seed=seed)
     assert_laws(given_out)
 
@@ -114,7 +114,7 @@ def test_nothing_is_mixed_whatever_is_lost_or_late(each, seed):
     st.lists(st.integers(0, 10**18), min_size=4, max_size=4),
     st.lists(st.floats(-80, 80), min_size=4, max_size=4),
 )
-def test_everything_prompt_is_complete(offsets, drifts):
+def test_prompt_images_give_complete_instants(offsets, drifts):
     cameras = {n: Wire(o, d) for n, o, d in zip(CAMERAS, offsets, drifts, strict=True)}
     matcher, given_out = played(cameras, 200)
     assert_laws(given_out)
@@ -123,7 +123,7 @@ def test_everything_prompt_is_complete(offsets, drifts):
     assert all(matcher.statistics(name).late == 0 for name in CAMERAS)
 
 
-def test_drift_is_told():
+def test_drift_is_estimated():
     wires = {"cam0": Wire(drift_ppm=40.0), "cam1": Wire(5 * 10**12, drift_ppm=-60.0, jitter_ns=0)}
     matcher, _ = played(wires, 400)
     assert matcher.clock("cam0").drift_ppm == pytest.approx(40, abs=15)
@@ -141,7 +141,7 @@ def test_an_instant_waits_no_longer_than_allowed_and_only_once():
     assert statistics.missed == 40
 
 
-def test_at_the_start_the_first_waits_for_the_others():
+def test_first_camera_waits_for_the_others_at_the_start():
     rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, start_ns=2000 * MS)
     late = Wire(lost=set(range(10, 20)))
     _, given_out = played({"cam0": Wire(), "cam1": late}, 40, rules)
@@ -150,7 +150,7 @@ def test_at_the_start_the_first_waits_for_the_others():
     assert given_out[0][1].shots["cam0"].payload == pytest.approx(10 + 5 + 20, abs=2)
 
 
-def test_it_comes_back_with_a_new_clock_and_count():
+def test_reopened_camera_has_a_new_clock_and_count():
     before = Wire(10**15, first_id=900).shots("cam1", range(10, 40), 1)
     after = Wire(5 * 10**9, first_id=1).shots("cam1", range(70, 100), 2)
     other = Wire().shots("cam0", range(10, 100), 3)
@@ -168,7 +168,7 @@ def test_it_comes_back_with_a_new_clock_and_count():
     assert matcher.statistics("cam1").skipped == 0
 
 
-def test_the_core_may_be_absent_and_time_goes_on():
+def test_core_may_be_absent_while_time_increases():
     wires = {"cam0": Wire(10**17, 50, lost=set(range(200, 300))), "cam1": Wire(3, -50), "cam2": Wire(10**9)}
     _, given_out = played(wires, 400)
     assert_laws(given_out)
@@ -176,7 +176,7 @@ def test_the_core_may_be_absent_and_time_goes_on():
     assert np.all(np.abs(steps - PERIOD) < 3 * MS)
 
 
-def test_an_image_too_far_from_the_others_is_left_out_and_told():
+def test_image_too_far_from_the_others_is_skipped_and_counted():
     wires = {"cam0": Wire(), "cam1": Wire(), "cam2": Wire()}
     matcher: InstantMatcher[int] = InstantMatcher(tuple(wires), "cam0", RULES)
     given_out: list[MatchedInstant[int]] = []
@@ -194,7 +194,7 @@ def test_an_image_too_far_from_the_others_is_left_out_and_told():
     assert not matcher.statistics("cam1").out_of_skew
 
 
-def test_between_two_clocks_on_one_pulse_the_constant_part_is_error():
+def test_constant_offset_on_a_common_pulse_is_clock_error():
     rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, common_pulse=True)
     matcher: InstantMatcher[int] = InstantMatcher(("cam0", "cam1"), "cam0", rules)
     for k in range(60):
@@ -206,7 +206,7 @@ def test_between_two_clocks_on_one_pulse_the_constant_part_is_error():
     assert matcher.statistics("cam1").skew_ns == pytest.approx(2 * MS, abs=MS // 10)
 
 
-def test_a_clock_that_is_not_shared_is_told():
+def test_clock_that_is_not_shared_is_reported():
     rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, clocks="ptp")
     wires = {"cam0": Wire(10**18), "cam1": Wire(10**18), "cam2": Wire(10**18 + 37 * 10**9)}
     matcher, given_out = played(wires, 50, rules)
@@ -217,7 +217,7 @@ def test_a_clock_that_is_not_shared_is_told():
     assert len(given_out[-1][1].shots) == 2
 
 
-def test_a_clock_that_is_set_while_running_is_learned_again():
+def test_clock_set_while_running_is_estimated_again():
     matcher: InstantMatcher[int] = InstantMatcher(("cam0", "cam1"), "cam0", RULES)
     given_out = []
     for k in range(120):
@@ -245,5 +245,5 @@ def test_a_clock_that_is_set_while_running_is_learned_again():
         (8, 7, 0),
     ],
 )
-def test_what_the_count_says_is_lost(before, after, lost):
+def test_missing_images_are_counted(before, after, lost):
     assert count_missing(before, after) == lost

@@ -66,7 +66,7 @@ def test_the_whole_range_is_used_evenly(bits):
 @pytest.mark.parametrize(
     ("suffix", "bits"), [("8", 8), ("12", 12), ("12p", 12), ("12Packed", 12), ("16", 16)]
 )
-def test_colours_come_from_where_the_mosaic_has_them(start, suffix, bits):
+def test_colours_come_from_their_mosaic_pixels(start, suffix, bits):
     colour = {"R": 0.8, "G": 0.4, "B": 0.1}
     pattern = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}[start]
     top = (1 << bits) - 1
@@ -96,7 +96,7 @@ def test_plain_images_are_the_camera_s_bytes():
     np.testing.assert_array_equal(decode_image(backwards.tobytes(), CODES["BGR8"], (7, 6)), colour)
 
 
-def test_what_is_not_understood_or_too_short_is_told():
+def test_unsupported_or_short_buffer_is_refused():
     with pytest.raises(InputError, match="0x02100032 is not supported"):
         decode_image(b"", 0x02100032, (2, 2))
     with pytest.raises(InputError, match=r"4×2 Mono12Packed has 11 bytes instead of 12"):

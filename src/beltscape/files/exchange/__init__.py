@@ -91,11 +91,11 @@ def detect_format(path: Path) -> str:
     documents = [read_document(file) for file in (yaml_files(path) if path.is_dir() else [path])]
     if any(isinstance(d, dict) and str(d.get("format")).startswith("beltscape-rig/") for d in documents):
         return RIG_JSON
-    found = [name for name in READABLE if any(_module(name).is_of_format(d) for d in documents)]
-    if len(found) != 1:
-        what = f"could be {' or '.join(found)}" if found else f"is none of {', '.join(READABLE)}"
+    names = [name for name in READABLE if any(_module(name).is_of_format(d) for d in documents)]
+    if len(names) != 1:
+        what = f"could be {' or '.join(names)}" if names else f"is none of {', '.join(READABLE)}"
         raise InputError(f"{path}: {what}; give a calibration file, or its --format")
-    return found[0]
+    return names[0]
 
 
 def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:

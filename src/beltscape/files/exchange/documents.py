@@ -96,8 +96,8 @@ def to_floats(values: Any) -> list[Any]:
 
 def yaml_files(folder: Path) -> list[Path]:
     """Return the YAML files of a folder, sorted by name; InputError if there is none."""
-    found = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".yaml", ".yml") and f.is_file())
-    found = [file for file in found if not file.name.startswith(".")]
-    if not found:
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".yaml", ".yml") and f.is_file())
+    files = [file for file in files if not file.name.startswith(".")]
+    if not files:
         raise InputError(f"{folder}: holds no .yaml file; give a folder with one calibration per camera")
-    return found
+    return files

@@ -81,7 +81,7 @@ def _intrinsics(camera: Camera, warn: Callable[[str], None]) -> dict[str, Any]:
     if camera.distortion[4] != 0:
         warn(
             f"camera {camera.name}: Kalibr's radtan has no k3 ({camera.distortion[4]:.4g}); k1, k2, p1, p2 were "
-            f"fitted anew, which moves the image by {rms_px:.2g} px RMS, {largest_px:.2g} px at most"
+            f"refitted, which moves the image by {rms_px:.2g} px RMS, {largest_px:.2g} px at most"
         )
     return {
         "camera_model": "pinhole",

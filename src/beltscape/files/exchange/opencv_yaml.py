@@ -68,24 +68,26 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
 def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     """Read one file of cameras, one camera's file, or a folder of these."""
     if path.is_dir():
-        found = {file.stem: _single(file.stem, read_document(file), file.name) for file in yaml_files(path)}
-        return RigDescription(found, {}, next(iter(found)))
+        cameras = {
+            file.stem: _read_camera(file.stem, read_document(file), file.name) for file in yaml_files(path)
+        }
+        return RigDescription(cameras, {}, next(iter(cameras)))
     document = read_document(path)
     if not isinstance(document, dict) or "cameras" not in document:
-        return RigDescription({path.stem: _single(path.stem, document, path.stem)}, {}, path.stem)
+        return RigDescription({path.stem: _read_camera(path.stem, document, path.stem)}, {}, path.stem)
     entries = document["cameras"]
     if not isinstance(entries, list) or not entries:
         raise ValueError("cameras must be a list of cameras")
     names = [str(values.require_value(entry, "name", f"cameras[{i}]")) for i, entry in enumerate(entries)]
     named = dict(zip(values.require_distinct(names), entries, strict=True))
     return RigDescription(
-        {name: _single(name, entry, f"cameras.{name}") for name, entry in named.items()},
+        {name: _read_camera(name, entry, f"cameras.{name}") for name, entry in named.items()},
         {name: _pose(document, name, entry, warn) for name, entry in named.items() if "R" in entry},
         str(document.get("core") or names[0]),
     )
 
 
-def _single(name: str, document: Any, place: str) -> Camera:
+def _read_camera(name: str, document: Any, place: str) -> Camera:
     if not isinstance(document, dict):
         raise ValueError(f"{place} must be a table with camera_matrix and distortion_coefficients")
     entry = {str(key).lower(): item for key, item in document.items()}
@@ -110,7 +112,7 @@ def _single(name: str, document: Any, place: str) -> Camera:
 def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
     units = document.get("units")
     if units not in MM_PER:
-        raise ValueError(f'units = {units!r}: must say the unit of T, "mm" or "m"')
+        raise ValueError(f'units = {units!r}: must be the unit of T, "mm" or "m"')
     place = f"cameras.{name}"
     rotation = values.require_matrix(values.require_value(entry, "R", place), f"{place}.R", 3, 3)
     translation = values.require_matrix(values.require_value(entry, "T", place), f"{place}.T", -1)

@@ -65,16 +65,16 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
         camera = _camera(path, read_document(path))
         return RigDescription({camera.name: camera}, {}, camera.name)
     files = [file for file in yaml_files(path) if file.name != EXTRINSICS]
-    found = [_camera(file, read_document(file)) for file in files]
-    if not found:
+    listed = [_camera(file, read_document(file)) for file in files]
+    if not listed:
         raise ValueError(f"holds no camera_info beside {EXTRINSICS}; add one file per camera")
-    values.require_distinct([camera.name for camera in found])
-    cameras = {camera.name: camera for camera in found}
+    values.require_distinct([camera.name for camera in listed])
+    cameras = {camera.name: camera for camera in listed}
     if not (path / EXTRINSICS).exists():
-        return RigDescription(cameras, {}, found[0].name)
+        return RigDescription(cameras, {}, listed[0].name)
     root, poses = _tree(read_document(path / EXTRINSICS), warn)
     poses = {name: poses[name] for name in cameras if name in poses}
-    return RigDescription(cameras, poses, root if root in cameras else found[0].name)
+    return RigDescription(cameras, poses, root if root in cameras else listed[0].name)
 
 
 def _camera_info(camera: Camera) -> dict[str, Any]:

@@ -24,25 +24,25 @@ def require_value(entry: Any, key: str, place: str = "") -> Any:
     return entry[key]
 
 
-def require_numbers(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
+def require_numbers(item: Any, place: str, *shape: int) -> NDArray[np.float64]:
     """Return finite float64 numbers of ``shape``; -1 stands for any length."""
     try:
-        array = np.array(found, dtype=np.float64)
+        array = np.array(item, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.array(np.nan)
     fits = array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape))  # noqa: B905
     if not fits or not np.isfinite(array).all():
         size = "a list of" if shape == (-1,) else "×".join(map(str, shape))
-        raise ValueError(f"{place} = {_short(found)}: must be {size} finite numbers")
+        raise ValueError(f"{place} = {_short(item)}: must be {size} finite numbers")
     return array
 
 
-def require_matrix(found: Any, place: str, *shape: int) -> NDArray[np.float64]:
+def require_matrix(item: Any, place: str, *shape: int) -> NDArray[np.float64]:
     """Return the matrix of ``{rows, cols, data}``, as OpenCV and ROS write it; shape -1: a row or column."""
     rows, cols = (
-        int(require_numbers(require_value(found, key, place), f"{place}.{key}")) for key in ("rows", "cols")
+        int(require_numbers(require_value(item, key, place), f"{place}.{key}")) for key in ("rows", "cols")
     )
-    data = require_numbers(require_value(found, "data", place), f"{place}.data", -1)
+    data = require_numbers(require_value(item, "data", place), f"{place}.data", -1)
     if data.size != rows * cols:
         raise ValueError(f"{place} has {data.size} numbers, not {rows}×{cols}")
     if shape == (-1,):
@@ -106,11 +106,11 @@ def make_pose(
     return Pose(rotation if off < 1e-12 else nearest, translation_mm)
 
 
-def require_known(found: Any, place: str, names: tuple[str, ...], fix: str) -> str:
-    """Return ``found`` if it is one of ``names``; refuse other models by name."""
-    if found not in names:
-        raise ValueError(f"{place} = {_short(found)} is not known, only {', '.join(names)}; {fix}")
-    return str(found)
+def require_known(item: Any, place: str, names: tuple[str, ...], fix: str) -> str:
+    """Return ``item`` if it is one of ``names``; refuse other models by name."""
+    if item not in names:
+        raise ValueError(f"{place} = {_short(item)} is not known, only {', '.join(names)}; {fix}")
+    return str(item)
 
 
 def require_distinct(names: list[str]) -> list[str]:
@@ -121,6 +121,6 @@ def require_distinct(names: list[str]) -> list[str]:
     return names
 
 
-def _short(found: Any) -> str:
-    text = repr(found)
+def _short(item: Any) -> str:
+    text = repr(item)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -73,8 +73,8 @@ def _camera(name: str, entry: Element, size: list[str], warn: Callable[[str], No
 
 
 def _pose(name: str, entry: Element) -> Pose:
-    found = entry.find("orientation")
-    text = "" if found is None else found.text or ""
+    orientation = entry.find("orientation")
+    text = "" if orientation is None else orientation.text or ""
     numbers = values.require_numbers(text.split(), f"orientation of camera {name}", 6)
     return Pose(rotation_from_angles(numbers[:3]), numbers[3:])
 
@@ -84,13 +84,13 @@ def _size(document: Element) -> list[str]:
     masks = document.findall(".//polygonmask")
     sizes = {(_attribute(m, "width", "polygonmask"), _attribute(m, "height", "polygonmask")) for m in masks}
     if len(sizes) != 1:
-        found = "no polygonmask tells" if not sizes else f"{len(sizes)} polygonmasks differ in"
-        raise ValueError(f"{found} the size of the images; give a project XML with one area of interest")
+        problem = "no polygonmask has" if not sizes else f"{len(sizes)} polygonmasks differ in"
+        raise ValueError(f"{problem} the size of the images; give a project XML with one area of interest")
     return list(sizes.pop())
 
 
 def _attribute(entry: Element, key: str, place: str) -> str:
-    found = entry.get(key)
-    if found is None:
+    value = entry.get(key)
+    if value is None:
         raise ValueError(f"{place} has no {key}")
-    return found
+    return value

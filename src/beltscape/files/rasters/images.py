@@ -72,11 +72,13 @@ def _is_damaged_png(data: bytes) -> bool:
 
 def encode_image(image: Image, extension: str = ".png") -> bytes:
     """Return the encoded bytes of a grey or RGB image; InputError if the format cannot hold it."""
-    known = (
+    extensions = (
         EXTENSIONS if image.dtype == np.uint8 else EXTENSIONS[:3]
     )  # JPEG and BMP would drop the lower bits
-    if extension.lower() not in known:
-        raise InputError(f"{image.dtype} images cannot be stored as {extension!r}; use {', '.join(known)}")
+    if extension.lower() not in extensions:
+        raise InputError(
+            f"{image.dtype} images cannot be stored as {extension!r}; use {', '.join(extensions)}"
+        )
     bgr = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
     return cv2.imencode(extension, bgr)[1].tobytes()
 

@@ -49,16 +49,16 @@ def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) ->
     """
     rows = list(csv.reader(io.StringIO(read_text(path))))
     wanted = ",".join(header) + "".join(f"[,{name}]" for name in optional)
-    found = tuple(cell.strip() for cell in rows[0]) if rows else ()
+    present = tuple(cell.strip() for cell in rows[0]) if rows else ()
     columns = (*header, *optional)
-    if found not in {columns[:k] for k in range(len(header), len(columns) + 1)}:
-        raise InputError(f"{path}: the header is {','.join(found)!r}; it must be {wanted}")
+    if present not in {columns[:k] for k in range(len(header), len(columns) + 1)}:
+        raise InputError(f"{path}: the header is {','.join(present)!r}; it must be {wanted}")
     lines: list[Line] = []
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
-        if len(row) != len(found):
-            raise InputError(f"{path}: line {number}: {len(row)} values, but the header has {len(found)}")
+        if len(row) != len(present):
+            raise InputError(f"{path}: line {number}: {len(row)} values, but the header has {len(present)}")
         lines.append(Line(path, number, tuple(cell.strip() for cell in row)))
     if not lines:
         raise InputError(f"{path}: no row below the header {wanted}")

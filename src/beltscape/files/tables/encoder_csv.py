@@ -52,7 +52,7 @@ def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
         if readings and position < readings[-1].belt_position_mm:
             raise line.error(
                 f"belt_position_mm {line.values[2]} is before that of the row before; positions must grow with the "
-                "travel (--direction says which way that is)"
+                "travel (--direction sets its sense)"
             )
         lines[frame] = line.number
         readings.append(Reading(frame, time_ns, position))

@@ -88,7 +88,7 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     source = open_source(project, rig, reporter, paced=options.paced)
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
-    resume = historian.resume
+    resume = historian.ledger_end
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
     encoder = _open_encoder(project, options, ended)
     state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)

@@ -4,9 +4,9 @@
 days to files, and `storage` defines tables, files and connections.
 """
 
-from beltscape.sinks.historian.historian import Historian, ResumePoint
+from beltscape.sinks.historian.historian import Historian, LedgerEnd
 from beltscape.sinks.historian.reading.events import Event
 from beltscape.sinks.historian.reading.periods import DaySum
 from beltscape.sinks.historian.reading.series import Series
 
-__all__ = ["DaySum", "Event", "Historian", "ResumePoint", "Series"]
+__all__ = ["DaySum", "Event", "Historian", "LedgerEnd", "Series"]

@@ -19,7 +19,7 @@ from beltscape.sinks.settings import HistorySettings
 
 
 @dataclass(frozen=True, slots=True)
-class ResumePoint:
+class LedgerEnd:
     """The end of the ledger."""
 
     number: int
@@ -69,10 +69,10 @@ class Historian:
         return self._store.trouble or self._maintenance_trouble
 
     @property
-    def resume(self) -> ResumePoint:
+    def ledger_end(self) -> LedgerEnd:
         """The end of the ledger."""
         sums = self._store.sums
-        return ResumePoint(sums.number, sums.run, sums.end_mm, sums.offset_mm)
+        return LedgerEnd(sums.number, sums.run, sums.end_mm, sums.offset_mm)
 
     @property
     def totals(self) -> Totals:

@@ -84,9 +84,9 @@ class CountUnwrapper:
             self._update_speed(travel, passed_ns)
             return travel
         since = self._unwrap(raw_mm, 0.0)
-        kept = since if 0 <= since <= most else 0.0
-        self._record_jump(travel - kept)
-        return kept
+        travel_since_reset = since if 0 <= since <= most else 0.0
+        self._record_jump(travel - travel_since_reset)
+        return travel_since_reset
 
     def _update_speed(self, travel_mm: float, passed_ns: int) -> None:
         """Update the mean speed."""

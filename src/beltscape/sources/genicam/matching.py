@@ -19,7 +19,7 @@ from beltscape.sources.genicam.matching_types import (
 )
 
 KEPT_IDS = 64
-"""Number of a camera's latest images that are kept to detect duplicates."""
+"""Number of a camera's latest images that are selected to detect duplicates."""
 BIAS_OF = 51
 """Number of instants from which the constant part of a clock's error is estimated."""
 BIAS_FROM = 5
@@ -177,14 +177,14 @@ class InstantMatcher(Generic[Payload]):
         self._last_instant_ns = instant.at_ns
         for name, one in self._cameras.items():
             one.statistics.missed += name not in instant.shots
-        kept = self._select_within_skew(instant)
-        times = sorted(time for name, (time, _) in instant.shots.items() if name in kept)
-        time_ns = instant.shots[self._core][0] if self._core in kept else times[(len(times) - 1) // 2]
+        selected = self._select_within_skew(instant)
+        times = sorted(time for name, (time, _) in instant.shots.items() if name in selected)
+        time_ns = instant.shots[self._core][0] if self._core in selected else times[(len(times) - 1) // 2]
         if self._last_time_ns is not None:
             time_ns = max(time_ns, self._last_time_ns + 1)
         self._last_time_ns = time_ns
         return MatchedInstant(
-            time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in kept}
+            time_ns, {name: shot for name, (_, shot) in instant.shots.items() if name in selected}
         )
 
     def _select_within_skew(self, instant: _Instant[Payload]) -> set[str]:
@@ -194,16 +194,16 @@ class InstantMatcher(Generic[Payload]):
         middle = ordered[(len(ordered) - 1) // 2]
         if len(ordered) == 2 and self._core in times:
             middle = times[self._core]
-        kept = {name for name, time in times.items() if abs(time - middle) <= self._rules.skew_ns}
+        selected = {name for name, time in times.items() if abs(time - middle) <= self._rules.skew_ns}
         core_ns = times.get(self._core)
         for name, time in times.items():
             one = self._cameras[name]
-            one.statistics.out_of_skew = 0 if name in kept else one.statistics.out_of_skew + 1
-            one.statistics.skewed += name not in kept
+            one.statistics.out_of_skew = 0 if name in selected else one.statistics.out_of_skew + 1
+            one.statistics.skewed += name not in selected
             one.statistics.skew_ns = None if core_ns is None else time - core_ns
             if core_ns is not None and self._rules.common_pulse and self._rules.clocks == "own":
                 one.offsets_ns.append(time - core_ns + one.bias_ns)
-        return kept
+        return selected
 
 
 def count_missing(before: int, after: int) -> int:

@@ -65,13 +65,13 @@ class Archive:
         if self._adopted == age:
             return
         with self._store.readers.borrow() as connection:
-            known = {row[0] for row in connection.execute("SELECT name FROM files")}
+            registered = {row[0] for row in connection.execute("SELECT name FROM files")}
         for path in self.folder.glob(".*.part"):
             path.unlink(missing_ok=True)  # incomplete since an interrupted run
         for path in sorted(self.folder.glob("*.parquet")):
-            if path.name not in known:
+            if path.name not in registered:
                 try:
-                    self._register(read_summary(path), self._store.known)
+                    self._register(read_summary(path), self._store.last_number)
                 except (InputError, FileNotFoundError):
                     continue  # another program's or damaged
         self._adopted = age

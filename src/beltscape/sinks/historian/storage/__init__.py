@@ -1,1 +1,1 @@
-"""Tables, files and connections: how records lie on disk."""
+"""Tables, files and connections: the storage of records on disk."""

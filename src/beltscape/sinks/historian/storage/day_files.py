@@ -139,8 +139,8 @@ def _verify(path: Path, digests: list[str]) -> None:
 def _row_groups(file: Any, numbers: tuple[int, int], columns: list[str] | None) -> Iterator[pa.Table]:
     """Yield the row groups that may contain numbers of the range."""
     for place in range(file.num_row_groups):
-        known = file.metadata.row_group(place).column(0).statistics
-        if known is None or (known.min <= numbers[1] and known.max >= numbers[0]):
+        statistics = file.metadata.row_group(place).column(0).statistics
+        if statistics is None or (statistics.min <= numbers[1] and statistics.max >= numbers[0]):
             yield file.read_row_group(place, columns=columns)
 
 

@@ -55,17 +55,17 @@ def bucket_from_record(record: BeltRecord) -> Bucket:
     standing = [length if record.standing == name else 0.0 for name in ("valid", "degraded", "missing")]
     strip = record.strip
     flow = math.nan if strip is None else float(strip.volume_flow_m3_h)
-    known = not math.isnan(flow)
+    has_flow = not math.isnan(flow)
     # only a moving belt counts in time; a stopped one has a flow of 0
-    moving = strip is not None and known and strip.speed_mm_s > 0
+    moving = strip is not None and has_flow and strip.speed_mm_s > 0
     seconds = length / strip.speed_mm_s if moving and strip is not None else 0.0
     covered = strip is not None and not math.isnan(strip.coverage)
     return [
         *(int(record.number), int(record.number), 1, volume, mass, int(unweighed), *standing),
         *((volume, mass, length) if moving else (0.0, 0.0, 0.0)),
-        *(seconds, int(known)),
+        *(seconds, int(has_flow)),
         *((strip.coverage * length, length) if covered and strip is not None else (0.0, 0.0)),
-        *((flow, flow) if known else (None, None)),
+        *((flow, flow) if has_flow else (None, None)),
     ]
 
 

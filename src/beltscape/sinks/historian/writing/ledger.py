@@ -81,7 +81,7 @@ def _select_new(
         start, end = map(float, record.belt_mm)
         if record.number != number + 1:
             raise InputError(
-                f"record {record.number}: the ledger goes on with number {number + 1}; none may be left out"
+                f"record {record.number}: the ledger continues with number {number + 1}; none may be missing"
             )
         if not (math.isfinite(start) and math.isfinite(end) and end >= start):
             raise InputError(
@@ -98,13 +98,13 @@ def _select_new(
 
 def _require_same(connection: sqlite3.Connection, record: BeltRecord) -> None:
     """Raise InputError if another stretch is stored under the record's number; removed ones are not checked."""
-    kept = connection.execute(
+    stored = connection.execute(
         "SELECT from_mm, to_mm FROM records WHERE number = ?", (record.number,)
     ).fetchone()
-    if kept is not None and kept != tuple(map(float, record.belt_mm)):
+    if stored is not None and stored != tuple(map(float, record.belt_mm)):
         raise InputError(
-            f"record {record.number}: it is already kept for {kept[0]!r} to {kept[1]!r} mm, not "
-            f"{record.belt_mm[0]!r} to {record.belt_mm[1]!r} mm; go on from the historian's resume"
+            f"record {record.number}: it is already stored for {stored[0]!r} to {stored[1]!r} mm, not "
+            f"{record.belt_mm[0]!r} to {record.belt_mm[1]!r} mm; continue from the historian's ledger_end"
         )
 
 
@@ -123,7 +123,7 @@ def _keep_sections(connection: sqlite3.Connection, records: Sequence[BeltRecord]
 
 def _grid_number(connection: sqlite3.Connection, x: bytes) -> int:
     """Return the number of the grid, which is stored once for all its sections."""
-    found = connection.execute("SELECT grid FROM grids WHERE x = ?", (x,)).fetchone()
-    if found is None:
+    row = connection.execute("SELECT grid FROM grids WHERE x = ?", (x,)).fetchone()
+    if row is None:
         return int(connection.execute("INSERT INTO grids (x) VALUES (?)", (x,)).lastrowid or 0)
-    return int(found[0])
+    return int(row[0])

@@ -116,9 +116,9 @@ def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
     if sums is None or sums.number != number:
         raise sqlite3.DatabaseError("the end of its ledger is not readable")
     if path.stat().st_size <= _QUICK_BYTES or suspect_marker(path).exists():
-        found = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-        if found != "ok":
-            raise sqlite3.DatabaseError(" ".join(found.split()))
+        result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+        if result != "ok":
+            raise sqlite3.DatabaseError(" ".join(result.split()))
         suspect_marker(path).unlink(missing_ok=True)
     last = connection.execute("SELECT max(number) FROM records").fetchone()[0]
     if last is not None and last > number:

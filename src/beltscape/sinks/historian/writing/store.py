@@ -142,7 +142,7 @@ class Store:
 
     def _use(self, opened: OpenedDatabase) -> None:
         self.connection, self.sums, self.message = opened.connection, opened.sums, opened.message
-        self.known = opened.number
+        self.last_number = opened.number
 
     def _check_shift(self) -> None:
         """Raise SettingsError if days begin at another hour than in the database: they would be in two files."""
@@ -153,7 +153,7 @@ class Store:
             hour = kept / 3.6e12
             self.connection.close()
             raise SettingsError(
-                f"{self.path}: its days begin at {hour:g} h UTC, day_begins_utc_h says "
+                f"{self.path}: its days begin at {hour:g} h UTC, day_begins_utc_h is "
                 f"{self.shift_ns / 3.6e12:g}; set it to {hour:g} or begin a new data folder"
             )
 

@@ -60,7 +60,7 @@ def _describe_format(image: Image) -> str:
 def _counts(path: Path, frames: list[str], mm_per_count: float) -> list[int]:
     if not path.is_file():
         return []
-    position = {one.frame: one.belt_position_mm for one in read_encoder(path)}
+    position = {reading.frame: reading.belt_position_mm for reading in read_encoder(path)}
     missing = [f for f in frames if f not in position]
     if missing:
         raise InputError(f"{path}: no row for frame {missing[0]}")

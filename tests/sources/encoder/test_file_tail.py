@@ -14,7 +14,7 @@ def append(path, data: bytes):
 
 
 @given(st.lists(st.integers(0, 10**6), max_size=30), st.lists(st.integers(1, 12), max_size=60))
-def test_lines_come_once_whole_and_in_order_however_they_are_written(tmp_path_factory, numbers, cuts):
+def test_lines_are_returned_once_complete_and_in_order(tmp_path_factory, numbers, cuts):
     path = tmp_path_factory.mktemp("tail") / "encoder.csv"
     path.write_bytes(b"")
     tail = FileTail(path)
@@ -28,7 +28,7 @@ def test_lines_come_once_whole_and_in_order_however_they_are_written(tmp_path_fa
     assert found == [str(number) for number in numbers]
 
 
-def test_what_was_there_before_is_left_out_but_for_the_line_being_written(tmp_path):
+def test_present_lines_are_skipped_except_the_incomplete_one(tmp_path):
     path = tmp_path / "encoder.csv"
     append(path, b"1\n2\n123")
     tail = FileTail(path)
@@ -49,7 +49,7 @@ def test_a_large_file_is_not_read_through(tmp_path):
     tail.close()
 
 
-def test_a_file_that_comes_later_is_read_from_its_beginning(tmp_path):
+def test_later_file_is_read_from_its_beginning(tmp_path):
     path = tmp_path / "encoder.csv"
     tail = FileTail(path)
     assert tail.read_lines() == []
@@ -84,7 +84,7 @@ def test_a_file_emptied_in_place_is_read_from_its_beginning(tmp_path):
     tail.close()
 
 
-def test_a_file_that_is_removed_and_comes_again(tmp_path):
+def test_removed_and_recreated_file_is_read(tmp_path):
     path = tmp_path / "encoder.csv"
     append(path, b"")
     tail = FileTail(path)
@@ -110,7 +110,7 @@ def test_a_line_without_end_takes_no_memory(tmp_path):
     tail.close()
 
 
-def test_a_line_that_comes_between_the_last_look_and_the_renaming_is_read(tmp_path):
+def test_line_between_the_last_read_and_the_renaming_is_read(tmp_path):
     path, old = tmp_path / "encoder.csv", tmp_path / "encoder.csv.1"
 
     class Raced(FileTail):

@@ -48,6 +48,13 @@ def test_modules_named_in_the_manual_exist(page):
     assert [module for module in modules if not any(one.endswith(f"/{module}") for one in present)] == []
 
 
+def test_weights_named_in_the_appendix_exist():
+    spans = [span for _, span in read_spans(page_text("docs/figures_matching.md"))]
+    weights = [span for span in spans if span.startswith("data/")]
+    assert len(weights) == 7
+    assert [name for name in weights if not (PACKAGES / name).is_file()] == []
+
+
 def test_packages_are_complete_and_their_parts_exist():
     rows = dict(_ROW.findall(page_text("ARCHITECTURE.md")))
     packages = {path.parent.name for path in PACKAGES.glob("*/__init__.py")}

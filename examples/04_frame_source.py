@@ -32,8 +32,8 @@ def main() -> None:
             print(
                 f"{frames.frame} {seconds:.1f} s {camera} {image.shape} {image.dtype} mean {image.mean():.1f}"
             )
-    stage = source.stage  # what is true of it: rig, belt, heap, places
-    print("heap's middle, mm along the belt:", [round(stage.heap_position_mm(frame)) for frame in range(3)])
+    scene = source.scene  # what is true of it: rig, belt, heap, places
+    print("heap's middle, mm along the belt:", [round(scene.heap_position_mm(frame)) for frame in range(3)])
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ def desk(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_the_papers_rig(capsys):
+def test_papers_rig(capsys):
     assert program.main(["plan", "--out", "out"]) == 0
     said = capsys.readouterr()
     assert said.out.startswith("Eq. 26    718.3 mm above the idlers' vertices at 57.00°\n")
@@ -31,7 +31,7 @@ def test_the_papers_rig(capsys):
     }
 
 
-def test_json_and_files_say_the_same_and_the_rig_is_the_plans(capsys):
+def test_json_and_files_agree_and_the_rig_is_the_planned_one(capsys):
     assert program.main(["plan", "--out", "out", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     written = json.loads(Path("out/plan.json").read_text(encoding="utf-8"))
@@ -46,14 +46,14 @@ def test_json_and_files_say_the_same_and_the_rig_is_the_plans(capsys):
         np.testing.assert_allclose(spot, rig.cameras[name].center_px, atol=1e-6)
 
 
-def test_the_same_plan_twice_is_the_same_bytes():
+def test_plan_is_reproducible_to_the_byte():
     for out in ("a", "b"):
         assert program.main(["plan", "--auxiliaries", "2", "--out", out]) == 0
     for name in ("plan.json", "rig.json", "report.html"):
         assert Path("a", name).read_bytes() == Path("b", name).read_bytes()
 
 
-def test_the_report_stands_alone():
+def test_report_is_self_contained():
     program.main(["plan", "--out", "out"])
     page = Path("out/report.html").read_text(encoding="utf-8")
     drawings = re.findall(r"<svg [^>]*data-px-per-mm.*?</svg>", page, flags=re.DOTALL)

@@ -35,7 +35,7 @@ def desk(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_the_help_knows_every_scene():
+def test_help_lists_every_scene():
     assert tuple(KINDS) == SCENES
 
 
@@ -52,7 +52,7 @@ def test_json_is_one_document_that_names_what_was_written(capsys):
     assert (scenario["seed"], scenario["rig"]["scale"]) == (5, 0.5)
 
 
-def test_options_and_a_rig_of_ones_own(capsys):
+def test_options_and_a_given_rig_are_used(capsys):
     assert main(["simulate", "scene.toml", "--out", "first", "--size", "half"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "belt_empty: 1 frames of 2 cameras"
@@ -80,7 +80,7 @@ def test_options_and_a_rig_of_ones_own(capsys):
         (["fault.toml"], "beltscape: faults: the rig has no camera cam7; it has cam0, cam1"),
     ],
 )
-def test_what_cannot_be_is_one_line_and_nothing_is_written(capsys, words, line):
+def test_invalid_scene_is_refused_in_one_line_and_nothing_is_written(capsys, words, line):
     Path("folding.toml").write_text(SCENE.replace("[rig]", "[rig]\ndistortion = [-3, 0, 0, 0, 0]"))
     Path("fault.toml").write_text(SCENE + '[[faults.moved_camera]]\ncamera = "cam7"\n')
     try:
@@ -95,7 +95,7 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(capsys, words, line):
     assert not Path("out").exists()
 
 
-def test_every_size_is_a_whole_number_of_pixels_put_together():
+def test_every_size_merges_a_whole_number_of_pixels():
     assert all((1 / share).is_integer() for share in SIZES.values())
 
 

@@ -22,7 +22,7 @@ def run(*words):
     return target.run(parser.parse_args(flat), Silent())
 
 
-def test_pattern_writes_its_files_and_says_what_they_hold(tmp_path):
+def test_pattern_writes_its_files_and_a_summary(tmp_path):
     result = run(
         *("pattern", "--out", tmp_path, "--size", 320, 200, "--dots", 600, "--seed", 4, "--bits", 16),
         *("--format", "tiff", "--grey", 0.5, 1, "--dot-color", "#ffffff"),
@@ -49,7 +49,7 @@ def test_presets_are_numbers_of_dots(tmp_path, monkeypatch, preset, dots):
     assert asked[0].size_px == (1920, 1200)
 
 
-def test_board_writes_its_files_and_says_how_to_print(tmp_path):
+def test_board_writes_its_files_and_instructions_to_print(tmp_path):
     result = run("board", "--out", tmp_path, *CHARUCO, "--page=A4", "--dpi=60")
     assert read_board(tmp_path / "board.toml").model_dump() == result["board"]
     assert result["page_mm"] == (210, 297) or result["page_mm"] == (297, 210)
@@ -58,7 +58,7 @@ def test_board_writes_its_files_and_says_how_to_print(tmp_path):
     assert '"dictionary": "DICT_5X5_100"' in to_json(result)
 
 
-def test_a_chessboard_is_told_by_its_inner_corners(tmp_path):
+def test_chessboard_is_described_by_its_inner_corners(tmp_path):
     run("board", "--out", tmp_path, "--corners=9", "6", "--square=20", "--dpi=50")
     assert read_board(tmp_path / "board.toml") == Chessboard(corners=(9, 6), square_mm=20)
 
@@ -95,7 +95,7 @@ def test_a_chessboard_is_told_by_its_inner_corners(tmp_path):
         ),
     ],
 )
-def test_what_does_not_fit_is_one_line(tmp_path, words, message):
+def test_invalid_target_is_refused_in_one_line(tmp_path, words, message):
     with pytest.raises((InputError, SettingsError)) as error:
         run(words[0], "--out", tmp_path, *words[1:])
     assert str(error.value).startswith(message)

@@ -23,7 +23,7 @@ def plans(draw):
 
 
 @given(plans())
-def test_the_cameras_stand_around_the_core_and_look_at_one_spot(drawn):
+def test_cameras_stand_around_the_core_aimed_at_one_point(drawn):
     plan, planned = drawn
     positions = np.array([planned.position_mm(name) for name in planned.rig.cameras])
     around = positions[1:, :2] - positions[0, :2]
@@ -39,7 +39,7 @@ def test_the_cameras_stand_around_the_core_and_look_at_one_spot(drawn):
 
 
 @given(plans(), st.floats(0, 150))
-def test_footprints_are_what_projects_to_the_images_rim(drawn, height):
+def test_footprint_projects_to_the_border_of_the_image(drawn, height):
     _, planned = drawn
     for name, camera in planned.rig.cameras.items():
         try:
@@ -54,7 +54,7 @@ def test_footprints_are_what_projects_to_the_images_rim(drawn, height):
         assert area_mm2(polygon) > 0
 
 
-def test_a_camera_that_sees_the_horizon_is_refused():
+def test_camera_that_sees_the_horizon_is_refused():
     with pytest.raises(InputError, match=r"baseline_mm = 2000: cam1 would be tilted by 66\.7°"):
         project_footprint(make_planned_rig(PlanSettings(), 938, 2000), "cam1", 0.0)
 
@@ -78,7 +78,7 @@ def test_clipping_is_symmetric_and_within(a, b):
 
 @settings(max_examples=20)
 @given(shapes, st.lists(shapes, min_size=1, max_size=4))
-def test_overlap_is_what_counting_cells_gives(base, others):
+def test_overlap_agrees_with_counted_cells(base, others):
     def inside(polygon, points):
         ends = np.roll(polygon, -1, axis=0)
         edge, to = ends - polygon, points[:, None] - polygon
@@ -91,7 +91,7 @@ def test_overlap_is_what_counting_cells_gives(base, others):
     np.testing.assert_allclose(overlap_shares(base, others), counted, atol=0.03)
 
 
-def test_the_core_sees_exactly_as_much_belt_as_its_image_is_long():
+def test_core_length_equals_the_length_of_its_footprint():
     plan = PlanSettings()
     planned = make_planned_rig(plan, 900.0, 300.0)
     belt, *_ = compute_coverage(plan, planned)
@@ -103,7 +103,7 @@ def test_the_core_sees_exactly_as_much_belt_as_its_image_is_long():
     assert belt.at_least[-1] == pytest.approx(area_mm2(clip(belt.all_cameras, seen)) / area_mm2(seen))
 
 
-def test_a_width_that_the_core_does_not_see_has_no_length():
+def test_width_that_the_core_does_not_see_has_no_length():
     assert (
         compute_plane_coverage(
             make_planned_rig(PlanSettings(), 900.0, 300.0), "wide", 0.0, 1500.0
@@ -113,7 +113,7 @@ def test_a_width_that_the_core_does_not_see_has_no_length():
 
 
 @given(plans())
-def test_slopes_are_the_projections_derivatives(drawn):
+def test_jacobian_is_the_derivative_of_the_projection(drawn):
     _, planned = drawn
     points = np.array([[10.0, -40.0, 20.0], [-150.0, 60.0, 100.0]])
     for name, camera in planned.rig.cameras.items():
@@ -128,7 +128,7 @@ def test_slopes_are_the_projections_derivatives(drawn):
 
 
 @pytest.mark.parametrize("auxiliaries", [1, 2, 4])
-def test_sigma_is_what_noisy_pixels_triangulate_to(auxiliaries):
+def test_sigma_equals_the_scatter_of_triangulated_noisy_pixels(auxiliaries):
     plan = PlanSettings(rig=RigSettings(auxiliaries=auxiliaries))
     planned = make_planned_rig(plan, 850.0, 260.0)
     rig, noise, runs = planned.rig, 0.3, 3000
@@ -152,7 +152,7 @@ def triangulate(projections, pixels):
     return load().triangulate(projections, pixels, threads=1)
 
 
-def test_sigma_is_unknown_where_the_core_or_all_others_do_not_see():
+def test_sigma_is_nan_where_core_or_all_auxiliaries_do_not_see():
     planned = make_planned_rig(PlanSettings(), 850.0, 260.0)
     outside = np.array([[700.0, 0.0, 0.0], [0.0, 3000.0, 0.0]])
     assert np.isnan(predict_sigma_mm(planned, outside, 0.1)).all()

@@ -16,12 +16,12 @@ def test_eq_26_gives_the_papers_height():
 
 
 @given(st.floats(1, 1e4), st.floats(0.02, 3.0))
-def test_eq_26_just_sees_the_span(span, angle):
+def test_eq_26_height_covers_exactly_the_span(span, angle):
     height = mounting_height_mm(span, angle)
     assert 2 * np.arctan(span / 2 / height) == pytest.approx(angle, rel=1e-12)
 
 
-def test_table_1s_angle_belongs_to_table_1s_camera_only():
+def test_angle_of_table_1_applies_to_its_camera_only():
     assert np.rad2deg(CameraSettings().angle_rad) == pytest.approx(57)
     longer = CameraSettings(focal_mm=12)
     assert longer.angle_rad == longer.lens_angle_rad
@@ -29,7 +29,7 @@ def test_table_1s_angle_belongs_to_table_1s_camera_only():
     assert np.rad2deg(CameraSettings(focal_mm=12, angle_deg=40).angle_rad) == pytest.approx(40)
 
 
-def test_the_recommended_height_sees_belt_and_load_with_their_margins():
+def test_recommended_height_sees_belt_and_load_with_their_margins():
     settings = PlanSettings()
     hang = compute_mounting(settings)
     half_angle = np.tan(settings.camera.lens_angle_rad / 2)
@@ -37,7 +37,7 @@ def test_the_recommended_height_sees_belt_and_load_with_their_margins():
     assert min(free) == pytest.approx(settings.rig.margin_mm)
 
 
-def test_the_belts_section_keeps_its_lengths():
+def test_belt_section_keeps_its_lengths():
     belt = BeltSettings(width_mm=1200, span_mm=1040, flat_mm=400)
     wing = np.array([(belt.span_mm - belt.flat_mm) / 2, belt.edge_mm])
     assert 2 * np.linalg.norm(wing) + belt.flat_mm == pytest.approx(belt.width_mm)
@@ -61,11 +61,11 @@ def test_the_belts_section_keeps_its_lengths():
          "max_height_mm = 3000: the load reaches 2990 mm and would touch the cameras; give at least 3041 mm"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_said_in_a_line(settings, line):
+def test_impossible_mounting_is_refused_in_one_line(settings, line):
     with pytest.raises(InputError) as said:
         compute_mounting(settings)
     assert str(said.value) == line
 
 
-def test_the_lens_that_is_proposed_does_fit():
+def test_proposed_lens_is_sufficient():
     compute_mounting(PlanSettings(camera=CameraSettings(focal_mm=31.7)))

@@ -15,13 +15,13 @@ def paper():
     return make_plan(PlanSettings())
 
 
-def test_the_papers_rig_sees_the_whole_belt_three_times(paper):
+def test_papers_rig_sees_the_whole_belt_three_times(paper):
     assert paper.planes[1].at_least[2] == pytest.approx(1, abs=1e-6)
     assert paper.planes[1].lengths_mm[1] > 580  # the paper: 0.58 m along the belt, from lower down
     assert not paper.chosen.refused
 
 
-def test_of_those_that_nothing_speaks_against_the_most_precise_is_taken(paper):
+def test_most_precise_acceptable_baseline_is_chosen(paper):
     free = [each for each in paper.alternatives if not each.refused]
     assert paper.chosen.sigma_mm == min(each.sigma_mm for each in free)
     sigmas = [each.sigma_mm for each in paper.alternatives]
@@ -30,30 +30,30 @@ def test_of_those_that_nothing_speaks_against_the_most_precise_is_taken(paper):
     assert seen == sorted(seen, reverse=True)
 
 
-def test_rougher_loads_bring_the_cameras_closer(paper):
+def test_rougher_load_shortens_the_baseline(paper):
     rough = PlanSettings(belt=BeltSettings(lump_cover=0.75))
     assert make_plan(rough).chosen.baseline_mm < paper.chosen.baseline_mm
 
 
-def test_a_told_baseline_is_taken_and_its_price_named():
+def test_requested_baseline_is_used_with_a_warning():
     plan = make_plan(PlanSettings(rig=RigSettings(baseline_mm=600)))
     assert plan.planned.baseline_mm == 600
     assert any(line.startswith("the baseline of 600 mm is not ideal: wider than") for line in plan.warnings)
 
 
-def test_a_baseline_beyond_the_horizon_is_refused():
+def test_baseline_beyond_the_horizon_is_refused():
     settings = PlanSettings(rig=RigSettings(baseline_mm=5000))
     with pytest.raises(InputError, match="baseline_mm = 5000: auxiliaries would see past the belt"):
         choose_baseline(settings, list_alternatives(settings, 900.0))
 
 
-def test_where_all_have_a_price_the_best_seen_is_taken():
+def test_best_seen_baseline_is_chosen_where_none_is_acceptable():
     plan = make_plan(PlanSettings(rig=RigSettings(max_baseline_mm=1)))
     assert plan.chosen.seen[2] == max(each.seen[2] for each in plan.alternatives)
     assert plan.chosen.refused
 
 
-def test_the_differing_angles_of_table_1_are_told(paper):
+def test_differing_angles_of_table_1_give_a_warning(paper):
     assert "stated angle of view is 57.0°" in paper.warnings[0]
     assert "718.3 mm" in paper.warnings[0]
     assert not any(
@@ -77,7 +77,7 @@ def test_the_differing_angles_of_table_1_are_told(paper):
         (PlanSettings(rig=RigSettings(height_mm=850)), "at the top the full width of 780 mm is not seen"),
     ],
 )
-def test_what_is_missing_is_said(settings, line):
+def test_shortage_gives_a_warning(settings, line):
     assert any(line in warning for warning in make_plan(settings).warnings)
 
 
@@ -92,7 +92,7 @@ def test_more_cameras_are_more_precise():
 
 
 @pytest.mark.parametrize("auxiliaries", [1, 2, 3, 8])
-def test_any_number_of_auxiliaries_finds_a_baseline_without_a_price(auxiliaries):
+def test_any_number_of_auxiliaries_has_an_acceptable_baseline(auxiliaries):
     plan = make_plan(PlanSettings(rig=RigSettings(auxiliaries=auxiliaries)))
     assert not plan.chosen.refused
     assert plan.chosen.seen[plan.required_views] >= plan.settings.rig.required_share
@@ -110,7 +110,7 @@ def test_any_number_of_auxiliaries_finds_a_baseline_without_a_price(auxiliaries)
         PlanSettings(light=LightSettings(lit_area_mm=(800, 600))),
     ],
 )
-def test_odd_plants_are_planned_and_reported(settings):
+def test_unusual_plants_are_planned_and_reported(settings):
     from beltscape.report.planning.plan import render_plan_page
 
     plan = make_plan(settings)
@@ -118,7 +118,7 @@ def test_odd_plants_are_planned_and_reported(settings):
     assert not any("inf" in warning.split() for warning in plan.warnings)
 
 
-def test_in_bad_light_sigma_grows_and_calibration_does_not(paper):
+def test_poor_light_increases_matching_sigma_only(paper):
     assert paper.sigma_in_this_light_mm == pytest.approx(
         paper.sigma_median_mm * paper.light.matching_sigma_px / paper.settings.precision.matching_sigma_px,
         rel=1e-9,

@@ -29,7 +29,7 @@ directions = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1,
 
 @settings(max_examples=15)
 @given(directions, st.floats(0, 0.7))
-def test_more_lumps_hide_more(others, cover):
+def test_more_lumps_occlude_more(others, cover):
     straight_up = np.zeros(2)
     seen = visible_shares(straight_up, others, cover)
     assert seen[0] == pytest.approx(1)
@@ -38,12 +38,12 @@ def test_more_lumps_hide_more(others, cover):
     assert all(b <= a + 1e-9 for a, b in zip(seen, more, strict=True))
 
 
-def test_what_the_core_sees_is_seen_along_its_own_direction():
+def test_direction_of_the_core_sees_everything_the_core_sees():
     assert visible_shares(np.array([0.2, 0.1]), np.array([[0.2, 0.1]]), 0.5) == pytest.approx((1, 1))
     assert visible_shares(np.zeros(2), np.array([[0.4, 0.0], [0.0, 0.4]]), 0.0) == pytest.approx((1, 1, 1))
 
 
-def test_hidden_shares_agree_with_thrown_balls():
+def test_visible_shares_agree_with_simulated_balls():
     """Monte Carlo: balls thrown about a spot; of throws in which the core sees it, how many others do."""
     core, others, cover = np.array([0.1, 0.0]), np.array([[0.5, 0.0], [-0.4, 0.1], [0.0, 0.45]]), 0.35
     rng = np.random.default_rng(5)
@@ -60,7 +60,7 @@ def test_hidden_shares_agree_with_thrown_balls():
     np.testing.assert_allclose(visible_shares(core, others, cover), counts / counts[0], atol=0.015)
 
 
-def test_blur_and_frame_rate_by_hand():
+def test_blur_and_frame_rate_match_manual_calculation():
     assert blur_mm(2.0, 100.0) == pytest.approx(0.2)
     assert max_exposure_us(2.0, 0.5, 0.4) == pytest.approx(100.0)
     assert frames_per_second(2.0, 500.0, 1) == pytest.approx(4.0)
@@ -72,19 +72,19 @@ def test_blur_and_frame_rate_by_hand():
 
 
 @given(st.floats(0.01, 10), st.floats(10, 2000), st.integers(1, 20))
-def test_at_that_rate_every_point_is_in_that_many_frames(speed, length, count):
+def test_frame_rate_shows_every_point_in_the_requested_frames(speed, length, count):
     interval_mm = speed * 1000 / frames_per_second(speed, length, count)
     assert interval_mm * count == pytest.approx(length)
 
 
-def test_a_belt_that_stands_still_may_be_exposed_for_a_frames_time():
+def test_belt_that_stands_still_may_be_exposed_for_a_frames_time():
     plan = PlanSettings(belt=BeltSettings(speed_m_s=0))
     move = compute_motion(plan, 0.4, 500.0)
     assert move.exposure_us == pytest.approx(1e6 / 79.1)
     assert (move.fps, move.blur_mm) == (0, 0)
 
 
-def test_electrons_by_hand():
+def test_electrons_match_manual_calculation():
     """1 lx on a white diffuser at f/2 without loss: 1/16 lx behind the lens (far away)."""
     plan = PlanSettings(
         camera=CameraSettings(f_number=2.0, transmission=1.0, quantum_efficiency=1.0, pitch_um=10.0),
@@ -95,7 +95,7 @@ def test_electrons_by_hand():
 
 
 @given(st.floats(10, 20_000), st.floats(0, 2000), st.floats(0.02, 0.9), st.floats(5, 200))
-def test_the_needed_exposure_and_lumens_give_the_asked_snr(lumens, ambient, reflectance, snr):
+def test_needed_exposure_and_lumens_give_the_requested_snr(lumens, ambient, reflectance, snr):
     light = LightSettings(projector_lm=lumens, ambient_lux=ambient, reflectance=reflectance, target_snr=snr)
     plan = PlanSettings(light=light)
     first = compute_light_budget(plan, 800.0, 5e5, 100.0)
@@ -109,7 +109,7 @@ def test_the_needed_exposure_and_lumens_give_the_asked_snr(lumens, ambient, refl
     assert contrast / np.sqrt(contrast + first.gap_e + 2.5**2) == pytest.approx(snr)
 
 
-def test_matching_noise_is_as_set_in_good_light_and_grows_in_bad():
+def test_matching_noise_grows_in_poor_light_only():
     plan = PlanSettings()
     assert matching_sigma_px(plan, 200.0) == pytest.approx(0.03)
     assert matching_sigma_px(plan, 1.275) == pytest.approx(np.hypot(0.03, 0.012 * np.sqrt(100**2 - 1)))
@@ -118,7 +118,7 @@ def test_matching_noise_is_as_set_in_good_light_and_grows_in_bad():
     assert matching_sigma_px(wide, 5.0) == pytest.approx(matching_sigma_px(plan, 5.0) / 2)
 
 
-def test_focus_is_sharp_where_it_is_set_and_even_about_it():
+def test_defocus_is_zero_at_the_focus_and_equal_at_both_ends():
     plan = PlanSettings()
     near, far = 700.0, 900.0
     focus = 2 * near * far / (near + far)

@@ -21,7 +21,7 @@ belts = st.builds(
 )
 
 
-def test_a_sharp_trough_is_the_one_on_paper():
+def test_sharp_trough_equals_the_analytic_one():
     belt = BeltSettings(fold_radius_mm=0)
     np.testing.assert_allclose(
         belt.section_mm,
@@ -38,7 +38,7 @@ def test_a_sharp_trough_is_the_one_on_paper():
 
 @settings(max_examples=30)
 @given(belt=belts)
-def test_the_surface_is_as_wide_as_the_belt_and_bends_only_by_its_angle(belt):
+def test_section_has_the_width_of_the_belt_and_bends_only_by_its_angle(belt):
     step = np.diff(belt.section_mm, axis=0)
     assert (step[:, 0] > 0).all()
     assert np.linalg.norm(step, axis=1).sum() == pytest.approx(belt.width_mm, rel=1e-4)
@@ -49,7 +49,7 @@ def test_the_surface_is_as_wide_as_the_belt_and_bends_only_by_its_angle(belt):
 
 @settings(max_examples=20)
 @given(belt=belts)
-def test_the_slab_is_closed_and_its_upper_side_is_height_at(belt):
+def test_slab_is_closed_and_its_upper_side_is_height_at(belt):
     slab, floor = make_belt_solids(belt)
     mesh = Mesh(slab.vertices_mm, slab.faces)
     assert mesh.is_closed
@@ -63,7 +63,7 @@ def test_the_slab_is_closed_and_its_upper_side_is_height_at(belt):
     assert (slab.label, floor.label) == (Label.BELT, Label.FLOOR)
 
 
-def test_a_misaligned_belt_climbs_on_one_side_and_keeps_its_trough():
+def test_misaligned_belt_climbs_on_one_side_and_keeps_its_trough():
     straight, off = BeltSettings(), BeltSettings(misaligned_mm=25)
     along_wing = 25 * np.cos(np.deg2rad(25))
     assert off.half_width_mm[1] - straight.half_width_mm[1] == pytest.approx(along_wing)
@@ -72,11 +72,11 @@ def test_a_misaligned_belt_climbs_on_one_side_and_keeps_its_trough():
     np.testing.assert_allclose(off.height_at(x), straight.height_at(x), atol=1e-9)
 
 
-def test_a_belt_hangs_through_between_its_idlers():
+def test_belt_sags_between_its_idlers():
     belt = BeltSettings(sag_mm=6, idler_pitch_mm=1000)
     np.testing.assert_allclose(belt.height_at(0, [0, 500, -500]), [0, -6, -6], atol=0.01)
 
 
-def test_a_belt_narrower_than_its_flat_is_refused():
+def test_belt_narrower_than_its_flat_is_refused():
     with pytest.raises(ValidationError, match="leaves no wing"):
         BeltSettings(flat_mm=500, width_mm=400)

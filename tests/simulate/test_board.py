@@ -45,7 +45,7 @@ def texel_at(solid, on_board_mm):
 
 
 @pytest.mark.parametrize("board", [CHARUCO, EVEN, CHESS])
-def test_at_each_corner_two_black_squares_meet_on_a_corner_of_texels(board):
+def test_black_squares_touch_at_each_corner_on_a_corner_of_texels(board):
     solid = make_board_solid(board, BOARD_POSE)
     corners = corner_points_mm(board)[:, :2]
     _, texels = texel_at(solid, corners)
@@ -62,7 +62,7 @@ def test_at_each_corner_two_black_squares_meet_on_a_corner_of_texels(board):
     assert (quarters[1] != first).all()
 
 
-def test_the_print_is_opencvs_drawing():
+def test_texture_equals_the_drawing_of_opencv():
     texture = make_board_solid(EVEN, BOARD_POSE, margin_mm=0).texture[..., 0]
     rows, columns = texture.shape
     theirs = EVEN.to_opencv(legacy=False).generateImage((columns, rows), marginSize=0, borderBits=1)
@@ -70,7 +70,7 @@ def test_the_print_is_opencvs_drawing():
     assert ((texture > 0.5) == (theirs > 127)).mean() == 1.0
 
 
-def test_where_bits_end_within_texels_their_area_is_kept():
+def test_bits_that_end_within_texels_keep_their_area():
     odd = CharucoBoard(squares=(5, 4), square_mm=30.0, marker_mm=21.37, dictionary="DICT_5X5_100")
     texture = make_board_solid(odd, BOARD_POSE, margin_mm=0).texture[..., 0].astype(float)
     ink = ((WHITE - texture) / (WHITE - BLACK)).sum() * (150 / texture.shape[1]) ** 2
@@ -82,7 +82,7 @@ def test_where_bits_end_within_texels_their_area_is_kept():
     assert ink == pytest.approx(10 * 900 + black, rel=1e-6)
 
 
-def test_opencv_finds_every_corner_in_its_place_on_a_traced_view():
+def test_opencv_detects_every_corner_at_its_position_in_a_traced_view():
     solid = make_board_solid(CHARUCO, BOARD_POSE)
     scene = RayScene([solid])
     rays = compute_pixel_rays(LENS, CAMERA_POSE, distorted=True)
@@ -105,7 +105,7 @@ def test_opencv_finds_every_corner_in_its_place_on_a_traced_view():
 
 
 @pytest.mark.parametrize("board", [CHARUCO, CHESS])
-def test_a_ray_through_a_corners_pixel_meets_the_board_at_the_corner(board):
+def test_ray_through_the_pixel_of_a_corner_hits_the_corner(board):
     corners = corner_points_mm(board)
     pixels = LENS.project(CAMERA_POSE.apply(BOARD_POSE.apply(corners)))
     theirs, _ = cv2.projectPoints(
@@ -123,7 +123,7 @@ def test_a_ray_through_a_corners_pixel_meets_the_board_at_the_corner(board):
     np.testing.assert_allclose(met, BOARD_POSE.apply(corners), rtol=0, atol=1e-6)
 
 
-def test_the_plate_is_closed_and_as_large_as_board_and_margin():
+def test_plate_is_closed_and_as_large_as_board_and_margin():
     solid = make_board_solid(CHESS, Pose.identity(), margin_mm=20, thickness_mm=2)
     assert Mesh(solid.vertices_mm, solid.faces).volume_mm3 == pytest.approx(290 * 215 * 2, rel=0.01)
     welded = np.unique(np.round(solid.vertices_mm, 9), axis=0, return_inverse=True)[1].reshape(-1)
@@ -132,7 +132,7 @@ def test_the_plate_is_closed_and_as_large_as_board_and_margin():
     assert (solid.uv.min(), solid.uv.max()) == (0, 1)
 
 
-def test_an_inverted_board_is_its_negative_and_a_legacy_one_is_refused():
+def test_inverted_board_is_its_negative_and_a_legacy_one_is_refused():
     plain = make_board_solid(EVEN, BOARD_POSE).texture
     turned = make_board_solid(EVEN.model_copy(update={"inverted": True}), BOARD_POSE).texture
     np.testing.assert_allclose(plain + turned, WHITE + BLACK, rtol=1e-6)

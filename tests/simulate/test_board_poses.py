@@ -26,7 +26,7 @@ def held(count: int, seed: int = 1, **spec) -> list:
 
 
 @given(st.integers(0, 2**40), st.floats(0, 60), st.floats(0, 1))
-def test_middle_depth_and_tilt_are_within_their_bounds(seed, tilt, reach):
+def test_depth_and_tilt_of_the_centre_are_within_their_bounds(seed, tilt, reach):
     poses = held(24, seed, tilt_deg=tilt, reach=reach, depth_mm=(500, 700))
     middles = np.array([pose.apply(MIDDLE) for pose in poses])
     assert (middles[:, 2] >= 500 - 1e-9).all()
@@ -38,14 +38,14 @@ def test_middle_depth_and_tilt_are_within_their_bounds(seed, tilt, reach):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_every_corner_is_before_every_camera(seed):
+def test_every_corner_is_in_front_of_every_camera(seed):
     for pose in sample_board_poses(BoardSpec(), BOARD, STATION, 24, seed):
         for name in STATION.rig.cameras:
             assert (STATION.cam_from_world(name) @ pose).apply(CORNERS)[:, 2].min() > 200
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_24_poses_are_spread(seed):
+def test_24_poses_are_spread_over_the_view(seed):
     poses = held(24, seed)
     middles = np.array([pose.apply(MIDDLE) for pose in poses])
     quadrant = (middles[:, 0] > 0) + 2 * (middles[:, 1] > 0)
@@ -65,7 +65,7 @@ def test_24_poses_are_spread(seed):
     assert (cells > 0).all()
 
 
-def test_the_same_seed_holds_it_the_same_and_more_poses_come_after():
+def test_same_seed_gives_the_same_poses_and_more_poses_are_appended():
     few, many, other = held(3), held(5), held(3, seed=2)
     for i in range(3):
         np.testing.assert_array_equal(few[i].rotation, many[i].rotation)

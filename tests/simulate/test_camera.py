@@ -43,7 +43,7 @@ def flat(camera: TofSettings, depth_mm: float, albedo: float = 0.5, samples: int
     return TofTruth(np.full(shape, depth_mm), np.full(shape, albedo), np.ones(shape))
 
 
-def test_the_camera_has_the_papers_view():
+def test_camera_has_the_angles_of_view_of_the_paper():
     camera = make_tof_camera(TofSettings())
     corner = camera.undistort(np.array([-0.5, -0.5]))
     assert camera.size_px == (640, 480)
@@ -52,7 +52,7 @@ def test_the_camera_has_the_papers_view():
 
 @settings(max_examples=15)
 @given(st.floats(300, 5000), st.floats(0.05, 0.9))
-def test_without_errors_the_depth_is_true(depth, albedo):
+def test_depth_without_errors_is_exact(depth, albedo):
     camera = QUIET()
     frame = simulate_tof_frame(flat(camera, depth, albedo, samples=2), camera, 0)
     np.testing.assert_allclose(frame.depth_mm, depth, rtol=SPREAD)
@@ -60,7 +60,7 @@ def test_without_errors_the_depth_is_true(depth, albedo):
 
 @pytest.mark.parametrize("frequencies", [(25e6,), (50e6, 60e6)])
 @pytest.mark.parametrize(("depth", "albedo"), [(800.0, 0.05), (800.0, 0.6), (2500.0, 0.3)])
-def test_noise_on_a_plane_is_as_predicted(frequencies, depth, albedo):
+def test_noise_on_a_plane_equals_the_predicted_sigma(frequencies, depth, albedo):
     camera = IDEAL(
         size_px=(160, 120), ambient_e=5000, read_noise_e=30, modulation_hz=frequencies, min_amplitude_e=0
     )
@@ -70,7 +70,7 @@ def test_noise_on_a_plane_is_as_predicted(frequencies, depth, albedo):
     assert abs(np.mean(error)) < 0.04
 
 
-def test_sigma_is_the_textbooks_and_grows_with_distance_and_darkness():
+def test_sigma_follows_the_formula_and_grows_with_distance_and_darkness():
     camera = IDEAL(size_px=(8, 8), angle_deg=(1.01, 1.01), min_amplitude_e=0)
 
     def sigma(depth, albedo):
@@ -83,7 +83,7 @@ def test_sigma_is_the_textbooks_and_grows_with_distance_and_darkness():
     assert sigma(1000, 0.05) == pytest.approx(np.sqrt(10) * sigma(1000, 0.5), rel=1e-3)
 
 
-def test_wiggling_follows_its_curve_four_times_per_range():
+def test_wiggling_has_four_periods_per_range():
     camera = QUIET(size_px=(8, 8), angle_deg=(1.01, 1.01), harmonics=(0.02, 0.005))
     depths = np.linspace(200, 5700, 56)
     middle = np.linalg.norm(np.append(compute_subpixel_rays(camera, 1)[4, 4], 1.0))
@@ -101,7 +101,7 @@ def test_wiggling_follows_its_curve_four_times_per_range():
     )
 
 
-def test_the_intensity_error_follows_its_curve():
+def test_intensity_error_follows_its_curve():
     camera = QUIET(intensity_error_mm=8.0, intensity_half_e=1e13)
     for albedo in (0.05, 0.4, 0.9):
         frame = simulate_tof_frame(flat(camera, 1000, albedo), camera, 0)
@@ -124,7 +124,7 @@ def test_flying_pixels_lie_between_the_surfaces(columns, near, gap):
     np.testing.assert_allclose(depth[:, 31:], near + gap, rtol=SPREAD)
 
 
-def test_the_brighter_surface_draws_the_flying_pixel():
+def test_flying_pixel_lies_nearer_to_the_brighter_surface():
     camera = QUIET()
     middle = []
     for albedo in (0.1, 0.5, 0.9):
@@ -142,7 +142,7 @@ def wall(camera: TofSettings, sign: int, albedo: float) -> TofTruth:
     return TofTruth(depth, np.full(depth.shape, albedo))
 
 
-def test_a_concave_corner_is_measured_too_far_and_a_ridge_right():
+def test_concave_corner_is_measured_too_far_and_a_ridge_correctly():
     camera = QUIET(multipath=True, patch_px=4, receiver_px=2)
     corner, ridge, dark = wall(camera, 1, 0.7), wall(camera, -1, 0.7), wall(camera, 1, 0.05)
     bias = simulate_tof_frame(corner, camera, 0).depth_mm - corner.depth_mm
@@ -156,7 +156,7 @@ def test_a_concave_corner_is_measured_too_far_and_a_ridge_right():
     )
 
 
-def test_light_of_one_bounce_agrees_with_a_sum_over_every_pixel():
+def test_one_bounce_agrees_with_a_sum_over_every_pixel():
     camera = QUIET(multipath=True, patch_px=4, receiver_px=2)
     fine = camera.model_copy(update={"patch_px": 2, "receiver_px": 1})
     corner = wall(camera, 1, 0.7)
@@ -168,7 +168,7 @@ def test_light_of_one_bounce_agrees_with_a_sum_over_every_pixel():
     assert np.abs(coarse_bias[inner] - fine_bias[inner])[:, away].max() < 0.25 * fine_bias[inner].max()
 
 
-def test_a_wall_at_right_angles_fills_its_share_of_a_points_sky():
+def test_form_factor_of_a_perpendicular_wall_is_exact():
     """Form factor of a wall of height h, very long, at a distance a: (1 − a / √(a² + h²)) / 2."""
     height, a, cell = 600.0, 100.0, 10.0
     y, z = np.meshgrid(np.arange(-6000, 6000, cell) + cell / 2, np.arange(0, height, cell) + cell / 2)
@@ -179,7 +179,7 @@ def test_a_wall_at_right_angles_fills_its_share_of_a_points_sky():
     assert abs(found[0]) == pytest.approx((1 - a / np.hypot(a, height)) / 2, rel=0.01)
 
 
-def test_scattered_light_draws_the_dark_to_the_bright():
+def test_scattered_light_biases_dark_pixels_towards_bright_ones():
     camera = QUIET(scatter=0.01)
     truth = flat(camera, 1500.0, 0.05)
     truth.depth_mm[:, :20], truth.albedo[:, :20] = 800.0, 0.9
@@ -188,7 +188,7 @@ def test_scattered_light_draws_the_dark_to_the_bright():
     assert np.abs(frame.depth_mm[:, :20] - 800).max() < 2
 
 
-def test_beyond_its_range_one_frequency_repeats_and_two_do_not():
+def test_one_frequency_wraps_beyond_its_range_and_two_do_not():
     one, two = QUIET(), QUIET(modulation_hz=(50e6, 60e6))
     assert common_range_mm(one.modulation_hz) == pytest.approx(5995.85, abs=0.01)
     assert common_range_mm(two.modulation_hz) == pytest.approx(14_989.6, abs=0.1)
@@ -201,7 +201,7 @@ def test_beyond_its_range_one_frequency_repeats_and_two_do_not():
 
 
 @given(st.floats(50, 14_900), st.sampled_from([(50e6, 60e6), (50e6, 60e6, 110e6), (30e6, 40e6)]))
-def test_any_distance_in_the_common_range_is_found(distance, frequencies):
+def test_every_distance_in_the_common_range_is_recovered(distance, frequencies):
     distance = np.full((1, 1), distance * common_range_mm(frequencies) / 15_000)
     phases = np.array([4 * np.pi * f * distance / 299_792_458_000 for f in frequencies])
     phases = np.angle(np.exp(1j * phases))
@@ -210,7 +210,7 @@ def test_any_distance_in_the_common_range_is_found(distance, frequencies):
     np.testing.assert_allclose(sigma, 3 / np.sqrt(len(frequencies)))
 
 
-def test_what_is_dark_saturated_or_not_there_is_nan():
+def test_dark_saturated_and_empty_pixels_are_nan():
     camera = IDEAL(min_amplitude_e=1000, full_well_e=300_000)
     truth = flat(camera, 1000.0)
     truth.albedo[:, :10] = 0.001
@@ -223,7 +223,7 @@ def test_what_is_dark_saturated_or_not_there_is_nan():
     assert (frame.amplitude_e[:, 10:20] == 0).all()
 
 
-def test_all_together_stays_finite_and_repeats_by_seed():
+def test_all_errors_together_stay_finite_and_repeat_by_seed():
     camera = TofSettings(size_px=(64, 48))
     truth = wall(camera, 1, 0.3)
     truth.depth_mm[:5] = np.nan
@@ -234,7 +234,7 @@ def test_all_together_stays_finite_and_repeats_by_seed():
     assert np.isfinite(first.depth_mm[8:]).all()
 
 
-def test_cosines_come_from_the_depth_where_none_are_given():
+def test_cosines_are_estimated_from_depth_where_none_are_given():
     camera = QUIET()
     rays = compute_subpixel_rays(camera, 1)
     depth = 1000 / (1 + 0.5 * rays[..., 0])
@@ -248,7 +248,7 @@ def test_cosines_come_from_the_depth_where_none_are_given():
     np.testing.assert_allclose(found, told, rtol=1e-6)
 
 
-def test_arrays_that_do_not_fit_are_refused():
+def test_arrays_of_other_shapes_are_refused():
     camera = QUIET()
     with pytest.raises(InputError, match="truth of 65×48 is no multiple of 64×48"):
         simulate_tof_frame(TofTruth(np.ones((48, 65)), np.ones((48, 65))), camera, 0)
@@ -262,7 +262,7 @@ def test_settings_have_bounds(wrong):
         TofSettings(**wrong)
 
 
-def test_a_world_is_seen_through_cast_rays():
+def test_frame_of_a_world_uses_cast_rays():
     from beltscape.simulate.geometry.world import Label, Solid, World
     from beltscape.simulate.time_of_flight.view import render_tof
 

@@ -17,7 +17,7 @@ from beltscape.simulate.truth.load_truth import compute_true_area_mm2, compute_t
 from simulate.scenes import BELT, SIZE_PX, load, station, world
 
 
-def test_the_pinhole_grid_and_the_image_show_the_same_surface():
+def test_pinhole_grid_and_the_image_show_the_same_surface():
     here, there = station(), world(load(make_box([80, 60, 50])))
     camera, pose = here.rig.core_camera, here.core_from_world
     pinhole, image = trace_core_view(there, here), trace_core_view(there, here, distorted=True)
@@ -34,7 +34,7 @@ def test_the_pinhole_grid_and_the_image_show_the_same_surface():
     assert np.isnan(pinhole.depth_mm[pinhole.label == Label.NOTHING]).all()
 
 
-def test_views_and_light_are_those_of_a_box_that_casts_shadows():
+def test_views_and_light_respect_the_shadows_of_a_box():
     here, there = station(), world(load(make_box([80, 60, 100])))
     truth = trace_core_truth(there, here)
     camera = here.rig.core_camera
@@ -59,7 +59,7 @@ def test_views_and_light_are_those_of_a_box_that_casts_shadows():
     assert not trace_core_truth(world(lit=False), here).lit.any()
 
 
-def test_the_pattern_ends_where_its_last_pixels_end():
+def test_lit_area_ends_at_the_border_of_the_pattern():
     here = station()
     truth = trace_core_truth(world(), here)
     points = here.core_from_world.inverse().apply(
@@ -73,7 +73,7 @@ def test_the_pattern_ends_where_its_last_pixels_end():
     np.testing.assert_array_equal(truth.lit[flat], inside[flat])
 
 
-def test_ceilings_are_shares_of_the_region():
+def test_measurable_shares_are_shares_of_the_region():
     truth = trace_core_truth(world(load(make_box([80, 60, 100]))), station())
     region = truth.label == Label.BELT
     shares = measurable_shares(truth, region)
@@ -84,7 +84,7 @@ def test_ceilings_are_shares_of_the_region():
     assert measurable_shares(truth, np.zeros_like(region))["lit"] == 0
 
 
-def test_the_rock_a_pixel_shows_is_where_the_record_says():
+def test_rock_of_a_pixel_is_at_its_recorded_position():
     heap = make_heap(HeapSettings(rocks=150, seed=2), BELT)
     there = world(*heap.solids)
     truth = trace_core_view(there, station())
@@ -113,7 +113,7 @@ def test_volume_of_a_box_and_of_a_sphere_on_the_belt():
     assert cap.volume_mm3 == pytest.approx(np.pi * 15**2 * (40 - 5), rel=1e-3)
 
 
-def test_on_a_wing_the_load_is_what_is_above_the_slope():
+def test_load_on_a_wing_is_measured_from_the_slope():
     slab = load(make_box([300, 100, 100]), 250.0)
     found = compute_true_load(world(slab), (-400, 400), (-80, 80), step_mm=0.5)
     x = np.linspace(100, BELT.half_width_mm[1], 200_001)
@@ -134,7 +134,7 @@ def test_cross_sections_add_up_to_the_volume():
     )  # fmt: skip
 
 
-def test_a_ray_scene_may_be_shared():
+def test_ray_scene_may_be_shared():
     here, there = station(), world(load(make_box([80, 60, 50])))
     one, two = trace_core_truth(there, here), trace_core_truth(there, here, scene=RayScene(there.solids))
     np.testing.assert_array_equal(one.depth_mm, two.depth_mm)

@@ -14,12 +14,12 @@ def llvm(monkeypatch):
 
 
 @pytest.mark.parametrize(("version", "engine"), [(-1, "scalar"), (15, "scalar"), (19, "llvm"), (21, "llvm")])
-def test_auto_takes_llvm_where_it_is_new_enough(llvm, version, engine):
+def test_auto_uses_llvm_where_it_is_recent_enough(llvm, version, engine):
     llvm(version)
     assert renderer.resolve_engine("auto") == engine
 
 
-def test_the_default_engine_does_not_depend_on_the_machine(llvm):
+def test_default_engine_does_not_depend_on_the_machine(llvm):
     llvm(21)
     assert renderer.resolve_engine(RenderSettings().engine) == "scalar"
 
@@ -31,5 +31,5 @@ def test_llvm_that_is_missing_or_too_old_is_refused(llvm, version):
         renderer.resolve_engine("llvm")
 
 
-def test_the_version_is_read_without_a_crash_on_any_machine():
+def test_version_is_read_without_a_crash_on_any_machine():
     assert renderer._llvm_version() >= -1

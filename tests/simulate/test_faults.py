@@ -18,7 +18,7 @@ def pair():
 
 
 @pytest.mark.parametrize("name", ["cam0", "cam1"])
-def test_only_the_knocked_camera_moves(pair, name):
+def test_only_the_moved_camera_moves(pair, name):
     knocked = MovedCamera(camera=name, rotation_deg=(0, 0.3, 0), shift_mm=(1.0, 0, -2.0)).apply(pair)
     for camera_name in pair.rig.cameras:
         before, after = pair.cam_from_world(camera_name), knocked.cam_from_world(camera_name)
@@ -29,14 +29,14 @@ def test_only_the_knocked_camera_moves(pair, name):
     np.testing.assert_allclose(knocked.rig.cam_from_core["cam0"].rotation, np.eye(3))
 
 
-def test_a_dead_projector_leaves_all_else():
+def test_dead_projector_changes_nothing_else():
     world = World((plane(),), projector(np.ones((4, 4))), ambient=0.3)
     dark = DeadProjector().apply(world)
     assert dark.projector is None
     assert (dark.solids, dark.ambient) == (world.solids, 0.3)
 
 
-def test_dirt_darkens_where_it_is_and_nowhere_else():
+def test_dirt_darkens_only_its_own_pixels():
     light = Dirt(camera="cam0", specks_px=((30.0, 20.0, 5.0),), opacity=0.6).apply(
         np.ones((50, 80, 3), np.float32)
     )

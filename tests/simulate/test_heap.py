@@ -39,7 +39,7 @@ def heap():
 
 @settings(max_examples=20)
 @given(seed=seeds, slope=st.floats(0.1, 2))
-def test_a_relaxed_surface_is_the_highest_that_is_nowhere_too_steep(seed, slope):
+def test_limited_slope_gives_the_highest_admissible_surface(seed, slope):
     rng = np.random.default_rng(seed)
     height = rng.normal(0, 20, (25, 30))
     ground = np.full((25, 30), -1e9)
@@ -87,7 +87,7 @@ def test_fines_lie_on_the_belt_no_steeper_than_the_angle_of_repose():
     assert np.abs(mesh.vertices_mm[:, 1]).max() < 290
 
 
-def test_a_footprint_is_the_rocks_lower_and_upper_side():
+def test_footprint_is_the_lower_and_upper_side_of_the_rock():
     ball = Rock(make_sphere(10.3, 0.01), 20.6)
     other = Rock(make_sphere(4.6, 0.01), 9.2)
     for rock, radius in zip(rasterise_rocks([ball, other, ball]), (10.3, 4.6, 10.3), strict=True):
@@ -129,7 +129,7 @@ def heights(heap):
     )
 
 
-def test_no_rock_floats_and_none_sinks(heap):
+def test_rocks_neither_float_nor_sink(heap):
     lowest, depth = gaps(heap)
     assert lowest.max() < 1.0  # mm
     # as deep as its bedding; between the raster's points a corner may be a millimetre deeper
@@ -137,7 +137,7 @@ def test_no_rock_floats_and_none_sinks(heap):
     assert depth.max() > 3.0
 
 
-def test_no_rock_sticks_into_the_belt_and_few_into_each_other(heap):
+def test_rocks_do_not_intersect_the_belt_and_hardly_each_other(heap):
     rocks = next(solid for solid in heap.solids if solid.name == "rocks")
     v = rocks.vertices_mm
     assert (v[:, 2] - BELT.height_at(v[:, 0], v[:, 1])).min() > -1.0
@@ -151,7 +151,7 @@ def test_no_rock_sticks_into_the_belt_and_few_into_each_other(heap):
     assert within.mean() < 0.02
 
 
-def test_each_rocks_record_is_its_part_of_the_mesh(heap):
+def test_record_of_each_rock_matches_its_part_of_the_mesh(heap):
     rocks = next(solid for solid in heap.solids if solid.name == "rocks")
     records = heap.rocks
     assert records.first_face[-1] == len(rocks.faces)
@@ -165,7 +165,7 @@ def test_each_rocks_record_is_its_part_of_the_mesh(heap):
     assert (records.size_mm.min() >= 12) and (records.size_mm.max() <= 60)
 
 
-def test_solids_are_labelled_and_shaded(heap):
+def test_solids_have_labels_and_textures(heap):
     assert [solid.name for solid in heap.solids] == ["fines", "rocks"]
     for solid in heap.solids:
         assert solid.label == Label.MATERIAL
@@ -176,7 +176,7 @@ def test_solids_are_labelled_and_shaded(heap):
         assert solid.faces.max() == len(solid.vertices_mm) - 1
 
 
-def test_the_same_seed_gives_the_same_heap_another_another():
+def test_heap_depends_on_the_seed_only():
     small = SETTINGS.model_copy(update={"rocks": 40})
     one, two = make_heap(small, BELT), make_heap(small, BELT)
     for a, b in zip(one.solids, two.solids, strict=True):
@@ -187,7 +187,7 @@ def test_the_same_seed_gives_the_same_heap_another_another():
     np.testing.assert_array_equal(make_heap(SETTINGS, BELT).fines.height_mm, one.fines.height_mm)
 
 
-def test_a_heap_may_be_rocks_alone_or_fines_alone():
+def test_heap_may_consist_of_rocks_or_fines_alone():
     bare = FinesSettings(crown_mm=0, waves_mm=0, grain_mm=0)
     rocks = make_heap(SETTINGS.model_copy(update={"rocks": 20, "fines": bare}), BELT)
     assert [solid.name for solid in rocks.solids] == ["rocks"]
@@ -198,7 +198,7 @@ def test_a_heap_may_be_rocks_alone_or_fines_alone():
     assert fines.rocks.center_mm.shape == (0, 3)
 
 
-def test_a_heap_is_carried_along_the_belt(heap):
+def test_shifted_heap_moves_along_the_belt(heap):
     for before, after in zip(heap.solids, shift_solids(heap.solids, 250.0), strict=True):
         np.testing.assert_allclose(
             after.vertices_mm - before.vertices_mm, np.tile([0, 250.0, 0], (len(before.vertices_mm), 1))

@@ -27,7 +27,7 @@ def test_points_lie_on_the_box():
     np.testing.assert_allclose(steps, 1000 / 600)
 
 
-def test_noise_is_along_the_beam_and_repeats_with_its_seed():
+def test_noise_lies_along_the_beam_and_repeats_by_seed():
     noisy = COARSE.model_copy(update={"range_noise_mm": 2.0})
     points = scan(noisy, 5)
     on_top = np.abs(points[..., 0]) < 40
@@ -36,7 +36,7 @@ def test_noise_is_along_the_beam_and_repeats_with_its_seed():
     assert (points != scan(noisy, 6)).any()
 
 
-def test_a_beam_on_an_edge_reports_a_place_between():
+def test_beam_on_an_edge_reports_a_point_in_between():
     """The box's flanks look away from a scanner above its middle, so that no single ray meets them."""
     assert between(LidarSettings(step_deg=0.05, range_noise_mm=0.0, spot_mm=4.0)) > 0
     assert between(LidarSettings(step_deg=0.05, range_noise_mm=0.0, rays=1)) == 0

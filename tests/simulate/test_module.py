@@ -31,7 +31,7 @@ def test_every_part_is_closed_labelled_and_has_its_volume():
         assert mesh.volume_mm3 == pytest.approx(volume, rel=1e-9)
 
 
-def test_seen_from_above_everything_stands_where_it_should():
+def test_features_have_their_positions_seen_from_above():
     pose = place_module(MODULE, 6.0, 9.5, 30.0, belt_mm=2.0)
     scene = RayScene(make_module_solids(MODULE, pose))
     places = np.array([[0, -90], [85, -42], [112, 70], [-75, 15], [-118, 68], [134, 6], [136, 9]])
@@ -43,7 +43,7 @@ def test_seen_from_above_everything_stands_where_it_should():
     assert scene.label_of_face[hits.face].tolist() == [10, 11, 12, 13, 14, 11, 10]
 
 
-def test_the_base_lies_on_the_belt_and_turns_about_z():
+def test_base_lies_on_the_belt_and_turns_about_z():
     pose = place_module(MODULE, 0.0, 0.0, 90.0)
     base = make_module_solids(MODULE, pose)[0]
     np.testing.assert_allclose(np.ptp(base.vertices_mm, axis=0), [200, 285, 10])

@@ -21,7 +21,7 @@ def test_material_moves_and_the_belt_stays(world):
     np.testing.assert_allclose(after.solids[1].vertices_mm - world.solids[1].vertices_mm, [[0, 7, 0]] * 4)
 
 
-def test_instants_lie_evenly_about_the_middle_in_small_steps(world):
+def test_instants_are_even_small_steps_about_the_middle(world):
     rig = station(camera())
     y = np.array([world.solids[1].vertices_mm[0, 1] for world in sample_exposure(world, rig, 5.0)])
     middle = world.solids[1].vertices_mm[0, 1]
@@ -31,7 +31,7 @@ def test_instants_lie_evenly_about_the_middle_in_small_steps(world):
     assert len(sample_exposure(world, rig, 0.0)) == 1
 
 
-def test_an_exposure_smears_along_the_belt_only():
+def test_exposure_blurs_along_the_belt_only():
     cam = camera(distortion=(0.0,) * 5)
     rig, settings = station(cam), RenderSettings(engine="scalar", oversample=3, passes=8)
     spot = World((plane(12, 12, label=Label.MATERIAL),), None)

@@ -26,7 +26,7 @@ def developed(lens, scene, count=1):
 
 
 @given(k1=st.floats(-0.2, 0.2), p1=st.floats(-2e-3, 2e-3), p2=st.floats(-2e-3, 2e-3), n=st.integers(1, 4))
-def test_a_slope_is_seen_where_the_lens_puts_it(k1, p1, p2, n):
+def test_ramp_is_imaged_where_the_lens_projects_it(k1, p1, p2, n):
     """A picture that is x/z (or y/z) itself must come back as the camera undistorts its pixels."""
     cam = camera(60, 50, focal=75.0, distortion=(k1, 0.05, p1, p2, 0.0))
     lens = Lens(cam, Optics(psf_sigma_px=0.0 if n == 1 else 0.6), n)
@@ -38,7 +38,7 @@ def test_a_slope_is_seen_where_the_lens_puts_it(k1, p1, p2, n):
         assert np.abs(error).max() < 0.01
 
 
-def test_light_is_neither_lost_nor_made():
+def test_integration_preserves_light():
     lens = Lens(camera(), Optics(psf_sigma_px=1.7), 3)
     np.testing.assert_allclose(developed(lens, lambda x, _: np.full_like(x, 0.37)), 0.37, rtol=1e-5)
 
@@ -61,7 +61,7 @@ def test_pinholes_interleave_evenly_in_both_directions(count):
     np.testing.assert_allclose(np.sort(shifts[:, 1]), even)
 
 
-def test_holes_fill_the_aperture_around_its_middle():
+def test_pinholes_fill_the_aperture_about_its_centre():
     holes = np.array([hole.lens_mm for hole in make_pinholes(camera(), 1, 200, 3.0, 8.0, 700.0)])
     np.testing.assert_allclose(holes.mean(axis=0), 0, atol=1e-9)
     np.testing.assert_allclose(holes.var(axis=0), 4.0**2 / 4, rtol=0.05)

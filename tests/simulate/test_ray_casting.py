@@ -73,7 +73,7 @@ def _pinhole(points):
     return points[:, :2] / points[:, 2:] * LENS.focal_px + LENS.center_px
 
 
-def test_depth_of_a_sphere_is_the_round_ones():
+def test_depth_of_a_sphere_matches_the_exact_sphere():
     pose, middle, radius = tilted(), np.array([20.0, -30, 35]), 35.0
     rays = compute_pixel_rays(LENS, pose, distorted=True)
     hits = RayScene([solid(make_sphere(radius).transform(Pose(np.eye(3), middle)))]).cast(
@@ -105,7 +105,7 @@ def test_depth_of_a_box_is_exact():
     np.testing.assert_allclose(hits.distance[met], expected[met], rtol=0, atol=1e-9)
 
 
-def test_depth_of_a_cylinder_is_the_round_ones():
+def test_depth_of_a_cylinder_matches_the_exact_cylinder():
     pose = tilted()
     rays = compute_pixel_rays(LENS, pose, distorted=True)
     foot = np.array([150.0, 100, 0])
@@ -131,7 +131,7 @@ def test_depth_of_a_cylinder_is_the_round_ones():
 
 @settings(max_examples=15)
 @given(seed=seeds)
-def test_among_triangles_anyhow_the_nearest_is_met_where_float64_has_it(seed):
+def test_nearest_of_random_triangles_is_hit_as_in_float64(seed):
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-200, 200, (60, 1, 3)) + rng.uniform(-90, 90, (60, 3, 3))
     soup = Mesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3))
@@ -151,7 +151,7 @@ def test_among_triangles_anyhow_the_nearest_is_met_where_float64_has_it(seed):
     np.testing.assert_array_equal(found.face[met], t.argmin(axis=1)[met])
 
 
-def test_no_ray_slips_between_triangles_and_of_two_close_surfaces_the_nearer_is_met():
+def test_no_ray_passes_between_triangles_and_the_nearer_of_two_close_surfaces_is_hit():
     x = np.linspace(-50, 50, 101)
     flat = triangulate_height_field(x, x, np.zeros((101, 101)))
     above = triangulate_height_field(x, x, np.full((101, 101), 1e-3))
@@ -166,7 +166,7 @@ def test_no_ray_slips_between_triangles_and_of_two_close_surfaces_the_nearer_is_
     assert (scene.label_of_face[hits.face] == 2).all()
 
 
-def test_a_ray_with_nan_meets_nothing():
+def test_ray_with_nan_hits_nothing():
     hits = RayScene([solid(ground())]).cast(np.array([0.0, 0, 9]), np.array([[np.nan, 0, -1], [0, 0, -1.0]]))
     assert np.isinf(hits.distance[0])
     assert hits.distance[1] == pytest.approx(9)
@@ -175,7 +175,7 @@ def test_a_ray_with_nan_meets_nothing():
     assert np.isinf(nowhere.distance).all()
 
 
-def test_a_wall_hides_what_is_behind_it():
+def test_wall_hides_what_is_behind_it():
     scene = RayScene([solid(ground()), solid(make_box([10.0, 400, 50]))])
     eye = np.array([100.0, 0, 100])
     x = np.array([60.0, -20, -94, -96, -150])  # the shadow of the wall's top edge at x = -5 … ends at -110
@@ -188,7 +188,7 @@ def test_a_wall_hides_what_is_behind_it():
 
 @settings(max_examples=20)
 @given(seed=seeds)
-def test_a_convex_body_is_seen_where_it_faces_the_eye(seed):
+def test_convex_body_is_visible_where_it_faces_the_eye(seed):
     rng = np.random.default_rng(seed)
     ball = make_sphere(20.0, 0.1)
     scene = RayScene([solid(ball)])
@@ -200,7 +200,7 @@ def test_a_convex_body_is_seen_where_it_faces_the_eye(seed):
     np.testing.assert_array_equal(scene.is_visible_from(points, normals, eye), facing)
 
 
-def test_points_far_aside_are_not_put_back_into_the_image():
+def test_points_far_outside_the_view_are_not_in_the_image():
     folding = Camera(
         "fold", (200, 160), np.full(2, 190.0), np.array([99.5, 79.5]), np.array([-0.3, 0, 0, 0, 0.0])
     )

@@ -12,7 +12,7 @@ CORNERS = np.array([[0.0, 0, 0], [8, 0, 0], [8, 4, 0], [0, 4, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def test_texels_are_met_where_they_lie():
+def test_texel_at_a_point_is_the_one_at_its_uv():
     texture = np.arange(32, dtype=np.float32).reshape(4, 8, 1).repeat(3, axis=2) / 32
     textured = Solid(
         "sheet", Label.MATERIAL, CORNERS, FACES, (0.5, 0.5, 0.5), texture, CORNERS[:, :2] / [8, 4]

@@ -69,7 +69,7 @@ def shift_between(first, second):
 
 
 @both_engines
-def test_what_is_warped_through_true_depth_fits_without_shift(engine, seed=3):
+def test_image_warped_by_true_depth_has_no_shift(engine, seed=3):
     """An auxiliary's light, fetched through the plane's true depth and both exact distortions."""
     rng = np.random.default_rng(seed)
     texture = np.repeat(smooth_noise(rng, (400, 500))[..., None], 3, axis=-1)
@@ -96,7 +96,7 @@ def test_what_is_warped_through_true_depth_fits_without_shift(engine, seed=3):
 
 @both_engines
 @pytest.mark.parametrize("center", [None, (95.3, 41.8)])
-def test_a_projected_dot_lands_where_the_projector_aims_it(center, engine):
+def test_projected_dot_appears_where_the_projector_projects_it(center, engine):
     pose = Pose.of([np.pi - 0.08, 0.06, 0.03], [20, -15, 720])
     rows, columns = np.mgrid[:100, :160]
     dots = np.array([[40.0, 30.0], [111.4, 27.7], [37.3, 71.6], [118.0, 68.5]])
@@ -123,7 +123,7 @@ def test_ambient_light_of_one_makes_white_one(engine):
 
 
 @both_engines
-def test_the_projectors_power_is_that_of_a_white_pixel_at_a_metre(engine):
+def test_projectors_power_is_that_of_a_white_pixel_at_a_metre(engine):
     light = projector(
         np.ones((60, 80)), focal=(100.0, 100.0), pose=Pose.of([np.pi, 0, 0], [0, 0, 1000]), power=2.5
     )
@@ -142,7 +142,7 @@ def test_colours_keep_their_channels_and_sides(engine):
     np.testing.assert_allclose(image[140, 160], 0, atol=1e-3)
 
 
-def test_a_shadow_keeps_the_halls_light():
+def test_shadow_keeps_the_halls_light():
     side = Pose.of([0, 0.5, 0], [0, 0, 700]) @ Pose.of([np.pi, 0, 0], [0, 0, 0])
     light = projector(np.ones((60, 80)), focal=(40.0, 40.0), pose=side, power=1.0)
     board = plane(60, 60, z_mm=80, colour=0.5)
@@ -172,7 +172,7 @@ def test_blur_grows_with_the_distance_from_the_plane_in_focus():
 
 
 @both_engines
-def test_the_point_spread_is_as_wide_as_asked(engine):
+def test_point_spread_has_the_requested_width(engine):
     cam = camera(distortion=(0.0,) * 5)
     spot = World((plane(7, 7),), None)
     light = picture(spot, cam, settings=by(engine, FINE), optics=Optics(psf_sigma_px=0.9))[..., 0].sum(axis=0)
@@ -202,7 +202,7 @@ def test_gloss_adds_highlights():
     assert (shiny >= matt - 1e-5).all()
 
 
-def test_light_that_bounces_fills_a_corner():
+def test_bounced_light_brightens_a_corner():
     wall = plane(400, 400, colour=0.8)
     vertices = wall.vertices_mm[:, [2, 1, 0]] * [1, 1, -1] + [50, 0, 200]
     upright = type(wall)("wall", wall.label, vertices, wall.faces, wall.reflectance)
@@ -216,7 +216,7 @@ def test_light_that_bounces_fills_a_corner():
 
 
 @both_engines
-def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads(engine):
+def test_same_seed_gives_the_same_bytes_for_any_number_of_threads(engine):
     rng = np.random.default_rng(0)
     light = projector(smooth_noise(rng, (60, 80)), focal=(60.0, 60.0))
     world = World((plane(900, 900, colour=0.5), plane(60, 60, z_mm=80, colour=0.7)), light)
@@ -230,7 +230,7 @@ def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads(engine):
     assert images[0].tobytes() == images[1].tobytes() == images[2].tobytes()
 
 
-def test_the_seed_matters_only_to_the_halls_light():
+def test_seed_matters_only_to_the_halls_light():
     world = World((plane(900, 900, colour=0.5), plane(60, 60, z_mm=80, colour=0.7)), None)
     cam = camera()
     first, second = (
@@ -250,17 +250,17 @@ def test_both_engines_give_the_same_picture():
     assert np.abs(plain - compiled).mean() < 2e-3
 
 
-def test_a_camera_the_rig_does_not_have_is_refused():
+def test_camera_the_rig_does_not_have_is_refused():
     with pytest.raises(InputError, match="cam9"):
         render(World((plane(),), None), station(camera()), {"cam9": Optics()}, SCALAR)
 
 
-def test_a_lens_that_folds_inside_the_image_is_refused():
+def test_lens_that_folds_inside_the_image_is_refused():
     with pytest.raises(InputError, match="folds"):
         picture(World((plane(),), None), camera(distortion=(-3.0, 0, 0, 0, 0)))
 
 
-def test_a_textured_solid_without_uv_is_refused():
+def test_textured_solid_without_uv_is_refused():
     bare = plane(texture=np.ones((2, 2, 3), np.float32))
     bare = type(bare)(
         bare.name, bare.label, bare.vertices_mm, bare.faces, bare.reflectance, texture=bare.texture
@@ -269,7 +269,7 @@ def test_a_textured_solid_without_uv_is_refused():
         picture(World((bare,), None))
 
 
-def test_a_pattern_of_the_wrong_size_is_refused():
+def test_pattern_of_the_wrong_size_is_refused():
     light = projector(np.ones((60, 80)))
     wrong = type(light)(light.camera, light.projector_from_world, light.pattern[:50], light.power)
     with pytest.raises(InputError, match="shape"):

@@ -57,7 +57,7 @@ def test_depth_and_labels_of_the_module_agree():
     assert np.median(error[kind >= 15]) < 0.0025
 
 
-def test_the_modules_volume_agrees():
+def test_modules_volume_agrees():
     theirs = read("module_volume.json")
     ours = compute_true_load(world(), tuple(theirs["x_range"]), tuple(theirs["y_range"]))
     assert ours.volume_mm3 == pytest.approx(theirs["volume_mm3"], rel=2e-4)

@@ -20,7 +20,7 @@ DRAWN = RigSpec(scatter=0.0, scale=1.0)
 
 
 @given(st.integers(1, 6), st.floats(0, 600), st.floats(-180, 180), st.floats(-100, 300), st.floats(400, 2000))
-def test_as_drawn_all_cameras_look_at_one_spot_and_across(count, baseline, first, aim, height):
+def test_nominal_cameras_are_aimed_at_one_point_with_rows_across(count, baseline, first, aim, height):
     baseline = max(baseline, 1e-3)
     spec = DRAWN.model_copy(
         update={
@@ -47,7 +47,7 @@ def test_as_drawn_all_cameras_look_at_one_spot_and_across(count, baseline, first
             assert pose.rotation[1, 1] < 0  # … and rows against its motion
 
 
-def test_a_camera_turns_by_the_shortest_way():
+def test_camera_rotates_by_the_shortest_way():
     stands = make_station(DRAWN)
     down = np.diag([1.0, -1.0, -1.0])
     np.testing.assert_array_equal(stands.core_from_world.rotation, down)
@@ -59,7 +59,7 @@ def test_a_camera_turns_by_the_shortest_way():
         assert shortest == pytest.approx(np.arctan2(300, 744 - 60))
 
 
-def test_without_scatter_lenses_are_as_drawn():
+def test_lenses_without_scatter_are_nominal():
     for camera in make_station(DRAWN).rig.cameras.values():
         assert camera.size_px == (2448, 2048)
         np.testing.assert_array_equal(camera.focal_px, 8000 / 3.45)
@@ -67,7 +67,7 @@ def test_without_scatter_lenses_are_as_drawn():
         np.testing.assert_array_equal(camera.distortion, DRAWN.distortion)
 
 
-def test_scatter_is_of_the_size_it_says():
+def test_scatter_has_the_stated_standard_deviations():
     made = [make_station(RigSpec(auxiliaries=16, scale=1.0, seed=seed)) for seed in range(12)]
     lenses = [camera for stands in made for camera in stands.rig.cameras.values()]
     focal = np.array([camera.focal_px[0] for camera in lenses]) / (8000 / 3.45)
@@ -87,7 +87,7 @@ def test_scatter_is_of_the_size_it_says():
     assert 0.3 < np.mean(angles) < 2.4  # 0.7° about each of three axes
 
 
-def test_a_seed_is_a_plant():
+def test_seed_determines_the_plant():
     first, again, other = make_station(RigSpec()), make_station(RigSpec()), make_station(RigSpec(seed=2))
     for name, camera in first.rig.cameras.items():
         np.testing.assert_array_equal(camera.focal_px, again.rig.cameras[name].focal_px)
@@ -99,7 +99,7 @@ def test_a_seed_is_a_plant():
 
 
 @given(cameras(), st.sampled_from([1.0, 0.5, 0.25, 0.37]))
-def test_scaled_pixels_are_the_old_ones_put_together(camera, scale):
+def test_scaled_pixels_are_merged_original_pixels(camera, scale):
     small = scale_camera(camera, scale)
     np.testing.assert_allclose(small.size_px, scale * np.array(camera.size_px), atol=0.5)
     factor = np.array(small.size_px) / camera.size_px
@@ -109,7 +109,7 @@ def test_scaled_pixels_are_the_old_ones_put_together(camera, scale):
     )
 
 
-def test_a_rig_of_ones_own_is_taken_as_it_is(tmp_path):
+def test_given_rig_is_used_unchanged(tmp_path):
     drawn = make_station(RigSpec(scale=1.0, auxiliaries=2, seed=7)).rig
     write_rig(tmp_path / "rig.json", drawn)
     stands = make_station(RigSpec(file=tmp_path / "rig.json", scale=1.0, height_mm=900))
@@ -127,7 +127,7 @@ def test_a_rig_of_ones_own_is_taken_as_it_is(tmp_path):
     assert half.rig.core_camera.size_px == (1224, 1024)
 
 
-def test_a_rig_that_is_not_there(tmp_path):
+def test_missing_rig_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"gone\.json: no such file"):
         make_station(RigSpec(file=tmp_path / "gone.json"))
 
@@ -135,7 +135,7 @@ def test_a_rig_that_is_not_there(tmp_path):
 SMALL = ProjectorSpec(size_px=(320, 200))
 
 
-def test_the_projector_aims_at_the_origin_and_covers_what_it_says():
+def test_projector_is_aimed_at_the_origin_and_covers_its_width():
     made = make_projector(SMALL)
     pose, lens = made.projector_from_world, made.camera
     np.testing.assert_allclose(lens.project(pose.apply(np.zeros(3))), [159.5, 99.5], atol=1e-9)
@@ -145,7 +145,7 @@ def test_the_projector_aims_at_the_origin_and_covers_what_it_says():
     assert right[0] - left[0] == pytest.approx(960, rel=0.01)
 
 
-def test_its_light_follows_the_pattern():
+def test_projector_light_follows_the_pattern():
     sharp = make_projector(SMALL.model_copy(update={"blur_px": 0.0, "gamma": 1.0}))
     assert sharp.pattern.shape == (200, 320, 3)
     assert sharp.pattern.dtype == np.float32
@@ -158,13 +158,13 @@ def test_its_light_follows_the_pattern():
     assert soft.pattern[inside].mean() == pytest.approx(sharp.pattern[inside].mean(), rel=0.03)
 
 
-def test_its_seed_draws_other_dots():
+def test_projector_seed_changes_the_dots():
     first, again = make_projector(SMALL).pattern, make_projector(SMALL).pattern
     np.testing.assert_array_equal(first, again)
     assert (first != make_projector(SMALL.model_copy(update={"seed": 2})).pattern).any()
 
 
-def test_a_pattern_of_ones_own_must_be_of_the_projectors_size(tmp_path):
+def test_given_pattern_must_have_the_size_of_the_projector(tmp_path):
     own = tmp_path / "pattern.json"
     write_pattern(own, make_pattern(PatternSettings(size_px=(320, 200), count=500, seed=3)))
     assert make_projector(SMALL.model_copy(update={"pattern": own})).pattern.mean() > 0

@@ -19,7 +19,7 @@ LAWS = [
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_the_mass_of_drawn_sizes_follows_the_law(law):
+def test_mass_of_drawn_sizes_follows_the_law(law):
     size = np.sort(draw_sizes(law, 20_000, np.random.default_rng(3)))
     assert law.smallest_mm <= size[0] < 1.01 * law.smallest_mm
     assert size[-1] <= law.largest_mm
@@ -27,7 +27,7 @@ def test_the_mass_of_drawn_sizes_follows_the_law(law):
     np.testing.assert_allclose(law.share_passing(size), passing, atol=0.01)
 
 
-def test_passing_is_the_textbooks_between_its_ends():
+def test_share_passing_follows_the_law_between_its_ends():
     law = SizeSettings(median_mm=40, exponent=1.0, smallest_mm=1e-6, largest_mm=1e4)
     np.testing.assert_allclose(
         law.share_passing(np.array([0, 40.0, 80, 120, 2e4])), [0, 0.5, 0.75, 0.875, 1], atol=1e-6
@@ -36,7 +36,7 @@ def test_passing_is_the_textbooks_between_its_ends():
     assert law.share_passing(np.array([25.0])) == pytest.approx(0.5, abs=1e-5)
 
 
-def test_even_few_rocks_are_spread_over_all_sizes():
+def test_few_rocks_are_spread_over_all_sizes():
     few = np.sort(draw_sizes(SizeSettings(), 50, np.random.default_rng(1)))
     many = np.quantile(
         draw_sizes(SizeSettings(), 50_000, np.random.default_rng(2)), (np.arange(50) + 0.5) / 50
@@ -61,7 +61,7 @@ def test_sizes_in_the_wrong_order_are_refused():
         lean_deg=st.floats(0, 90),
     ),
 )
-def test_a_rock_is_closed_about_its_centroid_and_has_its_size(seed, size, shape):
+def test_rock_is_closed_about_its_centroid_and_has_its_size(seed, size, shape):
     rock = make_rock(size, shape, np.random.default_rng(seed))
     mesh = rock.mesh
     assert mesh.is_closed
@@ -76,7 +76,7 @@ def test_a_rock_is_closed_about_its_centroid_and_has_its_size(seed, size, shape)
     ).all()  # every face looks away from the middle: it cuts nothing
 
 
-def test_a_rock_that_does_not_lean_lies_on_its_flat_side():
+def test_rock_without_inclination_lies_on_its_flat_side():
     shape = ShapeSettings(lean_deg=0, longest=1.8, flattest=0.5)
     extents = np.array(
         [np.ptp(make_rock(30.0, shape, np.random.default_rng(i)).mesh.vertices_mm, axis=0) for i in range(40)]
@@ -86,10 +86,10 @@ def test_a_rock_that_does_not_lean_lies_on_its_flat_side():
 
 
 @pytest.mark.parametrize("mesh", [make_box([3, 4, 5]), make_cylinder(2.0, 5.0)])
-def test_a_centroid_is_where_it_should_be(mesh):
+def test_centroid_of_known_bodies_is_exact(mesh):
     np.testing.assert_allclose(compute_centroid(mesh), [0, 0, 2.5], atol=1e-9)
 
 
-def test_the_same_seed_makes_the_same_rock():
+def test_same_seed_makes_the_same_rock():
     one, two = (make_rock(20.0, ShapeSettings(), np.random.default_rng(7)) for _ in range(2))
     np.testing.assert_array_equal(one.mesh.vertices_mm, two.mesh.vertices_mm)

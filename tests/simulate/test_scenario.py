@@ -11,19 +11,19 @@ from beltscape.simulate.scenario import KINDS, Scenario
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_needs_no_more_than_its_name(kind):
+def test_every_kind_has_defaults_for_all_keys(kind):
     scenario = read_scenario(kind, {})
     assert scenario.kind == kind
     assert scenario.is_lit == (kind != "calibration")
     assert Scenario.model_validate(scenario.model_dump(mode="json")) == scenario  # as truth/ keeps it
 
 
-def test_a_dead_projector_and_one_that_is_off_give_no_light():
+def test_dead_projector_and_one_that_is_off_give_no_light():
     assert not Scenario(kind="belt_empty", speckle=False).is_lit
     assert not read_scenario("belt_empty", {"faults": {"dead_projector": True}}).is_lit
 
 
-def test_paths_are_taken_from_the_files_folder(tmp_path):
+def test_paths_are_relative_to_the_folder_of_the_file(tmp_path):
     scene = tmp_path / "scenes" / "mine.toml"
     scene.parent.mkdir()
     scene.write_text(
@@ -39,7 +39,7 @@ def test_paths_are_taken_from_the_files_folder(tmp_path):
     assert read_scenario(str(scene), {}).projector.pattern == scene.parent / "own/pattern.json"
 
 
-def test_what_is_told_goes_before_the_file(tmp_path):
+def test_overrides_take_precedence_over_the_file(tmp_path):
     scene = tmp_path / "mine.toml"
     scene.write_text('kind = "module"\nseed = 3\nframes = 2\n[rig]\nscale = 1.0\nheight_mm = 800\n')
     scenario = read_scenario(str(scene), {"seed": 5, "rig": {"scale": 0.25, "file": "here.json"}, "tof": {}})
@@ -66,7 +66,7 @@ def test_what_is_told_goes_before_the_file(tmp_path):
         ('kind = "module"\n[[faults.dirt]]\ncamera = "a"\nspecks_px = [[1, 1, 0]]\n', "faults.dirt[0]"),
     ],
 )
-def test_what_cannot_be_is_one_line_that_names_the_file(tmp_path, toml, line):
+def test_invalid_scene_is_refused_in_one_line_naming_the_file(tmp_path, toml, line):
     scene = tmp_path / "mine.toml"
     scene.write_text(toml)
     with pytest.raises(InputError) as refusal:
@@ -77,14 +77,14 @@ def test_what_cannot_be_is_one_line_that_names_the_file(tmp_path, toml, line):
     assert "\n" not in said
 
 
-def test_an_unknown_scene_is_told_the_known_ones():
+def test_unknown_scene_is_refused_with_the_known_ones():
     with pytest.raises(InputError) as refusal:
         read_scenario("belt", {})
     assert str(refusal.value).startswith("belt: no such scene")
     assert all(kind in str(refusal.value) for kind in KINDS)
 
 
-def test_a_file_that_is_not_there():
+def test_missing_scene_file_is_refused():
     with pytest.raises(InputError, match=r"gone\.toml: no such file"):
         read_scenario("gone.toml", {})
 
@@ -112,6 +112,6 @@ def test_bounds(values):
         Scenario.model_validate({"kind": "belt_empty", **values})
 
 
-def test_a_scenario_stays_as_it_is():
+def test_scenario_stays_as_it_is():
     with pytest.raises(ValidationError):
         Scenario(kind="module").seed = 2  # pyright: ignore[reportAttributeAccessIssue]

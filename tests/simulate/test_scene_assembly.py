@@ -35,7 +35,7 @@ def same(first, second) -> list[str]:
     return [name for name in first if np.array_equal(first[name], second[name])]
 
 
-def test_the_same_scenario_gives_the_same_bytes_and_another_seed_others():
+def test_same_scenario_gives_the_same_bytes_and_another_seed_others():
     again = SimulatedScene(tiny("belt_loaded")).render_frame(0)
     assert again.frame == "000"
     assert again.time_ns == 0
@@ -44,7 +44,7 @@ def test_the_same_scenario_gives_the_same_bytes_and_another_seed_others():
     assert same(plain(), SimulatedScene(tiny("belt_loaded", seed=2)).render_frame(0).images) == []
 
 
-def test_a_seed_draws_noise_and_heap_but_no_other_plant():
+def test_seed_draws_noise_and_heap_but_no_other_plant():
     first, second = (
         SimulatedScene(tiny("belt_loaded", **DARK)),
         SimulatedScene(tiny("belt_loaded", seed=2, **DARK)),
@@ -69,7 +69,7 @@ def test_two_frames_of_a_still_belt_differ_by_noise_only():
         assert abs(change.mean()) < 0.3
 
 
-def test_colour_is_where_the_projector_is_on_unless_told():
+def test_colour_depends_on_the_projector_unless_given():
     def shapes(**more) -> set[int]:
         return {
             image.ndim for image in SimulatedScene(tiny("belt_empty", **more)).render_frame(0).images.values()
@@ -82,7 +82,7 @@ def test_colour_is_where_the_projector_is_on_unless_told():
     assert {image.shape[:2] for image in plain().values()} == {(264, 320)}
 
 
-def test_without_the_halls_light_the_projectors_is_left():
+def test_contrast_grows_without_ambient_light():
     def contrast(ambient: float) -> float:
         quiet = {"shot_noise": False, "read_noise_e": 0.0}
         scene = tiny("belt_empty", ambient=ambient, sensor=quiet, colour=False)
@@ -93,7 +93,7 @@ def test_without_the_halls_light_the_projectors_is_left():
 
 
 @pytest.mark.parametrize("colour", ["grey", "rgb", "bayer"])
-def test_auto_exposure_makes_the_cores_first_image_as_bright_as_it_bears(colour):
+def test_auto_exposure_makes_the_first_core_image_just_not_saturated(colour):
     scene = SimulatedScene(
         tiny("belt_loaded", colour=False, gain_spread=0, sensor={"colour": colour, "shot_noise": False})
     )
@@ -103,7 +103,7 @@ def test_auto_exposure_makes_the_cores_first_image_as_bright_as_it_bears(colour)
     assert saturated_fraction(image) < 0.005
 
 
-def test_without_auto_exposure_the_sensor_is_driven_as_told():
+def test_sensor_keeps_its_exposure_without_auto_exposure():
     dim = {"electrons_at_1": 1000.0, "read_noise_e": 0.0, "shot_noise": False}
     scene = SimulatedScene(tiny("belt_empty", auto_exposure=False, gain_spread=0, sensor=dim, **DARK))
     assert scene.render_frame(0).images["cam0"].max() <= np.ceil(255 * 1000 / 14_000)
@@ -125,7 +125,7 @@ def moving(**motion) -> SimulatedScene:
     return SimulatedScene(tiny("belt_moving", motion=motion, **DARK))
 
 
-def test_the_heap_passes_once():
+def test_heap_passes_once():
     scene = moving(speed_mm_s=500, frames_per_s=5)
     places = [scene.heap_position_mm(i) for i in range(scene.frame_count)]
     far = -places[0]
@@ -137,7 +137,7 @@ def test_the_heap_passes_once():
     assert far == pytest.approx(end + view)
 
 
-def test_the_first_frame_shows_the_empty_belt_and_a_middle_one_the_heap():
+def test_first_frame_shows_the_empty_belt_and_a_middle_one_the_heap():
     scene = moving(speed_mm_s=500, frames_per_s=5)
     middle = min(range(scene.frame_count), key=lambda i: abs(scene.heap_position_mm(i)))
     first, loaded = (scene.render_frame(i).images["cam0"].mean() for i in (0, middle))
@@ -148,7 +148,7 @@ def test_the_first_frame_shows_the_empty_belt_and_a_middle_one_the_heap():
 @given(
     st.floats(-3000, 3000), st.floats(1, 50), st.integers(0, 300), st.one_of(st.none(), st.floats(-90, 90))
 )
-def test_belt_and_heap_go_together(speed, rate, frame, start):
+def test_belt_and_heap_move_together(speed, rate, frame, start):
     scene = moving(speed_mm_s=speed, frames_per_s=rate, start_mm=start)
     assert scene.belt_position_mm(frame) == pytest.approx(speed * frame / rate)
     round_mm = 2 * scene._far_mm
@@ -159,7 +159,7 @@ def test_belt_and_heap_go_together(speed, rate, frame, start):
         assert scene.heap_position_mm(0) == pytest.approx(start)
 
 
-def test_a_belt_may_run_backwards_or_stand():
+def test_belt_may_run_backwards_or_stand():
     back = moving(speed_mm_s=-500, frames_per_s=5)
     places = [back.heap_position_mm(i) for i in range(back.frame_count)]
     np.testing.assert_allclose(np.diff(places), -100)
@@ -170,7 +170,7 @@ def test_a_belt_may_run_backwards_or_stand():
 
 
 @pytest.mark.parametrize("speed", [1e-3, 1e-320])
-def test_a_belt_that_crawls_wants_to_know_how_many_frames(speed):
+def test_very_slow_belt_requires_the_number_of_frames(speed):
     with pytest.raises(InputError, match="give the number of frames"):
         _ = moving(speed_mm_s=speed).frame_count
     assert SimulatedScene(tiny("belt_moving", frames=3, motion={"speed_mm_s": speed})).frame_count == 3
@@ -194,7 +194,7 @@ def spoilt(speckle: bool = False, **faults) -> dict[str, np.ndarray]:
     return dict(SimulatedScene(tiny("belt_loaded", speckle=speckle, faults=faults)).render_frame(0).images)
 
 
-def test_a_dead_projector_is_no_projector():
+def test_dead_projector_equals_no_projector():
     images = spoilt(speckle=True, dead_projector=True)
     assert same(images, dark()) == list(CAMERAS)
 
@@ -217,7 +217,7 @@ def test_over_exposure_saturates_its_own_camera():
     assert saturated_fraction(images["cam2"]) > 0.6
 
 
-def test_a_moved_camera_sees_otherwise_and_the_truth_stays():
+def test_moved_camera_changes_its_image_but_not_the_truth():
     knock = [{"camera": "cam1", "rotation_deg": [0, 2, 0]}]
     scene = SimulatedScene(tiny("belt_loaded", faults={"moved_camera": knock}, **DARK))
     assert same(scene.render_frame(0).images, dark()) == ["cam0", "cam2"]
@@ -232,7 +232,7 @@ def test_a_moved_camera_sees_otherwise_and_the_truth_stays():
     assert before.current_station is before.station
 
 
-def test_missing_frames_are_absent_and_the_others_as_ever():
+def test_missing_frames_are_absent_and_the_others_unchanged():
     lost = [{"camera": "cam1", "every": 2}, {"camera": "cam2", "first": 1}]
     scene = SimulatedScene(tiny("belt_loaded", frames=4, faults={"missing_frames": lost}, **DARK))
     there = [scene.delivering_cameras(i) for i in range(4)]
@@ -245,7 +245,7 @@ def test_missing_frames_are_absent_and_the_others_as_ever():
 # The board
 
 
-def test_a_board_is_shown_without_belt_or_dots():
+def test_board_is_rendered_without_belt_or_dots():
     scene = SimulatedScene(tiny("calibration", frames=2))
     assert scene.projector is None
     assert {solid.name for solid in scene.world_at(0).solids} & {"belt"} == set()

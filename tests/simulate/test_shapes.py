@@ -27,7 +27,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_shape_is_closed_and_holds_its_volume(name):
+def test_shape_is_closed_and_has_its_volume(name):
     mesh, volume = SHAPES[name]
     assert mesh.is_closed
     assert mesh.volume_mm3 == pytest.approx(volume, rel=1e-9)  # positive: its faces look outside
@@ -35,7 +35,7 @@ def test_a_shape_is_closed_and_holds_its_volume(name):
 
 @settings(max_examples=20)
 @given(pose=poses(), name=st.sampled_from(sorted(SHAPES)))
-def test_moving_and_dividing_keep_volume_and_closedness(pose, name):
+def test_transform_and_subdivision_keep_volume_and_closedness(pose, name):
     mesh, volume = SHAPES[name]
     if len(mesh.faces) > 5000:
         return
@@ -46,7 +46,7 @@ def test_moving_and_dividing_keep_volume_and_closedness(pose, name):
 
 
 @pytest.mark.parametrize("radius", [5.0, 15.0, 35.0])
-def test_a_sphere_leaves_the_round_one_by_less_than_three_micrometres(radius):
+def test_sphere_deviates_by_less_than_three_micrometres(radius):
     mesh = make_sphere(radius)
     corners = mesh.vertices_mm[mesh.faces]
     weights = np.random.default_rng(1).dirichlet(np.ones(3), 7)  # places within each face
@@ -56,7 +56,7 @@ def test_a_sphere_leaves_the_round_one_by_less_than_three_micrometres(radius):
 
 
 @pytest.mark.parametrize("radius", [2.0, 10.0, 80.0])
-def test_a_cylinders_side_leaves_the_round_one_by_less_than_three_micrometres(radius):
+def test_side_of_a_cylinder_deviates_by_less_than_three_micrometres(radius):
     mesh = make_cylinder(radius, 5.0)
     ring = mesh.vertices_mm[mesh.vertices_mm[:, 2] == 0][:-1]
     middles = (ring + np.roll(ring, 1, axis=0)) / 2
@@ -64,14 +64,14 @@ def test_a_cylinders_side_leaves_the_round_one_by_less_than_three_micrometres(ra
         assert np.abs(np.linalg.norm(points[:, :2], axis=1) - radius).max() < 0.003
 
 
-def test_an_extrusion_is_closed_and_holds_section_times_length():
+def test_extrusion_is_closed_and_has_the_volume_section_times_length():
     outline = np.array([[-3.0, 2], [0, 1], [3, 2], [3, 1], [0, 0], [-3, 1]])
     mesh = extrude(outline, np.array([-5.0, 0.0, 7.0]))
     assert mesh.is_closed
     assert mesh.volume_mm3 == pytest.approx(6 * 12)
 
 
-def test_a_height_field_looks_up_and_goes_through_its_nodes():
+def test_height_field_faces_up_and_contains_its_nodes():
     x, y = np.array([0.0, 1, 3]), np.array([-1.0, 2])
     mesh = triangulate_height_field(x, y, np.array([[0.0, 1, 2], [3, 4, 9]]))
     a, b, c = np.moveaxis(mesh.vertices_mm[mesh.faces], 1, 0)
@@ -79,7 +79,7 @@ def test_a_height_field_looks_up_and_goes_through_its_nodes():
     np.testing.assert_array_equal(mesh.vertices_mm[4], [1, 2, 4])
 
 
-def test_joined_meshes_keep_their_volumes_and_a_missing_face_is_noticed():
+def test_joined_meshes_keep_their_volumes_and_a_missing_face_opens_them():
     both = join_meshes([make_box([1, 2, 3]), make_sphere(2.0, 0.1)])
     assert both.is_closed
     assert both.volume_mm3 == pytest.approx(6 + 4 / 3 * np.pi * 8)

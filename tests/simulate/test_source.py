@@ -16,7 +16,7 @@ from simulate.tiny import tiny
 SCENE = tiny("belt_moving", frames=2, speckle=False, motion={"start_mm": 0.0, "speed_mm_s": 400.0})
 
 
-def test_it_gives_what_the_capture_holds(tmp_path):
+def test_source_yields_the_frames_of_the_capture(tmp_path):
     simulate(SCENE, tmp_path / "capture", Silent())
     capture = read_capture(tmp_path / "capture")
     source = SimulatedSource(SCENE, frames=2)
@@ -30,7 +30,7 @@ def test_it_gives_what_the_capture_holds(tmp_path):
             np.testing.assert_array_equal(image, read_image(capture.files[name][frame.frame]))
 
 
-def test_it_never_ends_unless_told():
+def test_source_is_endless_unless_limited():
     source = SimulatedSource(SCENE)
     assert len(source) > 10**9
     frames = list(islice(source, 2))
@@ -39,7 +39,7 @@ def test_it_never_ends_unless_told():
     assert (frames[0].images["cam0"] != frames[1].images["cam0"]).any()
 
 
-def test_a_calibration_goes_on_from_its_first_pose():
+def test_calibration_repeats_from_its_first_pose():
     board = tiny("calibration", frames=1)
     first, again = SimulatedSource(board, frames=2)
     assert (first.frame, again.frame) == ("000", "001")

@@ -25,7 +25,7 @@ MODULE = Module(
 )
 
 
-def test_a_modules_truth_is_written_with_its_quantities(tmp_path):
+def test_truth_of_a_module_lists_its_quantities(tmp_path):
     pose = place_module(MODULE, 5.0, -4.0, 20.0)
     there = world(*make_module_solids(MODULE, pose))
     known = SceneDetails(BELT, module=MODULE, world_from_module=pose, along_mm=(-120, 120))
@@ -65,7 +65,7 @@ def test_a_modules_truth_is_written_with_its_quantities(tmp_path):
     assert {10, 11, 12, 13, 14, 1} <= set(np.unique(depth["label"]).tolist())
 
 
-def test_a_heaps_truth_is_the_same_bytes_twice(tmp_path):
+def test_truth_of_a_heap_is_reproducible_to_the_byte(tmp_path):
     heap = make_heap(HeapSettings(rocks=60), BELT)
     for folder in ("one", "two"):
         known = SceneDetails(BELT, heap=heap, along_mm=(-20, 20))

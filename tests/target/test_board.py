@@ -22,7 +22,7 @@ dictionary = "DICT_5X5_100"
 CHESSBOARD = 'kind = "chessboard"\ncorners = [9, 6]\nsquare_mm = 25\n'
 
 
-def test_a_charuco_board_is_read_and_its_open_flags_stay_open(tmp_path):
+def test_charuco_board_keeps_unset_flags_unset(tmp_path):
     (tmp_path / "board.toml").write_text(CHARUCO)
     board = read_board(tmp_path / "board.toml")
     assert board == CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
@@ -31,7 +31,7 @@ def test_a_charuco_board_is_read_and_its_open_flags_stay_open(tmp_path):
     assert board.describe() == "ChArUco 5×4, DICT_5X5_100, square 30 mm"
 
 
-def test_a_chessboard_is_read(tmp_path):
+def test_chessboard_is_read(tmp_path):
     (tmp_path / "board.toml").write_text(CHESSBOARD)
     board = read_board(tmp_path / "board.toml")
     assert board == Chessboard(corners=(9, 6), square_mm=25)
@@ -64,7 +64,7 @@ def test_a_chessboard_is_read(tmp_path):
         (CHESSBOARD.replace("corners = [9, 6]\n", ""), "corners is missing"),
     ],
 )
-def test_what_does_not_fit_is_named(tmp_path, text, message):
+def test_invalid_file_is_refused_naming_the_key(tmp_path, text, message):
     path = tmp_path / "board.toml"
     path.write_text(text)
     with pytest.raises(InputError) as error:
@@ -74,14 +74,14 @@ def test_what_does_not_fit_is_named(tmp_path, text, message):
 
 @pytest.mark.parametrize("legacy", [False, True])
 @pytest.mark.parametrize("squares", [(5, 4), (4, 5), (7, 3)])
-def test_corners_are_where_opencv_has_them(squares, legacy):
+def test_corner_points_equal_those_of_opencv(squares, legacy):
     board = CharucoBoard(squares=squares, square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
     theirs = board.to_opencv(legacy=legacy)
     np.testing.assert_allclose(corner_points_mm(board), theirs.getChessboardCorners(), atol=1e-4)
     assert theirs.getLegacyPattern() is legacy
 
 
-def test_a_board_may_use_every_marker_of_its_dictionary():
+def test_board_may_use_every_marker_of_its_dictionary():
     board = CharucoBoard(squares=(11, 9), square_mm=30, marker_mm=22, dictionary="DICT_5X5_50")
     assert (
         board.to_opencv(legacy=False).getIds().size
@@ -90,7 +90,7 @@ def test_a_board_may_use_every_marker_of_its_dictionary():
 
 
 @pytest.mark.parametrize("grid", [(9, 6), (3, 4)])
-def test_adjacent_corners_are_one_square_apart_and_all_there(grid):
+def test_adjacent_corners_are_complete_and_one_square_apart(grid):
     board = Chessboard(corners=grid, square_mm=12.5)
     points = corner_points_mm(board)
     edges = adjacent_corners(board)

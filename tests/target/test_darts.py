@@ -43,7 +43,7 @@ def test_every_point_is_farther_than_d_min_from_every_other_exactly(size, d_min_
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 60), st.integers(1, 40), st.integers(0, 2**32))
-def test_darts_of_one_round_are_accepted_as_if_thrown_one_by_one(count, d_min, seed):
+def test_round_of_darts_is_accepted_as_if_thrown_one_by_one(count, d_min, seed):
     darts = np.random.default_rng(seed).integers(0, 100, (count, 2))
     kept: list[int] = []
     for i, dart in enumerate(darts):
@@ -62,7 +62,7 @@ def plain_darts(size, count, d_min, rng):
     return points
 
 
-def test_leaving_out_hopeless_darts_does_not_change_what_is_accepted_on_average():
+def test_omitting_covered_cells_does_not_change_the_acceptance_on_average():
     """The mean pair counts of many small patterns against the plain definition, near saturation."""
     size, count, d_min, trials = (40, 30), 10, 8.0, 150
     edges = np.array([8.0, 9, 10, 12, 15, 50])
@@ -90,40 +90,40 @@ def test_points_are_uniform_over_the_plane_over_many_seeds():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_blocks_hold_more_equal_numbers_than_independent_points_would(seed):
+def test_counts_per_block_vary_less_than_for_independent_points(seed):
     points = throw((480, 320), 1500, 7.0, seed)
     counts = np.histogram2d(points[:, 0], points[:, 1], (6, 4), ((-0.5, 479.5), (-0.5, 319.5)))[0]
     statistic = ((counts - counts.mean()) ** 2 / counts.mean()).sum()
     assert statistic < chi2.ppf(0.001, 23)
 
 
-def test_kept_out_discs_stay_empty_and_no_wider():
+def test_keep_out_discs_stay_empty_and_only_they():
     disc = np.array([[49.5, 39.5, 20.0]])
     points = np.concatenate([throw((100, 80), 60, 6.0, seed, disc) for seed in range(30)])
     distance = np.linalg.norm(points - disc[0, :2], axis=1)
     assert 20 < distance.min() < 20.2
 
 
-def test_the_same_seed_gives_the_same_points_and_another_others():
+def test_points_depend_on_the_seed_only():
     assert throw((200, 100), 200, 6.0, 5).tobytes() == throw((200, 100), 200, 6.0, 5).tobytes()
     assert throw((200, 100), 200, 6.0, 5).tobytes() != throw((200, 100), 200, 6.0, 6).tobytes()
 
 
-def test_a_full_plane_gives_fewer_points_than_asked_and_about_the_known_number():
+def test_full_plane_gives_about_the_known_saturated_number():
     points = throw((240, 160), 10_000, 8.0)
     assert len(points) == pytest.approx(saturated_count((240, 160), 8.0, 0, 0), rel=0.03)
 
 
 @pytest.mark.parametrize("d_min", [3.0, 7.0, 20.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_called_reachable_is_reached(d_min, seed):
+def test_maximum_count_is_reached(d_min, seed):
     size, discs = (320, 240), np.array([[80.0, 120.0, 40.0], [240.0, 120.0, 40.0]])
     count = int(MAX_SHARE * saturated_count(size, d_min, 40.0, 2))
     assert len(throw(size, count, d_min, seed, discs)) == count
 
 
 @given(st.floats(1, 1e6))
-def test_the_largest_d_min_fits_and_the_next_does_not(count):
+def test_largest_d_min_fits_and_the_next_does_not(count):
     def saturated(d):
         return saturated_count((640, 480), d, 3 * d, 16)
 
@@ -132,5 +132,5 @@ def test_the_largest_d_min_fits_and_the_next_does_not(count):
     assert saturated(round(largest + 0.01, 2)) < count
 
 
-def test_where_discs_fill_the_plane_nothing_fits():
+def test_plane_full_of_discs_has_no_capacity():
     assert saturated_count((100, 100), 5.0, 60.0, 16) == 0

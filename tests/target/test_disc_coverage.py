@@ -39,7 +39,7 @@ def test_each_share_is_exact(x, y, radius):
 
 @settings(max_examples=60, deadline=None)
 @given(CENTERS, CENTERS, st.floats(0.3, 30), st.floats(0.1, 1))
-def test_the_area_is_exact(x, y, radius, weight):
+def test_area_is_exact(x, y, radius, weight):
     image = compute_disc_coverage((92, 91), np.array([[x, y, radius, weight]]))
     assert image.sum() == pytest.approx(weight * np.pi * radius**2, abs=1e-9)
     assert image.min() > -1e-9
@@ -48,7 +48,7 @@ def test_the_area_is_exact(x, y, radius, weight):
 
 @settings(max_examples=60, deadline=None)
 @given(CENTERS, CENTERS, st.floats(2, 30))
-def test_the_centroid_is_as_near_as_square_pixels_allow(x, y, radius):
+def test_centroid_is_accurate_to_the_pixel_size(x, y, radius):
     """A pixel shows how much of it is covered, not where: the centroid strays, less the larger the disc."""
     image = compute_disc_coverage((92, 91), np.array([[x, y, radius, 1.0]]))
     row, column = np.indices(image.shape)
@@ -56,7 +56,7 @@ def test_the_centroid_is_as_near_as_square_pixels_allow(x, y, radius):
     assert off < 0.05 / radius**1.5
 
 
-def test_discs_add_up_whatever_their_sizes_and_are_cut_at_the_border():
+def test_discs_of_any_size_add_up_and_are_cut_at_the_border():
     discs = np.array([[0.2, 0.1, 2.6, 1.0], [30, 20, 9.5, 0.5], [59.4, 39.4, 3.0, 1.0], [-80, 5, 4, 1]])
     together = compute_disc_coverage((60, 40), discs)
     apart = sum(compute_disc_coverage((60, 40), disc[None]) for disc in discs)

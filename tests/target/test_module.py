@@ -28,7 +28,7 @@ center_mm = [-118.0, 68.0]
 """
 
 
-def test_a_module_is_read_and_its_features_stand_in_order(tmp_path):
+def test_module_lists_its_features_in_order(tmp_path):
     (tmp_path / "module.toml").write_text(TEXT)
     module = read_module(tmp_path / "module.toml")
     assert module.name == "small"
@@ -54,7 +54,7 @@ def test_a_module_is_read_and_its_features_stand_in_order(tmp_path):
         ("[[cylinder]]", "[[cone]]", "unknown key cone; known: name, base, cube, sphere, cylinder"),
     ],
 )
-def test_what_does_not_fit_is_named(tmp_path, old, new, message):
+def test_invalid_file_is_refused_naming_the_key(tmp_path, old, new, message):
     path = tmp_path / "module.toml"
     assert old in TEXT
     path.write_text(TEXT.replace(old, new, 1))

@@ -20,7 +20,7 @@ def paper() -> Pattern:
     return make_pattern(PatternSettings())
 
 
-def test_the_papers_pattern_has_25000_dots_that_keep_their_distance(paper):
+def test_paper_pattern_has_25000_dots_with_their_minimum_distance(paper):
     assert paper.dots.shape == (25_000, 4)
     nearest = KDTree(paper.dots[:, :2]).query(paper.dots[:, :2], k=2)[0][:, 1]
     assert paper.settings.d_min_px == 7.75
@@ -45,7 +45,7 @@ def test_dots_are_as_far_from_markers_as_from_dots(paper):
     assert between < gap.min() < between + 1
 
 
-def test_the_pattern_is_blue_noise(paper):
+def test_pattern_is_blue_noise(paper):
     quality = measure_blue_noise(paper)
     assert quality.low_frequency_power < 0.1
     assert quality.peak_power > 1.5
@@ -55,7 +55,7 @@ def test_the_pattern_is_blue_noise(paper):
     assert 0.74 < quality.relative_radius < 0.78
 
 
-def test_independent_dots_are_told_from_blue_noise(paper):
+def test_independent_dots_differ_from_blue_noise(paper):
     rng = np.random.default_rng(0)
     dots = np.column_stack([rng.random((25_000, 2)) * (1920, 1200) - 0.5, paper.dots[:, 2:]])
     away = np.ones(len(dots), dtype=bool)
@@ -67,7 +67,7 @@ def test_independent_dots_are_told_from_blue_noise(paper):
     assert quality.relative_radius < 0.1
 
 
-def test_the_seed_decides_and_the_grey_range_moves_no_dot():
+def test_positions_depend_on_the_seed_and_not_on_the_grey_range():
     one, again = (make_pattern(PatternSettings(**SMALL, seed=1)) for _ in range(2))
     grey = make_pattern(PatternSettings(**SMALL, seed=1, grey=(0.25, 0.75)))
     other = make_pattern(PatternSettings(**SMALL, seed=2))
@@ -107,13 +107,13 @@ def refusal(**changed):
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(changed, message):
+def test_settings_that_do_not_fit_are_refused_in_one_line(changed, message):
     text = refusal(**changed)
     assert text.startswith(message)
     assert "\n" not in text
 
 
-def test_every_mend_of_a_refusal_works():
+def test_every_fix_proposed_by_a_refusal_works():
     too_close = refusal(d_min_px=12)
     most, largest = re.search(r"at most (\d+) do, or d_min up to ([\d.]+) px", too_close).groups()
     assert len(make_pattern(PatternSettings(**{**SMALL, "count": int(most)}, d_min_px=12)).dots) == int(most)
@@ -143,7 +143,7 @@ def test_settings_out_of_bounds_are_refused(changed):
 
 
 @pytest.mark.parametrize(("bits", "top"), [(8, 255), (16, 65535)])
-def test_the_image_shows_the_colours_in_their_places(bits, top):
+def test_image_has_the_colours_at_their_positions(bits, top):
     colors = {"dot_color": "#FFFFFF", "background": "#000000", "marker_color": "#ff0000"}
     pattern = make_pattern(PatternSettings(**SMALL, **colors, grey=(0.5, 1)))
     image = draw_pattern(pattern, bits)
@@ -159,7 +159,7 @@ def test_the_image_shows_the_colours_in_their_places(bits, top):
         assert blue[own].sum() == pytest.approx(level * np.pi * radius**2, abs=1e-3 if bits == 16 else 0.1)
 
 
-def test_a_dot_in_16_bits_has_its_area_to_a_thousandth():
+def test_dot_in_16_bits_has_its_area_to_a_thousandth():
     colors = {"dot_color": "#FFFFFF", "background": "#000000", "marker_color": "#000000"}
     pattern = make_pattern(PatternSettings(size_px=(640, 400), count=1, **colors, seed=3))
     x, y, radius, _ = pattern.dots[0]
@@ -168,6 +168,6 @@ def test_a_dot_in_16_bits_has_its_area_to_a_thousandth():
     assert area == pytest.approx(np.pi * radius**2, abs=1e-3)
 
 
-def test_few_dots_do_not_make_markers_that_fill_their_blocks():
+def test_markers_of_few_dots_do_not_fill_their_blocks():
     settings = resolve_settings(PatternSettings(count=10))
     assert 2 * 10 * settings.radius_px <= 1200 / 4 / 2

@@ -61,7 +61,7 @@ def svg_shapes(text: str):
 
 
 @pytest.mark.parametrize("board", [CHARUCO, SMALL, CHESS])
-def test_pdf_and_svg_say_the_same_in_true_millimetres(board):
+def test_pdf_and_svg_agree_in_true_millimetres(board):
     sheet = lay_out(board).sheet
     for size, boxes, polygons in (pdf_shapes(sheet_to_pdf(sheet)), svg_shapes(sheet_to_svg(sheet))):
         np.testing.assert_allclose(size, sheet.size_mm, atol=1e-6)
@@ -71,7 +71,7 @@ def test_pdf_and_svg_say_the_same_in_true_millimetres(board):
             np.testing.assert_allclose(got, want, atol=2e-6)
 
 
-def test_the_pdf_is_well_formed_and_asks_not_to_be_scaled():
+def test_pdf_is_well_formed_and_requests_no_scaling():
     data = sheet_to_pdf(lay_out(SMALL).sheet)
     assert data.startswith(b"%PDF-1.6\n") and data.endswith(b"%%EOF\n")
     table = int(re.search(rb"startxref\n(\d+)", data)[1])
@@ -99,7 +99,7 @@ def test_opencv_finds_every_corner_of_the_page_rebuilt_from_its_pdf(board, dpi, 
 
 @pytest.mark.parametrize("dpi", [96, 151.3, 300])
 @pytest.mark.parametrize("board", [SMALL, CHESS])
-def test_edges_in_the_image_are_where_the_board_has_them(board, dpi):
+def test_edges_in_the_image_are_at_their_positions_on_the_board(board, dpi):
     """The ink between the middle of a white square and that of a black one tells where the edge is, exactly."""
     printed = lay_out(board)
     image = draw_sheet(printed.sheet, dpi)
@@ -124,7 +124,7 @@ def test_edges_in_the_image_are_where_the_board_has_them(board, dpi):
         assert (low + span if column % 2 == 0 else high - span) == pytest.approx(edge, abs=0.003)
 
 
-def test_the_drawn_board_is_opencvs_own():
+def test_drawn_board_equals_the_drawing_of_opencv():
     """10 px a mm: every pixel as in OpenCV's image of the board, but for marker bits of broken width."""
     printed = lay_out(CHARUCO.model_copy(update={"marker_mm": 21.0}))  # 7 bits of 3 mm
     image = draw_sheet(printed.sheet, 254)
@@ -134,7 +134,7 @@ def test_the_drawn_board_is_opencvs_own():
     assert (ours != theirs).mean() < 1e-3
 
 
-def test_a_chessboard_is_found_in_the_image():
+def test_chessboard_is_found_in_the_image():
     printed = lay_out(CHESS)
     image = draw_sheet(printed.sheet, 127)
     found, corners = cv2.findChessboardCorners(image, CHESS.corners)
@@ -146,7 +146,7 @@ def test_a_chessboard_is_found_in_the_image():
     assert sorted(distance.argmin(axis=1)) == list(range(54))
 
 
-def test_the_ruler_is_100_mm_between_its_end_ticks():
+def test_ruler_is_100_mm_between_its_end_ticks():
     x, _, width, _ = make_ruler().T
     middles = (x + width / 2)[1:]
     np.testing.assert_allclose(middles, np.arange(101), atol=1e-12)
@@ -154,7 +154,7 @@ def test_the_ruler_is_100_mm_between_its_end_ticks():
 
 
 @pytest.mark.parametrize("board", [SMALL, CHESS])
-def test_files_are_the_same_every_time_and_the_toml_reads_back(tmp_path, board):
+def test_board_files_are_reproducible_and_the_toml_reads_back(tmp_path, board):
     printed = lay_out(board)
     files = write_board_files(tmp_path / "a", printed, 100)
     again = write_board_files(tmp_path / "b", lay_out(board), 100)
@@ -183,7 +183,7 @@ def test_files_are_the_same_every_time_and_the_toml_reads_back(tmp_path, board):
         ((1100, 800), None, (1189, 841)),
     ],
 )
-def test_a_page_is_chosen_and_turned(needed, page, size):
+def test_page_is_chosen_in_the_better_orientation(needed, page, size):
     assert choose_page(needed, page) == size
 
 
@@ -202,7 +202,7 @@ def test_a_page_is_chosen_and_turned(needed, page, size):
         ((10, 10), "0x5", "page '0x5' is not known"),
     ],
 )
-def test_a_page_that_does_not_hold_the_board_is_refused_with_one_that_does(needed, page, message):
+def test_page_too_small_is_refused_with_a_sufficient_one(needed, page, message):
     with pytest.raises(SettingsError) as error:
         choose_page(needed, page)
     assert message in str(error.value)
@@ -213,7 +213,7 @@ def test_papers_are_halves_of_each_other():
     assert all(abs(large[1] / 2 - small[0]) <= 1 for small, large in pairwise(sizes))
 
 
-def test_everything_lies_on_the_page_with_its_margin():
+def test_shapes_lie_on_the_page_within_its_margin():
     for board in (CHARUCO, SMALL, APRIL, CHESS, Chessboard(corners=(3, 3), square_mm=4)):
         sheet = lay_out(board).sheet
         low = np.concatenate([sheet.rectangles_mm[:, :2], *sheet.outlines_mm]).min(axis=0)
@@ -222,7 +222,7 @@ def test_everything_lies_on_the_page_with_its_margin():
         assert (low >= 5 - 1e-9).all() and (high <= np.array(sheet.size_mm) - 5 + 1e-9).all()
 
 
-def test_an_image_too_large_is_refused_with_a_resolution_that_is_not():
+def test_image_too_large_is_refused_with_a_possible_resolution():
     sheet = lay_out(CHESS, "A0").sheet
     with pytest.raises(SettingsError, match=r"dpi 2400 makes an image of .*; give at most 508 dpi"):
         draw_sheet(sheet, 2400)

@@ -48,6 +48,15 @@ def test_modules_named_in_the_manual_exist(page):
     assert [module for module in modules if not any(one.endswith(f"/{module}") for one in present)] == []
 
 
+@pytest.mark.parametrize("page", ["matching.md", "measuring.md", "python.md"])
+def test_functions_called_in_the_manual_exist(page):
+    spans = [span for _, span in read_spans(page_text(f"docs/{page}"))]
+    names = {name for span in spans for name in re.findall(r"(\w+)\(", span)}
+    code = "\n".join(path.read_text() for path in PACKAGES.rglob("*.py"))
+    assert names
+    assert [name for name in sorted(names) if not re.search(rf"^ *(def|class) {name}\b", code, re.M)] == []
+
+
 def test_weights_named_in_the_appendix_exist():
     spans = [span for _, span in read_spans(page_text("docs/figures_matching.md"))]
     weights = [span for span in spans if span.startswith("data/")]

@@ -16,7 +16,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from synthetic.packings import camera, ellipsoids, seen
+from synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 FLOW = "measure flow cap --rig rig.json --empty two"
 BOARD = "target board --squares 12 9 --square 30 --marker 22 --dictionary DICT_5X5_100"
@@ -28,7 +28,7 @@ calibrate cap --board nope.toml --out o => nope.toml: no such file
 calibrate cap --board dir --out o => dir: cannot be read (Is a directory)
 calibrate cap --board bin.json --out o => bin.json: not UTF-8 text
 calibrate cap --board module.toml --out o => module.toml: kind is missing
-calibrate cap --board board.toml --out cap => --out cap: is what is read (capture cap)
+calibrate cap --board board.toml --out cap => --out cap: is an input (capture cap)
 calibrate cap --board board.toml --out cap/rig => --out cap/rig: lies in the capture cap
 calibrate cap --board board.toml --out . => . (the working folder): holds
 calibrate cap --board board.toml --out text.txt => text.txt is a file, not a folder
@@ -49,7 +49,7 @@ check cap --rig words.json --board board.toml => words.json: cameras.core.focal_
 check cap --rig metres.json --board board.toml => metres.json: units = 'm'
 rectify nowhere --rig rig.json --out o => nowhere: no such folder
 rectify cap --rig board.toml --out o => board.toml: not JSON
-rectify cap --rig rig.json --out cap => --out cap: is what is read
+rectify cap --rig rig.json --out cap => --out cap: is an input
 rectify cap --rig rig.json --out o --depth-range 500 => expected 2 arguments
 rectify cap --rig rig.json --out o --depth-range a b => invalid float value: 'a'
 rectify cap --rig rig.json --out o --depth-range 0 800 => both numbers must be positive
@@ -64,7 +64,7 @@ measure belt cap --out b.json => cap: no frame folder with a depth.tiff
 measure belt text.txt --out b.json => text.txt: is a file; give a reconstruction
 measure belt two --out . => --out .: is a folder; give a file, such as belt.json
 measure belt two --out dir => --out dir: is a folder; give a file, such as dir/belt.json
-measure belt two --out rig.json => --out rig.json: is there and is no belt.json
+measure belt two --out rig.json => --out rig.json: exists and is no belt.json
 measure belt two --out text.txt => --out text.txt: must end in .json; give text.json
 measure belt two --out b.html => --out b.html: must end in .json
 measure belt cut --out text.txt/b.json => cut/000/depth.tiff: not a readable TIFF
@@ -88,7 +88,7 @@ measure volume two/000 --empty two --along nan 1 => --along nan 1: both must be 
 measure volume two/000 --empty two --cell nan => --cell nan: must be
 measure volume two/000 --empty two --profile-every 1e-9 => --profile-every 1e-09: must be
 measure volume two/000 --empty two --surcharge 95 => --surcharge 95: must be
-measure volume two/000 --empty two --out two/000 => --out two/000: is what is read
+measure volume two/000 --empty two --out two/000 => --out two/000: is an input
 measure volume two/000 => the following arguments are required: --empty
 measure lumps nowhere => nowhere: no such folder
 measure lumps two => two: holds the frames 000, 001
@@ -114,7 +114,7 @@ measure weight two => invalid choice: 'weight'
 view nowhere --out s.html => nowhere: holds neither rig.json nor frames
 view text.txt --out s.html => text.txt: not JSON
 view two --out . => --out .: is a folder; give a file, such as scene.html
-view two --out rig.json => --out rig.json: is there and is no .html file
+view two --out rig.json => --out rig.json: exists and is no .html file
 view two --belt rig.json --out s.html => rig.json: holds no pose belt_from_core
 view two --features list.json --out s.html => list.json: is no features.json
 plan --plan nope.toml => nope.toml: no such file
@@ -137,7 +137,7 @@ evaluate depth two --truth text.txt => text.txt: not a truth's npz file; give
 evaluate lumps two/000 --truth nowhere => nowhere: no such folder; give truth/
 evaluate paper --captures dir --out o => dir/calibration: no such capture
 export rig.json --format opencv --out . => --out .: is a folder; give a file, such as rig.yaml
-export rig.json --format opencv --out board.toml => --out board.toml: is there and is no .yaml file
+export rig.json --format opencv --out board.toml => --out board.toml: exists and is no .yaml file
 export rig.json --format ros --out cap => cap: holds core, left, which beltscape export did not write
 export board.toml --format opencv --out o.yaml => board.toml: not JSON
 import dir --out r.json => dir: holds no .yaml file
@@ -163,7 +163,7 @@ def desk(tmp_path_factory) -> Path:
     aside = Pose(np.eye(3), np.array([-150.0, 0.0, 0.0]))
     rig = Rig("core", {"core": eye, "left": eye}, {"core": Pose.identity(), "left": aside})
     write_rig(desk / "rig.json", rig)
-    depth, _ = seen(ellipsoids(np.random.default_rng(4), columns=3, rows=3), eye)
+    depth, _ = render_depth_map(make_ellipsoids(np.random.default_rng(4), columns=3, rows=3), eye)
     points = depth.points_mm(eye)[depth.measured].astype(np.float32)
     cloud = PointCloud(points, points, np.full(points.shape, 90, np.uint8), depth.sigma_mm[depth.measured])
     write_rig(desk / "two" / "rig.json", rig)

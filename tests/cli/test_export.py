@@ -50,14 +50,14 @@ def test_the_core_is_chosen(capsys):
     ("words", "line"),
     [
         (["export", "rig.json", "--format=ros", "--out=rig.json"],
-         "beltscape: --out rig.json: is what is read (rig rig.json); choose another --out"),
+         "beltscape: --out rig.json: is an input (rig rig.json); choose another --out"),
         (["export", "gone.json", "--format=ros", "--out=x"], "beltscape: gone.json: no such file"),
         (["export", "rig.json", "--format=matlab", "--out=x"],
          "beltscape export: argument --format: invalid choice: 'matlab'"),
         (["import", "rig.json", "--out=x.json"],
          "beltscape: rig.json: is a rig.json of Beltscape already; use it as it is"),
         (["import", "rig.json", "--out=rig.json"],
-         "beltscape: --out rig.json: is what is read (source rig.json); choose another --out"),
+         "beltscape: --out rig.json: is an input (source rig.json); choose another --out"),
     ],
 )  # fmt: skip
 def test_what_goes_wrong_is_one_line(capsys, words, line):

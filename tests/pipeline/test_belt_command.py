@@ -7,21 +7,21 @@ import pytest
 
 from beltscape.files.belt_json import read_belt
 from beltscape.files.meshes.stl import read_stl
-from synthetic.demo import only_json
+from synthetic.demo import parse_json
 
 
 def test_learns_a_belt_that_volume_takes(run, small_frames, tmp_path):
     empty, loaded = small_frames / "belt_empty", small_frames / "belt_loaded" / "000"
     code, out, _ = run("measure", "belt", empty, "--out", tmp_path / "belt.json", "--json")
     assert code == 0
-    answer = only_json(out)
+    answer = parse_json(out)
     assert answer["frames"] == 1
     belt, _ = read_belt(tmp_path / "belt.json")
     assert list(belt.across_mm) == answer["across_mm"]
     assert "Empty belt" in (tmp_path / "belt.html").read_text()
     box = ("--along", -100, 100, "--json")
     found = [
-        only_json(run("measure", "volume", loaded, "--empty", place, *box)[1])["volume_mm3"]
+        parse_json(run("measure", "volume", loaded, "--empty", place, *box)[1])["volume_mm3"]
         for place in (tmp_path / "belt.json", empty, empty / "000")
     ]
     assert found[1:] == pytest.approx([found[0]] * 2, rel=1e-12)
@@ -33,7 +33,7 @@ def test_volume_writes_files_for_other_programs(run, small_frames, tmp_path):
         "measure", "volume", loaded, "--empty", empty, "--along", -100, 100, "--out", tmp_path, "--json"
     )
     assert code == 0
-    answer = only_json(out)
+    answer = parse_json(out)
     corners = read_stl(tmp_path / "load.stl")
     body = float((corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
     assert body == pytest.approx(answer["volume_mm3"], rel=0.005)

@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 CAMERAS = ("cam0", "cam1", "cam2")
 
@@ -37,7 +37,7 @@ def test_frames_of_another_instant_are_found_and_said(run, boards, tmp_path):
         path.write_bytes(content)
     code, out, _ = calibrate(run, boards, tmp_path / "out")
     assert code == 0
-    assert only_json(out)["warnings"] == [
+    assert parse_json(out)["warnings"] == [
         "camera cam1: its frame numbers are 1 too low against cam0, cam2; rename its images; going on without cam1"
     ]
     assert list(read_rig(tmp_path / "out" / "rig.json").cameras) == ["cam0", "cam2"]
@@ -48,7 +48,7 @@ def test_mirrored_images_are_found_and_said(run, boards, tmp_path):
         cv2.imwrite(str(path), np.ascontiguousarray(read_image(path)[:, ::-1]))
     code, out, _ = calibrate(run, boards, tmp_path / "out")
     assert code == 0
-    warnings = only_json(out)["warnings"]
+    warnings = parse_json(out)["warnings"]
     assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in warnings
 
 
@@ -58,7 +58,7 @@ def test_a_square_given_in_centimetres_is_doubted(run, boards, tmp_path):
     board.write_text(text.replace("34.0", "3.4").replace("25.0", "2.5"))
     code, out, _ = run("calibrate", boards, "--board", board, "--out", tmp_path / "out", "--json")
     assert code == 0
-    doubts = [line for line in only_json(out)["warnings"] if "centimetres" in line]
+    doubts = [line for line in parse_json(out)["warnings"] if "centimetres" in line]
     assert len(doubts) == 1
     assert doubts[0].startswith("with square_mm = 3.4 the board was 6")
     assert doubts[0].endswith("mm away; was it given in centimetres (34 mm)?")
@@ -70,7 +70,7 @@ def test_given_intrinsics_are_held(run, boards, tmp_path):
     truth, found = read_rig(TRUE_RIG), read_rig(tmp_path / "out" / "rig.json")
     for name in CAMERAS:
         np.testing.assert_array_equal(found.cameras[name].focal_px, truth.cameras[name].focal_px)
-    assert only_json(out)["cameras"]["cam0"]["held"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
+    assert parse_json(out)["cameras"]["cam0"]["held"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
 
 
 def test_report_and_rig_are_the_same_twice(run, boards, tmp_path):

@@ -17,7 +17,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.motion import moved_rig
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
 
@@ -38,7 +38,7 @@ def test_a_knocked_camera_is_left_out_and_the_depth_is_right(run, tmp_path):
     code, out, err = reconstruct(run, knocked(tmp_path, ("cam2", (0.1, 0.2, 0))), tmp_path / "r")
     assert code == 0
     assert any(line.startswith("warning: cam2 is ") and "without cam2" in line for line in err)
-    frame = only_json(out)["frames"][0]
+    frame = parse_json(out)["frames"][0]
     assert frame["auxiliaries"] == ["cam1", "cam3", "cam4"]
     assert frame["systematic_mm"] == 0
     found = read_frame(tmp_path / "r" / "000")
@@ -65,7 +65,7 @@ def test_a_core_that_moved_widens_sigma_and_what_is_measured_of_it(run, tmp_path
     )
     assert code == 0
     assert any("the core camera cam0 moved" in line for line in err)
-    answer = only_json(out)
+    answer = parse_json(out)
     (x0, x1), (y0, y1) = answer["across_mm"], answer["along_mm"]
     assert answer["sigma_mm3"] > 0.9 * found.depth.systematic_mm * (x1 - x0) * (y1 - y0)
 
@@ -154,6 +154,6 @@ def test_a_narrow_box_says_so_and_its_sigma_holds_the_rest(run, tmp_path):
     )
     assert code == 0
     assert any("mm of the belt's width were measured" in line for line in err)
-    answer = only_json(out)
+    answer = parse_json(out)
     assert answer["sigma_from_mm3"]["unseen"] > answer["volume_mm3"]
     assert replace(frame.depth, depth_mm=depth).coverage < 0.3

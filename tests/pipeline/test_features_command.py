@@ -15,8 +15,8 @@ from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from beltscape.stereo.pointcloud.cloud import cloud_from_depth
 from report.layout import text_faults
-from synthetic.demo import only_json
-from synthetic.modules import Seen, lying, module, rig
+from synthetic.demo import parse_json
+from synthetic.modules import DepthCameraView, module_pose, module, rig
 
 TOML = """
 name = "laboratory"
@@ -47,7 +47,7 @@ def frame(tmp_path_factory):
     """A frame folder with a module in it, image.png included, and its module.toml beside the rig."""
     folder = tmp_path_factory.mktemp("module")
     cubes = [cube.model_dump() for cube in module().cube[:2]]
-    seen = Seen(module(cube=cubes), lying(5, -5, -30))
+    seen = DepthCameraView(module(cube=cubes), module_pose(5, -5, -30))
     depth, image = seen.depth(), np.clip(seen.brightness(), 0, 255).astype(np.uint8)
     camera = rig().core_camera
     cloud = cloud_from_depth(depth, camera, None)
@@ -63,7 +63,7 @@ def test_answers_and_writes_what_the_contract_says(run, frame, tmp_path):
         "measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out, "--json"
     )
     assert code == 0
-    answer = only_json(text)
+    answer = parse_json(text)
     names = [(f["name"], f["quantity"]) for f in answer["features"]]
     assert names == [
         ("base", "length"), ("base", "width"), ("cube100", "edge"), ("cube100", "height"), ("cube60", "edge"),
@@ -91,7 +91,7 @@ def test_a_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path)
     noise = np.random.default_rng(1).integers(0, 255, (512, 612), dtype=np.uint8)
     write_image(dots, noise)
     first, second = (
-        only_json(run("measure", "features", frame, "--module", toml, "--json", *more)[1])["features"]
+        parse_json(run("measure", "features", frame, "--module", toml, "--json", *more)[1])["features"]
         for more in ((), ("--image", dots))
     )
     sigmas = [
@@ -163,7 +163,7 @@ def test_refuses_what_does_not_fit(run, frame, tmp_path):
 
 
 def test_refuses_an_image_png_of_another_size(run, frame, tmp_path):
-    depth = Seen(module(), lying()).depth()
+    depth = DepthCameraView(module(), module_pose()).depth()
     camera = rig().core_camera
     nothing = DepthMap(depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence)
     folder = tmp_path / "r" / "000"

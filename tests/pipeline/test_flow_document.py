@@ -13,7 +13,7 @@ from beltscape.cli.measure_flow import summary
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, Step
-from beltscape.measure.flow.records.density import Density, unknown_density
+from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_files import write_flow_result
 
@@ -32,7 +32,7 @@ def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) 
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_without_a_density_there_is_no_mass(tmp_path: Path, timed: bool) -> None:
-    result = write_flow_result(tmp_path, measured(unknown_density(), timed=timed), unknown_density(), ())
+    result = write_flow_result(tmp_path, measured(make_unknown_density(), timed=timed), make_unknown_density(), ())
     text = summary(result)
     assert "mass" not in text
     assert not re.search(r"\bnan\b", text, re.IGNORECASE)
@@ -51,14 +51,14 @@ def test_with_a_density_there_is(tmp_path: Path) -> None:
 
 
 def test_the_summary_states_what_the_direction_rests_on(tmp_path: Path) -> None:
-    result = write_flow_result(tmp_path, measured(unknown_density()), unknown_density(), ())
+    result = write_flow_result(tmp_path, measured(make_unknown_density()), make_unknown_density(), ())
     evidence = result["motion_evidence"]
     assert evidence["pairs_towards_plus_y"] == evidence["encoder_agrees"] >= 5
     assert f"in {evidence['pairs_towards_plus_y']} of" in summary(result)
 
 
 def test_of_an_empty_belt_the_direction_is_unknown(tmp_path: Path) -> None:
-    result = write_flow_result(tmp_path, measured(unknown_density(), heap=None), unknown_density(), ())
+    result = write_flow_result(tmp_path, measured(make_unknown_density(), heap=None), make_unknown_density(), ())
     assert result["direction"] is None
     assert "direction unknown" in summary(result)
     assert not re.search(r"\bnan\b", summary(result), re.IGNORECASE)

@@ -19,7 +19,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import CharucoBoard
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 from synthetic.detections import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
@@ -150,7 +150,7 @@ def test_the_result_states_whose_intrinsics_were_given(run, boards, tmp_path):
     words = ["--board", DEMO / "board.toml", "--core", "cam1", "--intrinsics", tmp_path / "one.json"]
     code, out, _ = run("calibrate", boards, *words, "--out", tmp_path / "out", "--json")
     assert code == 0
-    found = only_json(out)
+    found = parse_json(out)
     assert {name: camera["intrinsics"] for name, camera in found["cameras"].items()} == {
         "cam0": "given", "cam1": "estimated", "cam2": "estimated",
     }  # fmt: skip

@@ -14,8 +14,8 @@ from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from synthetic.demo import only_json
-from synthetic.packings import Solid, camera, ellipsoids, seen
+from synthetic.demo import parse_json
+from synthetic.packings import Solid, camera, make_ellipsoids, render_depth_map
 
 
 @pytest.fixture(scope="module")
@@ -24,9 +24,9 @@ def frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lumps")
     eye = camera(420, 360, 490.0)
     write_rig(folder / "rig.json", Rig("core", {"core": eye}, {"core": Pose(np.eye(3), np.zeros(3))}))
-    solids = ellipsoids(np.random.default_rng(4), columns=4, rows=4, pitch_mm=100, largest_mm=44)
+    solids = make_ellipsoids(np.random.default_rng(4), columns=4, rows=4, pitch_mm=100, largest_mm=44)
     for name, content in (("loaded", solids), ("empty", list[Solid]())):
-        depth, _ = seen(content, eye, noise_mm=0.05)
+        depth, _ = render_depth_map(content, eye, noise_mm=0.05)
         points = depth.points_mm(eye)[depth.measured].astype(np.float32)
         grey = np.full(points.shape, 90, np.uint8)
         cloud = PointCloud(points, np.full_like(points, np.nan), grey, depth.sigma_mm[depth.measured])
@@ -42,7 +42,7 @@ def test_answers_and_writes_what_it_says(run, frames, tmp_path):
         "--sieves", "20,40,80,160", "--out", out, "--json",
     )  # fmt: skip
     assert code == 0
-    answer = only_json(text)
+    answer = parse_json(text)
     assert answer["frame"] == "belt"
     assert len(answer["lumps"]) == len(solids)
     assert answer["distribution"]["sieves_mm"] == [20, 40, 80, 160]
@@ -79,7 +79,7 @@ def test_the_empty_belt_may_be_a_belt_json(run, frames, tmp_path):
     belt = tmp_path / "belt.json"
     assert run("measure", "belt", folder, "--frames", "empty", "--out", belt)[0] == 0
     answers = [
-        only_json(run("measure", "lumps", folder / "loaded", "--empty", empty, "--json")[1])
+        parse_json(run("measure", "lumps", folder / "loaded", "--empty", empty, "--json")[1])
         for empty in (belt, folder / "empty")
     ]
     assert len(answers[0]["lumps"]) == len(solids)

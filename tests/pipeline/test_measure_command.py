@@ -10,7 +10,7 @@ import tifffile
 
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rig_json import read_rig, write_rig
-from synthetic.demo import only_json
+from synthetic.demo import parse_json
 
 
 def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):
@@ -20,7 +20,7 @@ def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):
         "--out", tmp_path / "v", "--json",
     )  # fmt: skip
     assert code == 0
-    answer = only_json(out)
+    answer = parse_json(out)
     assert answer["across_mm"] == [-250, 260]
     assert answer["along_mm"] == [-150, 150]
     assert 0 < answer["coverage"] <= 1
@@ -41,14 +41,14 @@ def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):
 def test_volumes_of_neighbouring_boxes_add_up(run, small_frames):
     words = ("measure", "volume", small_frames / "belt_loaded" / "000")
     words += ("--empty", small_frames / "belt_empty" / "000", "--across", -300, 300, "--json")
-    parts = [only_json(run(*words, "--along", a, b)[1])["volume_mm3"] for a, b in ((-120, -7.3), (-7.3, 120))]
-    whole = only_json(run(*words, "--along", -120, 120)[1])["volume_mm3"]
+    parts = [parse_json(run(*words, "--along", a, b)[1])["volume_mm3"] for a, b in ((-120, -7.3), (-7.3, 120))]
+    whole = parse_json(run(*words, "--along", -120, 120)[1])["volume_mm3"]
     assert sum(parts) == pytest.approx(whole, rel=2e-3)
 
 
 def test_an_empty_belt_holds_nothing(run, small_frames):
     empty = small_frames / "belt_empty" / "000"
-    answer = only_json(run("measure", "volume", empty, "--empty", empty, "--json")[1])
+    answer = parse_json(run("measure", "volume", empty, "--empty", empty, "--json")[1])
     assert abs(answer["volume_mm3"]) < min(3 * answer["sigma_mm3"], 2000)
 
 
@@ -63,7 +63,7 @@ def test_refuses_a_folder_that_is_no_frame(run, small_frames, tmp_path):
 def test_takes_the_only_frame_of_a_reconstruction_and_lists_several(run, small_frames, tmp_path):
     loaded, empty = small_frames / "belt_loaded", small_frames / "belt_empty"
     words = ("--empty", empty, "--along", -100, 100, "--json")
-    answers = [only_json(run("measure", "volume", place, *words)[1]) for place in (loaded, loaded / "000")]
+    answers = [parse_json(run("measure", "volume", place, *words)[1]) for place in (loaded, loaded / "000")]
     assert answers[0] == answers[1]
     several = tmp_path / "several"
     for name in ("000", "001", "002", "003", "004", "005"):

@@ -13,7 +13,7 @@ import tifffile
 from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 
 def warnings(lines):
@@ -35,7 +35,7 @@ def test_writes_what_the_contract_says(run, tmp_path, options, method, auxiliari
     words = ("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", *options, "--json")
     code, out, _ = run(*words)
     assert code == 0
-    document = only_json(out)
+    document = parse_json(out)
     assert set(document) == {"method", "auxiliaries", "depth_range_mm", "regions", "frames", "warnings"}
     assert set(document["frames"][0]) == {
         "frame", "folder", "coverage", "median_depth_mm", "median_sigma_mm",
@@ -83,8 +83,8 @@ def test_goes_on_without_a_missing_camera(run, capture, tmp_path):
     line = f"{folder / 'cam3'}: no images of camera cam3; going on without it"
     assert code == 0
     assert warnings(err) == [f"warning: {line}"]
-    assert only_json(out)["warnings"] == [line]
-    assert only_json(out)["auxiliaries"] == ["cam1", "cam2", "cam4"]
+    assert parse_json(out)["warnings"] == [line]
+    assert parse_json(out)["auxiliaries"] == ["cam1", "cam2", "cam4"]
 
 
 def test_goes_on_without_an_empty_image(run, capture, tmp_path):
@@ -116,7 +116,7 @@ def test_goes_on_to_the_next_frame(run, capture, tmp_path):
     (folder / "cam0" / "001.png").write_bytes(b"no image")
     code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
     assert code == 0
-    assert [frame["frame"] for frame in only_json(out)["frames"]] == ["000"]
+    assert [frame["frame"] for frame in parse_json(out)["frames"]] == ["000"]
     assert not (tmp_path / "r" / "001").exists()
     assert any("001.png: not a readable image" in line for line in warnings(err))
 
@@ -141,7 +141,7 @@ def test_says_that_hardly_anything_was_measured(run, capture, tmp_path):
         cv2.imwrite(str(path), image)
     code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
     assert code == 0
-    share = only_json(out)["frames"][0]["coverage"]
+    share = parse_json(out)["frames"][0]["coverage"]
     assert share < 0.3
     assert warnings(err) == [
         f"warning: frame 000: only {share:.0%} of the pixels are measured; is the speckle projector on, "

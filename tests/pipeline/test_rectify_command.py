@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.pose import Pose
 from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 
 def test_rows_meet_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
@@ -19,7 +19,7 @@ def test_rows_meet_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
     )
     assert code == 0
     assert not [line for line in err if line.startswith("warning")]
-    pairs = only_json(out)["frames"][0]["pairs"]
+    pairs = parse_json(out)["frames"][0]["pairs"]
     assert [pair["auxiliary"] for pair in pairs] == ["cam1", "cam2", "cam3", "cam4"]
     for pair in pairs:
         assert pair["row_error"]["points"] >= 10
@@ -61,7 +61,7 @@ def test_rows_that_were_not_found_are_flagged(run, capture, tmp_path):
     code, out, err = run("rectify", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
     assert code == 0
     assert any("cam3: no correspondence found" in line for line in err)
-    frame = only_json(out)["frames"][0]
+    frame = parse_json(out)["frames"][0]
     states = {each["camera"]: each["state"] for each in frame["consistency"]["cameras"]}
     assert states["cam3"] == "unmatched"
     assert frame["doubts"]

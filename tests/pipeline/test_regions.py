@@ -10,7 +10,7 @@ from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.stereo.markers.grid import find_marker_grid
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 RINGED = (80, 255, 120)
 
@@ -34,7 +34,7 @@ def reconstructed(run, capture, out):
         "reconstruct", capture, "--rig", TRUE_RIG, "--out", out, "--method", "binocular", "--json"
     )
     assert code == 0
-    return only_json(text)
+    return parse_json(text)
 
 
 def test_draws_the_cameras_that_were_used(run, tmp_path):

@@ -13,7 +13,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import read_image
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.flow.fusion.empty_belt_reference import ground_of
+from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -42,7 +42,7 @@ def test_motion_and_volume_of_rendered_frames() -> None:
     matcher = MultiviewReconstructor(rig, (560.0, 790.0), MultiviewSettings.preset("fast"))
     belt = find_belt(matcher.reconstruct(halved_frames("belt_empty"), Silent()), rig.core_camera)
     steps: list[Step] = []
-    meter = FlowMeter(ground_of(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
+    meter = FlowMeter(make_reference(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
     truth = json.loads((RENDERED / "truth/belt_moving.json").read_text())
     told = {f["frame"].removesuffix(".png"): f for f in truth["frames"]}
     records = []

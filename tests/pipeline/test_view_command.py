@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from synthetic.packings import camera, ellipsoids, seen
+from synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 BELT = {
     "belt_from_core": {"rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "translation_mm": [0, 0, 700]},
@@ -52,7 +52,7 @@ def frames(tmp_path_factory):
     aside = Pose(np.eye(3), np.array([-150.0, 0.0, 0.0]))
     rig = Rig("core", {"core": eye, "left": eye}, {"core": Pose(np.eye(3), np.zeros(3)), "left": aside})
     write_rig(folder / "rig.json", rig)
-    depth, _ = seen(ellipsoids(np.random.default_rng(4), columns=3, rows=3), eye)
+    depth, _ = render_depth_map(make_ellipsoids(np.random.default_rng(4), columns=3, rows=3), eye)
     points = depth.points_mm(eye)[depth.measured].astype(np.float32)
     up = np.broadcast_to(np.float32([0, 0, -1]), points.shape)
     for name in ("000", "001", "002"):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     Model = TypeVar("Model", bound=BaseModel)
 
 
-def _path(text: str) -> Path:
+def _parse_path(text: str) -> Path:
     """Return the path of ``--out``; an empty text, which would mean the working folder, is refused."""
     if not text.strip():
         from argparse import ArgumentTypeError
@@ -37,13 +37,13 @@ def add_output_folder(
 
     ``owner``: arguments whose values identify the folder's content, such as a scene's name.
     """
-    parser.add_argument("--out", type=_path, metavar="DIR", required=required, default=default, help=text)
+    parser.add_argument("--out", type=_parse_path, metavar="DIR", required=required, default=default, help=text)
     parser.set_defaults(output="folder", owner=(parser.prog.removeprefix("beltscape "), *owner))
 
 
 def add_output_file(parser: ArgumentParser, text: str, example: str, *, required: bool = False) -> None:
     """Declare ``--out FILE``; ``example`` is an example of the file's name."""
-    parser.add_argument("--out", type=_path, metavar="FILE", required=required, help=text)
+    parser.add_argument("--out", type=_parse_path, metavar="FILE", required=required, help=text)
     parser.set_defaults(output="file", example=example)
 
 

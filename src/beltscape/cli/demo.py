@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lines = []
     for scene, methods in result["depth_against_truth"].items():
         for method, s in methods.items():

@@ -1,4 +1,4 @@
-"""``beltscape evaluate paper|depth|lumps``: each lives in the module ``evaluate_<what>``."""
+"""``beltscape evaluate paper|depth|lumps``, each implemented in the module ``evaluate_<what>``."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ WHAT = {
     "depth": "a reconstruction against the truth of its scene",
     "lumps": "lumps of a reconstructed frame against the rocks of its simulated heap",
 }
-"""What is evaluated."""
+"""Name → description of each evaluation."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what can be evaluated, and the arguments."""
+    """Declare the evaluations and their arguments."""
     commands = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
     for name, text in WHAT.items():
         _module(name).add_arguments(commands.add_parser(name, help=text, description=text))
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Evaluate what was asked for."""
+    """Run the chosen evaluation."""
     return {**_module(arguments.what).run(arguments, reporter), "what": arguments.what}
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     return _module(result["what"]).summary(result)
 
 

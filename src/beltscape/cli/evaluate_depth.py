@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Compare every frame."""
+    """Compare every frame with its truth."""
     from beltscape.cli.arguments import require_positive
     from beltscape.evaluate.scores.reconstruction import score_reconstruction
     from beltscape.evaluate.truth.simulated import WITHIN_MM, read_truth
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lines = [
         f"{'frame':<8} {'region':<9} {'measured':>8} {'<1mm':>7} {'<.25mm':>7} {'gross':>7} {'median':>8} "
         f"{'bias':>8} {'robust σ':>8} {'P95':>7} {'σ ratio':>7} {'false fill':>10}"

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Compare one frame's lumps with the rocks in view."""
+    """Compare one frame's lumps with the visible rocks."""
     from beltscape.cli.arguments import require_positive
     from beltscape.evaluate.scores.lumps_of_frame import read_heap, score_lumps_of_frame
     from beltscape.measure.lumps.settings import LumpSettings
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     s = result
     text = "\n".join((
         f"rocks    {s['rocks']} visible, {s['recall']:.0%} found; {s['rocks_measured']} measured, "

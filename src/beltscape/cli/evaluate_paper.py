@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Render, measure, compare, and write report.html and paper.json."""
+    """Run the paper's experiments and write report.html and paper.json."""
     from beltscape.evaluate.paper.experiments import evaluate_paper, make_paper_document
     from beltscape.evaluate.paper.laboratory import read_laboratory, render_laboratory
     from beltscape.evaluate.paper.pages.page import render_paper_page
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     given = arguments.captures and read_laboratory(arguments.captures)
     out = ensure_output_folder(arguments.out)
     if given is None:
-        _keep_captures(arguments.earlier / "captures", out / "captures")
+        _link_captures(arguments.earlier / "captures", out / "captures")
     lab = given or render_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
     paper = evaluate_paper(lab, out, arguments.seed, reporter)
     document = {**make_paper_document(paper), "report": out / "report.html"}
@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     return document
 
 
-def _keep_captures(earlier: Path, captures: Path) -> None:
-    """What an earlier run rendered is not rendered again."""
+def _link_captures(earlier: Path, captures: Path) -> None:
+    """Link the captures that an earlier run rendered, so that they are not rendered again."""
     import os
     import shutil
 
@@ -56,7 +56,7 @@ def _keep_captures(earlier: Path, captures: Path) -> None:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lines = []
     for one in result["depth"]:
         lines.append(

@@ -51,10 +51,10 @@ def _describe(error: BaseException) -> tuple[int, str]:
         return BAD_INPUT, "not enough memory for this; give smaller images or fewer points"
     hint = "" if os.environ.get(TRACEBACK) else f"; set {TRACEBACK}=1 to see where, and report it"
     text = " ".join(f"{type(error).__name__}: {error}".split())
-    return INTERNAL, f"internal error, a fault of Beltscape ({text} in {_place(error)}){hint}"
+    return INTERNAL, f"internal error, a fault of Beltscape ({text} in {_find_origin(error)}){hint}"
 
 
-def _place(error: BaseException) -> str:
+def _find_origin(error: BaseException) -> str:
     """Return the file and line of Beltscape in which the error was raised."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if "beltscape" in Path(frame.filename).parts] or frames

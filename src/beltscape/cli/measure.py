@@ -1,4 +1,4 @@
-"""``beltscape measure QUANTITY``: each quantity lives in the module ``measure_<quantity>``."""
+"""``beltscape measure QUANTITY``, each implemented in the module ``measure_<quantity>``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ QUANTITIES = {
     "flow": "what passes on a moving belt: one row per frame, totals",
     "lumps": "of the top layer: sizes, distribution, oversize alarm",
 }
-"""Quantity → what is measured."""
+"""Name → description of each quantity."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,12 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Measure the quantity asked for."""
+    """Measure the chosen quantity."""
     return {**_module(arguments.quantity).run(arguments, reporter), "quantity": arguments.quantity}
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     return _module(result["quantity"]).summary(result)
 
 

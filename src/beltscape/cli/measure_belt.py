@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Learn the empty belt."""
+    """Measure the empty belt and write belt.json and its report."""
     from beltscape.pipeline.measuring.belt import make_belt_document, measure_empty_belt, write_belt_files
 
     belt, camera = measure_empty_belt(arguments.reconstruction, arguments.frames, reporter)
@@ -29,13 +29,13 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     x0, x1 = result["across_mm"]
     off = result["misaligned_mm"]
-    told = off is not None and isfinite(off)
+    is_known = off is not None and isfinite(off)
     ends = (
         f"{off:+.1f} mm, σ {result['misaligned_sigma_mm']:.1f} mm"
-        if told
+        if is_known
         else "unknown: its ends were not seen"
     )
     return (

@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lines = [f"{'':24}{'':18}{'nominal':>9}{'measured':>11}{'error':>9}{'σ':>8}  mm"]
     for q in result["features"]:
         lines.append(f"{q['name']:24}{q['quantity']:18}{q['nominal_mm']:9.3f}" + _measured(q))

@@ -14,7 +14,7 @@ from beltscape.core.progress import Reporter
 if TYPE_CHECKING:
     from beltscape.measure.flow.records.density import Density
 
-_ASK_DIRECTION = "?"
+_MISSING_DIRECTION = "?"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,15 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--encoder", type=Path, help="encoder.csv: frame,timestamp_s,belt_position_mm (default: the material)"
     )
     parser.add_argument(
-        "--frames-per-s", type=float, metavar="HZ", help="the trigger's, where no encoder.csv tells the times"
+        "--frames-per-s", type=float, metavar="HZ", help="the trigger's, where no encoder.csv gives the times"
     )
     parser.add_argument("--density", type=float, metavar="KG_M3", help="bulk density")
     parser.add_argument("--density-table", type=Path, help="CSV timestamp_s,density_kg_m3[,sigma_kg_m3]")
     parser.add_argument("--products", type=Path, help="TOML [name] density_kg_m3, sigma_kg_m3")
     parser.add_argument("--product", metavar="NAME", help="one of the products")
-    # argparse takes -y for an option: so it is one, and --direction may stand alone before it
+    # argparse reads -y as an option, so it is declared as one, and --direction may precede it without a value
     parser.add_argument(
-        "--direction", nargs="?", const=_ASK_DIRECTION, metavar="+y|-y",
+        "--direction", nargs="?", const=_MISSING_DIRECTION, metavar="+y|-y",
         help="which way the belt travels (default: found from the material)",
     )  # fmt: skip
     parser.add_argument("-y", dest="direction", action="store_const", const="-y", help=argparse.SUPPRESS)
@@ -62,8 +62,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.pipeline.measuring.flow import measure_flow_of_capture
     from beltscape.pipeline.measuring.flow_files import write_flow_result
 
-    if arguments.direction == _ASK_DIRECTION:
-        raise SettingsError("--direction: say +y or -y, along or against the belt frame's y axis")
+    if arguments.direction == _MISSING_DIRECTION:
+        raise SettingsError("--direction: give +y or -y, along or against the belt frame's y axis")
     if arguments.frames_per_s is not None and not 0 < arguments.frames_per_s <= 1e6:
         raise SettingsError(f"--frames-per-s {arguments.frames_per_s:g}: must be above 0")
     if arguments.load is not None and not 0 < arguments.load <= 1e5:
@@ -87,22 +87,22 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def _density(arguments: argparse.Namespace) -> Density:
-    """What was told of it, in one of three ways."""
+    """Return the bulk density, which is given in one of three ways."""
     from beltscape.files.tables.density import DENSITY_LIMITS
-    from beltscape.measure.flow.records.density import Density, unknown_density
+    from beltscape.measure.flow.records.density import Density, make_unknown_density
     from beltscape.pipeline.measuring.density import density_from_product, density_from_table
 
-    told = [
+    given = [
         name
         for name in ("density", "density_table", "product", "products")
         if getattr(arguments, name) is not None
     ]
-    if sorted(told) == ["product", "products"]:
+    if sorted(given) == ["product", "products"]:
         return density_from_product(arguments.products, arguments.product)
-    if len(told) > 1:
-        options = " and ".join(f"--{name.replace('_', '-')}" for name in told)
-        raise SettingsError(f"{options}: say the density in one way only")
-    if told in (["product"], ["products"]):
+    if len(given) > 1:
+        options = " and ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise SettingsError(f"{options}: give the density in one way only")
+    if given in (["product"], ["products"]):
         raise SettingsError("--product NAME goes with --products FILE: give both")
     if arguments.density is not None:
         low, high = DENSITY_LIMITS
@@ -113,11 +113,11 @@ def _density(arguments: argparse.Namespace) -> Density:
         return Density.constant(arguments.density)
     if arguments.density_table is not None:
         return density_from_table(arguments.density_table)
-    return unknown_density()
+    return make_unknown_density()
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     totals, encoder = result["totals"], result["encoder"]
     lines = [
         f"volume {totals['volume_mm3'] * 1e-6:.3f} l, σ {totals['sigma_mm3'] * 1e-6:.3f} l, on "

@@ -35,17 +35,17 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.pipeline.measuring.lumps import make_lumps_document, measure_lumps_of_frame, write_lumps
     from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 
-    told = {"oversize_mm": arguments.oversize}
+    options = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:
-        told["sieves_mm"] = _sieves(arguments.sieves)
-    seen = measure_lumps_of_frame(
-        arguments.loaded, make_settings(LumpSettings, **told), empty=arguments.empty, reporter=reporter
+        options["sieves_mm"] = _sieves(arguments.sieves)
+    measured = measure_lumps_of_frame(
+        arguments.loaded, make_settings(LumpSettings, **options), empty=arguments.empty, reporter=reporter
     )
-    warn_of_findings(seen.frame, reporter)
+    warn_of_findings(measured.frame, reporter)
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
-        write_lumps(arguments.out, seen)
-    return {**make_lumps_document(seen.lumps), "report": arguments.out and arguments.out / "report.html"}
+        write_lumps(arguments.out, measured)
+    return {**make_lumps_document(measured.lumps), "report": arguments.out and arguments.out / "report.html"}
 
 
 def _sieves(text: str) -> tuple[float, ...]:
@@ -58,7 +58,7 @@ def _sieves(text: str) -> tuple[float, ...]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lumps, share = result["lumps"], result["fines_share"]
     whole = sum(not lump["occluded"] and not lump["cut"] for lump in lumps)
     text = f"{len(lumps)} lumps, {whole} of them fully visible; below {result['smallest_mm']:.0f} mm is fines"

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--across", nargs=2, type=float, metavar=("A", "B"), help="box across the belt, mm")
     parser.add_argument("--along", nargs=2, type=float, metavar=("A", "B"), help="box along the belt, mm")
     parser.add_argument(
-        "--profile-every", type=float, default=50.0, metavar="MM", help="a cross-section every so often"
+        "--profile-every", type=float, default=50.0, metavar="MM", help="distance between cross-sections (50)"
     )
     parser.add_argument(
         "--cell", type=float, metavar="MM", help="edge of a grid cell (default: from the density)"
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     (x0, x1), (y0, y1) = result["across_mm"], result["along_mm"]
     text = (
         f"volume {result['volume_mm3'] * 1e-6:.4f} l, σ {result['sigma_mm3'] * 1e-6:.4f} l\n"

@@ -35,9 +35,9 @@ def manage_output(arguments: Namespace) -> Iterator[Output]:
         refuse_file(out, example(arguments) if callable(example) else example)
         yield Output(out, out)
     else:
-        with _folder(kind, out, _command(arguments)) as place:
-            output = Output(place, out)
-            arguments.out, arguments.earlier = place, out
+        with _folder(kind, out, _command(arguments)) as staging:
+            output = Output(staging, out)
+            arguments.out, arguments.earlier = staging, out
             try:
                 yield output
             except BeltscapeError as error:
@@ -78,7 +78,7 @@ def refuse_file(out: Path, example: str) -> None:
     if out.is_file() and out.stat().st_size:
         if out.suffix.lower() != suffix:
             raise OutputError(
-                f"--out {out}: is there and is no {suffix} file; choose another, such as {example}"
+                f"--out {out}: exists and is no {suffix} file; choose another, such as {example}"
             )
         if example in _OWN_JSON:
             _refuse_other_json(out, example)
@@ -92,7 +92,7 @@ def _refuse_other_json(out: Path, example: str) -> None:
         document = None
     kind = f"beltscape-{Path(example).stem}/"
     if not isinstance(document, dict) or not str(document.get("format", "")).startswith(kind):
-        raise OutputError(f"--out {out}: is there and is no {example} of Beltscape; choose another name")
+        raise OutputError(f"--out {out}: exists and is no {example} of Beltscape; choose another name")
 
 
 def _folder(kind: str, out: Path, command: str) -> Any:
@@ -116,7 +116,7 @@ def _refuse_input(out: Path, arguments: Namespace) -> None:
             continue
         read = value.resolve()
         if place == read:
-            raise OutputError(f"--out {out}: is what is read ({name} {value}); choose another --out")
+            raise OutputError(f"--out {out}: is an input ({name} {value}); choose another --out")
         if name == "capture" and read in place.parents:
             raise OutputError(
                 f"--out {out}: lies in the capture {value}, whose folders are cameras; choose an --out beside it"

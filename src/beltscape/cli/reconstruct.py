@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     near, far = result["depth_range_mm"]
     lines = [
         f"{result['method']} with {', '.join(result['auxiliaries'])}, searched {near:.0f} to {far:.0f} mm"
@@ -71,7 +71,7 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _cameras(consistency: Mapping[str, Any] | None) -> list[str]:
-    """How the cameras agree with the rig in the first frame, a line each."""
+    """Return one line per camera with its consistency with the rig in the first frame."""
     if consistency is None:
         return []
     return [f"  {each['camera']}  {each['state']}{_agreement(each)}" for each in consistency["cameras"]]

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Rectify every frame; write images, geometry and the check picture."""
+    """Rectify every frame; write images, geometry and the control picture."""
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.rectification import rectify_capture
 
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     lines = []
     for frame in result["frames"]:
         lines.append(f"{frame['folder'] / 'rectification.png'}")

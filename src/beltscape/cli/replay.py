@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     from beltscape.service.lifecycle import format_summary
 
     return format_summary(result)

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result in a few lines."""
     if result.get("checked"):
         parts = (f"{name:<8} {line}" for name, line in result["parts"].items())
         return "\n".join([f"{result['project']}: the settings fit", *parts])

@@ -26,13 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Show it."""
+    """Write the viewer's page and open it, or log the view to Rerun."""
     from beltscape.pipeline.view import collect_view, write_view
 
     if arguments.rerun:
         from beltscape.pipeline.view_rerun import import_rerun, show_in_rerun
 
-        rerun = import_rerun()  # before the work, so that what is missing is said at once
+        rerun = import_rerun()  # imported first, so that a missing package is reported at once
         view = collect_view(arguments.source, belt=arguments.belt, features=arguments.features)
         show_in_rerun(rerun, view, arguments.out)
         reporter.step("viewing", 1, 1)
@@ -57,7 +57,7 @@ def _temporary() -> Path:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """Where the view is."""
+    """Return the location of the view."""
     if result["view"] is None:
         return "shown in Rerun"
     return f"view {result['view']}" + ("" if not result["opened"] else ", opened in the browser")

@@ -1,1 +1,1 @@
-"""Evaluation of results against ground truth: scores, simulated truth, the paper's experiments, real pairs, the demo."""
+"""Evaluation against ground truth: scores, simulated truth, the paper's experiments, real pairs and the demo."""

@@ -101,8 +101,8 @@ def run_demo(out: Path, reporter: Reporter) -> Demo:
         scene: _evaluate_volume(data, scene, out, reporter) for scene in SCENES if scene != "belt_empty"
     }
     return Demo(
-        out, calibration, score_rig_against_truth(rig, truth, load()), _make_rectified_panels(data, rig, near_far), scenes,
-        volumes, calibration.warnings,
+        out, calibration, score_rig_against_truth(rig, truth, load()), _make_rectified_panels(data, rig, near_far),
+        scenes, volumes, calibration.warnings,
     )  # fmt: skip
 
 

@@ -26,7 +26,8 @@ def render_demo_page(demo: Demo) -> str:
     loaded, module = demo.volumes["belt_loaded"], demo.volumes["module"]
     summary = (
         f"Five cameras, calibrated from {demo.calibration.training.views} board views, measure "
-        f"{format_litres(loaded.volume.volume_mm3)} ± {format_litres(loaded.volume.sigma_mm3)} litres of rock on 0.4 m of belt; "
+        f"{format_litres(loaded.volume.volume_mm3)} ± {format_litres(loaded.volume.sigma_mm3)} litres of rock "
+        "on 0.4 m of belt; "
         f"the truth is {format_litres(loaded.true_mm3)}."
     )
     sections = [
@@ -56,7 +57,8 @@ def render_demo_page(demo: Demo) -> str:
         ),
         Section(
             "Volume",
-            f"Loaded belt: {format_litres(loaded.volume.volume_mm3)} ± {format_litres(loaded.volume.sigma_mm3)} l measured, "
+            f"Loaded belt: {format_litres(loaded.volume.volume_mm3)} ± "
+            f"{format_litres(loaded.volume.sigma_mm3)} l measured, "
             f"{format_litres(loaded.true_mm3)} l true. Module: {format_litres(module.volume.volume_mm3)} ± "
             f"{format_litres(module.volume.sigma_mm3)} l measured, {format_litres(module.true_mm3)} l true.",
             [
@@ -157,7 +159,8 @@ def _volume_table(demo: Demo) -> Table:
     return Table(
         ["scene", "measured l", "σ l", "true l", "error", "error / σ", "measured share"],
         [
-            [TITLES[scene], format_litres(v.volume.volume_mm3), format_litres(v.volume.sigma_mm3), format_litres(v.true_mm3),
+            [TITLES[scene], format_litres(v.volume.volume_mm3), format_litres(v.volume.sigma_mm3),
+             format_litres(v.true_mm3),
              f"{v.error:+.2%}", f"{(v.volume.volume_mm3 - v.true_mm3) / v.volume.sigma_mm3:+.1f}",
              f"{v.volume.coverage:.1%}"]
             for scene, v in demo.volumes.items()

@@ -1,4 +1,4 @@
-"""A pattern's quality in one picture: a piece of it, its nearest neighbours, its spectrum."""
+"""A picture of a speckle pattern's quality: a detail, the nearest-neighbour distances and the power spectrum."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SHEET = Form(1080.0, narrow=False)
 
 
 def draw_quality(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:
-    """PNG of the quality; ``image`` (H, W, 3) is the drawn pattern. The same input gives the same bytes."""
+    """Return the PNG of the quality of a drawn pattern (H, W, 3); the same input gives the same bytes."""
     figure, (piece, nearest, spectrum) = make_panels(3, _SHEET, columns=3, height=275)
     with mpl.rc_context(dict(STYLE)):
         _show_piece(piece, image, quality.d_min_px)
@@ -30,7 +30,7 @@ def draw_quality(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoi
 
 
 def _show_piece(axes: Axes, image: NDArray[Any], d_min_px: float) -> None:
-    """What lies about one of the inner markers, 40 d_min wide."""
+    """Show the surroundings of an inner marker, 40 d_min wide."""
     height, width = image.shape[:2]
     side = int(min(40 * d_min_px, width, height))
     left, top = (max(length * 3 // 8 - side // 2, 0) for length in (width, height))

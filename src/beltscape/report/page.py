@@ -1,4 +1,4 @@
-"""A self-contained HTML page: tiles, charts, pictures, tables and turnable scenes in sections; works offline."""
+"""Self-contained HTML report pages of tiles, charts, pictures, tables and 3-D scenes; they work offline."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltscape.report.drawing.scene import Scene
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One number that matters."""
+    """A key figure."""
 
     label: str
     value: str
@@ -26,7 +26,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Tiles:
-    """Numbers side by side."""
+    """Key figures beside each other."""
 
     tiles: Sequence[Tile]
     kind: str = "tiles"
@@ -34,7 +34,7 @@ class Tiles:
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures side by side, in rows of ``columns`` where the screen is wide enough."""
+    """Pictures in rows of ``columns`` on a wide screen."""
 
     panels: Sequence[Panel]
     caption: str = ""
@@ -44,7 +44,7 @@ class Pictures:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of text under headings; the first column names, the others are numbers."""
+    """A table; its first column contains names, the others numbers."""
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str | Entry]]
@@ -54,7 +54,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Sentences, one below the other."""
+    """Sentences on separate lines."""
 
     lines: Sequence[str]
     kind: str = "lines"
@@ -62,7 +62,7 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class InteractiveScene:
-    """A scene that one turns with the mouse or a finger."""
+    """A 3-D scene that is rotated with the mouse or a finger."""
 
     scene: Scene
     caption: str
@@ -74,7 +74,7 @@ Item = Tiles | Chart | Key | Pictures | Table | Lines | InteractiveScene
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading, a sentence, and what belongs to it."""
+    """A heading, an introductory sentence, and the items below."""
 
     title: str
     intro: str

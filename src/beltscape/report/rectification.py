@@ -1,4 +1,4 @@
-"""The check picture of a rectification, as in the paper's Fig. 6: epipolar lines before and after."""
+"""The control picture of a rectification: epipolar lines before and after, as in the paper's Fig. 6."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 14
 def draw_rectification(
     rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], doubts: Sequence[str] = ()
 ) -> Rgb:
-    """One row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
+    """Draw one row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
 
-    Corresponding points lie on lines of one colour. Pairs about a vertical baseline are shown upright, so that
-    their rows stand on end. What is wrong with the cameras is written above.
+    Corresponding points lie on lines of one colour. Pairs with a vertical baseline are shown upright, so that
+    their rows are vertical. Camera faults are written above.
     """
     page = arrange_panels(make_rectification_panels(rig, frame_set, pairs), 4)
     return np.concatenate([_draw_warnings(doubts, page.shape[1]), page]) if doubts else page
 
 
 def _draw_warnings(lines: Sequence[str], width_px: int) -> Rgb:
-    """Return the lines as a strip of that width, broken between words where they are longer."""
+    """Return the lines as a strip of the given width, wrapped between words."""
     shown: list[str] = []
     for line in lines:
         shown.append("Warning:")
@@ -84,7 +84,7 @@ def _draw_after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
 
 
 def _draw_before(rig: Rig, frame_set: FrameSet, images: RectifiedImages) -> tuple[Rgb, Rgb]:
-    """The same lines in the images as they were taken: where each rectified row came from."""
+    """Draw the same lines in the original images, at the source of each rectified row."""
     shown = []
     for name, source in (
         (images.pair.core, images.pair.core_map),

@@ -1,4 +1,4 @@
-"""The check picture of a region pre-segmentation: markers, their labels and the regions' boundaries."""
+"""The control picture of the region segmentation: markers, their labels and the regions' boundaries."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ _FARTHEST_PX = 30_000.0
 
 
 def draw_regions(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: int = 3) -> Rgb:
-    """(H, W, 3) RGB: every camera of a frame with its regions, so many side by side; cameras without are named so."""
+    """Return every camera of a frame with its regions, (H, W, 3) RGB, in rows of ``columns``."""
     panels = []
     for name, image in frame_set.images.items():
         grid = grids.get(name)
-        said = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"
+        text = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"
         panels.append(
-            Panel(to_rgb(image) if grid is None else draw_camera_regions(image, grid), f"{name}: {said}")
+            Panel(to_rgb(image) if grid is None else draw_camera_regions(image, grid), f"{name}: {text}")
         )
     return arrange_panels(panels, columns)
 
 
 def draw_camera_regions(image: Image, grid: MarkerGrid) -> Rgb:
-    """(H', W', 3) RGB: an image with its regions; found markers ringed in green, expected ones crossed in orange."""
+    """Return an image with its regions, (H', W', 3) RGB; detected markers in green, expected ones in orange."""
     factor = _DRAWN_WIDTH_PX / image.shape[1]
     size = (_DRAWN_WIDTH_PX, round(image.shape[0] * factor))
-    way = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
-    rgb = np.ascontiguousarray(cv2.resize(to_rgb(image), size, interpolation=way), np.uint8)
+    interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    rgb = np.ascontiguousarray(cv2.resize(to_rgb(image), size, interpolation=interpolation), np.uint8)
     for row in range(SIDE):
         for column in range(SIDE):
             outline = _to_drawing(region_outline(grid.center_px, row, column), factor)
@@ -63,7 +63,7 @@ def _to_drawing(points_px: NDArray[np.float64], factor: float) -> NDArray[np.int
 
 
 def _write(rgb: Rgb, text: str, where: tuple[int, int], color: tuple[int, int, int]) -> None:
-    """Text with a dark rim, kept inside the image's right edge; it stays readable on speckle."""
+    """Draw text with a dark rim, legible on speckle, inside the image."""
     (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 2)
     at = (min(where[0], rgb.shape[1] - width - 4), max(20, min(where[1] + 8, rgb.shape[0] - 6)))
     for ink, thickness in (((0, 0, 0), 5), (color, 2)):

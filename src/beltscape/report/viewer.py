@@ -1,4 +1,4 @@
-"""The engineer's viewer: clouds over time, cameras, surfaces and primitives on one offline page, drawn by WebGL."""
+"""The engineer's 3-D viewer: an offline WebGL page of point clouds, cameras, surfaces and primitives."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 AXES = (("x", "#ff8787"), ("y", "#8ce99a"), ("z", "#74c0fc"))
 _COLOUR, _HEIGHT, _SIGMA, _CLAY = range(4)
-"""Ways to colour a cloud, as viewer.js knows them."""
+"""Colour modes of a cloud, as numbered in viewer.js."""
 _RAMP = 17
-"""Colours of a ramp, as viewer.js has them."""
+"""Number of colours of a ramp in viewer.js."""
 _VIEWING_DISTANCE = 2.3
-"""Distance of the eye, in radii of what is shown."""
+"""Viewing distance in radii of the scene."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewerCloud:
-    """One frame's points."""
+    """The points of one frame."""
 
     name: str
     points_mm: NDArray[np.floating]
@@ -46,7 +46,7 @@ class ViewerCloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewerScene:
-    """What the viewer shows, in millimetres, z upwards; layers are switched by their names."""
+    """The contents of the viewer in mm, z upwards; layers are switched by their names."""
 
     title: str
     note: str
@@ -60,7 +60,7 @@ class ViewerScene:
 
 
 def render_viewer_page(view: ViewerScene) -> str:
-    """The page as text; it needs no network."""
+    """Return the page as text; it works offline."""
     scene = json.dumps(_document(view), separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return _environment().get_template("viewer.html").render(title=view.title, note=view.note, scene=scene)
 
@@ -121,7 +121,7 @@ def _ramp(colormap: Rgb) -> list[list[int]]:
 
 
 def _pack_cloud(cloud: ViewerCloud, sigma_top_mm: float) -> dict[str, Any]:
-    """Places in 16 bits over the cloud's box, normals in 8, colour with σ as its fourth channel."""
+    """Return a cloud with 16-bit positions in its bounding box, 8-bit normals, and σ as fourth colour channel."""
     points = np.asarray(cloud.points_mm, np.float64)
     low = points.min(axis=0) if len(points) else np.zeros(3)
     step = np.maximum(np.ptp(points, axis=0) if len(points) else np.ones(3), 1e-3) / 65_535
@@ -141,7 +141,7 @@ def _pack_cloud(cloud: ViewerCloud, sigma_top_mm: float) -> dict[str, Any]:
 
 
 def _spacing(points: NDArray[np.float64]) -> float:
-    """Side of the square that a point stands for, from a few points' neighbours."""
+    """Return the point spacing, estimated from the neighbours of a sample of points."""
     if len(points) < 8:
         return 1.0
     some = points[:: max(1, len(points) // 2000)]
@@ -150,7 +150,7 @@ def _spacing(points: NDArray[np.float64]) -> float:
 
 
 def _brighten(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Dark scenes brightened, so that one sees what was there."""
+    """Return the colours with dark scenes brightened."""
     top = max(float(np.quantile(colors.max(axis=1), 0.98)), 1.0) if len(colors) else 1.0
     return np.rint(255 * np.clip(colors / top, 0, 1) ** 0.7).astype(np.uint8)
 
@@ -160,7 +160,7 @@ def _base64(values: NDArray[np.generic]) -> str:
 
 
 def _initial_view(view: ViewerScene) -> dict[str, Any]:
-    """Where one looks from at first: everything in the picture, the load in the middle."""
+    """Return the initial view, with the whole scene in the picture."""
     lines = [line for _, _, line in view.lines]
     parts = [
         np.quantile(cloud.points_mm, [0.01, 0.5, 0.99], axis=0)

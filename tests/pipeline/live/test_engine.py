@@ -27,7 +27,7 @@ from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, bench, frames
+from synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, make_context, frames
 
 STEP_MM = 60.0
 
@@ -99,9 +99,9 @@ def engine_of(
     sink: object = None,
 ) -> tuple[Engine, Watcher, Historian, EngineComponents]:
     historian, watcher, reporter = history(folder), Watcher(), Silent()
-    resume = historian.resume
+    resume = historian.ledger_end
     state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
-    made = bench()
+    made = make_context()
     if matcher is not None:
         object.__setattr__(made, "matcher", matcher)
     writers = [Writer("historian", historian, notify_records(watcher, historian))]

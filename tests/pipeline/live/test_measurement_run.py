@@ -16,7 +16,7 @@ from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
-from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, bench, frames, run
+from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, make_context, frames, run
 
 STEP_MM = 60.0
 
@@ -69,7 +69,7 @@ def test_one_run_counts_the_encoders_millimetres_and_the_heap() -> None:
 
 def test_a_run_measures_what_the_command_does() -> None:
     sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in places(0, 3300)]
-    made = bench()
+    made = make_context()
     chain = FlowChain(made.matcher, FlowMeter(made.ground, made.flow, density=made.density))
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
     offline += chain.finish()
@@ -88,7 +88,7 @@ def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:
 
 
 def test_belt_measured_with_cameras_in_doubt_is_degraded() -> None:
-    made = bench()
+    made = make_context()
     matcher = FakeMatcher()
     chain = FlowChain(matcher, FlowMeter(made.ground, made.flow, density=made.density))
     records = []

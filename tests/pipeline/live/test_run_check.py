@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from synthetic.demo import DEMO, TRUE_RIG, only_json
+from synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 PROJECT = """rig = "rig.json"
 empty = "belt.json"
@@ -54,7 +54,7 @@ def plant(tmp_path, plant_parts, monkeypatch) -> Path:
 def test_a_sound_project_has_a_line_for_every_part(run, plant):
     code, out, _ = run("run", "--check", "project.toml", "--json")
     assert code == 0
-    parts = only_json(out)["parts"]
+    parts = parse_json(out)["parts"]
     assert list(parts) == ["rig", "density", "empty", "source", "encoder", "data", "page"]
     assert parts["rig"].startswith("5 cameras about cam0")
     assert not Path("data").exists()

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from synthetic.demo import DEMO, only_json
+from synthetic.demo import DEMO, parse_json
 
 PROJECT = """rig = "rig.json"
 empty = "empty"
@@ -55,7 +55,7 @@ def plant(tmp_path: Path, small_frames: Path) -> Path:
 def test_a_replay_counts_what_the_command_does(run, plant, tmp_path):
     code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
     assert code == 0
-    answer = only_json(out)
+    answer = parse_json(out)
     assert answer["records"] == 3
     assert answer["missing_mm"] == 0
     assert answer["totals"]["volume_mm3"] == answer["volume_mm3"]
@@ -75,7 +75,7 @@ def test_a_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, t
     for _ in range(2):
         code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
         assert code == 0
-        totals = only_json(out)["totals"]
+        totals = parse_json(out)["totals"]
         lengths.append(totals["valid_mm"] + totals["degraded_mm"] + totals["missing_mm"])
     assert lengths[1] == pytest.approx(lengths[0], abs=1e-6)
 
@@ -88,7 +88,7 @@ def test_a_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, t
         ("load_mm = 150", "load_mm = -1", "matching.load_mm = -1"),
         ('rig = "rig.json"', 'rig = "none.json"', "none.json': no such file"),
         ("[capture]", "[cameras]\ndevices = {cam0 = 'x'}\n[capture]", "give either [cameras] or [capture]"),
-        ("kg_m3 = 1500", 'kg_m3 = 1500\ntable = "d.csv"', "say the density in one way only"),
+        ("kg_m3 = 1500", 'kg_m3 = 1500\ntable = "d.csv"', "give the density in one way only"),
         ("[web]", "[recordings]\nx = 1\n[web]", "unknown key recordings; did you mean recording?"),
     ],
 )

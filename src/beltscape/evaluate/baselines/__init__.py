@@ -1,1 +1,1 @@
-"""Other ways to measure a surface, simulated: structured light, a line laser, a LiDAR scanner."""
+"""Simulated baseline sensors to compare with: structured light, a line laser and a LiDAR scanner."""

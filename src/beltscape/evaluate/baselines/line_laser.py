@@ -1,8 +1,8 @@
-"""Images of a laser's line → profiles: sub-pixel middles, and where their rays meet the laser's plane.
+"""Laser-line profiler: sub-pixel line centres and their intersection with the laser plane.
 
-The line's middle in each column is the centre of gravity of the counts above a threshold around its brightest pixel,
-which is as good as the other usual ways for lines of two to three pixels (Naidu & Fisher, A comparative analysis of
-algorithms for determining the peak position of a stripe to sub-pixel accuracy, British Machine Vision Conference
+The line centre in each column is the centre of gravity of the counts above a threshold around the brightest pixel,
+which is as accurate as the other common methods for lines of two to three pixels (Naidu & Fisher, A comparative
+analysis of algorithms for determining the peak position of a stripe to sub-pixel accuracy, British Machine Vision Conference
 1991, 217-225, doi:10.1007/978-1-4471-1921-0_28).
 """
 
@@ -23,15 +23,15 @@ Array = NDArray[np.float64]
 
 
 class PeakSettings(BaseModel):
-    """What counts as a line."""
+    """Detection of the laser line."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     least: Annotated[float, Field(ge=1, le=255)] = 12.0
-    """Counts of its brightest pixel."""
+    """Smallest counts of its brightest pixel."""
     window_px: Annotated[int, Field(ge=1, le=50)] = 4
-    """Rows on each side of it that count."""
+    """Rows on each side of it that are evaluated."""
     base: Annotated[float, Field(ge=0, lt=1)] = 0.1
-    """Share of the brightest below which a pixel counts nothing."""
+    """Share of the brightest pixel's counts below which a pixel has no weight."""
     brightest: Annotated[int, Field(ge=1, le=255)] = 254
     """Above lies saturation."""
     read_noise: Annotated[float, Field(ge=0, le=100)] = 0.4
@@ -42,9 +42,9 @@ class PeakSettings(BaseModel):
 def locate_line_centers(
     image: NDArray[np.uint8], settings: PeakSettings | None = None
 ) -> tuple[Array, Array]:
-    """Rows (W,) of a line's middle in an image (h, W), and their σ (W,) by the camera's noise; NaN: no line.
+    """Return the rows (W,) of the line centre in an image (h, W) and their σ (W,) by camera noise; NaN: no line.
 
-    A column with a second line as high as half the first, outside its window, is ambiguous and has none.
+    A column with a second peak of half the height outside the window is ambiguous and gives NaN.
     """
     settings = settings or PeakSettings()
     counts = image.astype(np.float64)
@@ -72,9 +72,9 @@ def measure_profiles(
     speckle_px: float = 0.0,
     settings: PeakSettings | None = None,
 ) -> ProfileScan:
-    """Profiles from the line's images; camera and laser plane are calibrated.
+    """Return the profiles from the line's images; camera and laser plane are calibrated.
 
-    ``speckle_px`` is what σ allows for speckle.
+    ``speckle_px`` is the contribution of laser speckle to σ.
     """
     camera, world_from_core = station.rig.core_camera, station.core_from_world.inverse()
     columns = np.arange(camera.size_px[0], dtype=np.float64)
@@ -95,7 +95,7 @@ def measure_profiles(
 def _intersect_laser_plane(
     columns: Array, rows: Array, station: Station, laser: Laser, world_from_core: Array
 ) -> Array:
-    """(W, 3) where the rays of distorted pixels meet the laser's plane, in the world at belt position 0."""
+    """Return where distorted pixels' rays meet the laser plane, (W, 3) in the world at belt position 0."""
     ideal = station.rig.core_camera.undistort(np.column_stack([columns, rows]))
     rays = np.column_stack([ideal, np.ones(len(ideal))]) @ world_from_core.T
     eye = station.core_from_world.center_mm

@@ -1,11 +1,11 @@
-"""Shifted fringes → phase, its σ, and the projector's column.
+"""Phase-shifting profilometry: phase of shifted fringes, its σ, and the unwrapped projector column.
 
-N pictures of intensity A + B·cos(φ − 2πk/N) give by least squares (Zuo et al., Optics and Lasers in Engineering 109,
+N images of intensity A + B·cos(φ − 2πk/N) give by least squares (Zuo et al., Optics and Lasers in Engineering 109,
 2018, 23-59, doi:10.1016/j.optlaseng.2018.04.019)
 
     φ = atan2(Σ Iₖ sin 2πk/N, Σ Iₖ cos 2πk/N),   B = 2/N · √(Σ² + Σ²),   σ_φ = √(2/N) · σ_I / B.
 
-A coarse set of fringes says which period of the next finer one a phase belongs to: hierarchical temporal unwrapping
+A coarse fringe set determines the period of the next finer one: hierarchical temporal unwrapping
 (Zuo et al., Optics and Lasers in Engineering 85, 2016, 84-103, doi:10.1016/j.optlaseng.2016.04.022, section 2.1).
 """
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Phase:
-    """One number of fringes, decoded."""
+    """The phase of one fringe set."""
 
     phase: Array
     """(H, W) radians in 0 … 2π."""
@@ -33,7 +33,7 @@ class Phase:
 
 
 def estimate_phase(images: NDArray[np.floating], noise: NDArray[np.floating]) -> Phase:
-    """Phase from N ≥ 3 images (N, H, W), each shifted by an N-th of a period, and their noise (H, W); in counts."""
+    """Return the phase of N ≥ 3 images (N, H, W) shifted by 1/N period each; ``noise`` (H, W) is their σ, counts."""
     steps = 2 * np.pi * np.arange(len(images)) / len(images)
     sine, cosine = (np.tensordot(f(steps), images.astype(np.float64), 1) for f in (np.sin, np.cos))
     modulation = 2 / len(images) * np.hypot(sine, cosine)
@@ -45,7 +45,7 @@ def estimate_phase(images: NDArray[np.floating], noise: NDArray[np.floating]) ->
 
 
 def unwrap_phases(phases: Sequence[Phase], periods_px: Sequence[float], gate: float) -> tuple[Array, Array]:
-    """The projector's column (H, W) and its σ (H, W), px; NaN where two sets of fringes contradict each other.
+    """Return the projector column (H, W) and its σ (H, W), px; NaN where two fringe sets contradict each other.
 
     Parameters
     ----------
@@ -54,11 +54,11 @@ def unwrap_phases(phases: Sequence[Phase], periods_px: Sequence[float], gate: fl
     periods_px
         Of each, on the projector.
     gate
-        Two sets agree when they differ by no more than so many of their common σ, and a third of the finer period.
+        Largest difference of two sets in units of their common σ; it is also limited to a third of the finer period.
     """
     column = phases[0].phase / (2 * np.pi) * periods_px[0]
     sigma = phases[0].sigma / (2 * np.pi) * periods_px[0]
-    # a single fringe that begins and ends with the picture: the seam may fall to either side
+    # the single fringe of the first set wraps at the image border, so the phase may fall to either side there
     for phase, period in zip(phases[1:], periods_px[1:], strict=True):
         fine, fine_sigma = (value / (2 * np.pi) * period for value in (phase.phase, phase.sigma))
         off = np.mod(fine - column + period / 2, period) - period / 2

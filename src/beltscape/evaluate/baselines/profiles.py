@@ -1,4 +1,4 @@
-"""Profiles → a surface between them → depth on the core camera's pinhole grid, as all others are compared."""
+"""Triangulation of profiles into a surface, and its depth on the core camera's pinhole grid."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ from beltscape.simulate.sensors.profile_scan import ProfileScan
 from beltscape.simulate.truth.visibility import compute_pixel_rays
 
 REACH = 3.0
-"""Neighbours farther apart than so many usual distances are not joined: there is a step, or nothing."""
+"""Neighbours farther apart than this multiple of the median distance are not joined (a step or a gap)."""
 
 
 def rasterise_profiles(scan: ProfileScan, station: Station) -> DepthMap:
-    """The depth that the core camera would have of the surface through the points of neighbouring profiles.
+    """Return the core camera's depth of the surface through the points of neighbouring profiles.
 
-    Nothing is laid across steps and gaps. A pixel's σ is that of the nearest corner of its triangle.
+    Steps and gaps are not bridged. A pixel's σ is that of the nearest corner of its triangle.
     """
     camera, pose = station.rig.core_camera, station.core_from_world
     height, width = camera.size_px[1], camera.size_px[0]
     faces = _faces(scan)
-    nothing = np.full((height, width), np.nan, np.float32)
+    empty = np.full((height, width), np.nan, np.float32)
     if not len(faces):
         zeros = np.zeros((height, width))
-        return DepthMap(nothing, nothing, zeros.astype(np.uint8), zeros.astype(np.float32))
+        return DepthMap(empty, empty, zeros.astype(np.uint8), zeros.astype(np.float32))
     vertices, sigma = np.nan_to_num(scan.points_mm.reshape(-1, 3)), scan.sigma_mm.ravel()
     surface = Solid("profiles", Label.MATERIAL, vertices, faces, (1.0, 1.0, 1.0))
     rays = compute_pixel_rays(camera, pose, distorted=False)
     hits = RayScene([surface]).cast(pose.center_mm, rays)
-    met = hits.face >= 0
-    depth = np.where(met, hits.distance, np.nan)
-    at = pose.center_mm + np.where(met, depth, 0.0)[:, None] * rays
-    corners = faces[np.where(met, hits.face, 0)]
+    hit = hits.face >= 0
+    depth = np.where(hit, hits.distance, np.nan)
+    at = pose.center_mm + np.where(hit, depth, 0.0)[:, None] * rays
+    corners = faces[np.where(hit, hits.face, 0)]
     away = np.linalg.norm(vertices[corners] - at[:, None], axis=-1)
     nearest = np.take_along_axis(corners, away.argmin(axis=1)[:, None], axis=1)[:, 0]
-    found = np.where(met, sigma[nearest], np.nan)
+    found = np.where(hit, sigma[nearest], np.nan)
     return DepthMap(
         depth.reshape(height, width).astype(np.float32),
         found.reshape(height, width).astype(np.float32),
-        met.reshape(height, width).astype(np.uint8),
-        met.reshape(height, width).astype(np.float32),
+        hit.reshape(height, width).astype(np.uint8),
+        hit.reshape(height, width).astype(np.float32),
     )
 
 
 def _faces(scan: ProfileScan) -> NDArray[np.int64]:
-    """(F, 3) two triangles of every four neighbours that are near each other, seen from above counter-clockwise."""
+    """Return the triangles (F, 3), two per four close neighbours, counter-clockwise seen from above."""
     profiles, columns = scan.points_mm.shape[:2]
     index = np.arange(profiles * columns).reshape(profiles, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]

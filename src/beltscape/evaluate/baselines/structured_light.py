@@ -1,7 +1,7 @@
-"""Structured light: shifted fringes of one projector, seen by the core camera → depth on its pinhole grid.
+"""Structured-light scanner: depth on the core camera's pinhole grid from shifted fringes of one projector.
 
-The projector is a second camera that sees its own columns. A pixel's ray (x, y, 1)·z of the core and the plane of a
-projector column u meet where, with R, t the projector's pose and ũ = (u − cx)/fx,
+The projector is modelled as an inverse camera. A core pixel's ray (x, y, 1)·z meets the plane of the projector
+column u where, with R, t the projector's pose and ũ = (u − cx)/fx,
 
     z = (ũ·t_z − t_x) / (R₁·d − ũ·R₃·d),   ∂z/∂ũ = (t_z + z·R₃·d) / (R₁·d − ũ·R₃·d).
 """
@@ -26,19 +26,19 @@ Array = NDArray[np.float64]
 
 
 class DecodeSettings(BaseModel):
-    """What is trusted."""
+    """Camera noise and acceptance limits of the decoding."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     read_noise: Annotated[float, Field(ge=0, le=100)] = 0.4
-    """Of the camera in the dark, counts, the rounding to whole counts included."""
+    """Dark noise of the camera, counts, including the rounding to whole counts."""
     electrons_per_count: Annotated[float, Field(gt=0, le=1e6)] = 55.0
     """Shot noise is √(counts / this)."""
     least_modulation: Annotated[float, Field(ge=0, le=255)] = 3.0
-    """Counts; darker is not measured."""
+    """Smallest fringe modulation that is measured, counts."""
     most_sigma_mm: Annotated[float, Field(gt=0, le=1e3)] = 2.0
-    """Of the depth; what is worse is not measured."""
+    """Largest σ of a measured depth."""
     gate: Annotated[float, Field(gt=0, le=100)] = 6.0
-    """Sets of fringes that differ by more of their σ see two surfaces in one pixel."""
+    """Largest difference of fringe sets in units of σ; beyond it a pixel shows two surfaces."""
     brightest: Annotated[int, Field(ge=1, le=255)] = 254
     """Counts; above lies saturation."""
 
@@ -51,18 +51,18 @@ def decode(
     fringes: FringeSettings,
     settings: DecodeSettings | None = None,
 ) -> DepthMap:
-    """Depth from a sequence of images.
+    """Return the depth from a sequence of fringe images.
 
     Parameters
     ----------
     images
-        (F, H, W) as the core camera took them, in the order of `fringe_pictures`.
+        (F, H, W) distorted images of the core camera, in the order of `fringe_pictures`.
     core, projector, projector_from_core
         Calibrated: the projector is without distortion.
     fringes
-        What was projected.
+        The projected fringes.
     settings
-        What is trusted.
+        Noise and acceptance limits.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def decode(
 
 
 def _triangulate(column: Array, core: Camera, projector: Camera, pose: Pose) -> tuple[Array, Array]:
-    """(H, W) depth of projector columns (H, W), and by how many mm it grows with a column."""
+    """Return the depth (H, W) of projector columns (H, W), and its derivative in mm per column."""
     rays = np.concatenate([core.rays(), np.ones((*column.shape, 1))], axis=-1)
     across, along = rays @ pose.rotation[0], rays @ pose.rotation[2]
     u = (column - projector.center_px[0]) / projector.focal_px[0]
@@ -103,9 +103,9 @@ def _triangulate(column: Array, core: Camera, projector: Camera, pose: Pose) -> 
 
 
 def _undistort(images: NDArray[np.uint8], core: Camera) -> NDArray[np.float32]:
-    """(F, H, W) counts on the camera's pinhole grid, by cubic splines; 0 where it did not look.
+    """Return the counts (F, H, W) on the camera's pinhole grid, by cubic splines; 0 outside the image.
 
-    Not by OpenCV's remap: it rounds places to a 32nd of a pixel, which is more than the noise of the phase.
+    OpenCV's remap is not used because it rounds positions to 1/32 px, which exceeds the phase noise.
     """
     u, v = np.moveaxis(core.distort(core.rays()) * core.focal_px + core.center_px, -1, 0)
     flat = [map_coordinates(one.astype(np.float32), (v, u), order=3) for one in images]

@@ -1,1 +1,1 @@
-"""The paper's experiments, section 3, in a rendered laboratory: its numbers, ours, and the truth."""
+"""The paper's experiments (section 3) in a rendered laboratory, compared with the paper and the truth."""

@@ -1,4 +1,4 @@
-"""Fig. 16: how many points the projected speckle adds."""
+"""Fig. 16: the gain in measured points by the projected speckle."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltscape.evaluate.paper.surfaces import METHODS, REGION, ScoredDepth, Surf
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Density:
-    """One scene and method with the projector on and off."""
+    """One scene and method, with the projector on and off."""
 
     speckle: ScoredDepth
     dark: ScoredDepth
@@ -23,12 +23,12 @@ class Density:
 
     @property
     def right_ratio(self) -> float:
-        """The same of points within 1 mm of the truth."""
+        """The ratio for the points within 1 mm of the truth."""
         return _ratio(self.speckle.right_points, self.dark.right_points)
 
 
 def compute_density_gains(surfaces: Surfaces) -> tuple[Density, ...]:
-    """Of every scene and method of which both captures are there."""
+    """Return the gain of every scene and method with both captures."""
     pairs = [((scene, method), (f"{scene}_nospeckle", method)) for scene in REGION for method in METHODS]
     return tuple(
         Density(surfaces[on], surfaces[off]) for on, off in pairs if on in surfaces and off in surfaces

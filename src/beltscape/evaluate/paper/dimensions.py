@@ -1,4 +1,4 @@
-"""Tables 2 and 3: the module's dimensions, by the paper, by its method here, by ours, and by other sensors."""
+"""Tables 2 and 3: the module's dimensions by the paper, its method, Beltscape and the baseline sensors."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import numpy as np
 from beltscape.evaluate.paper.numbers import Dimension
 
 MeasuredDimensions = Mapping[str, tuple[float, float]]
-""""name quantity" → measured value and its σ, mm; what was not found is absent."""
+""""name quantity" → measured value and its σ, mm; without those that were not measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DimensionRow:
-    """One dimension by everyone who measured it."""
+    """One dimension as measured by each method."""
 
     dimension: Dimension
     measured_mm: Mapping[str, float]
-    """By whom; NaN: not measured."""
+    """By method; NaN: not measured."""
     sigma_mm: Mapping[str, float]
-    """As predicted; NaN where there is none."""
+    """Predicted σ by method; NaN: none."""
 
     def error_mm(self, by: str) -> float:
-        """Measured minus actual."""
+        """Return measured minus actual value."""
         return self.measured_mm[by] - self.dimension.actual_mm
 
 
 def tabulate_dimensions(
     dimensions: Sequence[Dimension], measured: Mapping[str, MeasuredDimensions]
 ) -> tuple[DimensionRow, ...]:
-    """Every dimension by everyone of ``measured``; where it is the mean of several, all of them must be there."""
+    """Return every dimension by every method; a mean of several quantities requires all of them."""
     rows = []
     for dimension in dimensions:
-        values = {by: _mean(dimension, found) for by, found in measured.items()}
+        values = {by: _mean(dimension, quantities) for by, quantities in measured.items()}
         rows.append(
             DimensionRow(
                 dimension,
@@ -46,14 +46,14 @@ def tabulate_dimensions(
 
 
 def largest_error_mm(rows: Sequence[DimensionRow], by: str) -> float:
-    """Of all dimensions that were measured; NaN where none was."""
+    """Return the largest error of the measured dimensions; NaN without any."""
     errors = np.abs([row.error_mm(by) for row in rows])
     return float(np.nanmax(errors)) if np.isfinite(errors).any() else np.nan
 
 
-def _mean(dimension: Dimension, found: MeasuredDimensions) -> tuple[float, float]:
-    if any(name not in found for name in dimension.of):
+def _mean(dimension: Dimension, quantities: MeasuredDimensions) -> tuple[float, float]:
+    if any(name not in quantities for name in dimension.of):
         return np.nan, np.nan
-    values, sigmas = np.transpose([found[name] for name in dimension.of])
-    # neighbouring steps share a cube, so their errors do not average out: the σ of one of them is kept
+    values, sigmas = np.transpose([quantities[name] for name in dimension.of])
+    # neighbouring steps share a cube, so their errors do not average out; the RMS σ of one step is used
     return float(values.mean()), float(np.sqrt((sigmas**2).mean()))

@@ -1,4 +1,4 @@
-"""The paper's section 3 from beginning to end: calibrate, reconstruct, measure, compare."""
+"""All experiments of the paper's section 3: calibrate, reconstruct, measure and compare."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ from beltscape.target.board import read_board
 from beltscape.target.module import read_module
 
 TRAVELS_MM = (0.0, 0.1, 1.0, 10.0)
-"""Belt between two pictures of structured light: at 1 m/s 10,000, 1000 and 100 pictures a second."""
+"""Belt travel between two structured-light images; at 1 m/s 10,000, 1000 and 100 images per second."""
 BASELINE_SCENES = ("belt_loaded", "module")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paper:
-    """Everything that was found."""
+    """All results of the experiments."""
 
     numbers: PaperNumbers
     laboratory: Laboratory
     rig: Rig
-    """As calibrated; everything but the baselines is measured with it."""
+    """The calibrated rig, used by all methods except the baselines."""
     rig_score: RigScore
     surfaces: Surfaces
     density: tuple[Density, ...]
@@ -54,26 +54,26 @@ class Paper:
     tof: ScoredDepth | None
     baselines: Mapping[tuple[str, str], ScoredDepth]
     moving: tuple[ScoredDepth, ...]
-    """Structured light for `TRAVELS_MM`; empty where the scene cannot be rendered again."""
+    """Structured light for `TRAVELS_MM`; empty if the scene cannot be rendered again."""
     seconds: Mapping[str, float]
     """By stage."""
     warnings: tuple[str, ...]
 
     @property
     def scenes(self) -> tuple[str, ...]:
-        """With speckle, in the paper's order."""
+        """Names of the scenes with speckle, in the paper's order."""
         return tuple(
             name for name in ("belt_empty", "belt_loaded", "module") if name in self.laboratory.scenes
         )
 
 
 def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) -> Paper:
-    """Run all experiments for which there are captures; what is measured is written to ``out``.
+    """Run all experiments for which captures exist and write the results to ``out``.
 
     Raises
     ------
     InputError, CalibrationError, ReconstructionError, OutputError
-        With one line that names what is wrong and the mend.
+        With one line that names the fault and the fix.
     """
     clock = _Clock()
     calibration = calibrate(lab.calibration, read_board(lab.board), None, reporter)
@@ -110,7 +110,7 @@ def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) ->
 def _measure_moving(
     lab: Laboratory, baselines: Mapping[tuple[str, str], ScoredDepth], seed: int, reporter: Reporter
 ) -> tuple[ScoredDepth, ...]:
-    """Structured light of the loaded belt; at rest it was measured with the other baselines."""
+    """Return structured light of the moving loaded belt; the belt at rest is measured with the baselines."""
     loaded = lab.scenes.get("belt_loaded")
     if loaded is None or loaded.simulation is None:
         return ()
@@ -126,10 +126,10 @@ def _measure_dimensions(
     baselines: Mapping[tuple[str, str], ScoredDepth],
     reporter: Reporter,
 ) -> Mapping[str, MeasuredDimensions]:
-    """By whom; empty without the module.
+    """Return the module's dimensions by method; empty without the module.
 
-    As in the paper, its method, binocular and the sensors have nothing but their points; Beltscape has the image that
-    it matched by, too, and structured light an image under even light.
+    As in the paper, its method, binocular and the sensors use only their points; Beltscape also uses the matched
+    image, and structured light an image under even light.
     """
     if "module" not in lab.scenes:
         return {}
@@ -160,7 +160,7 @@ def _measure_dimensions(
 
 
 def _describe_omissions(lab: Laboratory) -> tuple[str, ...]:
-    """What cannot be done with the captures there are."""
+    """Return warnings of the experiments that are impossible with these captures."""
     if all(scene.simulation is not None for scene in lab.scenes.values()):
         return ()
     return (
@@ -170,7 +170,7 @@ def _describe_omissions(lab: Laboratory) -> tuple[str, ...]:
 
 
 def make_paper_document(paper: Paper) -> Mapping[str, Any]:
-    """The numbers for JSON."""
+    """Return the results as plain values for JSON."""
     found = [*paper.surfaces.values(), *paper.baselines.values(), *([paper.tof] if paper.tof else [])]
     return {
         "source": paper.numbers.source,
@@ -213,14 +213,14 @@ def make_paper_document(paper: Paper) -> Mapping[str, Any]:
 
 
 class _Clock:
-    """How long each stage took."""
+    """Measures the duration of each stage."""
 
     def __init__(self) -> None:
         self.laps: dict[str, float] = {}
         self._last = perf_counter()
 
     def lap(self, stage: str) -> None:
-        """A stage is over."""
+        """Record the end of a stage."""
         now = perf_counter()
         self.laps[stage] = now - self._last
         self._last = now

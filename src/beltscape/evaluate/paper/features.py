@@ -1,4 +1,4 @@
-"""The module's dimensions as each measures them: from depth alone, or with the core camera's images beside it."""
+"""The module's dimensions by each method, from depth alone or with the core camera's images."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import Module
 
 PLAIN = "multiview, plain image"
-"""Beltscape with an image without speckle beside the one with it."""
+"""Beltscape with an additional image without speckle."""
 
 Grey = NDArray[np.float32]
 
@@ -31,7 +31,7 @@ Grey = NDArray[np.float32]
 def measure_features(
     found: ScoredDepth, rig: Rig, module: Module, *, pattern: Grey | None = None, plain: Grey | None = None
 ) -> MeasuredDimensions:
-    """What `measure features` finds in a depth map; nothing where it shows no module.
+    """Return the dimensions that `measure features` measures in a depth map; empty if it shows no module.
 
     ``pattern`` and ``plain`` (H, W) are the core camera's images with and without speckle, on the depth map's grid.
     """
@@ -50,7 +50,7 @@ def measure_features(
 
 
 def map_paper_names(module: Module) -> Mapping[str, str]:
-    """A module's own names → kind and size, as data/paper.toml names them: "cylinder" of 20 mm → "cylinder20"."""
+    """Map a module's names to those of data/paper.toml, which have kind and size: "cylinder20" for 20 mm."""
     names = {cube.name: f"cube{cube.edge_mm:g}" for cube in module.cube}
     names |= {one.name: f"sphere{one.diameter_mm:g}" for one in module.sphere}
     names |= {one.name: f"cylinder{one.diameter_mm:g}" for one in module.cylinder}
@@ -59,7 +59,7 @@ def map_paper_names(module: Module) -> Mapping[str, str]:
 
 
 def read_core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:
-    """(H, W) what the core camera sees of a scene, on its pinhole grid; None where there is no such capture."""
+    """Return the core camera's image of a scene on its pinhole grid, (H, W); None without such a capture."""
     if scene not in lab.scenes:
         return None
     return to_grey(undistorted(read_image(_image(lab.scenes[scene].capture, camera.name)), camera))

@@ -1,4 +1,4 @@
-"""The paper's laboratory: captures of all its scenes, rendered once and kept, or given."""
+"""The paper's laboratory: captures of all scenes, rendered once and kept, or given by the user."""
 
 from __future__ import annotations
 
@@ -27,37 +27,37 @@ SCENES: Mapping[str, Mapping[str, Any]] = {
     "module": {"kind": "module", "tof": {}},
     "module_nospeckle": {"kind": "module", "speckle": False},
 }
-"""Scene → what differs from the defaults, which are the paper's laboratory."""
+"""Scene → settings that differ from the defaults, which describe the paper's laboratory."""
 CALIBRATION = "calibration"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A scene's capture, and what is known about it."""
+    """The capture of a scene with its truth."""
 
     name: str
     kind: str
-    """What stands on the belt, as scenes are named."""
+    """Kind of the simulated scene, such as belt_loaded."""
     capture: Path
     truth: Truth
     simulation: SimulatedScene | None
-    """To look at it with other sensors; None where the capture is not ours."""
+    """The scene for the simulation of other sensors; None if the capture was not rendered by Beltscape."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laboratory:
-    """Everything that is measured."""
+    """The captures of all experiments."""
 
     calibration: Path
     board: Path
     module: Path
     """module.toml."""
     scenes: Mapping[str, Scene]
-    """Without the calibration."""
+    """All scenes except the calibration."""
 
 
 def render_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) -> Laboratory:
-    """Render what is not there yet into ``folder`` / size and seed.
+    """Render the missing captures into a folder by size and seed below ``folder``.
 
     Raises
     ------
@@ -66,9 +66,9 @@ def render_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) ->
     """
     home = folder / f"{size}_seed{seed}"
     reporter.step("rendering the laboratory", 0, len(SCENES))
-    for number, (name, told) in enumerate(SCENES.items()):
-        values = {"seed": seed, "rig": {"scale": SIZES[size]}, **told}
-        scenario = read_scenario(str(told["kind"]), {k: v for k, v in values.items() if k != "kind"})
+    for number, (name, own) in enumerate(SCENES.items()):
+        values = {"seed": seed, "rig": {"scale": SIZES[size]}, **own}
+        scenario = read_scenario(str(own["kind"]), {k: v for k, v in values.items() if k != "kind"})
         if not _is_complete(scenario, home / name):
             simulate(scenario, home / name, Silent())
         reporter.step("rendering the laboratory", number + 1, len(SCENES))
@@ -76,14 +76,14 @@ def render_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) ->
 
 
 def read_laboratory(folder: Path) -> Laboratory:
-    """Captures named as `SCENES`, each with its truth/, or with one truth/, board.toml and module.toml for all.
+    """Read captures named as in `SCENES`, with a truth/, board.toml and module.toml each or one for all.
 
     Scenes may be missing, except the calibration and one with speckle.
 
     Raises
     ------
     InputError
-        When what must be there is not.
+        When a required capture or file is missing.
     """
     calibration = folder / CALIBRATION
     if not calibration.is_dir():
@@ -111,7 +111,7 @@ def _scene(folder: Path, name: str) -> Scene:
 
 
 def _is_complete(scenario: Scenario, capture: Path) -> bool:
-    """Whether a capture is there in full."""
+    """Return whether a capture is complete."""
     document = capture / "truth" / "scenario.json"
     if not document.is_file():
         return False

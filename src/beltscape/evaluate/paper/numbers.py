@@ -1,4 +1,4 @@
-"""The numbers that the paper states, as data/paper.toml has them."""
+"""The paper's published numbers, read from data/paper.toml."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Dimension(_Part):
 
     row: int
     name: str
-    """As the tables call it."""
+    """Name in the tables."""
     of: tuple[str, ...]
-    """"name quantity" as `measure features` has them; the mean of several."""
+    """"name quantity" as in `measure features`; the mean of several."""
     actual_mm: float
     table2_mm: float
     """By the paper's method."""
@@ -30,14 +30,14 @@ class Dimension(_Part):
 
 
 class Density(_Part):
-    """Points with speckle over points without, where there is material."""
+    """Ratio of measured points on the material with and without speckle."""
 
     place: str
     ratio: float
 
 
 class PaperNumbers(_Part):
-    """All of them."""
+    """All published numbers."""
 
     source: str
     doi: str
@@ -46,6 +46,6 @@ class PaperNumbers(_Part):
 
 
 def read_paper_numbers() -> PaperNumbers:
-    """Read the file that ships with Beltscape."""
+    """Read the numbers that ship with Beltscape."""
     path = Path(str(files("beltscape") / "data" / "paper.toml"))
     return validate(path, PaperNumbers, read_toml(path))

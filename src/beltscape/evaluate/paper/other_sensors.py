@@ -1,7 +1,7 @@
-"""Other sensors over the same belt, which the paper names as future work: structured light, a line laser, a LiDAR.
+"""Baseline sensors over the same belt, the paper's future work: structured light, a line laser and a LiDAR.
 
-Each is simulated with the same surfaces, lens and sensor, and calibrated exactly; its depth is brought to the core's
-pinhole grid and held against the same truth.
+Each is simulated with the same surfaces, lens and sensor, and calibrated exactly; its depth is resampled to the
+core's pinhole grid and compared with the same truth.
 """
 
 from __future__ import annotations
@@ -39,32 +39,32 @@ from beltscape.stereo.pointcloud.cloud import CloudBuilder
 SPEED_MM_S = 1000.0
 """Of the belt under the profile sensors."""
 ALONG_MM = (-330.0, 330.0)
-"""Belt that the profile sensors scan: a little more than is compared."""
+"""Range that the profile sensors scan, slightly longer than the evaluated one."""
 BESIDE_MM = 300.0
-"""Baseline of the structured-light scanner and of the laser: that of the rig's cameras."""
+"""Baseline of the structured-light scanner and of the laser, equal to that of the rig's cameras."""
 QUICK = RenderSettings(passes=1)
-"""Fringes are smooth: one set of sub-samples suffices."""
+"""Fringes are smooth, so one set of sub-samples suffices."""
 AT_REST = RenderSettings(passes=1, ambient_samples=1)
-"""What the hall's light lacks in samples is the same in all pictures, and cancels."""
+"""The sampling error of the ambient light is equal in all images and cancels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """A sensor that is compared."""
+    """A sensor to compare with."""
 
     name: str
     what: str
-    """In a line."""
+    """Description in one line."""
     images: str
-    """What one surface takes."""
+    """Number of images per surface."""
     measure: Callable[[SimulatedScene, int], DepthMap]
     """Scene, seed → depth on the core's pinhole grid."""
     has_even_image: bool = False
-    """Whether it could take an image under even light, too."""
+    """Whether it can also take an image under even light."""
 
 
 def make_scanner_projector(simulation: SimulatedScene, *, beside: bool) -> Projector:
-    """The projector ``BESIDE_MM`` across from the core, or where the rig has its own."""
+    """Return the projector ``BESIDE_MM`` across from the core, or at the position of the rig's projector."""
     spec = simulation.scenario.projector
     if beside:
         spec = spec.model_copy(update={"position_mm": (BESIDE_MM, 0.0, simulation.scenario.rig.height_mm)})
@@ -74,7 +74,7 @@ def make_scanner_projector(simulation: SimulatedScene, *, beside: bool) -> Proje
 def measure_structured_light(
     simulation: SimulatedScene, seed: int, *, beside: bool, travel_mm: float = 0.0
 ) -> DepthMap:
-    """Shifted fringes; the belt travels so far from picture to picture."""
+    """Return the depth by shifted fringes; the belt travels ``travel_mm`` between images."""
     light, fringes = make_scanner_projector(simulation, beside=beside), FringeSettings()
     pictures = make_fringe_patterns(fringes, light.camera.size_px)
     how = QUICK if travel_mm else AT_REST
@@ -84,7 +84,7 @@ def measure_structured_light(
 
 
 def measure_line_laser(simulation: SimulatedScene, seed: int) -> DepthMap:
-    """A profile each millimetre of belt."""
+    """Return the depth by a laser line with one profile per millimetre of belt."""
     settings, station = LaserSettings(offset_mm=BESIDE_MM), simulation.station
     height = float(station.core_from_world.center_mm[2])
     laser = make_laser(settings, height)
@@ -104,7 +104,7 @@ def measure_line_laser(simulation: SimulatedScene, seed: int) -> DepthMap:
 
 
 def measure_lidar(simulation: SimulatedScene, seed: int) -> DepthMap:
-    """600 profiles a second over the belt at speed."""
+    """Return the depth by a LiDAR with 600 profiles per second over the moving belt."""
     scan = scan_lidar(
         simulation.world_at(0), LidarSettings(), speed_mm_s=SPEED_MM_S, along_mm=ALONG_MM, seed=seed
     )
@@ -145,7 +145,7 @@ BASELINES = (
 def measure_baselines(
     scenes: Mapping[str, Scene], out: Path, seed: int, reporter: Reporter
 ) -> Mapping[tuple[str, str], ScoredDepth]:
-    """Every scene that can be rendered again by every baseline, by scene and baseline's name; written to ``out``."""
+    """Measure every scene that can be rendered again with every baseline; write the results to ``out``."""
     jobs = [
         (scene, baseline)
         for scene in scenes.values()
@@ -164,7 +164,7 @@ def measure_baselines(
 
 
 def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> ScoredDepth:
-    """As a reconstruction, so that `measure` takes it; the cloud's colours are those of the core's speckle image."""
+    """Write a depth map as a reconstruction that `measure` reads; the cloud's colours are the core image's."""
     rig = scene.truth.rig
     write_rig(folder / "rig.json", rig)
     image = read_image(scene.capture / rig.core / f"{FRAME}.png")
@@ -176,7 +176,7 @@ def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> Scor
 def measure_moving_belt(
     scene: Scene, travels_mm: tuple[float, ...], seed: int, reporter: Reporter
 ) -> tuple[ScoredDepth, ...]:
-    """Structured light of a scene whose load travels so far from picture to picture."""
+    """Measure a scene by structured light for every belt travel between images."""
     assert scene.simulation is not None
     found = []
     for number, travel in enumerate(travels_mm):

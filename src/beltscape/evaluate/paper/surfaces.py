@@ -1,4 +1,4 @@
-"""Depth of every scene by every method, with its scores against the truth."""
+"""Depth maps of every scene by every method, with their scores against the truth."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from beltscape.files.reconstruction import read_frame
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
 METHODS = ("binocular", "pairwise", "multiview")
-"""Of which pairwise is the paper's, multiview ours, and binocular what the paper compares with."""
+"""Pairwise is the paper's method, multiview Beltscape's, and binocular the paper's comparison."""
 TITLES = {
     "binocular": "binocular",
     "pairwise": "the paper's method",
     "multiview": "Beltscape",
 }
 REGION = {"belt_empty": "belt", "belt_loaded": "material", "module": "module"}
-"""Scene → the surface that it is about."""
+"""Scene → region that is scored."""
 FRAME = "000"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredDepth:
-    """A scene as something measured it."""
+    """A depth map of a scene with its scores."""
 
     scene: str
     by: str
     """Method or sensor."""
     folder: Path | None
-    """Of the frame; None where nothing could be measured."""
+    """Of the frame; None if nothing could be measured."""
     depth: DepthMap
     truth: Truth
     """On the depth map's grid."""
@@ -46,17 +46,17 @@ class ScoredDepth:
 
     @property
     def score(self) -> RegionScore:
-        """Of the surface that the scene is about."""
+        """Scores of the scene's main region."""
         return self.scores[REGION[base_scene(self.scene)]]
 
     @property
     def points(self) -> int:
-        """Measured pixels of that surface."""
+        """Number of measured pixels of that region."""
         return round(self.score.depth.coverage * self.score.depth.pixels)
 
     @property
     def right_points(self) -> int:
-        """Of these, the ones within 1 mm of the truth."""
+        """Number of pixels of that region within 1 mm of the truth."""
         return round(self.score.depth.within_1mm * self.score.depth.pixels)
 
 
@@ -65,34 +65,34 @@ Surfaces = Mapping[tuple[str, str], ScoredDepth]
 
 
 def base_scene(scene: str) -> str:
-    """A scene's name without what tells that the projector was off."""
+    """Return a scene's name without the suffix of captures without speckle."""
     return scene.removesuffix("_nospeckle")
 
 
 def reconstruct_all(lab: Laboratory, rig: Rig, out: Path, reporter: Reporter) -> Surfaces:
-    """Every scene by every method, written to ``out`` / method / scene.
+    """Reconstruct every scene by every method and write it to ``out`` / method / scene.
 
-    Without speckle the depth range is the one found with it: on an empty belt nothing else tells it.
+    Without speckle the depth range of the capture with speckle is used, because an empty belt does not show one.
     """
     jobs = [(scene, method) for scene in lab.scenes.values() for method in METHODS]
     found: dict[tuple[str, str], ScoredDepth] = {}
     ranges: dict[str, Range | None] = {}
     reporter.step("reconstructing", 0, len(jobs))
     for number, (scene, method) in enumerate(jobs):
-        known = ranges.get(scene.kind)
-        found[scene.name, method], ranges[scene.kind] = _reconstruct(scene, method, rig, out, known)
+        near_far = ranges.get(scene.kind)
+        found[scene.name, method], ranges[scene.kind] = _reconstruct(scene, method, rig, out, near_far)
         reporter.step("reconstructing", number + 1, len(jobs))
     return found
 
 
 def score_surface(scene: Scene, by: str, folder: Path | None, depth: DepthMap, rig: Rig) -> ScoredDepth:
-    """A depth map with its scores."""
+    """Return a depth map with its scores."""
     truth = scene.truth.resample_to(rig)
     return ScoredDepth(scene.name, by, folder, depth, truth, score_frame(depth, rig, scene.truth))
 
 
 def make_empty_depth_map(rig: Rig) -> DepthMap:
-    """A depth map of the rig's core in which nothing was measured."""
+    """Return a depth map of the rig's core without measured pixels."""
     empty = np.full(rig.core_camera.size_px[::-1], np.nan, np.float32)
     zero = np.zeros(empty.shape)
     return DepthMap(empty, empty, zero.astype(np.uint8), zero.astype(np.float32))

@@ -1,4 +1,4 @@
-"""Table 3 and Fig. 17: the module by a time-of-flight camera."""
+"""Table 3 and Fig. 17: the module measured by a time-of-flight camera."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from beltscape.simulate.truth.core_truth import trace_core_view
 
 TOF = "time of flight"
 SMOOTHED_PX = 9
-"""Edge of the median by which its depth is smooth_depth before dimensions are measured: else noise hides all planes."""
+"""Edge of the median filter applied before dimensions are measured; without it noise hides the planes."""
 
 
 def measure_time_of_flight(scene: Scene) -> ScoredDepth | None:
-    """The scene by the time-of-flight camera that its capture has, on that camera's own grid; None without one."""
+    """Return the depth of the capture's time-of-flight camera on its own grid; None without such a camera."""
     folder = scene.capture / "tof" / FRAME
     if scene.simulation is None or scene.simulation.scenario.tof is None or not folder.is_dir():
         return None
@@ -36,7 +36,7 @@ def measure_time_of_flight(scene: Scene) -> ScoredDepth | None:
 
 
 def smooth_depth(found: ScoredDepth) -> ScoredDepth:
-    """The same after a median over ``SMOOTHED_PX`` squared; σ as the median of independent noise has it (π/2 n)."""
+    """Return the depth after a square median filter of ``SMOOTHED_PX``; σ follows for independent noise (π/2 n)."""
     depth = found.depth
     share = np.float32(np.sqrt(np.pi / 2) / SMOOTHED_PX)
     flat = replace(
@@ -46,7 +46,7 @@ def smooth_depth(found: ScoredDepth) -> ScoredDepth:
 
 
 def _truth(scene: Scene, rig: Rig, tof_from_world: Pose) -> Truth:
-    """What the camera has before it; its grid has no auxiliaries, and so nothing that none of them sees."""
+    """Return the truth on the camera's grid; without auxiliaries no pixel counts as occluded."""
     assert scene.simulation is not None
     view = trace_core_view(scene.simulation.world_at(0), Station(rig, tof_from_world))
     return replace(

@@ -1,1 +1,1 @@
-"""Real stereo pairs with references."""
+"""Real stereo pairs with reference measurements, and scores against them."""

@@ -1,4 +1,4 @@
-"""A rectified stereo pair with dense true disparity, and how many of its pixels a depth map gets right."""
+"""A rectified stereo pair with dense true disparity, and the scores of a depth map against it."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 
 GROSS_PX = 4.0
-"""From here on an error is a false match."""
+"""A larger error is a false match."""
 
 
 @dataclass(frozen=True, slots=True)
 class DisparityScore:
-    """How a depth map compares with true disparity; NaN where there is nothing to count."""
+    """Scores of a depth map against true disparity; NaN for an empty set of pixels."""
 
     pixels: int
     """Pixels that have a true disparity."""
@@ -29,25 +29,25 @@ class DisparityScore:
     within_1px: float
     within_2px: float
     median_px: float
-    """Median size of the error of the measured ones."""
+    """Median absolute error of the measured pixels."""
     gross: float
-    """Share of the measured ones with an error above 4 px."""
+    """Share of the measured pixels with an error above 4 px."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityPair:
-    """Two parallel pinhole cameras without distortion, what they saw, and the core's true disparity."""
+    """Two parallel pinhole cameras without distortion, their images, and the core's true disparity."""
 
     name: str
     rig: Rig
     frame_set: FrameSet
     depth_range_mm: tuple[float, float]
-    """(near, far) along the core's optical axis that holds all that is to be matched."""
+    """(near, far) depth range of the scene along the core's optical axis."""
     disparity_px: NDArray[np.float64]
-    """(H, W) u_core − u_aux, px; NaN where it is not known."""
+    """(H, W) u_core − u_aux, px; NaN: unknown."""
 
     def score(self, depth: DepthMap, region: NDArray[np.bool_] | None = None) -> DisparityScore:
-        """Compare a depth map with the truth, everywhere or in a region (H, W)."""
+        """Compare a depth map with the truth, in all pixels or in a region (H, W)."""
         if depth.depth_mm.shape != self.disparity_px.shape:
             raise InputError(
                 f"the truth is {self.disparity_px.shape}, the depth map {depth.depth_mm.shape} pixels"
@@ -55,26 +55,26 @@ class DisparityPair:
         valid = np.isfinite(self.disparity_px)
         valid = valid if region is None else valid & region
         error = np.abs(self.disparity_from_depth(depth) - self.disparity_px)[valid]
-        found = error[np.isfinite(error)]
+        finite = error[np.isfinite(error)]
         return DisparityScore(
             pixels=error.size,
-            coverage=_share(found.size, error.size),
-            within_half_px=_share((found < 0.5).sum(), error.size),
-            within_1px=_share((found < 1).sum(), error.size),
-            within_2px=_share((found < 2).sum(), error.size),
-            median_px=float(np.median(found)) if found.size else np.nan,
-            gross=_share((found > GROSS_PX).sum(), found.size),
+            coverage=_share(finite.size, error.size),
+            within_half_px=_share((finite < 0.5).sum(), error.size),
+            within_1px=_share((finite < 1).sum(), error.size),
+            within_2px=_share((finite < 2).sum(), error.size),
+            median_px=float(np.median(finite)) if finite.size else np.nan,
+            gross=_share((finite > GROSS_PX).sum(), finite.size),
         )
 
     def disparity_from_depth(self, depth: DepthMap) -> NDArray[np.float64]:
-        """(H, W) disparity, px, of a depth map; NaN where it has none."""
+        """Return the disparity (H, W), px, of a depth map; NaN: none."""
         core, name = self.rig.core_camera, self.rig.auxiliaries[0]
         baseline_mm = float(self.rig.cam_from_core[name].center_mm[0])
         shift_px = float(self.rig.cameras[name].center_px[0] - core.center_px[0])
         return core.focal_px[0] * baseline_mm / depth.depth_mm.astype(np.float64) - shift_px
 
     def covisible_mask(self) -> NDArray[np.bool_]:
-        """(H, W) bool: true points that lie in the auxiliary's image and that nothing nearer hides there."""
+        """Return the mask (H, W) of true points that are visible in the auxiliary's image."""
         height, width = self.disparity_px.shape
         column = np.arange(width) - self.disparity_px
         place = np.rint(np.where(np.isfinite(column), column, -1)).astype(np.intp)

@@ -1,4 +1,4 @@
-"""Three real stereo pairs with references, read from their folders, for tests and benchmarks of depth matchers.
+"""Readers of three real stereo pairs with references, used in tests and benchmarks of the matchers.
 
 ``dice_gt4_speckle``, ``dice_stereo_auto``
     Examples of DICe (Sandia, https://github.com/dicengine/dice, tests/regression/stereo_d_spec and stereo_auto):
@@ -34,21 +34,21 @@ from beltscape.stereo.pairwise.reconstructor import reconstruct_pairwise
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 
 Reconstruct = Callable[[Rig, FrameSet, tuple[float, float]], DepthMap]
-"""A method under test: rig, frame set and (near, far) in mm to the depth of the core's view."""
+"""A method under test: rig, frame set and (near, far) in mm → depth map of the core."""
 
 
 def run_pairwise(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
-    """The paper's method, which with one auxiliary is its binocular one."""
+    """Reconstruct by the paper's method, which is binocular with one auxiliary."""
     return reconstruct_pairwise(rig, frame_set, PairwiseSettings(), Silent(), depth_range_mm=depth_range_mm)
 
 
 def run_multiview(rig: Rig, frame_set: FrameSet, depth_range_mm: tuple[float, float]) -> DepthMap:
-    """The multi-view matcher with its standard preset, here with one auxiliary."""
+    """Reconstruct by the multi-view matcher with its standard preset and one auxiliary."""
     return MultiviewReconstructor(rig, depth_range_mm, MultiviewSettings()).reconstruct(frame_set, Silent())
 
 
 METHODS: Mapping[str, Reconstruct] = {"pairwise": run_pairwise, "multiview": run_multiview}
-"""What the tests and the benchmark of the real pairs run."""
+"""Methods that the tests and the benchmark run."""
 
 _SUBSET_PX = 27
 _STEP_PX = 35
@@ -59,7 +59,7 @@ _CONTRAST = 15.0
 
 
 def read_dice_gt4(folder: Path) -> SpecklePair:
-    """A flat specimen, 1920×1200 px; DICe's correspondences of step 0 (25 px subsets, every 100 px).
+    """Read a flat specimen, 1920×1200 px, with DICe's correspondences of step 0 (25 px subsets every 100 px).
 
     DICe matches the left images over time from GT4-0000, and left to right in that image only.
     """
@@ -72,12 +72,12 @@ def read_dice_gt4(folder: Path) -> SpecklePair:
 
 
 def read_dice_auto(folder: Path) -> SpecklePair:
-    """Three specimens, nearly in one plane, with gaps between them, 1280×800 px; 27 px subsets every 35 px.
+    """Read three nearly coplanar specimens with gaps between them, 1280×800 px; 27 px subsets every 35 px.
 
-    The folder's own reference does not serve: its CROSS_CORR is a plane's projective map, to 0.0005 px, and 0.3 to
-    0.8 px off what correlates; and its cal.xml is of another set-up, whose epipolar lines pass the points at 23 px.
-    So the subsets are found here, starting from that map, and the rig's pose is fitted to them: depth in mm is
-    nominal, and epipolar errors are those of a fit.
+    The folder's own reference is unsuitable: its CROSS_CORR is the projective map of a plane, to 0.0005 px, and 0.3
+    to 0.8 px off the correlation peak; its cal.xml is of another set-up, with epipolar errors of 23 px. Therefore
+    the subsets are located here, starting from that map, and the rig's pose is fitted to them: depth in mm is
+    nominal, and epipolar errors are residuals of that fit.
     """
     plane, _ = read_dice_auto_plane(folder)
     rig, _ = import_rig(folder / "cal.xml", Silent(), kind="vic3d")
@@ -97,7 +97,7 @@ def read_dice_auto(folder: Path) -> SpecklePair:
 
 
 def read_dice_auto_plane(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """DICe's projective map (3, 3) of left onto right pixels, and its table (N, 4): u, v left and their shift."""
+    """Return DICe's homography (3, 3) from left to right pixels, and its table (N, 4): u, v left and their shift."""
     table = _dice_table(folder / "DICe_solution_auto_0.txt")
     text = (folder / "projection_out.dat").read_text(encoding="utf-8")
     numbers = text.split("after simplex optimization:")[-1].split()[:8]
@@ -107,7 +107,7 @@ def read_dice_auto_plane(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def read_motorcycle(folder: Path) -> DisparityPair:
-    """A room with a read_motorcycle, 741×500 px, dense true disparity.
+    """Read a room with a motorcycle, 741×500 px, with dense true disparity.
 
     The calibration is the scene's own (f = 3979.911, cx = 1244.772, cy = 1019.507, doffs = 124.343 px, baseline
     193.001 mm at 2964×2000), a quarter of it in px.
@@ -133,7 +133,7 @@ def _frame_set(folder: Path, frame: str) -> FrameSet:
 
 
 def _grid(image: NDArray[np.generic]) -> NDArray[np.float64]:
-    """(N, 2) whole pixels, u, v, of subsets with speckle in each quarter: none that an edge alone would hold."""
+    """Return the whole pixels (N, 2) u, v of subsets with texture in each quarter, which excludes single edges."""
     height, width = image.shape
     half = _SUBSET_PX // 2
     points = []
@@ -150,7 +150,7 @@ def _grid(image: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 def _dice_table(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Columns of a DICe solution by name, without the subsets that failed."""
+    """Return the columns of a DICe solution by name, without failed subsets."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:

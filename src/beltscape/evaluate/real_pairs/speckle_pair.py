@@ -1,4 +1,4 @@
-"""A real stereo pair with point correspondences, and where a depth map puts those points."""
+"""A real stereo pair with point correspondences, and the errors of a depth map against them."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from beltscape.core.rig import Rig
 from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 GROSS_PX = 1.0
-"""From here on a difference is a false match, not noise."""
+"""A larger difference is a false match, not noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrespondenceError:
-    """How a depth map agrees with the correspondences, in px of the auxiliary image."""
+    """Differences of a depth map from the correspondences, in px of the auxiliary image."""
 
     along_px: NDArray[np.float64]
-    """(N,) depth map minus reference along the epipolar line, positive = nearer; NaN where there is no depth."""
+    """(N,) depth map minus reference along the epipolar line, positive = nearer; NaN: no depth."""
 
     @property
     def points(self) -> int:
-        """How many correspondences there are."""
+        """Number of correspondences."""
         return len(self.along_px)
 
     @property
@@ -36,7 +36,7 @@ class CorrespondenceError:
 
     @property
     def median_px(self) -> float:
-        """Median of the differences: what both do not share."""
+        """Median of the differences (bias)."""
         return float(np.median(self._finite))
 
     @property
@@ -46,12 +46,12 @@ class CorrespondenceError:
 
     @property
     def p95_px(self) -> float:
-        """95th percentile of their size."""
+        """95th percentile of the absolute differences."""
         return float(np.percentile(np.abs(self._finite), 95))
 
     @property
     def gross(self) -> float:
-        """Share of the measured with more than 1 px."""
+        """Share of the measured ones with more than 1 px."""
         return float((np.abs(self._finite) > GROSS_PX).mean())
 
     @property
@@ -61,27 +61,27 @@ class CorrespondenceError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpecklePair:
-    """A rig of two cameras, what they saw, and where subsets of the core's image lie in the auxiliary's."""
+    """A rig of two cameras, their images, and corresponding points of subsets in both."""
 
     name: str
     rig: Rig
     frame_set: FrameSet
     depth_range_mm: tuple[float, float]
-    """(near, far) along the core's optical axis that holds all that is to be matched."""
+    """(near, far) depth range of the scene along the core's optical axis."""
     core_px: NDArray[np.float64]
     """(N, 2) px in the distorted core image."""
     aux_px: NDArray[np.float64]
     """(N, 2) px in the distorted auxiliary image."""
 
     def compare(self, depth: DepthMap, *, subset_px: int = 1) -> CorrespondenceError:
-        """Where the depth map puts the points, along the epipolar line, against where the reference found them.
+        """Return the differences of the depth map from the reference along the epipolar line.
 
         Parameters
         ----------
         depth
             On the core's undistorted grid.
         subset_px
-            Edge of the square whose median depth is taken, odd: 1 tests the noise, the reference's own subset the
+            Edge of the square whose median depth is used, odd: 1 tests the noise, the reference's own subset the
             bias.
         """
         rays = self.rig.core_camera.undistort(self.core_px)
@@ -92,11 +92,11 @@ class SpecklePair:
         )
 
     def reference_depth_mm(self) -> NDArray[np.float64]:
-        """(N,) depth at which the core's ray passes nearest to the reference's place in the auxiliary image."""
+        """Return the depth (N,) at which the core's ray passes closest to the reference in the auxiliary image."""
         return triangulate_depth_mm(self.rig, self.core_px, self.aux_px, float(np.mean(self.depth_range_mm)))
 
     def epipolar_px(self) -> NDArray[np.float64]:
-        """(N,) signed distance of the reference from its epipolar line: the calibration's error, not a matcher's."""
+        """Return the signed distance (N,) of the reference from its epipolar line, the calibration's error."""
         rays = self.rig.core_camera.undistort(self.core_px)
         depth_mm = self.reference_depth_mm()
         direction = _epipolar_direction(self.rig, rays, depth_mm)
@@ -107,9 +107,9 @@ class SpecklePair:
 def triangulate_depth_mm(
     rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[np.float64], start_mm: float
 ) -> NDArray[np.float64]:
-    """(N,) depth along the core's axis of core pixels (N, 2) seen nearest to auxiliary pixels (N, 2), both distorted.
+    """Return the depth (N,) of core pixels (N, 2) that projects closest to auxiliary pixels (N, 2), both distorted.
 
-    Gauss-Newton in inverse depth, along which the auxiliary's pixel moves almost evenly.
+    Gauss-Newton in inverse depth, in which the auxiliary's pixel moves almost linearly.
     """
     rays = rig.core_camera.undistort(core_px)
     inverse = np.full(len(rays), 1 / start_mm)
@@ -122,7 +122,7 @@ def triangulate_depth_mm(
 
 
 def _project_rays(rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 2) distorted auxiliary pixels of core rays (N, 2) x/z, y/z at depths (N,)."""
+    """Return the distorted auxiliary pixels (N, 2) of core rays (N, 2) x/z, y/z at depths (N,)."""
     name = rig.auxiliaries[0]
     points = np.column_stack([rays, np.ones(len(rays))]) * depth_mm[:, None]
     return rig.cameras[name].project(rig.cam_from_core[name].apply(points))
@@ -131,13 +131,13 @@ def _project_rays(rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.floa
 def _epipolar_direction(
     rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N, 2) unit vectors along the epipolar lines in the distorted auxiliary image, towards nearer points."""
+    """Return unit vectors (N, 2) along the epipolar lines in the distorted auxiliary image, towards the near end."""
     moved = _project_rays(rig, rays, depth_mm * (1 - 1e-4)) - _project_rays(rig, rays, depth_mm)
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
 def _depth_at(rig: Rig, depth: DepthMap, rays: NDArray[np.float64], subset_px: int) -> NDArray[np.float64]:
-    """(N,) bilinear depth at core rays (N, 2); of a subset the median of what is measured, NaN below half of it."""
+    """Return bilinear depth (N,) at core rays (N, 2), the median over a subset; NaN if under half is measured."""
     camera = rig.core_camera
     center = rays * camera.focal_px + camera.center_px
     offsets = np.arange(subset_px) - subset_px // 2

@@ -1,4 +1,4 @@
-"""Subsets of one image found in another, as digital image correlation does; a rig turned until they meet."""
+"""Digital image correlation of subsets between two images, and the fit of the auxiliary's pose to them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def find_subsets(
     subset_px: int,
     reach_px: tuple[int, int],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where subsets around whole core pixels lie in the auxiliary image, and how well they correlate.
+    """Locate subsets around whole core pixels in the auxiliary image; return positions and correlations.
 
-    First the best whole pixel within ``reach_px`` (u, v) of the start, then an affine subset that maximises the
+    First the best whole pixel within ``reach_px`` (u, v) of the start is taken, then an affine subset maximises the
     zero-mean correlation (ECC, Evangelidis & Psarakis 2008, doi:10.1109/TPAMI.2008.113).
 
     Parameters
@@ -36,15 +36,15 @@ def find_subsets(
     core, auxiliary
         Grey images (H, W).
     core_px, start_px
-        (N, 2) whole pixels of the core, and where about they lie in the auxiliary, px.
+        (N, 2) whole pixels of the core, and their approximate positions in the auxiliary, px.
     subset_px
         Edge of the subset, odd.
     reach_px
-        How far from the start to look.
+        Search range around the start.
 
     Returns
     -------
-    (N, 2) px and (N,) correlation, at most 1; NaN where the subset leaves an image or nothing is found.
+    (N, 2) px and (N,) correlation, at most 1; NaN if the subset leaves an image or the search fails.
     """
     found, score = np.full(core_px.shape, np.nan), np.full(len(core_px), np.nan)
     half = subset_px // 2
@@ -70,10 +70,10 @@ def find_subsets(
 
 
 def fit_auxiliary_pose(rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[np.float64]) -> Rig:
-    """The rig of two cameras whose auxiliary stands where the rays of correspondences (N, 2) meet best.
+    """Return the rig of two cameras with the auxiliary's pose fitted to correspondences (N, 2).
 
-    Its rotation and the direction of its baseline are fitted to the distances from the epipolar lines, robustly
-    (soft L1 beyond 0.1 px); intrinsics and the baseline's length stay.
+    Rotation and direction of the baseline minimise the distances from the epipolar lines, robustly (soft L1 beyond
+    0.1 px); intrinsics and the baseline's length are kept.
     """
     name = rig.auxiliaries[0]
     old, aux = rig.cam_from_core[name], rig.cameras[name]

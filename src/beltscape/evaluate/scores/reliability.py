@@ -34,7 +34,7 @@ def compute_sigma_ratios(
 def compute_pixel_locking(
     measured_px: NDArray[np.floating], true_px: NDArray[np.floating], bins: int = LOCKING_BINS
 ) -> float:
-    """Return the peak-to-peak mean error, px, over bins of the true disparity's fractional part; NaN for an empty bin.
+    """Return the peak-to-peak mean error, px, over the fraction of the true disparity; NaN for an empty bin.
 
     ``measured_px`` and ``true_px`` are (N,) disparities in px of the matched images. Errors above half a px are left
     out. Independent noise alone gives about 3 standard errors of a bin's mean.

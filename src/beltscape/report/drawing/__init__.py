@@ -1,1 +1,1 @@
-"""Charts, pictures, colours and 3-D scenes that reports are made of."""
+"""Building blocks of reports: charts, pictures, colours and 3-D scenes."""

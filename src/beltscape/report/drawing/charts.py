@@ -1,4 +1,4 @@
-"""Charts of a page: one drawing for wide screens and paper, one for phones, with the key to their colours."""
+"""Charts of a page, drawn for wide screens and for phones, with the key to their colours."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MARKS: dict[Mark, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A word with the mark that stands for it in the charts; a cell of a table or an entry of a key."""
+    """A word with its mark in the charts; a cell of a table or an entry of a key."""
 
     text: str
     role: str
@@ -45,7 +45,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """What the marks of a chart stand for."""
+    """The key to the marks of a chart."""
 
     entries: Sequence[Entry]
     kind: str = "key"
@@ -53,7 +53,7 @@ class Key:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """One drawing in two layouts."""
+    """A drawing in two layouts."""
 
     wide: str
     narrow: str

@@ -1,4 +1,4 @@
-"""A depth map at a glance: depth, its σ, the views used, its confidence, and its error where the truth is known."""
+"""Pictures of a depth map: depth, σ, number of views, confidence, and the error against the truth."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ NO_TRUTH: Color = (0, 0, 0)
 _UNMEASURED = ("not measured", QUIET)
 GAPS = Swatches([_UNMEASURED])
 NO_ERROR = Swatches([_UNMEASURED, ("no truth", NO_TRUTH)])
-"""Keys of the colours that stand for no value."""
+"""Keys of the colours for missing values."""
 _LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
-"""From the surface to the light: from above left, in camera axes."""
+"""Unit vector from the surface to the light, which is above left, in camera axes."""
 _FLAT_MM = 1.0
-"""A surface flatter than this keeps one colour; its noise is not stretched over all of them."""
+"""Smallest depth range of the colour scale, so that the noise of a flat surface does not fill it."""
 _RELIABILITY_SIGMAS = 4.0
-"""Errors are shown up to so many σ."""
+"""Range of the error picture in units of σ."""
 
 
 def draw_depth_map(depth: DepthMap, true_depth_mm: NDArray[np.floating] | None = None) -> Rgb:
-    """(H', W', 3): depth, σ, views used and confidence; with the truth its error too, in mm and in σ.
+    """Draw depth, σ, views and confidence, (H', W', 3) RGB; with the truth also the error in mm and in σ.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def draw_depth_map(depth: DepthMap, true_depth_mm: NDArray[np.floating] | None =
 
 
 def make_depth_panel(depth: DepthMap) -> Panel:
-    """Depth, near bright, with the relief that light from above left would show."""
+    """Return the depth, near bright, shaded by light from above left."""
     z = _subsample(depth.depth_mm)
     near, far = quantile_range(z)
     scale = Scale(near, max(far, near + _FLAT_MM), NEAR_TO_FAR)
@@ -67,7 +67,7 @@ def make_depth_panel(depth: DepthMap) -> Panel:
 
 
 def make_sigma_panel(depth: DepthMap) -> Panel:
-    """One standard deviation of the depth, on a logarithmic scale between round ends."""
+    """Return one standard deviation of the depth on a logarithmic scale between round ends."""
     sigma = _subsample(depth.sigma_mm)
     positive = sigma[sigma > 0]
     low, high = quantile_range(positive, 0.01) if positive.size else (0.1, 1.0)
@@ -78,7 +78,7 @@ def make_sigma_panel(depth: DepthMap) -> Panel:
 
 
 def make_views_panel(depth: DepthMap) -> Panel:
-    """How many auxiliaries measured each pixel, a colour for each number."""
+    """Return the number of auxiliaries that measured each pixel, one colour per number."""
     most = max(int(depth.views.max(initial=0)), 1)
     steps = np.rint(np.linspace(0, 255, most)) if most > 1 else np.array([255])
     colors = np.vstack([QUIET, CERTAINTY[steps.astype(int)]]).astype(np.uint8)
@@ -88,7 +88,7 @@ def make_views_panel(depth: DepthMap) -> Panel:
 
 
 def make_confidence_panel(depth: DepthMap) -> Panel:
-    """Trust that a pixel is no false surface; grey where not measured."""
+    """Return the confidence that a pixel is no false surface; grey: not measured."""
     confidence = np.where(np.isfinite(depth.depth_mm), depth.confidence, np.float32(np.nan))
     scale = Scale(0.0, 1.0, CERTAINTY, label=DARK_IS_CERTAIN)
     mean = float(depth.confidence[depth.measured].mean()) if depth.measured.any() else 0.0
@@ -105,16 +105,16 @@ def make_confidence_panel(depth: DepthMap) -> Panel:
 def make_error_panel(
     depth: DepthMap, true_depth_mm: NDArray[np.floating], *, limit_mm: float | None = None
 ) -> Panel:
-    """Measured minus true depth: blue nearer, red farther, grey not measured, black where no truth is known.
+    """Return measured minus true depth: blue nearer, red farther, grey not measured, black without truth.
 
     Parameters
     ----------
     depth
-        What was measured.
+        The measured depth map.
     true_depth_mm
         (H, W) true depth on the same grid, mm; NaN = unknown.
     limit_mm
-        Error of the fullest colours; by default a round one beyond six times their median size.
+        Error at the ends of the colour scale; by default a round value above six times the median.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def make_error_panel(
 
 
 def make_reliability_panel(depth: DepthMap, true_depth_mm: NDArray[np.floating]) -> Panel:
-    """The error in its own standard deviations: pale where σ is honest or too large."""
+    """Return the error in units of its σ: pale where σ is reliable or too large."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = _error_mm(depth, true_depth_mm) / depth.sigma_mm
     size = np.abs(ratio[np.isfinite(ratio)])
@@ -152,25 +152,25 @@ def _make_error_panel(
 
 
 def shade_depth(depth_mm: NDArray[np.float32], scale: Scale) -> Rgb:
-    """(H, W, 3) the colours of a depth (H, W), shaded as a matt surface lit from above left would be."""
+    """Return the colours (H, W, 3) of a depth (H, W), shaded as a matt surface lit from above left."""
     return _shade(scale.to_rgb(depth_mm), depth_mm)
 
 
 def color_errors(values: NDArray[np.floating], true_depth_mm: NDArray[np.floating], scale: Scale) -> Rgb:
-    """(H, W, 3) the colours of errors (H, W); black where there is no truth."""
+    """Return the colours (H, W, 3) of errors (H, W); black without truth."""
     image = scale.to_rgb(np.asarray(values, np.float32))
     image[~np.isfinite(true_depth_mm)] = NO_TRUTH
     return image
 
 
 def _subsample(values: NDArray[Any]) -> NDArray[Any]:
-    """Every n-th pixel: as many as the panel has, or up to twice that."""
+    """Return every n-th pixel, at the panel's width or up to twice that."""
     step = max(values.shape[1] // PANEL_PX, 1)
     return values[::step, ::step]
 
 
 def _shade(image: Rgb, depth_mm: NDArray[np.float32]) -> Rgb:
-    """The colours as a matt surface would show them; slopes as if the camera saw 53° across."""
+    """Shade colours as a matt surface; slopes assume a horizontal field of view of 53°."""
     footprint = depth_mm / depth_mm.shape[1]
     p, q = np.zeros_like(depth_mm), np.zeros_like(depth_mm)
     p[:, :-1], q[:-1] = np.diff(depth_mm, axis=1), np.diff(depth_mm, axis=0)

@@ -1,4 +1,4 @@
-"""Colours for values, and the legends that say which is which."""
+"""Colour scales for values, and their legends."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Color = tuple[int, int, int]
 PAPER: Color = (255, 255, 255)
 INK: Color = (52, 58, 64)
 QUIET: Color = (134, 142, 150)
-"""Of notes and ticks, and of what is not measured."""
+"""Colour of notes, ticks and missing values."""
 LEGEND_PX = 50
 """Height of a legend."""
 _BAR_PX = 12
 _BAR = slice(8, 8 + _BAR_PX)
 """Rows of the ramp and of the patches."""
 _STEPS = 4
-"""Between ticks, at least."""
+"""Smallest number of intervals between ticks."""
 _PATCH_PX = 16
 
 
 def _interpolate_colors(*anchors: Color) -> Rgb:
-    """(256, 3): a colour map through evenly spaced colours."""
+    """Return a colour map (256, 3) interpolated between evenly spaced colours."""
     where = np.linspace(0, 1, len(anchors))
     channels = np.array(anchors, np.float64).T
     return np.rint([np.interp(np.linspace(0, 1, 256), where, c) for c in channels]).T.astype(np.uint8)
@@ -44,22 +44,22 @@ HEIGHT = _interpolate_colors(
     (1, 25, 89), (16, 63, 96), (28, 90, 98), (60, 109, 86), (104, 123, 62), (157, 137, 43), (210, 147, 67),
     (248, 161, 123), (253, 183, 188), (250, 204, 250),
 )  # fmt: skip
-"""(256, 3) for heights and sizes: low dark, high bright. The batlow map of Crameri (doi:10.5281/zenodo.1243862),
-even to the eye and to colour-blind eyes."""
+"""(256, 3) for heights and sizes, low dark, high bright: the batlow map of Crameri (doi:10.5281/zenodo.1243862),
+perceptually uniform and safe for colour blindness."""
 NEAR_TO_FAR = HEIGHT[:24:-1]
-"""(231, 3) for depths, near bright; its far end is not too dark to be shaded."""
+"""(231, 3) for depths, near bright; the dark end is cut off so that it can be shaded."""
 DIFFERENCE = _interpolate_colors((23, 78, 166), (250, 250, 250), (178, 24, 43))
 """(256, 3) blue below, white at and red above the middle."""
 UNCERTAINTY = _opencv_colormap(cv2.COLORMAP_VIRIDIS)
-"""(256, 3) for σ and sizes of errors, from small to large: dark is sure, bright is unsure."""
+"""(256, 3) for σ and absolute errors, from small (dark, certain) to large (bright, uncertain)."""
 CERTAINTY = np.ascontiguousarray(UNCERTAINTY[::-1])
-"""(256, 3) for confidence, views and coverage, from little to much: the same colours mean the same trust."""
+"""(256, 3) for confidence, views and coverage, from low (bright, uncertain) to high (dark, certain)."""
 DARK_IS_CERTAIN = "dark: sure, bright: unsure"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scale:
-    """Colours between two values, linear or logarithmic; what is beyond has the end's colour."""
+    """A linear or logarithmic colour scale between two values; values beyond have the end's colour."""
 
     low: float
     high: float
@@ -67,21 +67,21 @@ class Scale:
     """(n, 3) RGB, n up to 256."""
     log: bool = False
     label: str = ""
-    """What the legend says about the colours."""
+    """Text of the legend."""
     kind: str = "scale"
 
     def to_rgb(self, values: NDArray[np.floating]) -> Rgb:
-        """(...) values → (..., 3) RGB; NaN grey."""
+        """Return the colours (..., 3) RGB of values (...); NaN grey."""
         with np.errstate(invalid="ignore", divide="ignore"):
             share = self._share(values.astype(np.float32))
-        known = ~np.isnan(share)
-        eight = np.rint((len(self.colormap) - 1) * np.where(known, np.clip(share, 0, 1), 0)).astype(np.uint8)
+        valid = ~np.isnan(share)
+        eight = np.rint((len(self.colormap) - 1) * np.where(valid, np.clip(share, 0, 1), 0)).astype(np.uint8)
         image = self.colormap.take(eight, axis=0)
-        image[~known] = QUIET
+        image[~valid] = QUIET
         return image
 
     def legend(self, width_px: int) -> Rgb:
-        """(LEGEND_PX, width, 3): a ramp with ticks at round values."""
+        """Draw the legend, (LEGEND_PX, width, 3): a ramp with ticks at round values."""
         image = _paper(width_px)
         image[_BAR] = self.colormap[np.linspace(0, len(self.colormap) - 1, width_px).astype(int)]
         for share, text in self.marks():
@@ -92,7 +92,7 @@ class Scale:
         return image
 
     def marks(self, steps: int = _STEPS) -> list[tuple[float, str]]:
-        """Ticks as shares of the scale, with their texts."""
+        """Return the ticks as shares of the scale, with their texts."""
         ticks = self.ticks(steps)
         shares = self._share(np.array(ticks, np.float32))
         return [
@@ -101,7 +101,7 @@ class Scale:
         ]
 
     def ticks(self, steps: int = _STEPS) -> list[float]:
-        """Round values within the scale, at least ``steps`` apart and at most three times as many."""
+        """Return round values within the scale, about ``steps`` to three times as many."""
         if not self.log:
             step = round_below((self.high - self.low) / steps)
             first, last = np.ceil(self.low / step - 1e-6), np.floor(self.high / step + 1e-6)
@@ -121,13 +121,13 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Swatches:
-    """One colour for each of a few words."""
+    """A legend with one colour per word."""
 
     entries: Sequence[tuple[str, Color]]
     kind: str = "swatches"
 
     def legend(self, width_px: int) -> Rgb:
-        """(LEGEND_PX, width, 3): a patch before each word."""
+        """Draw the legend, (LEGEND_PX, width, 3): a patch before each word."""
         image, left = _paper(width_px), 0
         for text, color in self.entries:
             image[_BAR.start - 2 : _BAR.stop + 2, left : left + _PATCH_PX] = color
@@ -137,7 +137,7 @@ class Swatches:
 
     @property
     def width_px(self) -> int:
-        """What they take."""
+        """Width of the legend."""
         return sum(self._step(text) for text, _ in self.entries)
 
     @staticmethod
@@ -146,19 +146,19 @@ class Swatches:
 
 
 def draw_scale_with_key(scale: Scale, key: Swatches, width_px: int) -> Rgb:
-    """(LEGEND_PX, width, 3): a scale, and to the right of it the colours that stand for no value."""
+    """Draw a scale with the colours of missing values to its right, (LEGEND_PX, width, 3)."""
     ramp = scale.legend(width_px - key.width_px - _PATCH_PX)
     return np.concatenate([ramp, _paper(_PATCH_PX), key.legend(key.width_px)], axis=1)
 
 
 def round_above(value: float) -> float:
-    """The least of 1, 2, 5, 10, 20, … (and of tenths of these) that is not below a positive value."""
+    """Return the smallest of …, 0.5, 1, 2, 5, 10, 20, … that is not below a positive value."""
     decade = 10.0 ** np.floor(np.log10(value))
     return float(decade * next((d for d in (1, 2, 5) if d * decade >= value * (1 - 1e-9)), 10))
 
 
 def round_below(value: float) -> float:
-    """The greatest of 1, 2, 5, 10, 20, … (and of tenths of these) that is not above a positive value."""
+    """Return the largest of …, 0.5, 1, 2, 5, 10, 20, … that is not above a positive value."""
     return 1 / round_above(1 / value)
 
 
@@ -168,7 +168,7 @@ def draw_text(image: Rgb, text: str, left_base: tuple[int, int], size: int, colo
 
 
 def measure_text(text: str, size: int) -> int:
-    """Width of a text, px."""
+    """Return the width of a text, px."""
     return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, 400)[2])
 
 

@@ -1,4 +1,4 @@
-"""Pictures and legends as a page shows them: data URIs, places in percent, colours as CSS writes them."""
+"""HTML attributes of pictures and legends: data URIs, positions in percent, CSS colours."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from beltscape.report.drawing.legend import Color, Rgb, Scale
 from beltscape.report.drawing.pictures import PANEL_PX, is_light, limit_width
 
 _QUALITY = 82
-"""Of WebP: at 82 speckle stays sharp, at half the bytes of a JPEG that looks the same."""
+"""WebP quality; at 82 speckle stays sharp at half the size of a JPEG of equal appearance."""
 _SMALL_PX = 520
-"""Width of a picture of which three or more share a row: twice what a wide page shows of it."""
+"""Width of a picture in a row of three or more: twice its displayed width on a wide page."""
 _STEPS = 2
-"""Between a legend's ticks, at least: their texts do not meet where a phone shows two pictures side by side."""
+"""Smallest number of intervals between ticks, so that their texts fit when a phone shows two pictures in a row."""
 
 _PROSE = 36
-"""Characters beyond which a cell is no number."""
+"""Number of characters above which a cell is set as prose."""
 _END = 5.0
-"""Percent from an end within which the text of a tick would reach beyond it."""
+"""Distance from an end, percent, within which a centred tick text would extend beyond it."""
 
 
 def image_uri(image: Rgb, columns: int) -> str:
-    """Return a picture as a data URI, as wide as a row of so many needs it."""
+    """Return a picture as a data URI, at the width for a row of ``columns`` pictures."""
     return _uri(
         limit_width(image, PANEL_PX if columns <= 2 else _SMALL_PX),
         ".webp",
@@ -41,27 +41,27 @@ def ramp_uri(scale: Scale) -> str:
 
 
 def ticks(scale: Scale) -> list[tuple[str, str]]:
-    """Return (place in percent, text) of the ticks of a scale."""
+    """Return (position in percent, text) of the ticks of a scale."""
     return [(f"{100 * share:.2f}", text) for share, text in scale.marks(_STEPS)]
 
 
 def side(place: str) -> str:
-    """Return where the text of a tick stands: at its middle, or inwards of an end of the scale."""
+    """Return the alignment of a tick's text: centred, or inwards at an end of the scale."""
     return "low" if float(place) < _END else "high" if float(place) > 100 - _END else "middle"
 
 
 def css(color: Color) -> str:
-    """Return a colour of a picture, which is the same on light and on dark ground."""
+    """Return a picture's colour in CSS; it is the same on light and dark ground."""
     return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 def rim(color: Color) -> str:
-    """Return the colour of the rim about a word on a picture."""
+    """Return the colour of the outline of a word on a picture."""
     return "#000" if is_light(color) else "#fff"
 
 
 def cell_class(cell: str | Entry) -> Markup:
-    """Return the class attribute of a table's cell: prose is set left and wraps, a state does not."""
+    """Return the class attribute of a table cell: prose is left-aligned and wraps, a state does not wrap."""
     if isinstance(cell, Entry):
         return Markup(' class="state"')
     return Markup(' class="text"') if len(cell) > _PROSE else Markup("")

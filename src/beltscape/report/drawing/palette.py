@@ -1,4 +1,4 @@
-"""The colours of pages and charts by their role, on a light and on a dark ground."""
+"""The colour palette of pages and charts by role, for light and dark backgrounds."""
 
 from __future__ import annotations
 

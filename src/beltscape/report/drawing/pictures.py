@@ -1,4 +1,4 @@
-"""Pictures under titles, with marks on them and legends below: as parts of a page, or drawn as one image."""
+"""Titled pictures with marks and legends, as parts of a page or drawn as one image."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ _MARK_PX = 20
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A word on a picture, legible at any size of it."""
+    """A word on a picture, legible at any size."""
 
     text: str
     place: tuple[float, float]
-    """Its middle, as shares of the picture's width and height."""
+    """Its centre, as shares of the picture's width and height."""
     color: Color = (255, 255, 255)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """One picture with its title, a note to the right of it, and its legend below."""
+    """A picture with its title, a note to the right of the title, and its legend below."""
 
     image: Rgb
     title: str
     legend: Scale | Swatches | None = None
     key: Swatches | None = None
-    """The colours that stand for no value of a scale."""
+    """Key of the colours for missing values."""
     note: str = ""
     marks: Sequence[Mark] = ()
 
     def draw(self) -> Rgb:
-        """Return all of it as one image, ``PANEL_PX`` wide."""
+        """Draw picture, title, note and legend as one image, ``PANEL_PX`` wide."""
         body = _resize(self.image, _BODY_PX)
         for mark in self.marks:
             _draw_mark(body, mark)
@@ -71,12 +71,12 @@ class Panel:
 
     @property
     def legends(self) -> list[Scale | Swatches]:
-        """Return the legend and the key, as far as there are any."""
+        """Return the legend and the key, without missing ones."""
         return [each for each in (self.legend, self.key) if each is not None]
 
 
 def arrange_panels(panels: Sequence[Panel], columns: int) -> Rgb:
-    """Return the panels drawn in rows of so many, on white."""
+    """Draw the panels on white in rows of ``columns``."""
     drawn = [panel.draw() for panel in panels]
     rows = [drawn[i : i + columns] for i in range(0, len(drawn), columns)]
     width = PANEL_PX * min(columns, len(drawn))
@@ -91,7 +91,7 @@ def arrange_panels(panels: Sequence[Panel], columns: int) -> Rgb:
 
 
 def quantile_range(values: NDArray[np.floating], share: float = 0.005) -> tuple[float, float]:
-    """Range of the finite values without the outermost ``share`` on both sides; (0, 1) where there are none."""
+    """Return the range of the finite values without the outer ``share`` on both sides; (0, 1) without any."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.0, 1.0
@@ -100,7 +100,7 @@ def quantile_range(values: NDArray[np.floating], share: float = 0.005) -> tuple[
 
 
 def to_rgb(image: Image) -> Rgb:
-    """An image stretched to 8 bit RGB, dark scenes brightened so that one sees the pattern."""
+    """Return an image as 8-bit RGB, with dark scenes brightened."""
     top = max(float(np.quantile(to_grey(image), 0.995)), 1.0)
     bright = np.clip(image.astype(np.float32) / top, 0, 1) ** 0.6
     eight = np.rint(255 * bright).astype(np.uint8)
@@ -108,7 +108,7 @@ def to_rgb(image: Image) -> Rgb:
 
 
 def limit_width(image: Rgb, width_px: int = PANEL_PX) -> Rgb:
-    """Return an image at most so wide."""
+    """Return an image reduced to at most ``width_px``."""
     return image if image.shape[1] <= width_px else _resize(image, width_px)
 
 
@@ -120,7 +120,7 @@ def _resize(image: Rgb, width_px: int) -> Rgb:
 
 
 def _draw_mark(image: Rgb, mark: Mark) -> None:
-    """Draw a mark with a contrasting rim, in place."""
+    """Draw a mark with a contrasting outline, in place."""
     height, width = image.shape[:2]
     left = round(mark.place[0] * width) - measure_text(mark.text, _MARK_PX) // 2
     base = round(mark.place[1] * height) + _MARK_PX // 3
@@ -131,5 +131,5 @@ def _draw_mark(image: Rgb, mark: Mark) -> None:
 
 
 def is_light(color: Color) -> bool:
-    """Whether black is seen better on a colour than white."""
+    """Return whether black has more contrast on a colour than white."""
     return 0.299 * color[0] + 0.587 * color[1] + 0.114 * color[2] > 140

@@ -1,4 +1,4 @@
-"""Plots in one style, as SVG for pages and as PNG for files; no window system is needed."""
+"""Matplotlib plots in a common style, as SVG for pages and PNG for files, without a window system."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from beltscape.report.drawing.legend import Rgb
 
 FONT_PT = 11.0
-"""Size of all text: a form's unit is shown as at least one CSS pixel (page.css), and 11 px can be read."""
+"""Size of all text; a form's unit is at least one CSS pixel (page.css), and 11 px are legible."""
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """The width that a chart is laid out for."""
+    """The layout width of a chart."""
 
     width: float
     """Points."""
@@ -37,14 +37,14 @@ class Form:
 
 
 WIDE, NARROW = Form(800.0, narrow=False), Form(300.0, narrow=True)
-"""Of a screen of 900 px or more and of a sheet of paper, and of a phone."""
+"""For screens from 900 px and paper, and for phones."""
 
 _LAYOUT_PASSES = 2
-"""Layouts before the one that is drawn: ticks change with the room for them, and the room with the ticks."""
+"""Layout passes before drawing, because ticks and the space for them depend on each other."""
 _TALLEST = 420.0
-"""Height of a map at most, points: it is seen whole on a screen."""
+"""Largest height of a map, points, so that it fits on a screen."""
 _FADED_ALPHA = 90
-"""Opacity of 255 of what was not measured: told from what was, its height still told."""
+"""Opacity (of 255) of cells that were not measured; their colours stay recognisable."""
 
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -99,7 +99,7 @@ def show_map(axis: Axes, colors: Rgb, extent: Sequence[float], *, first_row_belo
 def fade_unmeasured(
     colors: Rgb, values: NDArray[np.floating], share: NDArray[np.floating] | NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
-    """(H, W, 4): a map's colours, faded where less than all of a cell was measured, empty without a value.
+    """Return a map's colours, (H, W, 4), faded by the unmeasured share of a cell, transparent without a value.
 
     ``share`` (H, W) is the measured share of each cell, 0 to 1.
     """

@@ -44,7 +44,8 @@ def format_litres(volume_mm3: float) -> str:
 def summarise_volume(volume: Volume) -> str:
     """The result in a sentence."""
     return (
-        f"{format_litres(volume.volume_mm3)} ± {format_litres(volume.sigma_mm3)} litres between x = {volume.across_mm[0]:.0f} … "
+        f"{format_litres(volume.volume_mm3)} ± {format_litres(volume.sigma_mm3)} litres between "
+        f"x = {volume.across_mm[0]:.0f} … "
         f"{volume.across_mm[1]:.0f} mm and y = {volume.along_mm[0]:.0f} … {volume.along_mm[1]:.0f} mm; "
         f"{volume.coverage:.1%} of that belt was measured, the rest is interpolated."
     )

@@ -12,6 +12,9 @@ from beltscape.core.arguments import require_images
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
+OVEREXPOSED_SHARE = 0.2
+"""Share of saturated pixels from which an image is called overexposed."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSet:

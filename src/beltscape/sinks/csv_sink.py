@@ -13,6 +13,7 @@ from pathlib import Path
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables import flow_csv
+from beltscape.files.tables.csv_table import append_rows
 from beltscape.sinks.days import day_name, day_of, shift_ns_of
 from beltscape.sinks.settings import CsvSettings
 
@@ -63,7 +64,9 @@ class CsvSink:
             day_records = list(group)
             path = self._folder / f"{day_name(day)}.csv"
             try:
-                _append(path, "".join(f"{format_csv_row(record)}\n" for record in day_records).encode())
+                append_rows(
+                    path, HEADER, "".join(f"{format_csv_row(record)}\n" for record in day_records).encode()
+                )
             except OSError as error:
                 raise _output_error(path, error) from error
             self._files[path] = self._last = day_records[-1].number
@@ -103,21 +106,6 @@ def _cell(text: str) -> str:
     out = io.StringIO()
     csv.writer(out, lineterminator="").writerow([re.sub(r"\s+", " ", text)])
     return out.getvalue() if text else ""
-
-
-def _append(path: Path, rows: bytes) -> None:
-    """Append all or none of the rows to a file; a new file gets its header first."""
-    start = path.stat().st_size if path.exists() else 0
-    try:
-        with path.open("ab", buffering=0) as file:
-            data = rows if start else f"{HEADER}\n".encode() + rows
-            while data:
-                data = data[file.write(data) :]
-    except OSError:
-        if path.exists():
-            with path.open("r+b") as file:
-                file.truncate(start)
-        raise
 
 
 def _repair(path: Path) -> int:

@@ -6,13 +6,10 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.core.frames import FrameSet, Image, saturated_fraction
+from beltscape.core.frames import OVEREXPOSED_SHARE, FrameSet, Image, saturated_fraction
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.rasters.images import read_image
-
-OVEREXPOSED = 0.2
-"""Share of saturated pixels from which a view is called overexposed."""
 
 
 class FolderSource:
@@ -79,7 +76,7 @@ class FolderSource:
             )
             return None
         share = saturated_fraction(image)
-        if share > OVEREXPOSED:
+        if share > OVEREXPOSED_SHARE:
             self._reporter.warn(
                 f"{path}: overexposed, {share:.0%} of the pixels are saturated; lower the exposure"
             )

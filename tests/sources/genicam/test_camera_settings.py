@@ -9,7 +9,7 @@ from beltscape.core.errors import InputError, SettingsError
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.sources.genicam.pixels import FORMATS
 from beltscape.sources.genicam.position import BeltCounter
-from beltscape.sources.genicam.settings import CamerasSettings, EncoderSettings, PixelFormat
+from beltscape.sources.genicam.settings import CameraEncoderSettings, CamerasSettings, PixelFormat
 from beltscape.sources.genicam.source import open_cameras
 
 TABLE = """
@@ -85,7 +85,7 @@ def test_missing_aravis_is_refused_with_the_packages(monkeypatch):
     st.integers(0, 2**20), st.lists(st.integers(-100, 30000), max_size=50), st.sampled_from([0.05, 2.0, -0.1])
 )
 def test_position_continues_when_the_counter_wraps(start, steps, mm_per_count):
-    counter = BeltCounter(EncoderSettings(mm_per_count=mm_per_count, chunk="CounterValue", bits=16))
+    counter = BeltCounter(CameraEncoderSettings(mm_per_count=mm_per_count, chunk="CounterValue", bits=16))
     count, begin = start, counter.position_mm(start % 65536)
     for step in steps:
         count += step
@@ -93,7 +93,7 @@ def test_position_continues_when_the_counter_wraps(start, steps, mm_per_count):
 
 
 def test_position_continues_after_a_power_loss():
-    counter = BeltCounter(EncoderSettings(mm_per_count=0.5, feature="Counter0Value"))
+    counter = BeltCounter(CameraEncoderSettings(mm_per_count=0.5, feature="Counter0Value"))
     assert counter.position_mm(10_000) == 5000
     counter.on_reopened()
     assert counter.position_mm(10_100) == 5050  # only the network was gone

@@ -1,4 +1,4 @@
-"""Reading of small CSV files with a fixed header."""
+"""Reading of small CSV files with a fixed header, and appending of rows to them."""
 
 from __future__ import annotations
 
@@ -63,3 +63,20 @@ def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) ->
     if not lines:
         raise InputError(f"{path}: no row below the header {wanted}")
     return lines
+
+
+def append_rows(path: Path, header: str, rows: bytes) -> int:
+    """Append all or none of the rows to a file, which gets its header first; return the bytes written."""
+    start = path.stat().st_size if path.exists() else 0
+    data = rows if start else f"{header}\n".encode() + rows
+    size = len(data)
+    try:
+        with path.open("ab", buffering=0) as file:
+            while data:
+                data = data[file.write(data) :]
+    except OSError:
+        if path.exists():
+            with path.open("r+b") as file:
+                file.truncate(start)
+        raise
+    return size

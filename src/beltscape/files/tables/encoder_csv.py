@@ -13,7 +13,7 @@ HEADER = ("frame", "timestamp_s", "belt_position_mm")
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class BeltReading:
     """Time and belt position of one frame."""
 
     frame: str
@@ -23,7 +23,7 @@ class Reading:
     """Grows with the belt's travel."""
 
 
-def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
+def read_encoder(path: AnyPath) -> tuple[BeltReading, ...]:
     """Read encoder.csv; frame names may have the image file's extension.
 
     Raises
@@ -32,7 +32,7 @@ def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
         When a value is not a number, a frame occurs twice, times do not increase, or the belt runs back.
     """
     path = as_path(path)
-    readings: list[Reading] = []
+    readings: list[BeltReading] = []
     lines: dict[str, int] = {}
     for line in read_csv(path, HEADER):
         name = Path(line.values[0])
@@ -55,5 +55,5 @@ def read_encoder(path: AnyPath) -> tuple[Reading, ...]:
                 "travel (--direction sets its sense)"
             )
         lines[frame] = line.number
-        readings.append(Reading(frame, time_ns, position))
+        readings.append(BeltReading(frame, time_ns, position))
     return tuple(readings)

@@ -15,7 +15,7 @@ from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
-from beltscape.files.tables.encoder_csv import Reading, read_encoder
+from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
 from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.records.density import Density
@@ -160,7 +160,7 @@ def list_instants(
 
 
 def _instants_from_readings(
-    readings: Sequence[Reading], source: FolderSource, path: Path, reporter: Reporter, *, positions: bool
+    readings: Sequence[BeltReading], source: FolderSource, path: Path, reporter: Reporter, *, positions: bool
 ) -> list[Instant]:
     with_reading = {reading.frame for reading in readings}
     without = [frame for frame in source.frames if frame not in with_reading]

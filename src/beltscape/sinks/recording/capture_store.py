@@ -8,7 +8,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from beltscape.sinks.recording.capture_writer import ENCODER, append_lines, truncate_partial_line
+from beltscape.files.tables.csv_table import append_rows
+from beltscape.sinks.recording.capture_writer import ENCODER, ENCODER_HEADER, truncate_partial_line
 
 _PART = ".part"
 
@@ -79,7 +80,7 @@ class CaptureStore:
                     image.replace(part / camera.name / image.name)
             if (capture / ENCODER).exists():
                 rows = (capture / ENCODER).read_bytes().split(b"\n", 1)[1]
-                append_lines(part / ENCODER, rows)
+                append_rows(part / ENCODER, ENCODER_HEADER, rows)
             size = self._sizes.get(capture, 0)
             self.remove(capture)
             self.add_size(target, size)

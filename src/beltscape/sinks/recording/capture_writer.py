@@ -8,9 +8,11 @@ import cv2
 import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
+from beltscape.files.tables.csv_table import append_rows
 from beltscape.files.tables.encoder_csv import HEADER
 
 ENCODER = "encoder.csv"
+ENCODER_HEADER = ",".join(HEADER)
 _HOW = {
     "tiff": [cv2.IMWRITE_TIFF_COMPRESSION, 1],  # none
     "png": [],  # OpenCV's default, run lengths: three times as fast as level 1, and no larger
@@ -70,23 +72,7 @@ class CaptureWriter:
             return 0
         self.folder.mkdir(parents=True, exist_ok=True)
         line = f"{frames.frame},{format_seconds(frames.time_ns)},{float(frames.position_mm)!r}\n"
-        return append_lines(self.folder / ENCODER, line.encode())
-
-
-def append_lines(path: Path, lines: bytes) -> int:
-    """Append all or none of the rows to an encoder.csv; return the bytes written."""
-    start = path.stat().st_size if path.exists() else 0
-    if not start:
-        lines = ",".join(HEADER).encode() + b"\n" + lines
-    try:
-        with path.open("ab") as file:
-            file.write(lines)
-    except OSError:
-        if path.exists():
-            with path.open("r+b") as file:
-                file.truncate(start)
-        raise
-    return len(lines)
+        return append_rows(self.folder / ENCODER, ENCODER_HEADER, line.encode())
 
 
 def truncate_partial_line(path: Path) -> None:

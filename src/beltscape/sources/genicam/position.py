@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.sources.genicam.settings import EncoderSettings
+from beltscape.sources.genicam.settings import CameraEncoderSettings
 
 
 class BeltCounter:
@@ -12,7 +12,7 @@ class BeltCounter:
     stopped, unless its counter has wrapped meanwhile.
     """
 
-    def __init__(self, settings: EncoderSettings) -> None:
+    def __init__(self, settings: CameraEncoderSettings) -> None:
         self._mm = settings.mm_per_count
         self._range = 1 << settings.bits
         self._last: int | None = None

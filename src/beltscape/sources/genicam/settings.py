@@ -35,7 +35,7 @@ class CameraOverrides(BaseModel):
     """Left and upper edge of the part of the sensor that is read; its size is the rig's."""
 
 
-class EncoderSettings(BaseModel):
+class CameraEncoderSettings(BaseModel):
     """The belt's encoder, counted by the core camera. Exactly one of ``chunk`` and ``feature`` is given."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,7 +50,7 @@ class EncoderSettings(BaseModel):
     """Width of the counter in bits."""
 
     @model_validator(mode="after")
-    def _check(self) -> EncoderSettings:
+    def _check(self) -> CameraEncoderSettings:
         if (self.chunk is None) == (self.feature is None):
             raise ValueError('give either chunk or feature, such as chunk = "CounterValue"')
         if self.mm_per_count == 0:
@@ -97,7 +97,7 @@ class CamerasSettings(BaseModel):
     """Number of image buffers of each camera."""
     socket_buffer_bytes: int | None = Field(None, ge=65536)
     """Buffer of each camera's socket; not given: as large as an image, as far as the system allows."""
-    encoder: EncoderSettings | None = None
+    encoder: CameraEncoderSettings | None = None
     """The belt's encoder, if the core camera counts it."""
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Rigs, boards and their sightings without images: what most of calibration is tested on."""
+"""Rigs, boards and board poses for tests without images."""
 
 from __future__ import annotations
 

@@ -23,12 +23,12 @@ def pair(rig, first: str, second: str, rms_px: float = 0.1, corners: int = 100) 
     return Pair(first, second, rig.relative_pose(second, first), rms_px, ("00",), corners, COVARIANCE)
 
 
-def nothing(rig) -> BoardDetections:
+def make_empty_detections(rig) -> BoardDetections:
     return BoardDetections({n: c.size_px for n, c in rig.cameras.items()}, {n: {} for n in rig.cameras}, {})
 
 
 @pytest.mark.parametrize("core", ["a", "b", "c", "d"])
-def test_every_camera_comes_into_the_core_frame(rig, core):
+def test_every_camera_is_associated_with_the_core(rig, core):
     pairs = [pair(rig, *names) for names in (("a", "b"), ("b", "c"), ("d", "c"))]
     network = associate_cameras(core, pairs)
     assert set(network.cam_from_core) == set(rig.cameras)
@@ -45,7 +45,7 @@ def test_a_camera_that_only_another_auxiliary_sees_is_reached_through_it(rig):
     assert network.path_errors == ()
 
 
-def test_the_path_with_the_least_variance_wins(rig):
+def test_the_path_with_the_least_variance_is_selected(rig):
     steps = [pair(rig, "a", "b"), pair(rig, "b", "c")]
     good = associate_cameras("a", [*steps, pair(rig, "a", "c", rms_px=0.12)])
     bad = associate_cameras("a", [*steps, pair(rig, "a", "c", rms_px=0.5)])
@@ -54,7 +54,7 @@ def test_the_path_with_the_least_variance_wins(rig):
     assert bad.paths["c"] == few.paths["c"] == ("a", "b", "c")
 
 
-def test_path_errors_tell_how_far_a_loop_is_open(rig):
+def test_path_errors_measure_the_misclosure(rig):
     off = Pose.of([0.0, 0.0, np.deg2rad(0.5)], [0, 0, 0])
     twisted = Pair("b", "c", off @ rig.relative_pose("c", "b"), 0.1, ("00",), 100, COVARIANCE)
     network = associate_cameras("a", [pair(rig, "a", "b"), pair(rig, "a", "c"), twisted])
@@ -107,7 +107,7 @@ def test_a_triangle_with_a_missing_side_makes_no_loop(rig):
 
 
 def test_errors_that_pairs_share_do_not_open_loops(rig, board, poses):
-    """Estimated intrinsics disturb all pairs alike: independent covariances expect loops far more open."""
+    """Estimated intrinsics affect all pairs alike; independent covariances would predict larger misclosures."""
     board_mm = corner_points_mm(board)
     joint, alone = [], []
     for seed in range(20):
@@ -123,17 +123,26 @@ def test_errors_that_pairs_share_do_not_open_loops(rig, board, poses):
     assert np.mean(alone) < 0.1
 
 
-def test_groups_are_the_islands_largest_first(rig):
+def test_groups_are_connected_components_largest_first(rig):
     assert find_groups("abcd", [pair(rig, "b", "c"), pair(rig, "c", "d")]) == [("b", "c", "d"), ("a",)]
     assert find_groups("abcd", []) == [("a",), ("b",), ("c",), ("d",)]
 
 
 def test_the_core_is_the_most_central_camera(rig):
-    assert select_core(nothing(rig), [pair(rig, *names) for names in combinations("abcd", 2)]) in "bc"
-    assert select_core(nothing(rig), [pair(rig, *names) for names in combinations("abc", 2)]) == "b"
-    assert select_core(nothing(rig), [pair(rig, *names) for names in combinations("bcd", 2)]) == "c"
+    assert (
+        select_core(make_empty_detections(rig), [pair(rig, *names) for names in combinations("abcd", 2)])
+        in "bc"
+    )
+    assert (
+        select_core(make_empty_detections(rig), [pair(rig, *names) for names in combinations("abc", 2)])
+        == "b"
+    )
+    assert (
+        select_core(make_empty_detections(rig), [pair(rig, *names) for names in combinations("bcd", 2)])
+        == "c"
+    )
 
 
 def test_a_central_camera_that_shares_little_is_not_the_core(rig):
     pairs = [pair(rig, *n, corners=20 if "b" in n or "c" in n else 100) for n in combinations(rig.cameras, 2)]
-    assert select_core(nothing(rig), pairs) in ("a", "d")
+    assert select_core(make_empty_detections(rig), pairs) in ("a", "d")

@@ -54,12 +54,12 @@ def test_a_chessboard_is_recognised_longer_side_first(corners):
 
 
 @pytest.mark.parametrize("blur_px", [0.5, 2, 4, 8])
-def test_texture_is_no_board(blur_px):
+def test_texture_is_not_reported_as_a_board(blur_px):
     rng = np.random.default_rng(7)
     noise = [rng.integers(0, 255, (400, 480)).astype(np.uint8) for _ in range(4)]
     assert describe_shown_board([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], TOLD) is None
 
 
-def test_the_board_one_was_told_of_is_not_the_answer():
+def test_the_described_board_itself_is_not_reported():
     board = Chessboard(corners=(8, 5), square_mm=40)
     assert describe_shown_board(views(board), board) is None

@@ -8,15 +8,21 @@ import pytest
 
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import minimise
-from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
+from beltscape.calibrate.solver.projection import (
+    differentiate_by_pose,
+    project_points,
+    project_with_jacobians,
+)
+from beltscape.core.camera import Camera
 from beltscape.core.pose import rotation_from_vector
-from synthetic.bundles import problem
+from synthetic.bundles import make_problem
 
 NOISE_PX = 0.1
 
 
-def test_projection_is_opencvs():
+def test_projection_equals_opencv():
     rng = np.random.default_rng(3)
     points = rng.uniform([-200, -200, 500], [200, 200, 900], (50, 3))
     lens = np.array([900.0, 910.0, 320.0, 240.0, -0.2, 0.1, 0.002, -0.001, 0.03])
@@ -26,7 +32,21 @@ def test_projection_is_opencvs():
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
 
 
-def test_derivatives_are_the_numeric_ones():
+def test_projection_equals_the_camera_model():
+    """`Camera.project` and the solver evaluate one lens model in different orders of operations."""
+    rng = np.random.default_rng(5)
+    points = rng.uniform([-200, -200, 500], [200, 200, 900], (50, 3))
+    camera = Camera(
+        "a", (640, 480), np.array([900.0, 910.0]), np.array([320.0, 240.0]),
+        np.array([-0.2, 0.1, 0.002, -0.001, 0.03]),
+    )  # fmt: skip
+    lens = pack_intrinsics(camera)
+    expected = camera.project(points)
+    np.testing.assert_allclose(project_points(points, lens), expected, rtol=1e-13)
+    np.testing.assert_allclose(project_with_jacobians(points, lens)[0], expected, rtol=1e-13)
+
+
+def test_derivatives_equal_numeric_ones():
     rng = np.random.default_rng(4)
     points = rng.uniform([-250, -200, 500], [250, 200, 900], (20, 3))
     lens = np.tile([900.0, 910.0, 320.0, 240.0, -0.2, 0.1, 0.002, -0.001, 0.03], (20, 1))
@@ -52,18 +72,18 @@ def test_derivatives_are_the_numeric_ones():
         np.testing.assert_allclose(turned[:, :, axis], (forth - back) / 2e-6, rtol=1e-5, atol=1e-4)
 
 
-def test_the_linear_model_promises_what_a_small_step_brings(rig, board, poses):
-    observations, truth, prior = problem(rig, board, poses, NOISE_PX, points_sigma_mm=0.1)
+def test_the_linear_model_predicts_the_decrease_of_a_small_step(rig, board, poses):
+    observations, truth, prior = make_problem(rig, board, poses, NOISE_PX, points_sigma_mm=0.1)
     bundle = Bundle(observations, prior)
     linear = bundle.linearise(truth)
     step = linear.solve_step(0.1)
     for share in (1e-3, 1e-4):
-        brought = linear.cost - bundle.cost(bundle.apply_step(truth, share * step))
+        brought = linear.cost - bundle.compute_cost(bundle.apply_step(truth, share * step))
         assert brought == pytest.approx(linear.predict_decrease(share * step), rel=1e-2)
 
 
-def test_exact_views_bring_a_disturbed_rig_back(rig, board, poses):
-    observations, truth, prior = problem(rig, board, poses)
+def test_exact_views_restore_a_perturbed_rig(rig, board, poses):
+    observations, truth, prior = make_problem(rig, board, poses)
     bundle = Bundle(observations, prior)
     rng = np.random.default_rng(5)
     scales = np.concatenate(
@@ -78,11 +98,11 @@ def test_exact_views_bring_a_disturbed_rig_back(rig, board, poses):
     np.testing.assert_allclose(found.state.cam_rotation, truth.cam_rotation, atol=1e-7)
 
 
-def test_a_warped_board_is_found_up_to_its_place_and_scale(rig, board, poses):
-    _, flat, _ = problem(rig, board, poses)
+def test_a_warped_board_is_estimated_up_to_its_gauge(rig, board, poses):
+    _, flat, _ = make_problem(rig, board, poses)
     x, y = (flat.points_mm[:, :2] / flat.points_mm[:, :2].max(axis=0)).T
     warp = np.stack([np.zeros_like(x), np.zeros_like(x), 0.4 * (x * x - y * x)], axis=-1)
-    observations, truth, prior = problem(
+    observations, truth, prior = make_problem(
         rig, board, poses, points_mm=flat.points_mm + warp, points_sigma_mm=10.0
     )
     found = minimise(Bundle(observations, prior), replace(truth, points_mm=flat.points_mm))
@@ -94,16 +114,16 @@ def test_a_warped_board_is_found_up_to_its_place_and_scale(rig, board, poses):
     np.testing.assert_allclose(aligned, expected, atol=2e-3)
 
 
-def test_held_parameters_stay(rig, board, poses):
-    observations, truth, prior = problem(rig, board, poses, NOISE_PX)
+def test_fixed_parameters_do_not_change(rig, board, poses):
+    observations, truth, prior = make_problem(rig, board, poses, NOISE_PX)
     held = replace(prior, intrinsics_free=np.zeros_like(prior.intrinsics_free))
     found = minimise(Bundle(observations, held), truth)
     np.testing.assert_array_equal(found.state.intrinsics, truth.intrinsics)
     np.testing.assert_array_equal(found.state.points_mm, truth.points_mm)
 
 
-def test_corners_of_weight_nothing_do_not_count(rig, board, poses):
-    observations, truth, prior = problem(rig, board, poses, NOISE_PX)
+def test_corners_of_weight_zero_have_no_effect(rig, board, poses):
+    observations, truth, prior = make_problem(rig, board, poses, NOISE_PX)
     bad = np.arange(len(observations.pixels)) % 17 == 0
     spoiled = replace(observations, pixels=observations.pixels + 50.0 * bad[:, None])
     one = minimise(Bundle(observations, prior, (~bad).astype(float)), truth).state
@@ -111,12 +131,12 @@ def test_corners_of_weight_nothing_do_not_count(rig, board, poses):
     np.testing.assert_allclose(one.cam_translation_mm, two.cam_translation_mm, atol=1e-6)
 
 
-def test_covariance_is_what_many_runs_scatter(rig, board, poses):
+def test_covariance_equals_the_scatter_of_many_runs(rig, board, poses):
     """Normalised squared error over degrees of freedom, over seeds: 0.9 to 1.1."""
     ratios = []
     with single_thread():
         for seed in range(60):
-            observations, truth, prior = problem(rig, board, poses[:8], NOISE_PX, seed)
+            observations, truth, prior = make_problem(rig, board, poses[:8], NOISE_PX, seed)
             bundle = Bundle(observations, prior)
             state = minimise(bundle, truth).state
             covariance = bundle.linearise(state).covariance()

@@ -9,7 +9,7 @@ from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.kernels import load
-from synthetic.detections import make_detections, spoiled
+from synthetic.detections import make_detections, replace_view
 
 NOISE_PX = 0.1
 
@@ -21,7 +21,7 @@ def adjusted(rig, board, poses):
     return chain, own, adjust_bundle(chain, board)
 
 
-def test_is_nearer_to_the_truth_than_the_chain(rig, board, poses):
+def test_bundle_adjustment_is_nearer_to_the_truth_than_the_hierarchy(rig, board, poses):
     better = 0
     for seed in range(5):
         own = make_detections(rig, board, poses, NOISE_PX, seed)
@@ -33,7 +33,7 @@ def test_is_nearer_to_the_truth_than_the_chain(rig, board, poses):
     assert better >= 4
 
 
-def test_a_flat_board_stays_flat_and_noise_is_told(adjusted):
+def test_a_flat_board_stays_flat_and_the_noise_is_estimated(adjusted):
     _, _, found = adjusted
     assert not found.shape_mm.any()
     np.testing.assert_allclose(found.sigma_px, NOISE_PX, rtol=0.1)
@@ -45,7 +45,7 @@ def test_wrong_corners_are_left_out(rig, board, poses):
     first = next(iter(rig.cameras))
     pixels = own.views[first]["03"].pixels.copy()
     pixels[4] += 1.2
-    disturbed = spoiled(own, first, "03", pixels)
+    disturbed = replace_view(own, first, "03", pixels)
     chain = solve_hierarchy(disturbed, board, rig.core, Silent())
     found = adjust_bundle(chain, board)
     o = found.bundle.observations
@@ -55,7 +55,7 @@ def test_wrong_corners_are_left_out(rig, board, poses):
     assert found.kept[of_view].sum() == of_view.sum() - 1
 
 
-def test_depth_sigma_is_what_many_rigs_scatter(rig, board, poses, adjusted):
+def test_depth_sigma_equals_the_scatter_of_many_rigs(rig, board, poses, adjusted):
     _, _, found = adjusted
     sigma = compute_depth_sigma(found.rig, compute_rig_covariance(found).matrix, 650.0, columns=9)
     inner = (slice(2, -2), slice(2, -2))
@@ -65,13 +65,13 @@ def test_depth_sigma_is_what_many_rigs_scatter(rig, board, poses, adjusted):
     for seed in range(16):
         own = make_detections(rig, board, poses, NOISE_PX, 100 + seed)
         again = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board).rig
-        errors.append(triangulated_with(again, rig, points)[:, 2] - 650.0)
+        errors.append(triangulate_with(again, rig, points)[:, 2] - 650.0)
     actual = np.sqrt(np.nanmean(np.square(errors), axis=0))
     ratio = actual / sigma.sigma_mm[inner].ravel()
     assert 0.7 < np.nanmedian(ratio) < 1.4
 
 
-def triangulated_with(rig, truth, points_mm):
+def triangulate_with(rig, truth, points_mm):
     """Points seen by the true cameras and triangulated with another rig."""
     pixels = []
     for name, camera in truth.cameras.items():
@@ -84,7 +84,7 @@ def triangulated_with(rig, truth, points_mm):
     return load().triangulate(np.stack([rig.projection(name) for name in order]), np.stack(pixels))
 
 
-def test_covariance_names_every_parameter_and_holds_what_was_held(adjusted):
+def test_covariance_names_every_parameter_and_is_zero_for_fixed_ones(adjusted):
     _, _, found = adjusted
     covariance = compute_rig_covariance(found)
     cameras = len(found.rig.cameras)

@@ -70,7 +70,7 @@ def test_three_cameras_on_a_charuco_board(charuco_capture):
     assert found.rig.quality["held_out"] == found.held_out.document()
 
 
-def test_the_core_that_is_asked_for_is_taken(charuco_capture):
+def test_the_given_core_camera_is_used(charuco_capture):
     found = calibrate(charuco_capture.folder, charuco_capture.board, "cam2", Silent())
     assert found.rig.core == "cam2"
     assert_recovered(found.rig, charuco_capture.rig)
@@ -80,7 +80,7 @@ def test_the_core_that_is_asked_for_is_taken(charuco_capture):
     ("squares", "legacy", "inverted"),
     [((8, 6), True, False), ((8, 6), False, True), ((8, 6), True, True), ((6, 5), False, True)],
 )
-def test_how_the_board_was_printed_is_found_out(tmp_path, squares, legacy, inverted):
+def test_the_print_variant_is_determined_from_the_images(tmp_path, squares, legacy, inverted):
     board = CharucoBoard(squares=squares, square_mm=44, marker_mm=31, dictionary="DICT_5X5_50")
     rig = row_of_cameras(["a", "b"])
     capture(tmp_path, rig, board, board_poses(board, 8), Print(legacy, inverted))
@@ -119,7 +119,7 @@ def test_a_camera_seen_only_together_with_an_auxiliary_is_reached_through_it(tmp
     ]
 
 
-def test_a_frame_in_which_the_board_moved_between_cameras_is_named(tmp_path, charuco_capture):
+def test_a_frame_in_which_the_board_moved_between_cameras_is_reported(tmp_path, charuco_capture):
     own = charuco_capture
     shutil.copytree(own.folder, tmp_path, dirs_exist_ok=True)
     late = Pose(own.poses["03"].rotation, own.poses["03"].translation_mm + np.array([9.0, 0.0, 0.0]))
@@ -130,7 +130,7 @@ def test_a_frame_in_which_the_board_moved_between_cameras_is_named(tmp_path, cha
     assert rejected == {("cam0", "cam1"): [], ("cam0", "cam2"): ["03"], ("cam1", "cam2"): ["03"]}
 
 
-def test_a_bent_view_is_left_out_and_named(tmp_path, charuco_capture):
+def test_a_bent_view_is_rejected_and_reported(tmp_path, charuco_capture):
     """A board that is not flat in one view: the image is warped by a wave of four pixels."""
     own = charuco_capture
     shutil.copytree(own.folder, tmp_path, dirs_exist_ok=True)
@@ -156,7 +156,7 @@ def test_threads_do_not_change_a_byte(monkeypatch, charuco_capture):
     assert len(results) == 1
 
 
-def test_check_judges_a_rig_on_views_it_has_never_seen(tmp_path, charuco_capture):
+def test_check_scores_a_rig_on_views_that_it_was_not_calibrated_with(tmp_path, charuco_capture):
     own = charuco_capture
     fresh = capture(tmp_path, own.rig, own.board, board_poses(own.board, 4, seed=77))
     rig = calibrate(own.folder, own.board, None, Silent()).rig
@@ -172,7 +172,7 @@ def test_check_judges_a_rig_on_views_it_has_never_seen(tmp_path, charuco_capture
 
 
 def every_other(folder: Path, target: Path) -> None:
-    """Every other frame of a recorded capture: enough to judge, half the time."""
+    """Copy every other frame of a recorded capture."""
     for camera in folder.iterdir():
         if camera.is_dir():
             (target / camera.name).mkdir()

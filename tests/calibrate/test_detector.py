@@ -34,7 +34,7 @@ def truth(board: Board, pose: Pose) -> np.ndarray:
 @pytest.mark.parametrize("legacy", [False, True])
 @pytest.mark.parametrize("inverted", [False, True])
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
-def test_charuco_corners_are_found_where_they_are(legacy, inverted, tilt):
+def test_charuco_corners_are_detected_accurately(legacy, inverted, tilt):
     pose = facing(CHARUCO, tilt=tilt)
     corners = make_detector(CHARUCO, PrintVariant(legacy, inverted))(
         view(LENS, pose, CHARUCO, Print(legacy, inverted))
@@ -47,7 +47,7 @@ def test_charuco_corners_are_found_where_they_are(legacy, inverted, tilt):
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.5])
-def test_chessboard_corners_are_found_where_they_are(tilt):
+def test_chessboard_corners_are_detected_accurately(tilt):
     pose = facing(CHESSBOARD, tilt=tilt)
     corners = make_detector(CHESSBOARD, PrintVariant())(view(LENS, pose, CHESSBOARD))
     assert corners is not None
@@ -64,7 +64,7 @@ def test_a_chessboard_is_numbered_from_the_same_end_however_the_camera_is_mounte
     np.testing.assert_allclose(corners.pixels, truth(CHESSBOARD, pose), atol=0.3)
 
 
-def test_a_symmetric_chessboard_stays_as_it_was_found():
+def test_the_order_of_a_symmetric_chessboard_is_unchanged():
     board = Chessboard(corners=(7, 5), square_mm=40)
     pose = facing(board)
     corners = find_chessboard(view(LENS, pose, board), board.corners)
@@ -73,7 +73,7 @@ def test_a_symmetric_chessboard_stays_as_it_was_found():
     assert min(np.abs(corners.pixels - pixels).max() for pixels in both) < 0.3
 
 
-def test_part_of_a_charuco_board_keeps_its_numbers():
+def test_part_of_a_charuco_board_keeps_its_ids():
     pose = facing(CHARUCO, distance_mm=420)
     image = view(LENS, pose, CHARUCO)
     image[:, :200] = 128
@@ -102,7 +102,7 @@ def test_one_row_of_corners_is_not_enough():
     assert make_detector(CHARUCO, PrintVariant())(image) is None
 
 
-def test_the_wrong_variant_is_not_found():
+def test_a_wrong_print_variant_is_not_detected():
     image = view(LENS, facing(CHARUCO), CHARUCO, Print(inverted=True))
     assert make_detector(CHARUCO, PrintVariant(inverted=False))(image) is None
     legacy = view(LENS, facing(CHARUCO), CHARUCO, Print(legacy=True))
@@ -128,7 +128,7 @@ def test_a_black_16_bit_image_is_black():
     assert convert_to_8_bit(np.zeros((4, 4), np.uint16)).tolist() == np.zeros((4, 4)).tolist()
 
 
-def test_detecting_leaves_the_image_alone():
+def test_detection_does_not_change_the_image():
     image = view(LENS, facing(CHARUCO), CHARUCO, Print(inverted=True))
     before = image.copy()
     make_detector(CHARUCO, PrintVariant(inverted=True))(image)
@@ -136,7 +136,7 @@ def test_detecting_leaves_the_image_alone():
 
 
 def test_the_renderer_draws_what_opencv_projects():
-    """The truth of these tests, held against another program: the middle of a corner is where it should be."""
+    """The rendered corners agree with OpenCV's projection."""
     pose = facing(CHARUCO, tilt=0.4)
     turn, _ = cv2.Rodrigues(pose.rotation)
     expected, _ = cv2.projectPoints(

@@ -1,4 +1,4 @@
-"""A fit is judged by its own figures: what noise does not explain is named, what it does is not."""
+"""Assessment of a fit: errors beyond the noise are reported, noise alone is not."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from synthetic.detections import make_detections
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 
 
-def own_fit(seen: BoardDetections, core: str = "c0") -> FitQuality:
-    """What calibrating these corners says of its own fit."""
+def assess_own_fit(seen: BoardDetections, core: str = "c0") -> FitQuality:
+    """Return the assessment of the calibration of these corners."""
     chain = solve_hierarchy(seen, BOARD, core, Silent())
     adjusted = adjust_bundle(chain, BOARD)
     evidence = compute_rig_errors(
@@ -36,13 +36,13 @@ def own_fit(seen: BoardDetections, core: str = "c0") -> FitQuality:
     return assess_fit(halves.score if halves else training, evidence, BOARD.grid, doubts)
 
 
-def seen_by_row(cameras: int, noise_px: float, frames: int, seed: int) -> BoardDetections:
+def detect_with_row(cameras: int, noise_px: float, frames: int, seed: int) -> BoardDetections:
     rig = row_of_cameras([f"c{i}" for i in range(cameras)])
     return make_detections(rig, BOARD, board_poses(BOARD, frames, seed=seed), noise_px, seed=seed)
 
 
-def changed(seen: BoardDetections, camera: str, change, frames=None) -> BoardDetections:
-    """The same sightings with ``change(pixels)`` in some views of one camera, in all by default."""
+def change_views(seen: BoardDetections, camera: str, change, frames=None) -> BoardDetections:
+    """Return the detections with ``change(pixels)`` in some views of one camera, in all by default."""
     views = {name: dict(own) for name, own in seen.views.items()}
     for frame, corners in views[camera].items():
         if frames is None or frame in frames:
@@ -54,8 +54,8 @@ def changed(seen: BoardDetections, camera: str, change, frames=None) -> BoardDet
     ("cameras", "noise_px", "frames", "seed"),
     [(2, 0.02, 8, 1), (2, 0.4, 12, 2), (3, 0.1, 6, 3), (3, 0.3, 10, 4), (4, 0.05, 8, 5), (3, 0.2, 4, 6)],
 )
-def test_noise_alone_raises_no_doubt(cameras, noise_px, frames, seed):
-    fit = own_fit(seen_by_row(cameras, noise_px, frames, seed))
+def test_noise_alone_gives_no_finding(cameras, noise_px, frames, seed):
+    fit = assess_own_fit(detect_with_row(cameras, noise_px, frames, seed))
     assert fit.findings == ()
     assert fit.is_sound
     assert fit.rms_over_median == pytest.approx(np.sqrt(2) / np.sqrt(2 * np.log(2)), rel=0.08)
@@ -64,35 +64,35 @@ def test_noise_alone_raises_no_doubt(cameras, noise_px, frames, seed):
         assert 0.5 < own.chi2_per_dof < 1.5
 
 
-def test_a_lens_that_the_model_does_not_follow_is_named():
+def test_a_lens_that_the_model_does_not_describe_is_reported():
     def waves(pixels):
         return pixels + 1.5 * np.sin(pixels[:, ::-1] / 25)
 
-    fit = own_fit(changed(seen_by_row(3, 0.05, 12, 7), "c1", waves))
+    fit = assess_own_fit(change_views(detect_with_row(3, 0.05, 12, 7), "c1", waves))
     assert "camera c1" in fit.findings[0]
     assert "camera c0" not in fit.findings[0]
     assert "lens model" in fit.findings[0]
     assert fit.cameras["c1"].chi2_per_dof > 4 > fit.cameras["c1"].corner_noise_px
 
 
-def test_cameras_of_different_instants_are_named():
-    """The board moves between the triggers: every view of one camera is of another place, each sound by itself."""
+def test_cameras_of_different_instants_are_reported():
+    """The board moves between the triggers, so the views of one camera are consistent only by themselves."""
     rng = np.random.default_rng(8)
-    late = changed(seen_by_row(2, 0.05, 10, 8), "c1", lambda pixels: pixels + rng.uniform(-6, 6, 2))
-    fit = own_fit(late)
+    late = change_views(detect_with_row(2, 0.05, 10, 8), "c1", lambda pixels: pixels + rng.uniform(-6, 6, 2))
+    fit = assess_own_fit(late)
     assert not fit.is_sound
     assert "not triggered at the same instant" in fit.findings[0]
     assert "lens model" not in " ".join(fit.findings)
 
 
-def test_views_that_fit_far_worse_than_the_rest_are_named():
-    """The median hides them: a third of two views' corners lies elsewhere, as with reflections or a finger."""
+def test_views_that_fit_far_worse_than_the_rest_are_reported():
+    """A third of two views' corners is displaced, as by reflections or a finger, which the median does not show."""
     rng = np.random.default_rng(9)
 
     def disturbed(pixels):
         return pixels + np.where(rng.random((len(pixels), 1)) < 0.3, rng.normal(0, 4, pixels.shape), 0)
 
-    fit = own_fit(changed(seen_by_row(3, 0.05, 12, 9), "c2", disturbed, frames=("03", "07")))
+    fit = assess_own_fit(change_views(detect_with_row(3, 0.05, 12, 9), "c2", disturbed, frames=("03", "07")))
     assert not fit.is_sound
     assert fit.rms_over_median > 2.5
     assert 0 < fit.far_off_share < 0.1
@@ -103,7 +103,7 @@ def test_views_that_fit_far_worse_than_the_rest_are_named():
 
 
 @pytest.mark.parametrize("sigma_px", [0.01, 0.2, 3.0])
-def test_corner_noise_is_the_noise_and_not_what_neighbours_share(sigma_px):
+def test_corner_noise_excludes_errors_that_neighbours_share(sigma_px):
     rng = np.random.default_rng(1)
     columns, rows = 9, 6
     ids = np.arange(columns * rows)
@@ -117,6 +117,6 @@ def test_corner_noise_is_the_noise_and_not_what_neighbours_share(sigma_px):
     assert estimate_corner_noise_px(views, (columns, rows)) == pytest.approx(sigma_px, rel=0.08)
 
 
-def test_too_few_neighbours_say_nothing_of_noise():
+def test_corner_noise_is_nan_with_too_few_neighbours():
     one = ViewResiduals(np.arange(8), np.zeros((8, 2)), np.ones((8, 2)))
     assert np.isnan(estimate_corner_noise_px([one], (9, 6)))

@@ -16,10 +16,10 @@ from beltscape.core.rig import Rig
 from synthetic.boards import row_of_cameras
 
 UNITS = np.diag(np.repeat([1e-4, 0.1], 3))
-"""What a pair's twist is uncertain by: rad, mm."""
+"""Standard deviation of a pair's twist: rad, mm."""
 
 
-def measured_pair(rig: Rig, first: str, second: str, rng: np.random.Generator, noise: float = 1.0) -> Pair:
+def make_noisy_pair(rig: Rig, first: str, second: str, rng: np.random.Generator, noise: float = 1.0) -> Pair:
     """A pair with an error drawn from its own, skew, covariance."""
     mixed = rng.normal(size=(6, 6))
     covariance = UNITS @ (mixed @ mixed.T / 6 + 0.3 * np.eye(6)) @ UNITS
@@ -30,7 +30,7 @@ def measured_pair(rig: Rig, first: str, second: str, rng: np.random.Generator, n
 
 def network(rig: Rig, core: str, links, seed: int = 0, noise: float = 1.0) -> CameraNetwork:
     rng = np.random.default_rng(seed)
-    return associate_cameras(core, [measured_pair(rig, *link, rng, noise) for link in links])
+    return associate_cameras(core, [make_noisy_pair(rig, *link, rng, noise) for link in links])
 
 
 def errors(rig: Rig, found: CameraNetwork) -> np.ndarray:
@@ -42,7 +42,7 @@ def errors(rig: Rig, found: CameraNetwork) -> np.ndarray:
     return np.array(rows)
 
 
-def disturbed(own: CameraNetwork, seed: int = 0) -> CameraNetwork:
+def perturb_network(own: CameraNetwork, seed: int = 0) -> CameraNetwork:
     rng = np.random.default_rng(seed)
     poses = {
         name: pose if name == own.core else exp(rng.normal(size=6) * np.repeat([0.05, 40.0], 3)) @ pose
@@ -57,7 +57,7 @@ def disturbed(own: CameraNetwork, seed: int = 0) -> CameraNetwork:
 @pytest.mark.parametrize("core", ["a", "c"])
 def test_without_noise_the_truth_is_found_from_a_disturbed_start(rig, core, weights):
     exact = network(rig, core, combinations("abcd", 2), noise=0.0)
-    start = disturbed(exact)
+    start = perturb_network(exact)
     assert errors(rig, start).max(axis=0).min() > 2
     found = optimise_network(start, weights)
     assert errors(rig, found).max() < 1e-6
@@ -65,9 +65,9 @@ def test_without_noise_the_truth_is_found_from_a_disturbed_start(rig, core, weig
     assert found.cam_from_core[core] is start.cam_from_core[core]
 
 
-def test_where_the_core_does_not_see_every_camera_it_still_works(rig):
+def test_a_camera_without_a_core_pair_is_optimised_too(rig):
     ring = [("a", "b"), ("c", "b"), ("c", "d"), ("b", "d")]
-    assert errors(rig, optimise_network(disturbed(network(rig, "a", ring, noise=0.0)))).max() < 1e-6
+    assert errors(rig, optimise_network(perturb_network(network(rig, "a", ring, noise=0.0)))).max() < 1e-6
 
 
 def test_two_cameras_and_trees_have_nothing_to_optimise(rig):
@@ -79,9 +79,9 @@ def test_two_cameras_and_trees_have_nothing_to_optimise(rig):
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
-def test_derivatives_are_those_of_the_residuals(rig, scale):
+def test_derivatives_equal_numeric_ones_of_the_residuals(rig, scale):
     """Also far from agreement, where the logarithm's own Jacobian counts."""
-    own = disturbed(network(rig, "b", combinations("abcd", 2), noise=scale))
+    own = perturb_network(network(rig, "b", combinations("abcd", 2), noise=scale))
     problem = NetworkProblem("b", tuple(own.cam_from_core), constraints(own, NetworkWeights(1.0, 0.3)))
     state = own.cam_from_core
 
@@ -98,7 +98,7 @@ def test_derivatives_are_those_of_the_residuals(rig, scale):
         np.testing.assert_allclose(jacobian[:, column], numeric, atol=1e-6 * np.abs(jacobian).max())
 
 
-def test_with_noise_the_optimum_beats_the_chain_through_the_core():
+def test_with_noise_the_optimum_is_more_accurate_than_the_chain_through_the_core():
     """Over 40 seeds, five cameras, independent pairs: half the error (docs/calibration.md states it)."""
     rig = row_of_cameras(list("abcde"))
     networks = [network(rig, "c", combinations("abcde", 2), seed) for seed in range(40)]
@@ -107,11 +107,11 @@ def test_with_noise_the_optimum_beats_the_chain_through_the_core():
     assert (chained / optimised > 1.7).all()
 
 
-def test_more_precise_pairs_count_for_more(rig):
-    """Two ways to c: the direct one is 100 times better in σ, the other must not move it."""
+def test_more_precise_pairs_have_more_weight(rig):
+    """Two chains lead to c; the direct one is 100 times better in σ, so the other does not affect it."""
     rng = np.random.default_rng(3)
-    poor = [measured_pair(rig, *link, rng) for link in (("a", "b"), ("b", "c"))]
-    good = measured_pair(rig, "a", "c", rng, noise=0.0)
+    poor = [make_noisy_pair(rig, *link, rng) for link in (("a", "b"), ("b", "c"))]
+    good = make_noisy_pair(rig, "a", "c", rng, noise=0.0)
     found = optimise_network(
         associate_cameras("a", [*poor, replace(good, covariance=good.covariance / 1e4)]), NetworkWeights(1, 0)
     )
@@ -119,8 +119,8 @@ def test_more_precise_pairs_count_for_more(rig):
     assert (np.abs(moved) < 2e-3 * np.diag(UNITS)).all()
 
 
-def test_the_end_does_not_depend_on_the_damping(rig):
-    start = disturbed(network(rig, "b", combinations("abcd", 2)))
+def test_the_minimum_does_not_depend_on_the_damping(rig):
+    start = perturb_network(network(rig, "b", combinations("abcd", 2)))
     ends = [
         optimise_network(start, damping=damping)
         for damping in (
@@ -136,7 +136,7 @@ def test_the_end_does_not_depend_on_the_damping(rig):
             )
 
 
-def test_misfits_before_and_after_are_as_large_as_their_covariance_says():
+def test_misclosures_before_and_after_agree_with_their_covariance():
     rig = row_of_cameras(list("abcd"))
     chi2 = {"before": [], "after": [], "loops": []}
     for seed in range(40):

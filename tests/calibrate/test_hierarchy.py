@@ -11,7 +11,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections, seen
+from synthetic.detections import make_detections, project_corners
 
 FRAMES = range(12)
 
@@ -27,13 +27,13 @@ def test_without_noise_the_rig_is_recovered(rig, board, poses):
     assert reporter.warnings == []
 
 
-def test_without_a_wish_the_core_is_a_central_camera(rig, board, poses):
+def test_the_default_core_is_a_central_camera(rig, board, poses):
     assert solve_hierarchy(
         make_detections(rig, board, poses, noise_px=0.05), board, None, Silent()
     ).rig.core in ("b", "c")
 
 
-def test_the_network_is_optimised_and_keeps_what_it_was_before(rig, board, poses):
+def test_the_network_is_optimised_and_keeps_the_initial_one(rig, board, poses):
     chain = solve_hierarchy(make_detections(rig, board, poses, noise_px=0.1), board, "b", Silent())
     before, after = chain.network.initial, chain.network
     assert [e.pair for e in before.path_errors] == [("a", "c"), ("a", "d"), ("c", "d")]
@@ -56,7 +56,7 @@ def test_a_camera_that_shares_frames_only_with_an_auxiliary_is_associated_throug
     ]
 
 
-def test_a_camera_that_shares_nothing_is_named_and_left_out(rig, board, poses):
+def test_a_camera_without_shared_views_is_reported_and_left_out(rig, board, poses):
     frames = {"a": range(7), "b": range(7), "c": range(7, 12), "d": range(7)}
     reporter = Silent()
     chain = solve_hierarchy(make_detections(rig, board, poses, seen_by=frames), board, None, reporter)
@@ -87,13 +87,13 @@ def test_a_camera_that_shares_nothing_is_named_and_left_out(rig, board, poses):
         ),
     ],
 )
-def test_what_does_not_make_a_rig_is_told(rig, board, poses, frames, core, message):
+def test_views_that_do_not_determine_a_rig_are_refused(rig, board, poses, frames, core, message):
     with pytest.raises(CalibrationError) as error:
         solve_hierarchy(make_detections(rig, board, poses, seen_by=frames), board, core, Silent())
     assert str(error.value) == message
 
 
-def test_a_board_held_in_one_pose_only_is_told(board):
+def test_views_of_a_single_board_pose_are_refused(board):
     rig = row_of_cameras(["a", "b"])
     reporter = Silent()
     solve_hierarchy(
@@ -107,21 +107,23 @@ def test_a_board_held_in_one_pose_only_is_told(board):
     )
 
 
-def test_cameras_that_are_not_triggered_together_are_found_out(rig, board, poses):
+def test_cameras_that_are_not_triggered_together_are_detected(rig, board, poses):
     """Camera b photographs a board that has moved on by a few millimetres, differently in every frame."""
     own = make_detections(rig, board, poses, noise_px=0.05)
     rng = np.random.default_rng(2)
     late = {}
     for i, pose in enumerate(poses):
         moved = Pose(pose.rotation, pose.translation_mm + rng.uniform(-4, 4, 3))
-        late[f"{i:02d}"] = seen(rig, "b", moved, corner_points_mm(board), rng.normal(0, 0.05, (35, 2)))
+        late[f"{i:02d}"] = project_corners(
+            rig, "b", moved, corner_points_mm(board), rng.normal(0, 0.05, (35, 2))
+        )
     skewed = BoardDetections(own.sizes_px, {**own.views, "b": late}, own.images)
     pairs = find_unsynchronised_pairs(solve_hierarchy(skewed, board, "a", Silent()))
     assert {(p.first, p.second) for p in pairs} == {("a", "b"), ("b", "c"), ("b", "d")}
     assert find_unsynchronised_pairs(solve_hierarchy(own, board, "a", Silent())) == []
 
 
-def test_the_same_sightings_give_the_same_bytes(rig, board, poses):
+def test_the_same_detections_give_the_same_bytes(rig, board, poses):
     own = make_detections(rig, board, poses, noise_px=0.1)
     turned = own.restrict(reversed(rig.cameras), own.frames)
     rigs = [solve_hierarchy(s, board, "b", Silent()).rig for s in (own, own, turned)]
@@ -130,7 +132,7 @@ def test_the_same_sightings_give_the_same_bytes(rig, board, poses):
         assert len({r.cam_from_core[name].translation_mm.tobytes() for r in rigs[:2]}) == 1
 
 
-def test_opencv_gets_its_threads_back(rig, board, poses):
+def test_the_number_of_opencv_threads_is_restored(rig, board, poses):
     before = cv2.getNumThreads()
     solve_hierarchy(make_detections(rig, board, poses), board, None, Silent())
     assert cv2.getNumThreads() == before

@@ -14,8 +14,8 @@ from synthetic.detections import make_detections
 NOISE_PX = 0.05
 
 
-def bent(rig, board, poses, amount_mm, seed):
-    """Sightings of a board that bends anew in every frame."""
+def detect_bending_board(rig, board, poses, amount_mm, seed):
+    """Return detections of a board that bends differently in every frame."""
     own, rng = make_detections(rig, board, poses, NOISE_PX, seed), np.random.default_rng(1000 + seed)
     corners = corner_points_mm(board)
     x, y = ((corners - corners.mean(axis=0)) / np.ptp(corners, axis=0).max())[:, :2].T
@@ -48,10 +48,10 @@ def test_independent_noise_needs_no_inflation(rig, board, poses):
     assert max(raised) < 2
 
 
-def test_a_board_that_bends_between_views_is_noticed_and_sigma_stays_true(rig, board, poses):
+def test_a_board_that_bends_between_views_inflates_sigma_to_the_true_error(rig, board, poses):
     errors, sigmas, raised = [], [], []
     for seed in range(8):
-        each = found(rig, board, bent(rig, board, poses, 0.5, seed))
+        each = found(rig, board, detect_bending_board(rig, board, poses, 0.5, seed))
         covariance = compute_rig_covariance(each)
         sigma = compute_depth_sigma(each.rig, covariance.matrix, 650.0, columns=9)
         x, y = np.meshgrid(sigma.x_mm, sigma.y_mm)

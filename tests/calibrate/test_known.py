@@ -1,4 +1,4 @@
-"""Intrinsics that are given are held."""
+"""Calibration with given intrinsics, which are fixed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from synthetic.detections import make_detections
 NOISE_PX = 0.1
 
 
-def test_given_intrinsics_are_held_and_make_the_rig_better(rig, board, poses):
+def test_given_intrinsics_are_fixed_and_improve_the_rig(rig, board, poses):
     own = make_detections(rig, board, poses[:6], NOISE_PX)
     free = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board).rig
     held = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent(), known=rig.cameras), board).rig

@@ -13,12 +13,12 @@ class Curve:
         self.errors, self.jacobian = errors, jacobian
         self.costs = []
 
-    def cost(self, x):
+    def compute_cost(self, x):
         return 0.5 * float((self.errors(x) ** 2).sum())
 
     def linearise(self, x):
-        self.costs.append(self.cost(x))
-        return Linear(self.cost(x), self.errors(x), self.jacobian(x))
+        self.costs.append(self.compute_cost(x))
+        return Linear(self.compute_cost(x), self.errors(x), self.jacobian(x))
 
     def apply_step(self, x, step):
         return x + step
@@ -51,25 +51,25 @@ def test_a_linear_problem_takes_one_step_and_a_check():
     assert found.iterations <= 3
 
 
-def test_finds_the_end_of_a_curved_valley():
+def test_the_minimum_of_a_curved_valley_is_reached():
     found = minimise(rosenbrock(), np.array([-1.2, 1.0]))
     np.testing.assert_allclose(found.state, [1, 1], atol=1e-6)
     assert found.converged
 
 
-def test_every_accepted_step_makes_the_cost_smaller():
+def test_every_accepted_step_lowers_the_cost():
     curve = rosenbrock()
     minimise(curve, np.array([-1.9, 2.0]))
     assert all(later < earlier for earlier, later in zip(curve.costs, curve.costs[1:], strict=False))
 
 
-def test_stops_when_it_may_not_go_on():
+def test_the_iteration_limit_ends_the_minimisation():
     found = minimise(rosenbrock(), np.array([-1.2, 1.0]), Damping(iterations=2))
     assert not found.converged
     assert found.iterations == 2
 
 
 @pytest.mark.parametrize("start", [1e-12, 1.0, 1e6])
-def test_the_end_does_not_depend_on_the_first_damping(start):
+def test_the_minimum_does_not_depend_on_the_first_damping(start):
     found = minimise(rosenbrock(), np.array([-1.2, 1.0]), Damping(start=start, iterations=500))
     np.testing.assert_allclose(found.state, [1, 1], atol=1e-5)

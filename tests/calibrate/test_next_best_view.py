@@ -14,27 +14,27 @@ from synthetic.detections import make_detections
 NOISE_PX = 0.1
 
 
-def found_from(rig, board, poses, seed=0):
+def calibrate_poses(rig, board, poses, seed=0):
     own = make_detections(rig, board, poses, NOISE_PX, seed)
     return adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board)
 
 
 @pytest.fixture(scope="module")
 def few(rig, board, poses):
-    return found_from(rig, board, poses[:6])
+    return calibrate_poses(rig, board, poses[:6])
 
 
-def test_promises_what_the_view_then_brings(rig, board, poses, few):
+def test_the_predicted_sigma_equals_the_sigma_with_the_view(rig, board, poses, few):
     following = find_next_best_view(few, compute_rig_covariance(few))
     assert following is not None
     assert not following.is_sufficient
     assert following.sigma_then_mm < following.sigma_now_mm
-    more = found_from(rig, board, [*poses[:6], following.core_from_board])
+    more = calibrate_poses(rig, board, [*poses[:6], following.core_from_board])
     again = find_next_best_view(more, compute_rig_covariance(more))
     assert again.sigma_now_mm == pytest.approx(following.sigma_then_mm, rel=0.25)
 
 
-def test_the_board_would_be_where_it_says(rig, board, few):
+def test_the_description_fits_the_pose(rig, board, few):
     following = find_next_best_view(few, compute_rig_covariance(few))
     assert len(following.seen_by) >= 2
     center = following.core_from_board.apply(few.geometry.points_mm).mean(axis=0)
@@ -43,14 +43,14 @@ def test_the_board_would_be_where_it_says(rig, board, few):
     assert following.describe().startswith("Next, hold the board in the ")
 
 
-def test_many_views_leave_less_to_gain(rig, board, poses, few):
-    found = found_from(rig, board, [pose for _ in range(4) for pose in poses])
+def test_many_views_leave_less_improvement(rig, board, poses, few):
+    found = calibrate_poses(rig, board, [pose for _ in range(4) for pose in poses])
     now, before = (find_next_best_view(each, compute_rig_covariance(each)) for each in (found, few))
     assert now.sigma_now_mm < 0.5 * before.sigma_now_mm
     assert now.sigma_then_mm / now.sigma_now_mm > before.sigma_then_mm / before.sigma_now_mm
 
 
-def test_says_when_it_is_enough(rig, board, few):
+def test_sufficient_views_are_reported(rig, board, few):
     following = find_next_best_view(few, compute_rig_covariance(few))
     little = replace(following, sigma_then_mm=0.98 * following.sigma_now_mm)
     assert little.is_sufficient

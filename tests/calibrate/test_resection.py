@@ -35,7 +35,7 @@ def test_more_cameras_give_a_better_pose(rig, board, poses):
     assert np.mean(all_of_them) < 0.6 * np.mean(one)
 
 
-def test_is_a_minimum(rig, board, poses):
+def test_the_pose_is_a_minimum(rig, board, poses):
     own = make_detections(rig, board, poses, 0.2)
     views = {n: v["05"] for n, v in own.views.items() if "05" in v}
     corners = corner_points_mm(board)

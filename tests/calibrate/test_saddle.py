@@ -23,7 +23,7 @@ def start(count: int = 1) -> Saddles:
 
 
 @pytest.mark.parametrize("column", range(9))
-def test_derivatives_are_what_small_steps_make(column):
+def test_derivatives_equal_numeric_ones(column):
     around = windows()
     step = np.zeros((1, 9))
     step[0, column] = 1e-6
@@ -32,7 +32,7 @@ def test_derivatives_are_what_small_steps_make(column):
     np.testing.assert_allclose(derivatives[:, column], (plus - minus) / 2e-6, atol=2e-6)
 
 
-def test_an_undisturbed_corner_is_found_exactly():
+def test_an_exact_corner_is_fitted_exactly():
     found, rms = fit_saddles(windows(), start())
     np.testing.assert_allclose(found.offset_px, TRUE[:, :2], atol=1e-4)
     assert found.blur_px == pytest.approx(0.8, abs=1e-3)
@@ -40,7 +40,7 @@ def test_an_undisturbed_corner_is_found_exactly():
     assert rms < 0.05
 
 
-def test_noise_moves_it_as_far_as_information_allows():
+def test_noise_displaces_corners_to_the_cramer_rao_bound():
     noise, count = 2.0, 400
     around = windows(noise, count=count)
     found, rms = fit_saddles(around, start(count))
@@ -53,7 +53,7 @@ def test_noise_moves_it_as_far_as_information_allows():
     assert rms.mean() == pytest.approx(noise, rel=0.03)
 
 
-def test_pixels_that_do_not_count_change_nothing():
+def test_unused_pixels_have_no_effect():
     clean = windows(1.0)
     spoiled = np.where(clean.x > 5, 255.0, clean.values)
     used = (clean.x <= 5).astype(float)
@@ -62,7 +62,7 @@ def test_pixels_that_do_not_count_change_nothing():
     np.testing.assert_array_equal(found.parameters, same.parameters)
 
 
-def test_one_hopeless_corner_does_not_disturb_the_others():
+def test_one_corner_without_a_fit_does_not_disturb_the_others():
     both = windows(1.0, count=2)
     values = both.values.copy()
     values[1] = 255.0

@@ -14,7 +14,7 @@ from synthetic.detections import make_detections
 NOISE_PX = 0.1
 
 
-def test_the_true_rig_scores_nothing_on_exact_views(rig, board, poses):
+def test_the_true_rig_has_no_errors_on_exact_views(rig, board, poses):
     found = summarise_errors(compute_rig_errors(rig, make_detections(rig, board, poses), board, load()))
     assert (found.views, found.frames, found.corners) == (48, 12, 48 * 35)
     assert found.rms_px < 1e-5
@@ -32,7 +32,7 @@ def test_a_rig_that_is_one_percent_too_large_shows_on_the_squares(rig, board, po
     assert found.planarity_rms_mm < 1e-4
 
 
-def test_the_true_rig_scores_the_noise(rig, board, poses):
+def test_the_errors_of_the_true_rig_equal_the_noise(rig, board, poses):
     found = summarise_errors(
         compute_rig_errors(rig, make_detections(rig, board, poses, NOISE_PX), board, load())
     )
@@ -42,7 +42,7 @@ def test_the_true_rig_scores_the_noise(rig, board, poses):
     assert 0.05 < found.square_rms_mm < 0.5
 
 
-def test_residuals_are_found_minus_projected(rig, board, poses):
+def test_residuals_are_detected_minus_projected(rig, board, poses):
     seen = make_detections(rig, board, poses, NOISE_PX)
     evidence = compute_rig_errors(rig, seen, board, load())
     view = evidence.residuals["c"]["05"]
@@ -51,7 +51,7 @@ def test_residuals_are_found_minus_projected(rig, board, poses):
     assert view.rms_px == pytest.approx(np.sqrt((view.errors_px**2).sum(axis=1).mean()))
 
 
-def test_frames_that_one_camera_sees_do_not_count(rig, board, poses):
+def test_frames_that_one_camera_sees_are_not_scored(rig, board, poses):
     frames = {"a": range(12), "b": range(5), "c": (), "d": ()}
     found = summarise_errors(
         compute_rig_errors(rig, make_detections(rig, board, poses, seen_by=frames), board, load())
@@ -59,7 +59,7 @@ def test_frames_that_one_camera_sees_do_not_count(rig, board, poses):
     assert (found.frames, found.views) == (5, 10)
 
 
-def test_no_shared_frame_is_told(rig, board, poses):
+def test_missing_shared_frames_are_refused(rig, board, poses):
     frames = {"a": range(6), "b": range(6, 12), "c": (), "d": ()}
     with pytest.raises(CalibrationError) as error:
         compute_rig_errors(rig, make_detections(rig, board, poses, seen_by=frames), board, load())
@@ -68,7 +68,7 @@ def test_no_shared_frame_is_told(rig, board, poses):
     )
 
 
-def test_held_out_views_are_judged_by_a_rig_that_never_saw_them(rig, board, poses):
+def test_cross_validation_scores_held_out_views(rig, board, poses):
     found = cross_validate(make_detections(rig, board, poses, NOISE_PX), board, "b", load())
     assert found is not None
     assert (found.score.frames, found.score.views) == (12, 48)  # both halves, each judged once
@@ -76,7 +76,7 @@ def test_held_out_views_are_judged_by_a_rig_that_never_saw_them(rig, board, pose
     assert 0.3 < found.split_ratio < 2.0
 
 
-def test_too_few_frames_give_no_held_out_score(rig, board, poses):
+def test_cross_validation_of_too_few_frames_is_none(rig, board, poses):
     assert cross_validate(make_detections(rig, board, poses[:5], NOISE_PX), board, "b", load()) is None
 
 

@@ -1,4 +1,4 @@
-"""A camera whose images carry the names of other instants is found and named, whichever way they were mixed up."""
+"""Cameras whose images carry the names of other instants are reported, for any permutation of the names."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def own(rig, board):
     return make_detections(rig, board, board_poses(board, FRAMES, seed=7), 0.1)
 
 
-def blamed(
+def report_cameras(
     own: BoardDetections, rig, board, camera: str, source: dict[int, int]
 ) -> list[tuple[str, int | None]]:
-    """Who is named when one camera's image ``source[k]`` carries the name of frame k."""
+    """Return the cameras reported if one camera's image ``source[k]`` carries the name of frame k."""
     views = {f"{k:02d}": own.views[camera][f"{i:02d}"] for k, i in sorted(source.items())}
     mixed = BoardDetections(own.sizes_px, {**own.views, camera: views}, own.images)
     points = corner_points_mm(board)
@@ -34,19 +34,19 @@ def blamed(
 @pytest.mark.parametrize("camera", ["a", "b", "d"])
 @pytest.mark.parametrize("shift", [-2, -1, 0, 1, 2])
 @pytest.mark.parametrize("around", [False, True], ids=["cut off", "going round"])
-def test_a_shifted_camera_is_named_with_its_shift(own, rig, board, camera, shift, around):
+def test_a_shifted_camera_is_reported_with_its_shift(own, rig, board, camera, shift, around):
     source = {k: (k - shift) % FRAMES for k in range(FRAMES) if around or 0 <= k - shift < FRAMES}
-    assert blamed(own, rig, board, camera, source) == ([(camera, shift)] if shift else [])
+    assert report_cameras(own, rig, board, camera, source) == ([(camera, shift)] if shift else [])
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_shuffled_camera_is_named(own, rig, board, seed):
+def test_a_shuffled_camera_is_reported(own, rig, board, seed):
     order = np.random.default_rng(seed).permutation(FRAMES)
     camera = "abcd"[seed % 4]
-    assert blamed(own, rig, board, camera, dict(enumerate(order.tolist()))) == [(camera, None)]
+    assert report_cameras(own, rig, board, camera, dict(enumerate(order.tolist()))) == [(camera, None)]
 
 
-def test_two_shifted_cameras_of_four_are_both_named(rig, board, own):
+def test_two_shifted_cameras_of_four_are_both_reported(rig, board, own):
     mixed = BoardDetections(own.sizes_px, own.views, own.images)
     for camera in "cd":
         views = {f"{k:02d}": mixed.views[camera][f"{k - 1:02d}"] for k in range(1, FRAMES)}
@@ -58,7 +58,7 @@ def test_two_shifted_cameras_of_four_are_both_named(rig, board, own):
     assert [(m.camera, m.shift, m.others) for m in found] == [("c", 1, ("a", "b")), ("d", 1, ("a", "b"))]
 
 
-def test_two_shuffled_cameras_are_both_named(rig, board, own):
+def test_two_shuffled_cameras_are_both_reported(rig, board, own):
     views = dict(own.views)
     for camera, seed in (("b", 1), ("d", 2)):
         order = np.random.default_rng(seed).permutation(FRAMES)

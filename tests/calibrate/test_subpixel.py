@@ -23,7 +23,7 @@ def pose(board, roll=0.1, tilt=0.4):
 
 
 def errors(image, board, at, seed=0, gap=None):
-    """(n, 2) of corners that were looked for half a pixel off, and which of them are left."""
+    """Return errors (n, 2) of corners that start half a pixel off, and which of them remain."""
     true = LENS.project(at.apply(corner_points_mm(board)))
     off = np.random.default_rng(seed).uniform(-0.5, 0.5, true.shape)
     if gap is None:
@@ -36,7 +36,7 @@ def errors(image, board, at, seed=0, gap=None):
 @pytest.mark.parametrize("board", [CHARUCO, CHESSBOARD], ids=["charuco", "chessboard"])
 @pytest.mark.parametrize("blur_px", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("roll", [0.1, 0.8])
-def test_to_a_hundredth_of_a_pixel_whatever_the_focus(board, blur_px, roll):
+def test_corners_are_refined_to_a_hundredth_of_a_pixel_at_any_focus(board, blur_px, roll):
     at = pose(board, roll)
     error, ids = errors(view(LENS, at, board, Print(blur_px=blur_px)), board, at)
     assert len(ids) == len(corner_points_mm(board))
@@ -44,7 +44,7 @@ def test_to_a_hundredth_of_a_pixel_whatever_the_focus(board, blur_px, roll):
     assert np.abs(error.mean(axis=0)).max() < 0.01
 
 
-def test_ink_that_bleeds_moves_nothing():
+def test_bleeding_ink_does_not_displace_corners():
     at = pose(CHESSBOARD)
     image = view(LENS, at, CHESSBOARD, Print(noise=0.0))
     bled = cv2.GaussianBlur(cv2.erode(image, np.ones((3, 3), np.uint8)), (0, 0), 0.7)  # dark grows by a pixel
@@ -54,7 +54,7 @@ def test_ink_that_bleeds_moves_nothing():
     assert np.sqrt((error**2).mean()) < 0.08
 
 
-def test_gamma_moves_nothing():
+def test_gamma_does_not_displace_corners():
     at = pose(CHARUCO)
     image = 255 * (view(LENS, at, CHARUCO, Print(noise=0.3)) / 255.0) ** 0.45
     error, _ = errors(image, CHARUCO, at)
@@ -62,7 +62,7 @@ def test_gamma_moves_nothing():
     assert np.sqrt((error**2).mean()) < 0.03
 
 
-def test_a_covered_corner_goes():
+def test_a_covered_corner_is_dropped():
     at = pose(CHARUCO)
     image = view(LENS, at, CHARUCO)
     u, v = np.rint(LENS.project(at.apply(corner_points_mm(CHARUCO)))[17]).astype(int)
@@ -73,6 +73,6 @@ def test_a_covered_corner_goes():
     assert np.sqrt((error**2).mean()) < 0.02
 
 
-def test_nothing_is_found_in_an_empty_picture():
+def test_an_empty_image_gives_no_corners():
     _, ids = errors(np.full((400, 480), 128.0), CHARUCO, pose(CHARUCO))
     assert len(ids) == 0

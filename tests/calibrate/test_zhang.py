@@ -11,7 +11,7 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.rig import Rig
 from beltscape.target.board import corner_points_mm
 from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections, spoiled
+from synthetic.detections import make_detections, replace_view
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +34,13 @@ def test_without_noise_the_camera_is_recovered(rig, board, poses, board_mm):
             assert np.linalg.norm(offset.translation_mm) < 0.01
 
 
-def test_the_residual_is_the_noise(rig, board, poses, board_mm):
+def test_the_rms_equals_the_noise(rig, board, poses, board_mm):
     found = calibrate_camera("a", make_detections(rig, board, poses, noise_px=0.1), board_mm)
     assert found.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
     assert set(found.view_rms_px) == set(found.cam_from_board)
 
 
-def test_sigma_says_how_far_off_the_parameters_are(rig, board, poses, board_mm):
+def test_sigma_equals_the_errors_of_the_parameters(rig, board, poses, board_mm):
     deviations = []
     for seed in range(10):
         found = calibrate_camera("a", make_detections(rig, board, poses, noise_px=0.1, seed=seed), board_mm)
@@ -52,7 +52,7 @@ def test_sigma_says_how_far_off_the_parameters_are(rig, board, poses, board_mm):
     assert 0.6 < float(np.sqrt(np.mean(np.square(deviations)))) < 1.5
 
 
-def test_k3_is_set_free_where_the_images_show_it(rig, board, poses, board_mm):
+def test_k3_is_estimated_if_the_images_determine_it(rig, board, poses, board_mm):
     lens = replace(rig.cameras["a"], distortion=np.array([-0.3, 0.15, 0.0, 0.0, -0.2]))
     bent = Rig("a", {"a": lens}, {"a": rig.cam_from_core["a"]})
     many = [*poses, *board_poses(board, 12, distance_mm=520, seed=9)]
@@ -61,10 +61,10 @@ def test_k3_is_set_free_where_the_images_show_it(rig, board, poses, board_mm):
     assert found.camera.distortion[4] == pytest.approx(-0.2, abs=4 * found.sigma["k3"])
 
 
-def test_a_view_that_does_not_fit_is_left_out_and_named(rig, board, poses, board_mm):
+def test_a_view_that_does_not_fit_is_rejected_and_reported(rig, board, poses, board_mm):
     clean = make_detections(rig, board, poses, noise_px=0.05)
     rng = np.random.default_rng(0)
-    bad = spoiled(clean, "a", "03", clean.views["a"]["03"].pixels + rng.normal(0, 3, (35, 2)))
+    bad = replace_view(clean, "a", "03", clean.views["a"]["03"].pixels + rng.normal(0, 3, (35, 2)))
     found = calibrate_camera("a", bad, board_mm)
     assert list(found.rejected) == ["03"]
     assert "03" not in found.cam_from_board
@@ -77,11 +77,11 @@ def test_a_rejected_view_is_compared_with_the_median_view(rig, board, poses, boa
     own = make_detections(rig, board, poses)
     pixels = own.views["a"]["03"].pixels.copy()
     pixels[17] += [6.0, 0.0]  # one corner of 35 is off: RMS 1.0 px, while the others fit to 0.0 px
-    found = calibrate_camera("a", spoiled(own, "a", "03", pixels), board_mm)
+    found = calibrate_camera("a", replace_view(own, "a", "03", pixels), board_mm)
     assert re.fullmatch(r"reprojection RMS 0\.9\d px, the median view has 0\.0\d px", found.rejected["03"])
 
 
-def test_too_few_views_are_told(rig, board, poses, board_mm):
+def test_too_few_views_are_refused(rig, board, poses, board_mm):
     seen = make_detections(
         rig, board, poses, seen_by={n: (range(2) if n == "b" else range(12)) for n in rig.cameras}
     )
@@ -92,7 +92,7 @@ def test_too_few_views_are_told(rig, board, poses, board_mm):
     )
 
 
-def test_a_board_seen_in_part_is_enough(board, board_mm):
+def test_partly_visible_boards_suffice(board, board_mm):
     rig = row_of_cameras(["a"])
     near = board_poses(board, 14, distance_mm=420, seed=2)
     seen = make_detections(rig, board, near, noise_px=0.02)

@@ -1,4 +1,4 @@
-"""Bundle problems with a known answer."""
+"""Bundle adjustment problems with a known solution."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from beltscape.target.board import corner_points_mm
 from synthetic.detections import make_detections
 
 
-def problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_sigma_mm=0.0):
-    """Observations with noise, the true geometry, and a prior that frees all but k3."""
+def make_problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_sigma_mm=0.0):
+    """Return noisy observations, the true geometry, and a prior that leaves all parameters but k3 free."""
     nominal = corner_points_mm(board)
     true_points = nominal if points_mm is None else points_mm
     rng = np.random.default_rng(seed)

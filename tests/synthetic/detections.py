@@ -1,4 +1,4 @@
-"""Board corners without images: projected exactly, then disturbed by known noise."""
+"""Board corners without images: exact projections with known noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def make_detections(
     rig: Rig, board: Board, poses: Sequence[Pose], noise_px: float = 0.0, seed: int = 0,
     seen_by: Mapping[str, Sequence[int]] | None = None,
 ) -> BoardDetections:  # fmt: skip
-    """Every camera's corners of every board inside its image; ``seen_by`` limits a camera to some frames."""
+    """Return every camera's corners of every board inside its image; ``seen_by`` limits a camera to some frames."""
     board_mm = corner_points_mm(board)
     rng = np.random.default_rng(seed)
     views: dict[str, dict[str, Corners]] = {}
@@ -27,7 +27,7 @@ def make_detections(
             noise = rng.normal(0, noise_px, (len(board_mm), 2))
             if seen_by is not None and i not in seen_by[name]:
                 continue
-            corners = seen(rig, name, pose, board_mm, noise)
+            corners = project_corners(rig, name, pose, board_mm, noise)
             if len(corners) >= 8:
                 views[name][f"{i:02d}"] = corners
     return BoardDetections(
@@ -35,18 +35,20 @@ def make_detections(
     )
 
 
-def seen(
+def project_corners(
     rig: Rig, name: str, pose: Pose, board_mm: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> Corners:
-    """The corners of one board that lie in one camera's image."""
+    """Return the corners of one board inside one camera's image, with noise."""
     camera = rig.cameras[name]
     pixels = camera.project((rig.cam_from_core[name] @ pose).apply(board_mm)) + noise
     inside = ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
     return Corners(np.flatnonzero(inside).astype(np.int64), pixels[inside])
 
 
-def spoiled(own: BoardDetections, camera: str, frame: str, pixels: NDArray[np.float64]) -> BoardDetections:
-    """The same sightings with other pixels in one view."""
+def replace_view(
+    own: BoardDetections, camera: str, frame: str, pixels: NDArray[np.float64]
+) -> BoardDetections:
+    """Return the detections with other pixels in one view."""
     views = {name: dict(frames) for name, frames in own.views.items()}
     views[camera][frame] = Corners(views[camera][frame].ids, pixels)
     return BoardDetections(own.sizes_px, views, own.images)

@@ -27,6 +27,7 @@ from beltscape.target.board import Board, corner_points_mm
 Array = NDArray[np.float64]
 
 ROBUST_ROUNDS = 4
+"""Rounds of reweighting with Student's t."""
 MAX_NOISE_RATIO = 1.5
 """Largest ratio of a camera's noise to the rig's, and of the rig's to a camera's."""
 MISFIT_FACTOR, MISFIT_PX = 1.6, 0.15

@@ -36,6 +36,7 @@ TILTS = {
 MIN_GAIN = 0.05
 """Least relative decrease of σ for which a further view is recommended."""
 MIN_CORNERS = 8
+"""Least number of visible corners for a camera to see the board."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

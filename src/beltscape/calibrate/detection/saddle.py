@@ -11,11 +11,13 @@ from scipy.special import erf
 Array = NDArray[np.float64]
 
 PARAMETERS = 9
+"""Parameters of a corner."""
 BLUR_PX = 0.3, 8.0
 """Bounds of the blur: about a pixel's own width, and a blur in which no corner is visible."""
 CONVERGED_PX = 5e-4
 """The fit has converged if all corners move by less."""
 MAX_STEPS = 10
+"""Iterations of the fit at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

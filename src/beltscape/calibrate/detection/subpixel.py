@@ -14,10 +14,13 @@ Array = NDArray[np.float64]
 WINDOW_REACH = 0.7
 """Reach of a window along the edges, in squares; the next corner's edges begin at 1."""
 MAX_RADIUS_PX = 12
+"""Largest radius of a window."""
 MARGIN_BLURS = 2.0
 """Distance of a window, in blurs, from structures outside the model: markers, the next corner's edges."""
 START_BLUR_PX = 1.0
+"""Start value of the blur."""
 MIN_PIXELS = 30
+"""Least number of pixels in a window."""
 MAX_SHIFT_PX, MAX_SHIFT = 1.5, 0.05
 """A corner that moves by more px, and by a larger share of the square, has converged to another structure."""
 MAX_RESIDUAL = 0.25

@@ -66,7 +66,7 @@ def unify_numbering(
     ambiguities: list[str] = []
     links: _Links = {}
     while (link := _find_strongest_link(groups, turns, links)) is not None:
-        if not link.agreement.unambiguous:
+        if not link.consensus.unambiguous:
             ambiguities.append(_describe_ambiguity(link, board))
         joined = _join_groups(link)
         groups = [joined if g is link.first else g for g in groups if g is not link.second]
@@ -104,13 +104,13 @@ class _Link:
     """The first group's instant k is the second's k + shift."""
     shared: tuple[int, ...]
     """Instants of the first group."""
-    agreement: PoseConsensus
+    consensus: PoseConsensus
 
     @property
     def strength(self) -> tuple[bool, bool, int, float]:
         """Sort key; links with greater strength are joined first."""
-        found = self.agreement
-        return found.unambiguous, self.shift == 0, found.instants, -found.rms_mm
+        consensus = self.consensus
+        return consensus.unambiguous, self.shift == 0, consensus.instants, -consensus.rms_mm
 
 
 _Links = dict[tuple[tuple[str, ...], tuple[str, ...]], _Link | None]
@@ -120,7 +120,7 @@ _Links = dict[tuple[tuple[str, ...], tuple[str, ...]], _Link | None]
 def _make_single_group(
     name: str,
     detections: BoardDetections,
-    own: MonocularCalibration,
+    camera: MonocularCalibration,
     frames: Sequence[str],
     corners_mm: Array,
     board: Board,
@@ -131,13 +131,13 @@ def _make_single_group(
     number = {frame: k for k, frame in enumerate(frames)}
     instants: dict[int, tuple[_View, ...]] = {}
     for frame, corners in detections.views[name].items():
-        pose = own.cam_from_board.get(frame) or _fit_board_pose(own, corners, corners_mm)
+        pose = camera.cam_from_board.get(frame) or _fit_board_pose(camera, corners, corners_mm)
         instants[number[frame]] = (_View(name, number[frame], 0, pose.apply(outer)),)
     return _Group((name,), instants)
 
 
-def _fit_board_pose(own: MonocularCalibration, corners: Corners, corners_mm: Array) -> Pose:
-    ideal = own.camera.undistort(corners.pixels)
+def _fit_board_pose(camera: MonocularCalibration, corners: Corners, corners_mm: Array) -> Pose:
+    ideal = camera.camera.undistort(corners.pixels)
     _, rotation, shift = cv2.solvePnP(
         corners_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
     )
@@ -146,30 +146,30 @@ def _fit_board_pose(own: MonocularCalibration, corners: Corners, corners_mm: Arr
 
 def _find_strongest_link(groups: Sequence[_Group], turns: tuple[int, ...], links: _Links) -> _Link | None:
     """Return the link of the two groups that agree best; None if none do. ``links`` caches the tested ones."""
-    found: list[_Link] = []
+    candidates: list[_Link] = []
     for first, second in combinations(groups, 2):
         key = first.cameras, second.cameras
         if key not in links:
             links[key] = _link_groups(first, second, turns)
         link = links[key]
         if link is not None:
-            found.append(link)
-    return max(found, key=lambda link: link.strength, default=None)
+            candidates.append(link)
+    return max(candidates, key=lambda link: link.strength, default=None)
 
 
 def _link_groups(first: _Group, second: _Group, turns: tuple[int, ...]) -> _Link | None:
     """Return the link of two groups in the same frames, or in shifted frames if these fit far better."""
     plain = _link_shifted(first, second, 0, turns)
-    if plain is not None and plain.agreement.rms_mm < LOOSE_FIT * _diagonal_mm(first):
+    if plain is not None and plain.consensus.rms_mm < LOOSE_FIT * _diagonal_mm(first):
         return plain
     others = [
         link for shift in SHIFTS if shift and (link := _link_shifted(first, second, shift, turns)) is not None
     ]
-    clear = [link for link in others if len(link.shared) >= MIN_FRAMES and link.agreement.unambiguous]
-    best = min(clear, key=lambda link: link.agreement.rms_mm, default=plain)
+    clear = [link for link in others if len(link.shared) >= MIN_FRAMES and link.consensus.unambiguous]
+    best = min(clear, key=lambda link: link.consensus.rms_mm, default=plain)
     if plain is None or best is None:
         return best
-    return best if best.agreement.rms_mm < CLEAR_IMPROVEMENT * plain.agreement.rms_mm else plain
+    return best if best.consensus.rms_mm < CLEAR_IMPROVEMENT * plain.consensus.rms_mm else plain
 
 
 def _link_shifted(first: _Group, second: _Group, shift: int, turns: tuple[int, ...]) -> _Link | None:
@@ -182,8 +182,8 @@ def _link_shifted(first: _Group, second: _Group, shift: int, turns: tuple[int, .
         for one, other in product(first.instants[k], second.instants[k + shift])
     ]
     instants, ones, others = (np.array(column) for column in zip(*seen, strict=True))
-    agreement = find_pose_consensus(ones, others, instants, turns)
-    return None if agreement is None else _Link(first, second, shift, shared, agreement)
+    consensus = find_pose_consensus(ones, others, instants, turns)
+    return None if consensus is None else _Link(first, second, shift, shared, consensus)
 
 
 def _diagonal_mm(group: _Group) -> float:
@@ -193,10 +193,10 @@ def _diagonal_mm(group: _Group) -> float:
 
 def _join_groups(link: _Link) -> _Group:
     """Return both groups in the first's axes, with the second's numbering turned to agree in shared frames."""
-    first_from_second = link.agreement.second_from_first.inverse()
+    first_from_second = link.consensus.second_from_first.inverse()
     instants = dict(link.first.instants)
     for k, views in link.second.instants.items():
-        turn = link.agreement.turns.get(k - link.shift, 0)
+        turn = link.consensus.turns.get(k - link.shift, 0)
         moved = tuple(
             replace(
                 view,
@@ -241,8 +241,8 @@ def _renumber_views(
     """Return views and board poses after the quarter turns."""
     if not turned:
         return Numbering(detections, monocular, ambiguous=ambiguities)
-    views = {name: dict(own) for name, own in detections.views.items()}
-    poses = {name: dict(own.cam_from_board) for name, own in monocular.items()}
+    views = {name: dict(frame_views) for name, frame_views in detections.views.items()}
+    poses = {name: dict(camera.cam_from_board) for name, camera in monocular.items()}
     renumbered = sorted((detections.cameras.index(name), k) for name, k in turned)
     named = tuple((detections.cameras[index], frames[k]) for index, k in renumbered)
     for (name, frame), (_, k) in zip(named, renumbered, strict=True):
@@ -252,7 +252,7 @@ def _renumber_views(
             poses[name][frame] = poses[name][frame] @ make_board_turn(board, turn)
     return Numbering(
         replace(detections, views=views),
-        {name: replace(own, cam_from_board=poses[name]) for name, own in monocular.items()},
+        {name: replace(camera, cam_from_board=poses[name]) for name, camera in monocular.items()},
         named,
         ambiguities,
     )

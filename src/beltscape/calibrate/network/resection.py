@@ -54,7 +54,7 @@ class ResectionProblem:
         self.lenses, self.points_mm, self.pixels = lenses, points_mm, pixels
         self.rotations, self.shifts = cam_from_core[:, :, :3], cam_from_core[:, :, 3]
 
-    def cost(self, state: Pose) -> float:
+    def compute_cost(self, state: Pose) -> float:
         """Return half the sum of squares."""
         errors = (
             project_points(self._transform_to_cameras(state.apply(self.points_mm)), self.lenses) - self.pixels

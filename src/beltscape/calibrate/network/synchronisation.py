@@ -15,6 +15,7 @@ from beltscape.core.pose import Pose
 SHIFTS = range(-3, 4)
 """Frame shifts that are tested."""
 MIN_FRAMES = 5
+"""Least number of shared frames for a scatter."""
 CLEAR_IMPROVEMENT = 0.2
 """A shift is accepted if it leaves less than this share of the scatter."""
 MAX_SCATTER = 0.05

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 INTRINSICS = 9
+"""Number of intrinsics of a camera."""
 LENS, CAMERA, BOARD = slice(0, 9), slice(9, 15), slice(15, 21)
 """Rows of a corner's derivatives by the lens and pose of its camera and by the pose of its board."""
 GAUGE = 1e8
@@ -59,7 +60,7 @@ class Bundle:
             - self.observations.pixels
         )
 
-    def cost(self, state: Geometry) -> float:
+    def compute_cost(self, state: Geometry) -> float:
         """Return half the weighted sum of squares of corners and priors."""
         standardised = self.compute_errors_px(state) / self.observations.sigma_px[:, None]
         return 0.5 * float((self.weights[:, None] * standardised**2).sum()) + self._compute_prior_cost(state)

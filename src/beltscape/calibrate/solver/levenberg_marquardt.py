@@ -29,7 +29,7 @@ class LinearisedProblem(Protocol):
 class Problem(Protocol[State]):
     """A least-squares problem over a state, which need not be a vector space."""
 
-    def cost(self, state: State) -> float:
+    def compute_cost(self, state: State) -> float:
         """Return F at a state."""
         ...
 
@@ -90,7 +90,7 @@ def minimise(problem: Problem[State], state: State, damping: Damping | None = No
         if not predicted > max(rule.tolerance * linear.cost, negligible):
             return Minimum(state, linear.cost, iteration, converged=True)
         candidate = problem.apply_step(state, step)
-        cost = problem.cost(candidate)
+        cost = problem.compute_cost(candidate)
         gain = (linear.cost - cost) / predicted if np.isfinite(cost) else -np.inf
         if gain > rule.high:
             lam = max(lam / rule.fall, 1e-12)

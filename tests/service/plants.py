@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
 from fastapi import FastAPI
 
 from beltscape.service.access import Access, AccessSettings
@@ -33,7 +31,7 @@ class ServiceParts:
     settings: WebSettings
     app: FastAPI
 
-    def browser(self, role: str = "") -> Callable[..., httpx.Response]:
+    def browser(self, role: str = "") -> Browser:
         """Return a browser signed in with that role; "": not signed in."""
         browser = Browser(self.app, "127.0.0.1")
         if role:

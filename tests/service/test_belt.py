@@ -11,7 +11,7 @@ from beltscape.service.view_models.belt import FILLED, UNKNOWN, BeltWindow, deco
 X = np.arange(-100, 101, 5).astype(np.float32)
 
 
-def stretch(start_mm: float, rows: int, height=None, *, cell_mm: float = 5.0, x=X) -> BeltStretch:
+def make_stretch(start_mm: float, rows: int, height=None, *, cell_mm: float = 5.0, x=X) -> BeltStretch:
     s = start_mm + np.arange(rows) * cell_mm
     load = np.broadcast_to((s[:, None] % 700) / 7, (rows, x.size)) if height is None else height
     return BeltStretch(start_mm, cell_mm, x, load.astype(np.float32), np.isfinite(load))
@@ -36,10 +36,10 @@ def test_heights_out_of_range_are_clipped_and_nan_is_unknown():
 def test_rows_do_not_depend_on_the_cutting_of_stretches(lengths, start):
     total = sum(lengths) + 4
     whole, pieces = BeltWindow(20, 10), BeltWindow(20, 10)
-    whole.add(stretch(start * 5, total))
+    whole.add(make_stretch(start * 5, total))
     at = start
     for length in [*lengths, 4]:
-        pieces.add(stretch(at * 5, length))
+        pieces.add(make_stretch(at * 5, length))
         at += length
     a, b = whole.get_rows_after(), pieces.get_rows_after()
     assert a is not None and b is not None
@@ -63,41 +63,41 @@ def test_cells_are_means_and_measured_from_half_on():
 
 def test_only_new_rows_are_returned_and_memory_is_bounded():
     window = BeltWindow(1, 10)
-    window.add(stretch(0, 101))
+    window.add(make_stretch(0, 101))
     mark = window.mark
     assert window.get_rows_after(mark) is None
-    window.add(stretch(505, 21))
+    window.add(make_stretch(505, 21))
     rows = window.get_rows_after(mark)
     assert rows is not None and rows.first == mark[1] and rows.first + len(rows.counts) == window.mark[1]
     for k in range(50):
-        window.add(stretch(610 + k * 105, 21))
+        window.add(make_stretch(610 + k * 105, 21))
     rows = window.get_rows_after((mark[0], 0))
     assert rows is not None and len(rows.counts) == 100
 
 
 def test_a_gap_is_unknown_and_a_step_back_starts_an_epoch():
     window = BeltWindow(20, 10)
-    window.add(stretch(0, 21))
-    window.add(stretch(400, 21))
+    window.add(make_stretch(0, 21))
+    window.add(make_stretch(400, 21))
     rows = window.get_rows_after()
     assert rows is not None
     known = (rows.counts != UNKNOWN).any(axis=1)
     assert known[:10].all() and not known[11:40].any() and known[40:].all()
     epoch = window.mark[0]
-    window.add(stretch(100, 21))
+    window.add(make_stretch(100, 21))
     fresh = window.get_rows_after((epoch, 40))
     assert fresh is not None and fresh.epoch == epoch + 1 and fresh.first == 10
 
 
 def test_another_grid_starts_an_epoch():
     window = BeltWindow(20, 10)
-    window.add(stretch(0, 21))
-    window.add(stretch(105, 21, x=X + 1))
+    window.add(make_stretch(0, 21))
+    window.add(make_stretch(105, 21, x=X + 1))
     assert window.mark[0] == 2
 
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_an_incomplete_row_is_not_returned(rows):
     window = BeltWindow(20, 10)
-    window.add(stretch(0, rows))
+    window.add(make_stretch(0, rows))
     assert window.get_rows_after() is None

@@ -9,7 +9,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 from beltscape.service.view_models.flow import FlowAverage
 
 
-def record(
+def make_record(
     volume_mm3: float, *, standing: Standing = "valid", length=200.0, speed=2000.0, density=1600.0
 ) -> BeltRecord:
     strip = None
@@ -23,7 +23,7 @@ def record(
 
 def test_flow_is_volume_over_time():
     flow = FlowAverage(1.0)
-    flow.add([record(1e7)] * 5 + [record(2e7)] * 10)  # each 0.1 s: the last second holds 2e7 only
+    flow.add([make_record(1e7)] * 5 + [make_record(2e7)] * 10)  # each 0.1 s: the last second holds 2e7 only
     now = flow.compute(2000.0)
     assert now.volume_m3_h == pytest.approx(2e7 / 0.1 * 3600e-9)
     assert now.sigma_m3_h == pytest.approx(0.01 * now.volume_m3_h)
@@ -36,25 +36,25 @@ def test_flow_is_volume_over_time():
 
 def test_unmeasured_belt_is_not_taken_for_empty():
     flow = FlowAverage(1.0)
-    flow.add([record(1e7)] * 5 + [record(0, standing="missing")] * 5)
+    flow.add([make_record(1e7)] * 5 + [make_record(0, standing="missing")] * 5)
     now = flow.compute(2000.0)
     assert now.volume_m3_h == pytest.approx(1e7 / 0.1 * 3600e-9)
     assert now.standing == "missing"
-    flow.add([record(0, standing="missing")] * 30)
+    flow.add([make_record(0, standing="missing")] * 30)
     assert isnan(flow.compute(2000.0).volume_m3_h)
 
 
 def test_a_stopped_belt_has_no_flow_and_an_unknown_speed_keeps_it():
     flow = FlowAverage(1.0)
     assert isnan(flow.compute(nan).volume_m3_h)
-    flow.add([record(1e7)] * 20)
+    flow.add([make_record(1e7)] * 20)
     assert flow.compute(0.0).volume_m3_h == 0
     assert flow.compute(nan).volume_m3_h > 0
 
 
 def test_mass_flow_is_nan_without_a_density():
     flow = FlowAverage(1.0)
-    flow.add([record(1e7, density=nan)] * 20)
+    flow.add([make_record(1e7, density=nan)] * 20)
     assert isnan(flow.compute(2000.0).mass_t_h)
     assert flow.compute(2000.0).volume_m3_h > 0
 
@@ -64,13 +64,13 @@ def test_mass_flow_is_nan_without_a_density():
 )
 def test_trend_compares_with_the_minute_before(last, trend):
     flow = FlowAverage(1.0)
-    flow.add([record(1e7)] * 30)
+    flow.add([make_record(1e7)] * 30)
     assert flow.compute(2000.0).trend == "unknown"
-    flow.add([record(1e7)] * 300 + [record(last)] * 10)
+    flow.add([make_record(1e7)] * 300 + [make_record(last)] * 10)
     assert flow.compute(2000.0).trend == trend
 
 
 def test_memory_is_bounded():
     flow = FlowAverage(1.0)
-    flow.add([record(1e7)] * 5000)
+    flow.add([make_record(1e7)] * 5000)
     assert len(flow._strips) <= 700

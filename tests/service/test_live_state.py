@@ -27,7 +27,7 @@ class Clock:
         return int((self.now_s + self.offset_s) * 1e9)
 
 
-def fed(frames: int, **settings) -> tuple[LiveState, SimulatedPlant, Clock]:
+def feed_live_state(frames: int, **settings) -> tuple[LiveState, SimulatedPlant, Clock]:
     clock = Clock()
     live_state = LiveState(WebSettings(**settings), monotonic_s=clock.monotonic_s, wall_ns=clock.wall_ns)
     plant = SimulatedPlant([live_state], SummingLedger())
@@ -38,28 +38,28 @@ def fed(frames: int, **settings) -> tuple[LiveState, SimulatedPlant, Clock]:
 
 
 def test_the_initial_state_is_unknown():
-    now = LiveState().take_snapshot()
-    assert (now.frame_age_s, now.health_age_s) == (inf, inf)
-    assert now.record is None and now.cameras == () and now.alarms == ()
-    assert np.isnan(now.flow.volume_m3_h)
+    snapshot = LiveState().take_snapshot()
+    assert (snapshot.frame_age_s, snapshot.health_age_s) == (inf, inf)
+    assert snapshot.record is None and snapshot.cameras == () and snapshot.alarms == ()
+    assert np.isnan(snapshot.flow.volume_m3_h)
     assert LiveState().get_picture("cam1") is None
 
 
 def test_snapshot_contains_the_events():
-    live_state, plant, clock = fed(12)
-    now = live_state.take_snapshot()
-    assert now.frames.done == 12
-    assert now.totals == plant.ledger.totals
-    assert [camera.name for camera in now.cameras] == list(CAMERAS)
-    assert 300 < now.flow.volume_m3_h < 900
-    assert now.record == 12
-    assert now.frame_age_s == 0
+    live_state, plant, clock = feed_live_state(12)
+    snapshot = live_state.take_snapshot()
+    assert snapshot.frames.done == 12
+    assert snapshot.totals == plant.ledger.totals
+    assert [camera.name for camera in snapshot.cameras] == list(CAMERAS)
+    assert 300 < snapshot.flow.volume_m3_h < 900
+    assert snapshot.record == 12
+    assert snapshot.frame_age_s == 0
     clock.now_s += 7
     assert live_state.take_snapshot().frame_age_s == 7
 
 
 def test_points_stay_ordered_after_the_clock_is_set_back():
-    live_state, plant, clock = fed(40)
+    live_state, plant, clock = feed_live_state(40)
     clock.offset_s -= 5
     for _ in range(10):
         clock.now_s += 0.3
@@ -72,7 +72,7 @@ def test_points_stay_ordered_after_the_clock_is_set_back():
 
 
 def test_memory_is_bounded():
-    live_state, _, _ = fed(3)
+    live_state, _, _ = feed_live_state(3)
     for k in range(700):
         live_state.on_message(f"{k} " + "x" * 2000)
     assert len(live_state.take_snapshot().notes) == 50 and all(
@@ -85,7 +85,7 @@ def test_memory_is_bounded():
 
 
 def test_a_picture_is_encoded_once_and_small(monkeypatch):
-    live_state, _, _ = fed(2, picture_px=100)
+    live_state, _, _ = feed_live_state(2, picture_px=100)
     made = []
     monkeypatch.setattr(
         "beltscape.service.live_state.encode_thumbnail", lambda *a: made.append(1) or encode_thumbnail(*a)
@@ -94,7 +94,7 @@ def test_a_picture_is_encoded_once_and_small(monkeypatch):
     assert first is live_state.get_picture("cam2") and made == [1]
     assert first is not None
     image = cv2.imdecode(np.frombuffer(first.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert max(image.shape[:2]) == 100
+    assert image is not None and max(image.shape[:2]) == 100
 
 
 def test_deep_images_are_shifted_by_the_bits_in_use():
@@ -106,25 +106,27 @@ def test_deep_images_are_shifted_by_the_bits_in_use():
         [np.full((40, 60), 200, np.uint8), np.zeros((40, 60), np.uint8), np.zeros((40, 60), np.uint8)]
     )
     back = cv2.imdecode(np.frombuffer(encode_thumbnail(colour, 480), np.uint8), cv2.IMREAD_COLOR)
-    assert back[20, 30, 2] > 150 and back[20, 30, 0] < 60  # red stays red
+    assert back is not None and back[20, 30, 2] > 150 and back[20, 30, 0] < 60  # red stays red
 
 
 def test_concurrent_readers_see_consistent_states():
-    live_state, plant, clock = fed(5)
-    wrong: list[BaseException] = []
+    live_state, plant, clock = feed_live_state(5)
+    errors: list[BaseException] = []
     stop = threading.Event()
 
     def read() -> None:
         try:
             mark = None
             while not stop.is_set():
-                now = live_state.take_snapshot()
-                assert now.totals.records <= plant.number
+                snapshot = live_state.take_snapshot()
+                assert snapshot.totals.records <= plant.number
                 mark, rows = live_state.get_belt(mark)
                 assert rows is None or rows.counts.shape[1] == rows.x_mm.size
-                live_state.list_points(), live_state.list_records(), live_state.get_picture("cam1")
+                live_state.list_points()
+                live_state.list_records()
+                live_state.get_picture("cam1")
         except BaseException as error:
-            wrong.append(error)
+            errors.append(error)
 
     threads = [threading.Thread(target=read) for _ in range(4)]
     for thread in threads:
@@ -135,11 +137,11 @@ def test_concurrent_readers_see_consistent_states():
     stop.set()
     for thread in threads:
         thread.join()
-    assert wrong == []
+    assert errors == []
 
 
 def test_a_camera_that_is_lost_keeps_its_last_picture():
-    live_state, _, _ = fed(2)
+    live_state, _, _ = feed_live_state(2)
     image = np.full((4, 4), 7, np.uint8)
     live_state.on_frame(FrameEvent(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
     assert live_state.take_snapshot().picture_frames["cam1"] == "late"

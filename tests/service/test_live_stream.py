@@ -18,7 +18,7 @@ from service.plants import make_service
 
 
 def parse_message(message: str | bytes) -> dict:
-    """A message as the page reads it."""
+    """Return a message as the page parses it."""
     if isinstance(message, str):
         return json.loads(message)
     length = int.from_bytes(message[:4], "little")

@@ -14,8 +14,8 @@ SAMPLE = re.compile(r"([a-z_:][a-z0-9_:]*)(?:\{(.*)\})? (\S+)")
 LABEL = re.compile(r'([a-z_]+)="((?:[^"\\]|\\.)*)"(?:,|$)')
 
 
-def parsed(text: str) -> tuple[dict[str, str], dict[str, dict[tuple, float]]]:
-    """Types and samples, by the rules of the text format: HELP, TYPE, then samples, each family once."""
+def parse_metrics(text: str) -> tuple[dict[str, str], dict[str, dict[tuple, float]]]:
+    """Return types and samples; check the text format's order of HELP, TYPE and samples, each family once."""
     types: dict[str, str] = {}
     samples: dict[str, dict[tuple, float]] = {}
     family = ""
@@ -51,7 +51,7 @@ def made(tmp_path_factory):
 def test_metrics_have_values_and_types(made):
     made.plant.raise_alarm(Alarm("disk_full", "critical", "raised", nan, nan, "", 1))
     made.plant.raise_alarm(Alarm("camera_lost:cam2", "warning", "gone", nan, nan, "", 1))
-    types, samples = parsed(made.browser()("GET", "/metrics").text)
+    types, samples = parse_metrics(made.browser()("GET", "/metrics").text)
     now = made.live_state.take_snapshot()
     assert samples["beltscape_flow_cubic_metres_per_hour"][()] == pytest.approx(now.flow.volume_m3_h)
     assert samples["beltscape_volume_cubic_metres_total"][()] == pytest.approx(now.totals.volume_mm3 * 1e-9)
@@ -70,7 +70,7 @@ def test_metrics_have_values_and_types(made):
 
 
 def test_the_histogram_is_cumulative(made):
-    _, samples = parsed(format_metrics(made.live_state, made.live_state.take_snapshot()))
+    _, samples = parse_metrics(format_metrics(made.live_state, made.live_state.take_snapshot()))
     buckets = list(samples["beltscape_processing_seconds_bucket"].values())
     assert buckets == sorted(buckets)
     assert buckets[-1] == samples["beltscape_processing_seconds_count"][()] == 12
@@ -80,7 +80,7 @@ def test_the_histogram_is_cumulative(made):
 def test_unknown_values_are_left_out_and_names_are_escaped(made):
     now = replace(made.live_state.take_snapshot(), cameras=(CameraHealth('a"b\\c\n', "ok", 1, 0, nan, nan),))
     now = replace(now, frames=replace(now.frames, speed_mm_s=nan))
-    types, samples = parsed(format_metrics(made.live_state, now))
+    types, samples = parse_metrics(format_metrics(made.live_state, now))
     assert types["beltscape_belt_speed_metres_per_second"] == "gauge"
     assert "beltscape_belt_speed_metres_per_second" not in samples
     assert "beltscape_camera_skew_seconds" not in samples

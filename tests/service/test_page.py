@@ -40,7 +40,7 @@ def browser():
 
 
 class Site:
-    """A plant that runs, the server in front of it, and pages on it."""
+    """A running plant with its server, and browser pages on it."""
 
     def __init__(self, folder: Path, browser, *, frames: int = 8) -> None:
         self.browser = browser
@@ -57,7 +57,7 @@ class Site:
         self.foreign_requests: list[str] = []
 
     def page(self, path: str = "/", *, wide: int = 1300, high: int = 800, webgl: bool = False, **more):
-        """Somebody's page, signed in; without WebGL, which takes long without a graphics card."""
+        """Open a page, signed in; without WebGL by default, which is slow without a graphics card."""
         context = self.browser.new_context(
             viewport={"width": wide, "height": high}, locale="en-GB", reduced_motion="reduce", **more
         )
@@ -85,11 +85,13 @@ class Site:
     def stop(self) -> None:
         self.server.close()
 
-    def start_again(self) -> None:
-        made = self.works
+    def restart(self) -> None:
+        parts = self.works
         port = int(self.address.rsplit(":", 1)[1])
-        again = made.settings.model_copy(update={"port": port})
-        self.server = serve(create_app(made.live_state, made.history, made.access, made.plant, again), again)
+        again = parts.settings.model_copy(update={"port": port})
+        self.server = serve(
+            create_app(parts.live_state, parts.history, parts.access, parts.plant, again), again
+        )
 
     def close(self) -> None:
         self.running.close()
@@ -109,7 +111,7 @@ def wait_until_live(page) -> None:
 
 
 def wait_for(page, expression: str) -> None:
-    """Wait for an expression to be true; the page's own policy forbids the browser to do this by itself."""
+    """Wait until an expression is true; the content security policy forbids Playwright's own wait."""
     end_s = time.monotonic() + SOON_MS / 1000
     while not page.evaluate(expression):
         assert time.monotonic() < end_s, expression
@@ -212,7 +214,7 @@ def test_stale_values_are_marked_and_the_page_reconnects(site):
     page.wait_for_selector("body[data-link=lost]")
     assert read_text(page, "#flow-volume") == "–"
     assert "Connection lost" in read_text(page, "#banner")
-    site.start_again()
+    site.restart()
     wait_until_live(page)
     page.wait_for_selector("#banner", state="hidden")
     wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")

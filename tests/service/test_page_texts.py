@@ -21,20 +21,20 @@ from beltscape.service.view_models.flow import Trend
 TEXTS: dict[str, dict[str, str]] = json.loads((FOLDER / "texts.json").read_text(encoding="utf-8"))
 SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "script").glob("*.js"))}
 PAGE = (FOLDER / "index.html").read_text(encoding="utf-8")
-DOOR = FOLDER.parent / "access" / "page"
+ACCESS_PAGE = FOLDER.parent / "access" / "page"
 CODE = (
     PAGE
     + "".join(SCRIPTS.values())
     + "".join(
         path.read_text(encoding="utf-8")
-        for path in sorted(DOOR.rglob("*"))
+        for path in sorted(ACCESS_PAGE.rglob("*"))
         if path.suffix in (".js", ".html")
     )
 )
 KEY = r"[a-z]+(?:\.[a-z0-9_]+)+"
 
 
-def without_comments(script: str) -> str:
+def remove_comments(script: str) -> str:
     return re.sub(r"(?m)(^|[\s;{}])//.*$|/\*.*?\*/", r"\1", script, flags=re.DOTALL if "/*" in script else 0)
 
 
@@ -123,7 +123,7 @@ def test_html_contains_no_text():
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_scripts_contain_no_text(name):
     """Check that no string outside code (selectors, styles, paths, attributes) has two or more words in a row."""
-    strings = re.findall(r'"((?:[^"\\\n]|\\.)*)"', without_comments(re.sub(r"`[^`]*`", "", SCRIPTS[name])))
+    strings = re.findall(r'"((?:[^"\\\n]|\\.)*)"', remove_comments(re.sub(r"`[^`]*`", "", SCRIPTS[name])))
     texts = [
         text
         for text in strings

@@ -1,4 +1,4 @@
-"""The server: where it listens, how it stops, what it refuses, over real sockets."""
+"""The web server over real sockets: listening, stopping, limits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from service.access.sample_app import CHEAP, PASSWORD, make_application
 
 @dataclass(frozen=True)
 class Web:
-    """As WebSettings."""
+    """Settings of the server, as WebSettings has them."""
 
     host: str = "127.0.0.1"
     port: int = 0
@@ -37,31 +37,31 @@ class Web:
 
 @pytest.fixture
 def start(tmp_path):
-    """A function that serves the small application; all is stopped at the end."""
+    """Return a function that serves the sample application; servers are stopped at the end."""
     opened = []
 
-    def started(web: Web | None = None, **access: object):
-        door = Access(tmp_path, AccessSettings(**access), CHEAP)
-        opened.append(door)
-        if door.accounts.is_setup_open:
-            door.accounts.add("anna", "operator", PASSWORD)
-        running = serve(make_application(door), web or Web())
+    def start_server(web: Web | None = None, **access: object):
+        access_control = Access(tmp_path, AccessSettings(**access), CHEAP)
+        opened.append(access_control)
+        if access_control.accounts.is_setup_open:
+            access_control.accounts.add("anna", "operator", PASSWORD)
+        running = serve(make_application(access_control), web or Web())
         opened.append(running)
         return running
 
-    yield started
+    yield start_server
     for one in reversed(opened):
         one.close()
 
 
-def place(running) -> tuple[str, int]:
+def get_host_and_port(running) -> tuple[str, int]:
     host, port = running.address.rpartition("//")[2].rsplit(":", 1)
     return host, int(port)
 
 
-def raw(running, request: bytes, timeout_s: float = 5) -> bytes:
-    """The first answer to bytes; what came until the connection was closed where there is none."""
-    with closing(socket.create_connection(place(running), timeout=timeout_s)) as connection:
+def send_raw(running, request: bytes, timeout_s: float = 5) -> bytes:
+    """Send bytes; return the first response, or everything received until the connection was closed."""
+    with closing(socket.create_connection(get_host_and_port(running), timeout=timeout_s)) as connection:
         received = b""
         try:
             connection.sendall(request)
@@ -77,7 +77,7 @@ def raw(running, request: bytes, timeout_s: float = 5) -> bytes:
 
 
 @contextmanager
-def logged_in(running, **more: object) -> Iterator[httpx.Client]:
+def open_session(running, **more: object) -> Iterator[httpx.Client]:
     with httpx.Client(base_url=running.address, **more) as client:
         reply = client.post("/api/access/login", json={"name": "anna", "password": PASSWORD})
         assert reply.status_code == 200
@@ -85,13 +85,13 @@ def logged_in(running, **more: object) -> Iterator[httpx.Client]:
         yield client
 
 
-def cookie(client: httpx.Client) -> dict[str, str]:
+def make_cookie_header(client: httpx.Client) -> dict[str, str]:
     return {"Cookie": "; ".join(f"{name}={value}" for name, value in client.cookies.items())}
 
 
 def test_server_answers_and_stops_in_time(start):
     running = start()
-    with logged_in(running) as client:
+    with open_session(running) as client:
         assert client.get("/look").json()["name"] == "anna"
         assert "server" not in client.get("/look").headers
         before = time.monotonic()
@@ -99,16 +99,19 @@ def test_server_answers_and_stops_in_time(start):
         assert time.monotonic() - before < 2
         assert not running.is_alive
     with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(place(running), timeout=1)
+        socket.create_connection(get_host_and_port(running), timeout=1)
 
 
 def test_server_stops_in_time_with_open_pages_and_a_slow_reader(start):
     running = start()
-    with logged_in(running) as client, ExitStack() as pages:
+    with open_session(running) as client, ExitStack() as pages:
         live = running.address.replace("http", "ws") + "/live"
-        opened = [pages.enter_context(connect(live, additional_headers=cookie(client))) for _ in range(3)]
+        opened = [
+            pages.enter_context(connect(live, additional_headers=make_cookie_header(client)))
+            for _ in range(3)
+        ]
         assert opened[0].recv() == "anna"
-        slow = pages.enter_context(socket.create_connection(place(running)))
+        slow = pages.enter_context(socket.create_connection(get_host_and_port(running)))
         slow.sendall(b"POST /api/access/login HTTP/1.1\r\nhost: localhost\r\ncontent-length: 50\r\n\r\n{")
         before = time.monotonic()
         running.close()
@@ -122,7 +125,7 @@ def test_server_stops_in_time_with_open_pages_and_a_slow_reader(start):
 
 def test_sessions_survive_a_restart(start):
     running = start()
-    with logged_in(running) as client:
+    with open_session(running) as client:
         running.close()
         again = start()
         client.base_url = again.address
@@ -130,7 +133,7 @@ def test_sessions_survive_a_restart(start):
 
 
 def test_a_port_in_use_is_refused(start):
-    host, port = place(start())
+    host, port = get_host_and_port(start())
     with pytest.raises(SettingsError) as raised:
         serve(FastAPI(), Web(host, port))
     assert str(raised.value) == (
@@ -172,14 +175,14 @@ def test_tls_is_served(start, tmp_path):
     assert running.address.startswith("https://127.0.0.1:")
     assert "ends in 10 days" in running.warnings[0]
     trusting = ssl.create_default_context(cafile=str(cert))
-    with logged_in(running, verify=trusting) as client:
+    with open_session(running, verify=trusting) as client:
         reply = client.get("/look")
         assert reply.json()["name"] == "anna"
         assert reply.headers["strict-transport-security"]
         assert list(client.cookies) == ["__Host-beltscape"]
         with connect(
             running.address.replace("https", "wss") + "/live", ssl=trusting,
-            additional_headers={**cookie(client), "Origin": running.address},
+            additional_headers={**make_cookie_header(client), "Origin": running.address},
         ) as page:  # fmt: skip
             assert page.recv() == "anna"
     old = ssl.create_default_context(cafile=str(cert))
@@ -188,11 +191,11 @@ def test_tls_is_served(start, tmp_path):
         old.maximum_version = ssl.TLSVersion.TLSv1_1
     with (
         pytest.raises((ssl.SSLError, ConnectionResetError)),
-        socket.create_connection(place(running)) as plain,
+        socket.create_connection(get_host_and_port(running)) as plain,
     ):
         old.wrap_socket(plain, server_hostname="localhost")
-    assert raw(running, b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n") == b"", "no plain HTTP there"
-    with closing(socket.create_connection(place(running), timeout=5)) as silent:
+    assert send_raw(running, b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n") == b"", "no plain HTTP there"
+    with closing(socket.create_connection(get_host_and_port(running), timeout=5)) as silent:
         before = time.monotonic()
         assert silent.recv(10) == b"", "who does not shake hands is cut off"
         assert time.monotonic() - before < 2
@@ -201,7 +204,7 @@ def test_tls_is_served(start, tmp_path):
 def test_slow_headers_are_disconnected(start):
     running = start(Web(limits=LimitSettings(header_timeout_s=0.4)))
     for beginning in (b"", b"GET", b"GET /look HTTP/1.1\r\nhost: localhost\r\nx"):
-        with closing(socket.create_connection(place(running), timeout=5)) as slow:
+        with closing(socket.create_connection(get_host_and_port(running), timeout=5)) as slow:
             before = time.monotonic()
             slow.sendall(beginning)
             with pytest.raises((ConnectionError, EOFError)):
@@ -215,7 +218,7 @@ def test_slow_headers_are_disconnected(start):
 
 def test_an_idle_connection_is_closed_and_a_busy_one_kept(start):
     running = start(Web(limits=LimitSettings(keep_alive_s=1, header_timeout_s=0.5)))
-    with closing(socket.create_connection(place(running), timeout=5)) as connection:
+    with closing(socket.create_connection(get_host_and_port(running), timeout=5)) as connection:
         for _ in range(3):
             connection.sendall(b"GET /page/x HTTP/1.1\r\nhost: localhost\r\n\r\n")
             reply = b""
@@ -229,7 +232,7 @@ def test_an_idle_connection_is_closed_and_a_busy_one_kept(start):
 
 
 def test_a_client_that_does_not_read_is_disconnected(tmp_path):
-    """A reader who takes nothing must not hold memory or a connection for ever."""
+    """A client that reads nothing must not hold memory or a connection forever."""
 
     async def endless(scope, receive, send):
         if scope["type"] != "http":
@@ -239,7 +242,7 @@ def test_a_client_that_does_not_read_is_disconnected(tmp_path):
             await send({"type": "http.response.body", "body": b"x" * 65_536, "more_body": True})
 
     running = serve(endless, Web(limits=LimitSettings(write_timeout_s=0.5)))
-    with closing(socket.create_connection(place(running))) as reader:
+    with closing(socket.create_connection(get_host_and_port(running))) as reader:
         reader.sendall(b"GET / HTTP/1.1\r\nhost: localhost\r\n\r\n")
         time.sleep(1.5)
         received = 0
@@ -251,30 +254,30 @@ def test_a_client_that_does_not_read_is_disconnected(tmp_path):
 
 def test_connections_are_limited(start):
     running = start(Web(limits=LimitSettings(connections_per_address=8, connections_max=8)))
-    held = [socket.create_connection(place(running), timeout=5) for _ in range(8)]
+    held = [socket.create_connection(get_host_and_port(running), timeout=5) for _ in range(8)]
     time.sleep(0.2)
-    assert raw(running, b"GET /look HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n") == b""
+    assert send_raw(running, b"GET /look HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n") == b""
     for one in held:
         one.close()
     time.sleep(0.2)
-    assert raw(running, b"GET /look HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").startswith(
-        b"HTTP/1.1 401"
-    )
+    assert send_raw(
+        running, b"GET /look HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n"
+    ).startswith(b"HTTP/1.1 401")
 
 
 def test_sockets_are_limited(start):
     running = start(sockets_per_address=2)
     live = running.address.replace("http", "ws") + "/live"
-    with logged_in(running) as client:
+    with open_session(running) as client:
         with (
-            connect(live, additional_headers=cookie(client)) as one,
-            connect(live, additional_headers=cookie(client)),
+            connect(live, additional_headers=make_cookie_header(client)) as one,
+            connect(live, additional_headers=make_cookie_header(client)),
         ):
             assert one.recv() == "anna"
             with pytest.raises(InvalidStatus, match="403"):
-                connect(live, additional_headers=cookie(client))
+                connect(live, additional_headers=make_cookie_header(client))
         time.sleep(0.2)
-        with connect(live, additional_headers=cookie(client)) as one:
+        with connect(live, additional_headers=make_cookie_header(client)) as one:
             assert one.recv() == "anna"
 
 
@@ -287,19 +290,21 @@ def test_sockets_require_login(start, headers):
 def test_sockets_require_the_own_origin(start):
     running = start()
     live = running.address.replace("http", "ws") + "/live"
-    with logged_in(running) as client:
+    with open_session(running) as client:
         for origin in ("http://evil.example", "null", running.address + ".evil.example"):
             with pytest.raises(InvalidStatus, match="403"):
-                connect(live, additional_headers={**cookie(client), "Origin": origin})
-        with connect(live, additional_headers={**cookie(client), "Origin": running.address}) as page:
+                connect(live, additional_headers={**make_cookie_header(client), "Origin": origin})
+        with connect(
+            live, additional_headers={**make_cookie_header(client), "Origin": running.address}
+        ) as page:
             assert page.recv() == "anna"
 
 
 def test_logging_out_closes_the_sockets(start):
     running = start()
-    with logged_in(running) as client:
+    with open_session(running) as client:
         with connect(
-            running.address.replace("http", "ws") + "/live", additional_headers=cookie(client)
+            running.address.replace("http", "ws") + "/live", additional_headers=make_cookie_header(client)
         ) as page:
             assert page.recv() == "anna"
             assert client.post("/api/access/logout").status_code == 200

@@ -1,4 +1,4 @@
-"""What an attacker may send over the wire: nothing breaks the server, and no frame is missed meanwhile."""
+"""Attacks on the server: none breaks it, and no frame is missed meanwhile."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from beltscape.service.access import Access, LimitSettings
 from beltscape.service.server import serve
 from service.access import attack
 from service.access.sample_app import CHEAP, PASSWORD, make_application
-from service.test_server import Web, cookie, logged_in, place, raw
+from service.test_server import Web, get_host_and_port, make_cookie_header, open_session, send_raw
 
 HZ, QUEUED, SECONDS = 20, 2, 4.0
 
 
 @pytest.fixture
 def running(tmp_path):
-    """Patient with one address that sends many odd things, quick to cut off what is slow."""
+    """A server with high limits per address and short time limits."""
     with closing(Access(tmp_path, None, CHEAP)) as access:
         access.accounts.add("anna", "operator", PASSWORD)
         limits = LimitSettings(header_timeout_s=0.5)
@@ -37,13 +37,13 @@ def running(tmp_path):
             yield server
 
 
-def status(reply: bytes) -> int:
+def parse_status(reply: bytes) -> int:
     return int(reply.split(b" ", 2)[1]) if reply.startswith(b"HTTP/1.1 ") else 0
 
 
 @pytest.mark.parametrize("kind", attack.PLAIN)
 def test_each_attack_is_answered_or_disconnected(running, kind):
-    reply = raw(running, attack.PLAIN[kind])
+    reply = send_raw(running, attack.PLAIN[kind])
     expected = {
         "traversal": 404, "plain traversal": 404, "nul": 404, "raw nul": 400, "bad utf-8": 400, "long target": 414,
         "long query": 414, "huge header": 431, "get": 401, "pipeline": 401, "folded header": 401, "injection": 200,
@@ -53,18 +53,18 @@ def test_each_attack_is_answered_or_disconnected(running, kind):
         "many headers": 431, "smuggled": 422,
     }  # fmt: skip
     # a long header that comes in pieces is refused before it is whole
-    assert status(reply) in (expected[kind], 400 if kind == "huge header" else None), reply[:300]
+    assert parse_status(reply) in (expected[kind], 400 if kind == "huge header" else None), reply[:300]
     assert b"\r\nset-cookie" not in reply.lower()
     assert b"SQLite" not in reply
     assert httpx.get(f"{running.address}/login").status_code == 200
 
 
 def test_requests_cannot_split_a_response(running):
-    reply = raw(
+    reply = send_raw(
         running, attack.get(b"/%0d%0aSet-Cookie:%20a=b", b"Accept: text/html\r\nConnection: close\r\n")
     )
-    assert status(reply) == 404
-    reply = raw(
+    assert parse_status(reply) == 404
+    reply = send_raw(
         running, attack.get(b"/x?%0d%0aSet-Cookie:%20a=b", b"Accept: text/html\r\nConnection: close\r\n")
     )
     assert b"set-cookie" not in reply.lower()
@@ -86,11 +86,14 @@ def test_requests_cannot_split_a_response(running):
 )
 def test_invalid_data_ends_its_socket_only(running, frames):
     live = running.address.replace("http", "ws") + "/live"
-    with logged_in(running) as client, connect(live, additional_headers=cookie(client)) as other:
+    with (
+        open_session(running) as client,
+        connect(live, additional_headers=make_cookie_header(client)) as other,
+    ):
         request = attack.get(
-            b"/live", attack.UPGRADE + b"Cookie: " + cookie(client)["Cookie"].encode() + b"\r\n"
+            b"/live", attack.UPGRADE + b"Cookie: " + make_cookie_header(client)["Cookie"].encode() + b"\r\n"
         )
-        with closing(socket.create_connection(place(running), timeout=5)) as connection:
+        with closing(socket.create_connection(get_host_and_port(running), timeout=5)) as connection:
             connection.sendall(request)
             assert connection.recv(12) == b"HTTP/1.1 101"
             try:
@@ -105,7 +108,10 @@ def test_invalid_data_ends_its_socket_only(running, frames):
 
 def test_a_too_long_message_ends_its_socket(running):
     live = running.address.replace("http", "ws") + "/live"
-    with logged_in(running) as client, connect(live, additional_headers=cookie(client)) as page:
+    with (
+        open_session(running) as client,
+        connect(live, additional_headers=make_cookie_header(client)) as page,
+    ):
         page.send("x" * 70_000)
         with pytest.raises(ConnectionClosed) as closed:
             while True:
@@ -115,7 +121,7 @@ def test_a_too_long_message_ends_its_socket(running):
 
 
 class Metering:
-    """A camera that gives a frame twenty times a second, and a worker that takes them from a short queue."""
+    """A camera with twenty frames per second, and a worker that reads them from a short queue."""
 
     def __init__(self) -> None:
         self.queue: Queue[int] = Queue(QUEUED)
@@ -151,9 +157,9 @@ class Metering:
         self._threads[1].join()
 
 
-def run_and_count_frames(words: list[str | Path]) -> tuple[int, int, str]:
+def run_and_count_frames(command: list[str | Path]) -> tuple[int, int, str]:
     """Return the frames done and missed while a program runs, and its output."""
-    program = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     with closing(Metering()) as metering:
         output, _ = program.communicate(timeout=60)
     return metering.done, metering.missed, output
@@ -161,17 +167,18 @@ def run_and_count_frames(words: list[str | Path]) -> tuple[int, int, str]:
 
 def test_no_frame_is_missed_under_attack(running):
     """The attackers come from 250 addresses, so that no limit per address stops them."""
-    _, port = place(running)
-    words = [sys.executable, Path(attack.__file__), str(port), str(SECONDS)]
+    _, port = get_host_and_port(running)
+    command = [sys.executable, Path(attack.__file__), str(port), str(SECONDS)]
     burner = [
         sys.executable,
         "-c",
         f"import time; e = time.monotonic() + {SECONDS}\nwhile time.monotonic() < e: pass",
     ]
     used = time.pthread_getcpuclockid(running._thread.ident)
+    missed = 0
     for _ in range(3):
         before = time.clock_gettime(used)
-        done, missed, output = run_and_count_frames(words)
+        done, missed, output = run_and_count_frames(command)
         counts = json.loads(output)
         assert sum(counts["made"].values()) > 150
         assert len(counts["answers"]) > 5
@@ -189,21 +196,21 @@ def test_no_frame_is_missed_under_attack(running):
 
 
 def test_open_files_and_threads_do_not_grow(running):
-    """What attackers leave behind is cleared away."""
+    """Resources of attackers' connections are released."""
 
-    def held() -> tuple[int, int]:
+    def count_resources() -> tuple[int, int]:
         return len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
 
-    raw(running, attack.PLAIN["get"])
-    before = held()
+    send_raw(running, attack.PLAIN["get"])
+    before = count_resources()
     for _ in range(3):
         for kind in ("get", "junk", "huge header", "upgrade", "traversal", "tls hello"):
-            raw(running, attack.PLAIN[kind])
-    slow = [socket.create_connection(place(running)) for _ in range(30)]
+            send_raw(running, attack.PLAIN[kind])
+    slow = [socket.create_connection(get_host_and_port(running)) for _ in range(30)]
     time.sleep(1.0)
     for one in slow:
         one.close()
     time.sleep(0.3)
-    after = held()
+    after = count_resources()
     assert after[0] <= before[0] + 2
     assert after[1] <= before[1] + 4

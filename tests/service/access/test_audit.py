@@ -1,4 +1,4 @@
-"""The audit log: complete, unforgeable by its values, bounded."""
+"""The audit log: complete, bounded, and safe against forged entries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.service.access.audit import Audit
 
 
-def entries(audit: Audit) -> list[dict]:
+def read_entries(audit: Audit) -> list[dict]:
     return [json.loads(line) for line in audit.path.read_bytes().splitlines()]
 
 
@@ -24,7 +24,7 @@ def test_values_cannot_fake_an_entry(tmp_path_factory, what, who, value):
     raw = audit.path.read_bytes()
     assert raw.count(b"\n") == 2
     assert all(b == 10 or 32 <= b < 127 for b in raw)
-    first, last = entries(audit)
+    first, last = read_entries(audit)
     assert (first["what"], first["who"], first["value"]) == (what, who[:300], value[:300])
     assert last["what"] == "end"
 

@@ -1,4 +1,4 @@
-"""Every endpoint of the whole application against its own description, as every role and as none."""
+"""Fuzzing of every endpoint against its OpenAPI description, with every role and without login."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ with warnings.catch_warnings():
     from schemathesis import Case, GenerationMode
 
 EXAMPLES = 6
-"""Of each kind, endpoint and role."""
+"""Number of cases for each kind, endpoint and role."""
 
 
-class Answers:
-    """Controls that take everything."""
+class AcceptingControls:
+    """Controls that accept every request."""
 
     def acknowledge(self, alarm: str, by: str) -> bool:
         return len(alarm) % 2 == 0
@@ -46,7 +46,7 @@ class Answers:
 
 
 class Caller:
-    """Calls the application as uvicorn would, each time from another address."""
+    """Calls the application as uvicorn does, each time from another address."""
 
     def __init__(self, app, access: Access) -> None:
         self.app, self.access = app, access
@@ -124,13 +124,13 @@ def caller(tmp_path_factory):
         for i in range(30):
             plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
         live_state.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
-        caller = Caller(create_app(live_state, history, access, Answers(), web), access)
+        caller = Caller(create_app(live_state, history, access, AcceptingControls(), web), access)
         with caller.runner:
             yield caller
 
 
-def attacked(caller: Caller, operation, mode: GenerationMode, role: str | None) -> set[int]:
-    """The statuses an endpoint answers with."""
+def collect_statuses(caller: Caller, operation, mode: GenerationMode, role: str | None) -> set[int]:
+    """Return the statuses that an endpoint answers with."""
     statuses: set[int] = set()
 
     @settings(max_examples=EXAMPLES, deadline=None, database=None, suppress_health_check=list(HealthCheck))
@@ -156,7 +156,7 @@ def attacked(caller: Caller, operation, mode: GenerationMode, role: str | None) 
 def test_no_input_breaks_an_endpoint(caller, mode, role):
     schema = schemathesis.openapi.from_dict(caller.app.openapi())
     operations = [found.ok() for found in schema.get_all_operations()]
-    seen = {operation.label: attacked(caller, operation, mode, role) for operation in operations}
+    seen = {operation.label: collect_statuses(caller, operation, mode, role) for operation in operations}
     assert len(seen) >= 15
     for label, statuses in seen.items():
         if role is None and "/api/access/" not in label:

@@ -1,4 +1,4 @@
-"""Every request passes the guard: roles, other sites, limits, headers."""
+"""The guard: roles, other sites, limits and headers of every request."""
 
 from __future__ import annotations
 
@@ -148,8 +148,8 @@ def test_a_user_is_rate_limited_over_all_addresses(make):
     assert statuses == [200] * 5 + [429] * 3
 
 
-def asgi(app, messages: list[dict], **scope) -> list[dict]:
-    """The app's answer to a request given message by message."""
+def call_asgi(app, messages: list[dict], **scope) -> list[dict]:
+    """Return the application's response to a request given as ASGI messages."""
     sent: list[dict] = []
 
     async def receive() -> dict:
@@ -173,15 +173,16 @@ def asgi(app, messages: list[dict], **scope) -> list[dict]:
 def test_a_long_body_is_refused_before_and_while_it_arrives(access):
     app = make_application(access)
     headers = [(b"host", b"localhost"), (b"content-length", b"70000")]
-    assert asgi(app, [], headers=headers)[0]["status"] == 413
+    assert call_asgi(app, [], headers=headers)[0]["status"] == 413
     part = {"type": "http.request", "body": b"x" * 40_000, "more_body": True}
     untold = [(b"host", b"localhost"), (b"transfer-encoding", b"chunked")]
     messages = [part, part, part, part]
-    assert asgi(app, messages, headers=untold)[0]["status"] == 413
+    assert call_asgi(app, messages, headers=untold)[0]["status"] == 413
     assert len(messages) == 2, "the rest is not read"
     for length in (b"9" * 400, b"-1", b"1e3", "²".encode()):
         assert (
-            asgi(app, [], headers=[(b"host", b"localhost"), (b"content-length", length)])[0]["status"] == 413
+            call_asgi(app, [], headers=[(b"host", b"localhost"), (b"content-length", length)])[0]["status"]
+            == 413
         )
 
 
@@ -189,20 +190,20 @@ def test_a_slow_body_is_refused(make):
     app = make_application(make(body_timeout_s=0.05))
     headers = [(b"host", b"localhost"), (b"content-length", b"100")]
     part = {"type": "http.request", "body": b"x", "more_body": True}
-    sent = asgi(app, [part], headers=headers)
+    sent = call_asgi(app, [part], headers=headers)
     assert sent[0]["status"] == 408
     assert (b"connection", b"close") in sent[0]["headers"]
 
 
 def test_two_host_headers_are_refused(access):
     headers = [(b"host", b"localhost"), (b"host", b"evil.example")]
-    assert asgi(make_application(access), [], headers=headers)[0]["status"] == 400
+    assert call_asgi(make_application(access), [], headers=headers)[0]["status"] == 400
 
 
 def test_unknown_methods_and_long_addresses_are_refused(app):
     browser = Browser(app)
     for method in ("TRACE", "CONNECT", "BREW", "get"):
-        assert asgi(app, [], method=method)[0]["status"] == 405
+        assert call_asgi(app, [], method=method)[0]["status"] == 405
     assert browser("GET", "/look?" + "x" * 5000).status_code == 414
     browser.log_in("the-engineer")
     for method in ("HEAD", "OPTIONS", "PUT", "DELETE"):

@@ -1,4 +1,4 @@
-"""The pages of access in a real browser: first engineer, signing in, users; the browser complains of nothing."""
+"""The access pages in a real browser: setup, login and user management without browser errors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CHROMIUM = shutil.which("chromium")
 
 
 @pytest.fixture
-def door(tmp_path):
+def service(tmp_path):
     """A service without users, and its address."""
     app = FastAPI()
     app.mount("/page", make_static_files())
@@ -35,7 +35,7 @@ def door(tmp_path):
 
 @pytest.fixture
 def page():
-    """A page that collects what the browser complains of."""
+    """A page that collects the browser's errors."""
     from playwright.sync_api import sync_playwright
 
     words = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
@@ -58,8 +58,8 @@ def sign_in(page, name: str, password: str) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-def test_setup_login_and_user_management_in_the_browser(door, page):
-    access, address = door
+def test_setup_login_and_user_management_in_the_browser(service, page):
+    access, address = service
     page.goto(address)
     page.wait_for_selector("h1:has-text('Erster Start')")
     assert page.url == f"{address}/setup"

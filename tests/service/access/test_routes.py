@@ -1,4 +1,4 @@
-"""The setup, logging in and out, users: as the pages call them."""
+"""The routes of setup, login, logout and user management."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def test_user_management_requires_an_engineer(app, role, method_path):
     assert browser(method, f"/api/access{path}", json=body).status_code == 403
 
 
-@pytest.mark.parametrize("path", ["/login", "/setup", "/access/door.js", "/access/door.css"])
+@pytest.mark.parametrize("path", ["/login", "/setup", "/access/common.js", "/access/access.css"])
 def test_login_pages_are_public(app, path):
     reply = Browser(app)("GET", path)
     assert reply.status_code == 200

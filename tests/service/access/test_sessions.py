@@ -23,7 +23,7 @@ ANNA = User("anna", "engineer")
 
 
 class Clock:
-    """The system clock, as one sets it."""
+    """A system clock that can be set."""
 
     now = 1_800_000_000.0
 
@@ -86,7 +86,7 @@ def test_a_used_session_ends_after_its_life(sessions, clock):
 @given(st.lists(st.floats(-50_000, 50_000), max_size=8))
 @settings(max_examples=20)
 def test_no_step_of_the_clock_prolongs_a_session(tmp_path_factory, steps):
-    """Wherever the clock is set to, a session older than its life by that clock is over."""
+    """A session older than its life by the current clock has ended."""
     clock = Clock()
     database = Database(tmp_path_factory.mktemp("steps"))
     with database.transaction() as connection:
@@ -122,7 +122,7 @@ def test_a_role_changes_at_once(sessions, database):
 
 
 def test_sessions_per_user_are_bounded(sessions, database, clock):
-    first = sessions.open(ANNA, "")
+    first = last = sessions.open(ANNA, "")
     for _ in range(MAX_PER_USER):
         clock.now += 1
         last = sessions.open(ANNA, "")

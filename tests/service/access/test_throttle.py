@@ -22,8 +22,8 @@ class Clock:
         return self.now
 
 
-def guesses_within(seconds: float, names: int, addresses: int) -> int:
-    """How many passwords an attacker can try in that time who never waits longer than he must."""
+def count_guesses(seconds: float, names: int, addresses: int) -> int:
+    """Return how many passwords an attacker can try in that time with the shortest waits."""
     clock = Clock()
     throttle = Throttle(clock)
     tries, end = 0, clock.now + seconds
@@ -39,13 +39,13 @@ def guesses_within(seconds: float, names: int, addresses: int) -> int:
 
 
 def test_one_address_can_guess_few_passwords_a_day():
-    assert guesses_within(86_400, names=1, addresses=1) < 200
-    assert guesses_within(86_400, names=50, addresses=1) < 200
+    assert count_guesses(86_400, names=1, addresses=1) < 200
+    assert count_guesses(86_400, names=50, addresses=1) < 200
 
 
 def test_many_addresses_can_guess_one_account_slowly_only():
     # no faster than one a minute after the first few
-    assert guesses_within(7200, names=1, addresses=100) < 7200 / ACCOUNT.longest_s + 20
+    assert count_guesses(7200, names=1, addresses=100) < 7200 / ACCOUNT.longest_s + 20
 
 
 def test_delays_grow_to_a_limit():
@@ -62,7 +62,7 @@ def test_a_known_address_is_not_locked_out():
 
 
 def test_a_login_does_not_reset_its_address():
-    """Else somebody with one account could guess at the others for ever."""
+    """Otherwise the owner of one account could guess the others' passwords without limit."""
     throttle = Throttle(Clock())
     for _ in range(12):
         throttle.count_failure("anna", "desk")

@@ -33,7 +33,7 @@ def test_expiry_is_reported_a_month_before(pair):
 
 
 def test_an_expired_certificate_is_reported_and_still_served(tmp_path):
-    """After a power failure the service must start with what there is."""
+    """After a power failure the service must start even with an expired certificate."""
     pair = make_expired_certificate(tmp_path)
     assert time.time() - 2 * 86_400 < read_expiry(*pair) < time.time()
     assert "has ended; make a new one" in str(describe_expiry(*pair))

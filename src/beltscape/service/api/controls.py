@@ -41,7 +41,7 @@ def make_router(context: AppContext) -> APIRouter:
     def keep(body: KeepRecording, user: Annotated[User, Depends(require_role("operator"))]) -> Done:
         """Keep the raw frames that the ring of the last minutes holds now."""
         if not context.controls.keep_recording(body.reason, user.name):
-            raise HTTPException(409, "nothing is being recorded, or what there is was kept already")
+            raise HTTPException(409, "nothing is being recorded, or the recording is already kept")
         return Done(by=user.name)
 
     return router

@@ -24,7 +24,7 @@ def make_router(context: AppContext) -> APIRouter:
         """The camera's last image; headers ``Beltscape-Frame`` and ``Beltscape-Wall-Ms`` give its name and time."""
         image = context.live_state.get_picture(name)
         if image is None:
-            raise HTTPException(404, "no image came from a camera of that name yet")
+            raise HTTPException(404, "no camera of that name has sent an image yet")
         headers = {
             "Cache-Control": "no-store",
             "Beltscape-Frame": image.frame.encode("ascii", "replace").decode(),

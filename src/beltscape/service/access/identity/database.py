@@ -45,7 +45,7 @@ class Database:
             ) from error
         except sqlite3.DatabaseError as error:
             raise InputError(
-                f"{self.path}: no user database ({error}); restore it from the backup, or remove it and set up anew"
+                f"{self.path}: no user database ({error}); restore it from a backup, or remove it and set up again"
             ) from error
 
     def select(self, query: str, *values: object) -> list[tuple]:

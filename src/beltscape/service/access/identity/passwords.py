@@ -40,7 +40,7 @@ def verify_password(password: str, kept: str) -> bool:
     """Return whether ``kept`` is a hash of this password, in constant time."""
     kind, log2_n, r, p, salt, digest = kept.split("$")
     if kind != "scrypt":
-        raise InputError(f"users.db: unknown kind of password hash {kind!r}; set the password anew")
+        raise InputError(f"users.db: unknown kind of password hash {kind!r}; set the password again")
     computed = _scrypt(password, base64.b64decode(salt), ScryptCost(int(log2_n), int(r), int(p)))
     return hmac.compare_digest(computed, base64.b64decode(digest))
 

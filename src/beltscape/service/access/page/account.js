@@ -1,7 +1,7 @@
 // The account page: own password; for engineers also users and audit log.
 import { $, create_element } from "/page/script/dom.js";
 import { format_date_time, has_text, t } from "/page/script/texts.js";
-import { bind_form, check_password, hide_messages, leave, request, set_up_page } from "/access/door.js";
+import { bind_form, check_password, hide_messages, leave, request, set_up_page } from "/access/common.js";
 
 const ROLES = ["viewer", "operator", "engineer"];
 let own_user = null;

@@ -1,5 +1,5 @@
 import { $ } from "/page/script/dom.js";
-import { bind_form, get_next_page, request, set_up_page } from "/access/door.js";
+import { bind_form, get_next_page, request, set_up_page } from "/access/common.js";
 
 await set_up_page();
 const state = await request("GET", "/api/access/state").catch(() => ({}));

@@ -1,6 +1,6 @@
 import { $ } from "/page/script/dom.js";
 import { t } from "/page/script/texts.js";
-import { bind_form, check_password, request, set_up_page } from "/access/door.js";
+import { bind_form, check_password, request, set_up_page } from "/access/common.js";
 
 await set_up_page();
 const state = await request("GET", "/api/access/state").catch(() => ({ setup: true }));

@@ -127,7 +127,7 @@ class Guard:
         given = connection.headers.get(TOKEN_HEADER, "")
         is_right = hmac.compare_digest(given.encode(), derive_page_token(token).encode())
         if scope.get("method") in UNSAFE and not is_right and not is_public:
-            raise RequestRefused(403, f"the header {TOKEN_HEADER} is missing or old; load the page anew")
+            raise RequestRefused(403, f"the header {TOKEN_HEADER} is missing or old; reload the page")
 
     async def _identify_program(self, scope: Scope, key: str) -> User:
         """Return the user of a program's key, which allows reading only."""
@@ -136,7 +136,7 @@ class Guard:
             raise RequestRefused(401, "no such key; make one by `beltscape users key`")
         if scope["type"] != "http" or scope["method"] in UNSAFE:
             raise RequestRefused(
-                403, "a key only reads; sign in to change something, and for the live channel"
+                403, "a key allows reading only; sign in for changes and for the live channel"
             )
         self._check_rate("by " + user.name)
         return user

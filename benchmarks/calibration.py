@@ -1,4 +1,4 @@
-"""Calibration for the benchmarks: time, the rig against its truth, held-out scores of recorded sets."""
+"""Benchmark of the calibration: time, the rig against its truth, and held-out scores of recorded sets."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.files.capture import read_capture
 from beltscape.kernels import load
 from beltscape.target.board import Board, CharucoBoard, Chessboard, read_board
-from captures import true_rig
+from captures import parse_true_rig
 
 RECORDED: dict[str, Board] = {
     "opencv_stereo": Chessboard(corners=(9, 6), square_mm=25),
@@ -28,20 +28,20 @@ RECORDED: dict[str, Board] = {
 
 
 def calibration(rendered: Path) -> tuple[list[str], Rig | None]:
-    """Rows for RESULTS.md and the rig found from the rendered capture; what is not there is left out."""
+    """Return the tables and the rig calibrated from the rendered capture; missing captures are left out."""
     lines: list[str] = []
-    found = None
+    calibrated = None
     if rendered.is_dir():
-        lines, found = _against_truth(rendered)
-    rows = [_held_out(name, rendered.parent / "real" / name, board) for name, board in RECORDED.items()]
+        lines, calibrated = _compare_with_truth(rendered)
+    rows = [_held_out_row(name, rendered.parent / "real" / name, board) for name, board in RECORDED.items()]
     if any(rows):
         head = "| held out, recorded | cameras | RMS px | median px | square bias mm | square RMS mm | σ of halves |"
         lines += ["", head, "|---|---|---|---|---|---|---|", *(row for row in rows if row)]
-    return lines, found
+    return lines, calibrated
 
 
-def _against_truth(rendered: Path) -> tuple[list[str], Rig]:
-    truth = true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
+def _compare_with_truth(rendered: Path) -> tuple[list[str], Rig]:
+    truth = parse_true_rig(json.loads((rendered / "truth" / "rig.json").read_text()))
     board = read_board(rendered / "board.toml")
     start = time.perf_counter()
     detections, _ = detect_board(read_capture(rendered / "calibration"), board, Silent())
@@ -77,7 +77,7 @@ def _row(name: str, rig: Rig | None, truth: Rig, took: float | None) -> str:
     )
 
 
-def _held_out(name: str, folder: Path, board: Board) -> str | None:
+def _held_out_row(name: str, folder: Path, board: Board) -> str | None:
     if not folder.is_dir():
         return None
     detections, _ = detect_board(read_capture(folder), board, Silent())

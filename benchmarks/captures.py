@@ -1,4 +1,4 @@
-"""Scenes with exact truth for the benchmarks."""
+"""Scenes with exact ground truth for the benchmarks: the rendered captures, the demo, and a full-size capture."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
-from beltscape.evaluate.truth.occluded_pixels import never_seen
+from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rasters.depth_tiff import read_float_tiff
@@ -30,65 +30,65 @@ REGION_MM = 240.0
 VOLUME_MM = 200.0
 LABELS = {"belt_empty": (1,), "module": tuple(range(10, 19)), "belt_loaded": (2,)}
 FULL = "BELTSCAPE_BENCH_FULL"
-"""Environment variable that asks for the capture at the sensor's full size."""
+"""Environment variable that enables the capture at the sensor's full size."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One frame of a rig and what is known about it."""
+    """One frame of a rig with its truth."""
 
     name: str
     rig: Rig
     frame: FrameSet
     true_depth_mm: np.ndarray
     region: np.ndarray
-    """(H, W) bool: the scene's own surface, where the projector lights it."""
+    """(H, W) bool: the scene's main surface, where the projector illuminates it."""
     occluded: np.ndarray
-    """(H, W) bool: no auxiliary sees the pixel; of all surfaces along the same stretch."""
+    """(H, W) bool: pixels of any illuminated surface that are occluded in every auxiliary."""
     true_volume_mm3: float | None = None
     along_mm: tuple[float, float] = (-VOLUME_MM, VOLUME_MM)
 
     @property
     def size(self) -> str:
-        """Image size in words."""
+        """Image size as text."""
         return "{}×{}".format(*self.rig.core_camera.size_px)
 
-    def calibrated(self, rig: Rig) -> Scene:
-        """The same frame for a rig that was found, the truth on its core's grid."""
+    def with_rig(self, rig: Rig) -> Scene:
+        """Return the frame with a calibrated rig, and the truth on that rig's core grid."""
         halvings = round(np.log2(rig.core_camera.size_px[0] / self.rig.core_camera.size_px[0]))
-        found = scale_rig(rig, 0.5**halvings)
+        calibrated = scale_rig(rig, 0.5**halvings)
         return replace(
             self,
-            rig=found,
-            true_depth_mm=resample_depth(found, self.rig, self.true_depth_mm),
-            region=resample_mask(found, self.rig, self.region),
-            occluded=resample_mask(found, self.rig, self.occluded),
+            rig=calibrated,
+            true_depth_mm=resample_depth(calibrated, self.rig, self.true_depth_mm),
+            region=resample_mask(calibrated, self.rig, self.region),
+            occluded=resample_mask(calibrated, self.rig, self.occluded),
         )
 
 
 def rendered_scenes(folder: Path) -> list[Scene]:
-    """The rendered captures at their own size, and halved."""
-    return [rendered(folder, name, halvings) for halvings in (1, 0) for name in LABELS]
+    """Return the rendered captures at full and half size."""
+    return [read_rendered(folder, name, halvings) for halvings in (1, 0) for name in LABELS]
 
 
-def rendered(folder: Path, name: str, halvings: int, capture: str | None = None) -> Scene:
-    """One of them; ``capture`` is another capture of the same scene, without speckle say."""
+def read_rendered(folder: Path, name: str, halvings: int, capture: str | None = None) -> Scene:
+    """Read a rendered scene; ``capture`` is another capture of the same scene, such as one without speckle."""
     truth = json.loads((folder / "truth" / "rig.json").read_text())
-    whole = true_rig(truth)
+    whole = parse_true_rig(truth)
     rig = scale_rig(whole, 0.5**halvings)
     arrays = np.load(folder / "truth" / f"{name}_depth_cam0.npz")
     depth, labels = arrays["z_pinhole"].astype(np.float64), arrays["label_pinhole"]
-    occluded = never_seen(whole, depth, load())
+    occluded = occluded_mask(whole, depth, load())
     if halvings:
-        depth, labels, occluded = _halved_truth(depth, labels, occluded, 2**halvings)
+        depth, labels, occluded = _halve_truth(depth, labels, occluded, 2**halvings)
     core = truth["cameras"]["cam0"]
     world_from_core = Pose.of(core["R"], core["t"]).inverse()
-    lit = _lit(rig, depth, world_from_core)
+    lit = _lit_mask(rig, depth, world_from_core)
     axis = world_from_core.rotation @ [0, 0, 1]
     center = world_from_core.translation_mm
     origin_y = float((center - axis * center[2] / axis[2])[1])
     images = {
-        c: _halved(read_image(folder / (capture or name) / c / "000.png"), halvings) for c in rig.cameras
+        c: _halve(read_image(folder / (capture or name) / c / "000.png"), halvings) for c in rig.cameras
     }
     volume = folder / "truth" / f"{name}_volume.json"
     return Scene(
@@ -98,22 +98,22 @@ def rendered(folder: Path, name: str, halvings: int, capture: str | None = None)
     )  # fmt: skip
 
 
-def _lit(rig: Rig, depth_mm: np.ndarray, world_from_core: Pose) -> np.ndarray:
+def _lit_mask(rig: Rig, depth_mm: np.ndarray, world_from_core: Pose) -> np.ndarray:
     points = np.concatenate([rig.core_camera.rays() * depth_mm[..., None], depth_mm[..., None]], axis=-1)
     return np.abs(world_from_core.apply(points)[..., 1]) <= REGION_MM
 
 
-def _halved_truth(
+def _halve_truth(
     depth: np.ndarray, labels: np.ndarray, occluded: np.ndarray, step: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A halved pixel lies between four: their mean, where they are one surface; occluded where all are."""
+    """Return the truth at half size: means of blocks on one surface; occluded if the whole block is."""
     shape = (depth.shape[0] // step, step, depth.shape[1] // step, step)
     blocks = depth.reshape(shape)
     depth = np.where(np.ptp(blocks, axis=(1, 3)) < 4, 1 / (1 / blocks).mean(axis=(1, 3)), np.nan)
     return depth, labels[::step, ::step], np.asarray(occluded.reshape(shape).all(axis=(1, 3)))
 
 
-def true_rig(truth: dict) -> Rig:
+def parse_true_rig(truth: dict) -> Rig:
     cameras, poses = {}, {}
     for name, entry in truth["cameras"].items():
         matrix = np.array(entry["K"])
@@ -125,7 +125,7 @@ def true_rig(truth: dict) -> Rig:
     return Rig("cam0", cameras, poses)
 
 
-def _halved(image: np.ndarray, halvings: int) -> np.ndarray:
+def _halve(image: np.ndarray, halvings: int) -> np.ndarray:
     factor = 0.5**halvings
     return (
         image if not halvings else cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
@@ -133,7 +133,7 @@ def _halved(image: np.ndarray, halvings: int) -> np.ndarray:
 
 
 def demo_scenes() -> list[Scene]:
-    """The capture that ships with the demo."""
+    """Return the scenes of the capture that ships with the demo."""
     data = Path(beltscape.__file__).parent / "data" / "demo"
     rig = read_rig(data / "truth" / "rig.json")
     volumes = read_json(data / "truth" / "volume.json")
@@ -142,10 +142,10 @@ def demo_scenes() -> list[Scene]:
     scenes = []
     for name in LABELS:
         depth = read_float_tiff(data / "truth" / f"{name}_depth.tiff").astype(np.float64)
-        lit = _lit(rig, depth, belt_from_core)
+        lit = _lit_mask(rig, depth, belt_from_core)
         images = {c: read_image(data / name / c / "000.png") for c in rig.cameras}
         volume = _true_volume(volumes["scenes"].get(name))
-        occluded = never_seen(rig, depth, load()) & lit
+        occluded = occluded_mask(rig, depth, load()) & lit
         scenes.append(Scene(name, rig, FrameSet("000", images), depth, lit, occluded, volume))
     return scenes
 
@@ -158,8 +158,8 @@ def _true_volume(entry: dict | None) -> float | None:
     return float(high - low)
 
 
-def full_size(cache: Path) -> Scene | None:
-    """A loaded belt at the sensor's full size, simulated once (minutes); None where it is not asked for."""
+def full_size_scene(cache: Path) -> Scene | None:
+    """Return a loaded belt at the sensor's full size, simulated once (minutes); None unless `FULL` is set."""
     if not os.environ.get(FULL):
         return None
     folder = cache / "belt_loaded_full_31"
@@ -171,7 +171,7 @@ def full_size(cache: Path) -> Scene | None:
     pose = read_json(truth / "station.json")["core_from_world"]
     with np.load(truth / "belt_loaded_depth.npz") as arrays:
         depth, label, views = arrays["depth_mm"].astype(np.float64), arrays["label"], arrays["views"]
-    lit = _lit(rig, depth, Pose.of(pose["rotation"], pose["translation_mm"]).inverse())
+    lit = _lit_mask(rig, depth, Pose.of(pose["rotation"], pose["translation_mm"]).inverse())
     images = {c: read_image(folder / c / "000.png") for c in rig.cameras}
     occluded = lit & (views == 0) & np.isfinite(depth)
     return Scene("belt_loaded", rig, FrameSet("000", images), depth, lit & (label == 2), occluded)

@@ -1,4 +1,4 @@
-"""Whole frames: accuracy, honesty, time and memory of every method on every scene."""
+"""Benchmark of whole frames: accuracy, reliability of σ, time and memory of every method on every scene."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
-from captures import FULL, LABELS, Scene, rendered
+from captures import FULL, LABELS, Scene, read_rendered
 from methods import HH, METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
-from timing import Cost, in_fresh_process
+from timing import Cost, run_in_fresh_process
 
 _COLUMNS = (
     "method", "< 1 mm", "< 0.25 mm", "median mm", "bias mm", "σ mm", "P95 mm", "gross", "measured", "false fill",
     "σ ratio", "over fifths", "locking px", "s, 2 threads", "s, 1 thread", "CPU s", "MB", "× SGBM", "× HH",
 )  # fmt: skip
 HH_PIXELS = 2_000_000
-"""SGBM with 8 directions holds some 1.5 KB a pixel and thread: beyond this it is left out."""
+"""SGBM with 8 directions uses about 1.5 KB per pixel and thread; it is left out for larger images."""
 NOTES = """\
 Depth: shares < 1 mm and < 0.25 mm of *all* true pixels of the scene's own surface within ±240 mm along the belt;
 median, bias, robust σ, P95, σ ratio, locking: pixels more than 6 px from a true step; gross: > 5 mm, of the
@@ -43,14 +43,14 @@ def head(*more: str) -> list[str]:
 
 
 def row(name: str, result: Result, bases: Sequence[Cost | None], *more: str) -> str:
-    """A method's figures; of its cost, too, if that was taken."""
+    """Return a table row with a method's scores and, if measured, its cost."""
     s = result.score
-    low, high = result.compute_sigma_ratios
+    low, high = result.sigma_ratios
     cells = [
         *more, name, f"{s.within_1mm:.2%}", f"{s.within_quarter_mm:.2%}", f"{s.interior_median_mm:.4f}",
         f"{s.interior_bias_mm:+.4f}", f"{s.interior_robust_sigma_mm:.4f}", f"{s.interior_p95_mm:.3f}",
         f"{s.gross:.2%}", f"{s.coverage:.2%}", _share(result.false_fill), f"{s.sigma_ratio:.2f}",
-        f"{low:.2f}–{high:.2f}", f"{result.locking_px:.4f}", *_spent(result.cost, bases),
+        f"{low:.2f}–{high:.2f}", f"{result.locking_px:.4f}", *_cost_cells(result.cost, bases),
     ]  # fmt: skip
     return "| " + " | ".join("" if cell == "nan" else cell for cell in cells) + " |"
 
@@ -59,7 +59,7 @@ def _share(value: float) -> str:
     return "none unseen" if np.isnan(value) else f"{value:.1%}"
 
 
-def _spent(spent: Cost | None, bases: Sequence[Cost | None]) -> list[str]:
+def _cost_cells(spent: Cost | None, bases: Sequence[Cost | None]) -> list[str]:
     if spent is None:
         return [""] * (4 + len(SGBM))
     times = [f"{spent.wall_s[threads]:.2f}" for threads in (2, 1)]
@@ -67,12 +67,12 @@ def _spent(spent: Cost | None, bases: Sequence[Cost | None]) -> list[str]:
     return [*times, f"{spent.cpu_s:.2f}", f"{spent.peak_mb:.0f}", *ratios]
 
 
-def frames(scenes: list[Scene], full: Scene | None, found: Rig | None) -> Iterator[list[str]]:
-    """A table for every scene as soon as it is done, the own calibration's row in it, and one of volumes."""
+def frames(scenes: list[Scene], full: Scene | None, calibrated: Rig | None) -> Iterator[list[str]]:
+    """Yield a table per scene, with a row for the measured calibration, and finally one of volumes."""
     yield [NOTES, ""]
     results: dict[tuple[str, str], Mapping[str, Result]] = {}
     for scene in scenes:
-        lines, results[scene.name, scene.size] = _scene(scene, found)
+        lines, results[scene.name, scene.size] = _scene(scene, calibrated)
         yield lines
     if full is not None:
         yield _scene(full, None)[0]
@@ -84,29 +84,29 @@ def frames(scenes: list[Scene], full: Scene | None, found: Rig | None) -> Iterat
     yield _volumes(scenes, results)
 
 
-def _scene(scene: Scene, found: Rig | None) -> tuple[list[str], Mapping[str, Result]]:
+def _scene(scene: Scene, calibrated: Rig | None) -> tuple[list[str], Mapping[str, Result]]:
     near_far = find_depth_range(scene.rig, scene.frame, Silent())
     lines = [f"### {scene.name}, {scene.size}, {near_far[0]:.0f} … {near_far[1]:.0f} mm", "", *head()]
     bare = [name for name in SGBM if name != HH or scene.true_depth_mm.size <= HH_PIXELS]
-    costs = {name: in_fresh_process(bare_sgbm, name, scene, near_far) for name in bare}
+    costs = {name: run_in_fresh_process(bare_sgbm, name, scene, near_far) for name in bare}
     bases = [costs.get(name) for name in SGBM]
     results: dict[str, Result] = {}
     for method in METHODS:
         try:
-            results[method] = in_fresh_process(run, method, scene, near_far)
+            results[method] = run_in_fresh_process(run, method, scene, near_far)
         except BeltscapeError as error:
             lines.append(f"| {_name(method)} | {error} |" + " |" * (len(_COLUMNS) - 2))
         else:
             lines.append(row(_name(method), results[method], bases))
-    if found is not None and "standard" in results:
-        lines.append(_own_calibration(scene, found, near_far))
+    if calibrated is not None and "standard" in results:
+        lines.append(_own_calibration(scene, calibrated, near_far))
     empty = " |" * (len(_COLUMNS) - 5 - len(SGBM))
-    lines += [f"| bare {name} |{empty} {' | '.join(_spent(c, bases))} |" for name, c in costs.items()]
+    lines += [f"| bare {name} |{empty} {' | '.join(_cost_cells(c, bases))} |" for name, c in costs.items()]
     return [*lines, ""], results
 
 
-def _own_calibration(scene: Scene, found: Rig, near_far: Range) -> str:
-    result = run("standard", scene.calibrated(found), near_far, timed=False)
+def _own_calibration(scene: Scene, calibrated: Rig, near_far: Range) -> str:
+    result = run("standard", scene.with_rig(calibrated), near_far, timed=False)
     return row("multiview standard, own calibration", result, ())
 
 
@@ -139,7 +139,7 @@ def _volumes(scenes: list[Scene], results: Mapping[tuple[str, str], Mapping[str,
 
 
 def without_speckle(folder: Path) -> list[str]:
-    """The captures that were taken with the projector off, by the standard preset."""
+    """Return the table of captures without speckle, by the standard preset."""
     lines = [
         "| no speckle | size | measured | < 1 mm | < 0.25 mm | gross | false fill |",
         "|---|---|---|---|---|---|---|",
@@ -149,10 +149,10 @@ def without_speckle(folder: Path) -> list[str]:
         if not (folder / capture).is_dir():
             continue
         for halvings in (1, 0):
-            lit = rendered(folder, name, halvings)
-            # the range is that with speckle: an empty belt without has nothing by which to find it
+            lit = read_rendered(folder, name, halvings)
+            # the depth range is taken from the capture with speckle, because an empty belt does not show one without
             near_far = find_depth_range(lit.rig, lit.frame, Silent())
-            result = run("standard", rendered(folder, name, halvings, capture), near_far, timed=False)
+            result = run("standard", read_rendered(folder, name, halvings, capture), near_far, timed=False)
             s = result.score
             lines.append(
                 f"| {name} | {lit.size} | {s.coverage:.2%} | {s.within_1mm:.2%} | {s.within_quarter_mm:.2%} | "

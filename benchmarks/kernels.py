@@ -1,4 +1,4 @@
-"""Every kernel by itself, on a real frame: milliseconds and throughput by instruction level, beside OpenCV."""
+"""Benchmark of single kernels on a rendered frame: time and throughput by instruction set, beside OpenCV."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from beltscape.stereo.multiview.confidence.message_passing import (
     load_message_rounds,
     neighbour_addresses,
 )
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare_frame
+from beltscape.stereo.multiview.frame.context import MatchContext
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
+from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 from beltscape.stereo.multiview.networks import load_network
-from beltscape.stereo.multiview.optimisation.propagation import OCCLUDER_PX, offsets
+from beltscape.stereo.multiview.optimisation.propagation import propagation_offsets
 from beltscape.stereo.multiview.selection.gain import difference_variance
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
-from timing import seconds
+from timing import measure_seconds
 
 PLANES = 64
 _JUMPS = 7, 40
 _ALONE = {"aggregate", "top_view", "window_minima"}
 _WINDOWS = 9, 25, 51, 101
 _CROP_PX = 48
-"""Edge of the middle of the image that the reference does."""
+"""Edge of the image's centre that the reference kernels process."""
 NOTES = f"""\
 Cells: ms (throughput): Mpx/s of the core; of sweep, aggregate and both at once Mde/s: pixels × {PLANES} planes.
 Frame: the rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp);
@@ -45,7 +47,7 @@ Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 @dataclass(frozen=True)
 class Case:
-    """What kernels are given."""
+    """Input of the kernels."""
 
     prepared: PreparedFrame
     s: np.ndarray
@@ -54,16 +56,16 @@ class Case:
 
     @property
     def first(self) -> float:
-        """Nearness of the first plane: the surface's range fills the planes."""
+        """Inverse depth of the first plane; the planes cover the range of the surface."""
         return float(np.nanmin(self.s))
 
     @property
     def step(self) -> float:
-        """Of the planes."""
+        """Distance of the planes in inverse depth."""
         return float(np.nanmax(self.s) - self.first) / (self.planes - 1)
 
-    def cropped(self) -> Case:
-        """The middle of the core; views moved so that they fit it."""
+    def crop(self) -> Case:
+        """Return the case for the centre of the core's image, with shifted projections."""
         top, left = ((n - _CROP_PX) // 2 for n in self.s.shape)
         part = np.s_[top : top + _CROP_PX, left : left + _CROP_PX]
         views = self.prepared.views.astype(np.float64)
@@ -81,7 +83,7 @@ Call = Callable[[Kernels, int], object]
 
 
 def kernels(scenes: list[Scene]) -> list[str]:
-    """A row for every kernel and size."""
+    """Return a row per kernel and size."""
     best = levels()[-1]
     others = list(reversed(levels()[:-1]))
     columns = ["kernel", "size", f"{best}, 1 thread", f"{best}, 2", *others, "OpenCV / SciPy", "reference"]
@@ -93,33 +95,38 @@ def kernels(scenes: list[Scene]) -> list[str]:
 
 def _rows(scene: Scene, best: str, others: list[str]) -> list[str]:
     case = _case(scene)
-    small = case.cropped()
-    calls, small_calls, peers = _calls(case), _calls(small), _peers(case)
+    small = case.crop()
+    calls, small_calls, baselines = _calls(case), _calls(small), _baselines(case)
     rows = []
     for name, call in calls.items():
         planes, few = (
             (c.planes if name in {"sweep", "aggregate", "sweep_and_aggregate"} else 1) for c in (case, small)
         )
         amount = case.s.size * planes
-        times = [_timed(call, load(best), 1), _timed(call, load(best), 2) if name not in _ALONE else None]
-        times += [_timed(call, load(level), 1) for level in others]
-        times.append(seconds(peers[name], 3) if name in peers else None)
-        cells = ["" if t is None else f"{t * 1e3:.2f} ({_brief(amount / t / 1e6)})" for t in times]
+        times = [
+            _measure_call(call, load(best), 1),
+            _measure_call(call, load(best), 2) if name not in _ALONE else None,
+        ]
+        times += [_measure_call(call, load(level), 1) for level in others]
+        times.append(measure_seconds(baselines[name], 3) if name in baselines else None)
+        cells = [
+            "" if t is None else f"{t * 1e3:.2f} ({_format_throughput(amount / t / 1e6)})" for t in times
+        ]
         rows.append(
-            f"| {name} | {scene.size} | {' | '.join(cells)} | {_slow(small_calls[name], small, few)} |"
+            f"| {name} | {scene.size} | {' | '.join(cells)} | {_measure_reference(small_calls[name], small, few)} |"
         )
     return rows
 
 
-def _brief(value: float) -> str:
+def _format_throughput(value: float) -> str:
     return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
-def _timed(call: Call, with_kernels: Kernels, threads: int) -> float:
-    return seconds(lambda: call(with_kernels, threads), 5, 0.3)
+def _measure_call(call: Call, with_kernels: Kernels, threads: int) -> float:
+    return measure_seconds(lambda: call(with_kernels, threads), 5, 0.3)
 
 
-def _slow(call: Call, case: Case, planes: int) -> str:
+def _measure_reference(call: Call, case: Case, planes: int) -> str:
     reference = load("reference")
     start = time.perf_counter()
     call(reference, 1)
@@ -128,34 +135,35 @@ def _slow(call: Call, case: Case, planes: int) -> str:
 
 def _case(scene: Scene) -> Case:
     names = scene.rig.auxiliaries
-    prepared = prepare_frame(scene.rig, scene.frame, names, 1, load(), 0)
-    s = (1 / (scene.true_depth_mm * grid_unit(scene.rig, names, 1))).astype(np.float32)
+    context = MatchContext.for_grid(scene.rig, names, 1, load(), 0)
+    prepared = prepare_frame(scene.frame, context)
+    s = (1 / (scene.true_depth_mm * context.inverse_depth_scale)).astype(np.float32)
     s = np.where(np.isfinite(s), s, np.float32(np.nanmedian(s)))
     slope_v, slope_u = (ndimage.median_filter(x, 3).clip(-1, 1) for x in np.gradient(s))
     return Case(prepared, s, (slope_u, slope_v))
 
 
 def _calls(case: Case) -> dict[str, Call]:
-    """Every kernel with the matcher's own settings."""
+    """Return a call of every kernel with the matcher's settings."""
     p, s, (slope_u, slope_v) = case.prepared, case.s, case.slopes
     floor, native = p.noise.floor, load()
     sizes = [image.shape[::-1] for image in p.images]
     buffers = native.inverse_depth_buffers(s, p.views, sizes)
     planes = case.first, case.step, case.planes, floor
     cost = native.sweep(p.core, p.images, p.views, *planes)
-    around = offsets(MultiviewSettings().distances_px)
-    judged = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
-    equations = native.normal_equations(s, p.core, p.coefficients, p.views, **judged)
+    offsets = propagation_offsets(MultiviewSettings().distances_px)
+    noise = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
+    equations = native.normal_equations(s, p.core, p.coefficients, p.views, **noise)
     projections, pixels = _points(s.size)
-    doubtful, trusted = _doubtful(s)
-    rivals = native.candidate_surfaces(s, slope_u, slope_v, trusted, *doubtful, reach=8, separation=1.0)
-    light = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
-    light |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
-    belief, around_one = load_network("belief"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
-    evidence = [s] * len(belief.names)
-    hear, (said, heard, kept) = load_message_rounds()[0], _messages(~trusted)
+    uncertain, reliable = _uncertain(s)
+    candidates = native.candidate_surfaces(s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0)
+    photometry = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
+    photometry |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
+    network, around_one = load_network("confidence"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
+    features = [s] * len(network.names)
+    first_round, (messages, neighbours, states) = load_message_rounds()[0], _messages(~reliable)
     depth = np.median(s) / s
-    holed, place, turn = _holed(depth)
+    holed, place, turn = _add_holes(depth)
     return {
         "spline_coefficients": lambda k, n: k.spline_coefficients(p.core, threads=n),
         "warp": lambda k, n: k.warp(s, p.views[0], p.coefficients[0], threads=n),
@@ -166,24 +174,26 @@ def _calls(case: Case) -> dict[str, Call]:
         ),
         "propagate": lambda k, n: k.propagate(
             s, slope_u, slope_v, p.core, p.images, p.views, buffers,
-            offsets=around, floor=floor, tolerance=OCCLUDER_PX, threads=n,
+            offsets=offsets, floor=floor, tolerance=OCCLUDER_PX, threads=n,
         ),
         "inverse_depth_buffers": lambda k, n: k.inverse_depth_buffers(s, p.views, sizes, threads=n),
         "normal_equations": lambda k, n: k.normal_equations(
-            s, p.core, p.coefficients, p.views, **judged, threads=n
+            s, p.core, p.coefficients, p.views, **noise, threads=n
         ),
         "local_fit": lambda k, n: k.local_fit(
             equations.information, equations.pull, s, slope_u, slope_v, tolerance=0.25, threads=n
         ),
         "candidate_surfaces": lambda k, n: k.candidate_surfaces(
-            s, slope_u, slope_v, trusted, *doubtful, reach=8, separation=1.0, threads=n
+            s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0, threads=n
         ),
         "photo_consistency": lambda k, n: k.photo_consistency(
-            *doubtful, *rivals[:3], **light, tolerance=OCCLUDER_PX, threads=n
+            *uncertain, *candidates[:3], **photometry, tolerance=OCCLUDER_PX, threads=n
         ),
-        "gather": lambda k, n: k.gather([s, p.core], *doubtful, around_one, threads=n),
-        "pass_messages": lambda k, n: k.pass_messages(said, heard, kept, hear.layers, threads=n),
-        "evaluate_network": lambda k, n: k.evaluate_network(evidence, belief.limits, belief.layers, threads=n),
+        "gather": lambda k, n: k.gather([s, p.core], *uncertain, around_one, threads=n),
+        "pass_messages": lambda k, n: k.pass_messages(
+            messages, neighbours, states, first_round.layers, threads=n
+        ),
+        "evaluate_network": lambda k, n: k.evaluate_network(features, network.limits, network.layers, threads=n),
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
         "rasterise_heights": lambda k, n: k.rasterise_heights(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
@@ -198,32 +208,33 @@ def _calls(case: Case) -> dict[str, Call]:
     }  # fmt: skip
 
 
-def _doubtful(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Columns and rows of a fifth of the pixels, in patches, and (H, W) the others, which are trusted."""
+def _uncertain(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Return columns and rows of a fifth of the pixels, in patches, and the mask (H, W) of the others."""
     noise = ndimage.gaussian_filter(np.random.default_rng(3).normal(size=s.shape), 2)
-    doubtful = noise > np.quantile(noise, 0.8)
-    rows, columns = np.nonzero(doubtful)
-    return (columns, rows), ~doubtful
+    uncertain = noise > np.quantile(noise, 0.8)
+    rows, columns = np.nonzero(uncertain)
+    return (columns, rows), ~uncertain
 
 
-def _messages(asked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What pixels and others say, whom each of those hears, and what it keeps."""
-    words, count = load_message_rounds()[0].others.shape[1], np.count_nonzero(asked)
-    state = np.random.default_rng(4).normal(size=(len(load_network("scrutiny").layers[-1]), count))
-    said = np.hstack([load_message_rounds()[0].others.T, state[:words]])
-    heard = neighbour_addresses(assign_addresses(asked, ~asked), asked, 1)
-    return said.astype(np.float32), heard, state[words:].astype(np.float32)
+def _messages(uncertain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return messages, the neighbours' addresses and the rest of the states of random uncertain pixels."""
+    fixed, count = load_message_rounds()[0].fixed_messages, np.count_nonzero(uncertain)
+    length = fixed.shape[1]
+    state = np.random.default_rng(4).normal(size=(len(load_network("refinement").layers[-1]), count))
+    messages = np.hstack([fixed.T, state[:length]])
+    neighbours = neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
+    return messages.astype(np.float32), neighbours, state[length:].astype(np.float32)
 
 
-def _holed(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
-    """Depths about 0 with holes, their places, and directions all around."""
+def _add_holes(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
+    """Return zero-mean depths with holes, the holes' positions, and directions all around."""
     noise = ndimage.gaussian_filter(np.random.default_rng(2).normal(size=depth.shape), 3)
     holed = np.where(noise > np.quantile(noise, 0.95), np.nan, depth - depth.mean())
     return holed, np.nonzero(np.isnan(holed)), np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
 
 
-def _peers(case: Case) -> dict[str, Callable[[], object]]:
-    """OpenCV's (SciPy's) nearest relatives on the same data."""
+def _baselines(case: Case) -> dict[str, Callable[[], object]]:
+    """Return the most similar OpenCV or SciPy functions, called on the same data."""
     p, (height, width) = case.prepared, case.s.shape
     u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     u, v = u + np.float32(0.3), v + np.float32(0.6)
@@ -249,7 +260,7 @@ def _peers(case: Case) -> dict[str, Callable[[], object]]:
 
 
 def _points(count: int, views: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    """Projections (views, 3, 4) and pixels (views, count, 2) of random points."""
+    """Return projections (views, 3, 4) and pixels (views, count, 2) of random points."""
     rng = np.random.default_rng(1)
     points = np.column_stack([rng.uniform((-300, -300, 400), (300, 300, 1000), (count, 3)), np.ones(count)])
     poses = [np.column_stack([np.eye(3), rng.uniform(-300, 300, 3) * [1, 1, 0]]) for _ in range(views)]
@@ -259,21 +270,25 @@ def _points(count: int, views: int = 5) -> tuple[np.ndarray, np.ndarray]:
 
 
 def triangulation() -> list[str]:
-    """Points per second of every kernel level, against OpenCV's two-view one and the reference."""
+    """Return the triangulated points per second by instruction set, OpenCV's two-view function and the reference."""
     projections, pixels = _points(200_000)
     count = pixels.shape[1]
     two, first, second = pixels[:2], pixels[0].T.copy(), pixels[1].T.copy()
-    base = seconds(lambda: cv2.triangulatePoints(projections[0], projections[1], first, second))
+    base = measure_seconds(lambda: cv2.triangulatePoints(projections[0], projections[1], first, second))
     rows = [f"| OpenCV triangulatePoints, 2 views | {count / base / 1e6:.2f} | 1 |"]
     for level in levels():
         for views, data in ((2, two), (5, pixels)):
             for threads in (1, 2):
-                t = seconds(
+                t = measure_seconds(
                     lambda: load(level).triangulate(projections[: len(data)], data, threads=threads)  # noqa: B023
                 )
                 label = f"native {level}, {views} views, {threads} thread{'s' * (threads > 1)}"
                 rows.append(f"| {label} | {count / t / 1e6:.1f} | {base / t:.0f} |")
     few = np.ascontiguousarray(pixels[:, :2000])
-    t = seconds(lambda: load("reference").triangulate(projections, few), runs=3) * count / few.shape[1]
+    t = (
+        measure_seconds(lambda: load("reference").triangulate(projections, few), runs=3)
+        * count
+        / few.shape[1]
+    )
     rows.append(f"| NumPy reference, 5 views | {count / t / 1e6:.3f} | {base / t:.3f} |")
     return ["| triangulation | M points/s | × OpenCV |", "|---|---|---|", *rows]

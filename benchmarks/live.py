@@ -1,4 +1,4 @@
-"""The running system: frame sets per second from end to end, and what each of its parts costs."""
+"""Benchmark of the live system: frame sets per second from image files to stored records."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ first frame set, from the difference of two runs, of one and of all rounds. Besi
 cv2.StereoSGBM pairs of the same size (HH, 128 disparities) are done on the same machine."""
 _PRESETS = ("fast", "standard")
 _ROUNDS = 3
-_LOOK_S = 0.1
-"""Between looks at a program's memory."""
+_POLL_S = 0.1
+"""Interval between readings of a program's memory."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one replay."""
+    """Cost of one replay."""
 
     seconds: float
     cpu_s: float
@@ -43,10 +43,10 @@ class Cost:
 
 
 def live(rendered: Path, rig: Rig) -> list[str]:
-    """A table in Markdown; the reason where the capture is not there."""
+    """Return a Markdown table; the reason if the capture is missing."""
     capture = rendered / "belt_moving"
     if not capture.is_dir():
-        return ["Not run: the rendered moving belt is not there."]
+        return ["Not run: the rendered moving belt is not available."]
     lines = [
         NOTES,
         "",
@@ -56,8 +56,8 @@ def live(rendered: Path, rig: Rig) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         plant = Path(folder)
         for width in (612, 1224):
-            images = _scaled(capture, plant / f"capture{width}", width)
-            empty = _empty(rendered / "belt_empty", plant / f"empty{width}", width, rig)
+            images = _scale_capture(capture, plant / f"capture{width}", width)
+            empty = _reconstruct_empty(rendered / "belt_empty", plant / f"empty{width}", width, rig)
             pairs = _four_pairs_s(images)
             lines += [_row(images, empty, width, preset, pairs) for preset in _PRESETS]
     return lines
@@ -72,7 +72,7 @@ def _row(capture: Path, empty: Path, width: int, preset: str, pairs_s: float) ->
 
 
 def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
-    """One run of the program over so many rounds of the capture."""
+    """Run the program over ``rounds`` repetitions of the capture and return its cost."""
     plant = empty.parent
     listed = _rounds(capture, plant / f"{capture.name}x{rounds}", rounds)
     project = plant / f"{capture.name}-{preset}-{rounds}.toml"
@@ -85,22 +85,22 @@ def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
     began = perf_counter()
     out = plant / f"{project.stem}.out"
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
-    before, peak_mb = os.times(), 0.0  # the peak that os.wait4 tells begins with our own
+    before, peak_mb = os.times(), 0.0  # os.wait4 would return at least our own peak
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
-        said = None
-        while said is None:
+        output = None
+        while output is None:
             peak_mb = max(peak_mb, memory_mb("VmHWM", program.pid))
             with suppress(subprocess.TimeoutExpired):
-                said, _ = program.communicate(timeout=_LOOK_S)
+                output, _ = program.communicate(timeout=_POLL_S)
     if program.returncode:
         raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
     seconds, after = perf_counter() - began, os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
-    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, json.loads(said)["records"])
+    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, json.loads(output)["records"])
 
 
 def _rounds(capture: Path, folder: Path, rounds: int) -> Path:
-    """A capture in which another follows itself, the belt going on."""
+    """Write and return a capture that repeats another; the belt position continues."""
     frames = read_capture(capture)
     if folder.is_dir():
         return folder
@@ -120,8 +120,8 @@ def _rounds(capture: Path, folder: Path, rounds: int) -> Path:
     return folder
 
 
-def _scaled(capture: Path, folder: Path, width: int) -> Path:
-    """The capture with images of that width."""
+def _scale_capture(capture: Path, folder: Path, width: int) -> Path:
+    """Write and return the capture with images of the given width."""
     for camera, files in read_capture(capture).files.items():
         (folder / camera).mkdir(parents=True)
         for frame, file in files.items():
@@ -134,9 +134,9 @@ def _scaled(capture: Path, folder: Path, width: int) -> Path:
     return folder
 
 
-def _empty(capture: Path, folder: Path, width: int, rig: Rig) -> Path:
-    """The empty belt, reconstructed at that size."""
-    images = _scaled(capture, folder / "images", width)
+def _reconstruct_empty(capture: Path, folder: Path, width: int, rig: Rig) -> Path:
+    """Reconstruct the empty belt at the given size and return its folder."""
+    images = _scale_capture(capture, folder / "images", width)
     write_rig(folder / "rig.json", scale_rig(rig, width / rig.core_camera.size_px[0]))
     words = [sys.executable, "-m", "beltscape", "reconstruct", str(images), "--rig", str(folder / "rig.json")]
     subprocess.run([*words, "--out", str(folder / "out"), "--json"], check=True, capture_output=True)
@@ -144,7 +144,7 @@ def _empty(capture: Path, folder: Path, width: int, rig: Rig) -> Path:
 
 
 def _four_pairs_s(capture: Path) -> float:
-    """Seconds for four pairs of OpenCV's matcher; the best of three."""
+    """Return the seconds for four pairs of OpenCV's matcher, the best of three runs."""
     cameras = read_capture(capture)
     images = [read_image(next(iter(files.values()))) for files in cameras.files.values()]
     grey = [image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]

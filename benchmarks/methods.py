@@ -1,4 +1,4 @@
-"""The methods that are compared, each made for a scene, a depth range and a number of threads."""
+"""The compared matching methods, prepared for a scene, a depth range and a number of threads."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_mask, score_depth
-from beltscape.evaluate.scores.reliability import false_fill, compute_pixel_locking, compute_sigma_ratios
+from beltscape.evaluate.scores.reliability import (
+    compute_false_fill,
+    compute_pixel_locking,
+    compute_sigma_ratios,
+)
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, horizontal_auxiliary
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 from captures import Scene
-from timing import Cost, cost
+from timing import Cost, measure_cost
 
 Range = tuple[float, float]
 """(near, far), mm."""
@@ -29,42 +33,42 @@ METHODS = (*MULTIVIEW, "pairwise", "binocular")
 HH = "SGBM, 8 directions (HH)"
 SGBM = {"SGBM, 5 directions": cv2.StereoSGBM_MODE_SGBM, HH: cv2.StereoSGBM_MODE_HH}
 _LOCKED_LEAST = 2000
-"""Interior pixels below which a mean over the fraction of a pixel tells nothing."""
+"""Smallest number of interior pixels for which pixel locking is evaluated."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """A method on a scene."""
+    """The result of a method on a scene."""
 
     depth: DepthMap
     score: DepthScore
     false_fill: float
-    compute_sigma_ratios: tuple[float, float]
-    """Least and greatest over fifths of the predicted sigma."""
+    sigma_ratios: tuple[float, float]
+    """Actual over predicted σ, smallest and largest over the quintiles of predicted σ."""
     locking_px: float
     cost: Cost | None
 
 
 def run(method: str, scene: Scene, near_far: Range, *, timed: bool = True) -> Result:
-    """Match and score; call it in a fresh process where memory counts."""
+    """Match and score a scene; call it in a fresh process to measure memory."""
     if timed:
-        depth, spent = cost(lambda threads: matcher(method, scene, near_far, threads))
+        depth, spent = measure_cost(lambda threads: make_matcher(method, scene, near_far, threads))
     else:
-        depth, spent = matcher(method, scene, near_far, 0)(), None
+        depth, spent = make_matcher(method, scene, near_far, 0)(), None
     dz, where = _interior(depth, scene)
     ratios = compute_sigma_ratios(dz, depth.sigma_mm[where])
     return Result(
         depth=depth,
         score=score_depth(depth, scene.true_depth_mm, scene.region),
-        false_fill=false_fill(depth, scene.unseen),
-        compute_sigma_ratios=(float(ratios.min()), float(ratios.max())),
+        false_fill=compute_false_fill(depth, scene.occluded),
+        sigma_ratios=(float(ratios.min()), float(ratios.max())),
         locking_px=_locking(method, scene, near_far, depth, where),
         cost=spent,
     )
 
 
-def matcher(method: str, scene: Scene, near_far: Range, threads: int) -> Callable[[], DepthMap]:
-    """A matcher that is ready for frames."""
+def make_matcher(method: str, scene: Scene, near_far: Range, threads: int) -> Callable[[], DepthMap]:
+    """Return a function that matches the scene with a prepared matcher."""
     if method in MULTIVIEW:
         settings = MultiviewSettings.preset(method).model_copy(update={"threads": threads})
         made = MultiviewReconstructor(scene.rig, near_far, settings)
@@ -77,7 +81,7 @@ def matcher(method: str, scene: Scene, near_far: Range, threads: int) -> Callabl
 
 
 def bare_sgbm(name: str, scene: Scene, near_far: Range) -> Cost:
-    """One OpenCV SGBM call per pair on rectified images, nothing else; pairs side by side in threads."""
+    """Return the cost of one OpenCV SGBM call per rectified pair, with the pairs in parallel threads."""
     jobs = []
     for auxiliary in scene.rig.auxiliaries:
         pair = rectify_pair(scene.rig, auxiliary, near_far)
@@ -88,8 +92,8 @@ def bare_sgbm(name: str, scene: Scene, near_far: Range) -> Cost:
 
     def make(threads: int) -> Callable[[], object]:
         def one(job: tuple[int, np.ndarray, np.ndarray]) -> np.ndarray:
-            found = cv2.StereoSGBM_create(0, job[0], 5, 200, 800, mode=SGBM[name])
-            return found.compute(job[1], job[2])
+            sgbm = cv2.StereoSGBM_create(0, job[0], 5, 200, 800, mode=SGBM[name])
+            return sgbm.compute(job[1], job[2])
 
         def work() -> object:
             with ThreadPoolExecutor(threads) as pool:
@@ -97,11 +101,11 @@ def bare_sgbm(name: str, scene: Scene, near_far: Range) -> Cost:
 
         return work
 
-    return cost(make)[1]
+    return measure_cost(make)[1]
 
 
 def _interior(depth: DepthMap, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) errors, mm, and (H, W) where: measured, true, away from steps, no false surface."""
+    """Return the errors (N,), mm, of interior measured pixels without gross errors, and their mask (H, W)."""
     error = depth.depth_mm.astype(np.float64) - scene.true_depth_mm
     where = scene.region & interior_mask(scene.true_depth_mm)
     where &= np.isfinite(error) & (np.abs(np.nan_to_num(error)) < GROSS_MM)
@@ -121,7 +125,7 @@ def _locking(method: str, scene: Scene, near_far: Range, depth: DepthMap, where:
 def _disparity_px(
     method: str, scene: Scene, near_far: Range, depth_mm: np.ndarray, where: np.ndarray
 ) -> np.ndarray:
-    """(N,) in the images that are matched: of the most horizontal pair, rectified for the pairwise methods."""
+    """Return the disparities (N,) of the most horizontal pair in the matched (for pairwise, rectified) images."""
     rig, name = scene.rig, horizontal_auxiliary(scene.rig)
     rays, z = rig.core_camera.rays()[where], depth_mm[where]
     if method in MULTIVIEW:

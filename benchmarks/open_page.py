@@ -1,4 +1,4 @@
-"""Keeps the operator's page open in a headless Chromium until standard input ends: a picture of it every minute.
+"""Keeps the operator's page open in a headless Chromium until standard input ends; saves a screenshot every minute.
 
 python benchmarks/open_page.py http://127.0.0.1:8460/ page.png
 """
@@ -15,7 +15,7 @@ FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--
 
 
 def main(address: str, picture: str) -> None:
-    """Open it as soon as it answers."""
+    """Open the page as soon as the server responds."""
     ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
     with sync_playwright() as playwright:
@@ -24,13 +24,13 @@ def main(address: str, picture: str) -> None:
         taken = time.monotonic()
         while not ended.is_set():
             try:
-                if not page.url.startswith(address):  # blank, or Chromium's own page of an error
+                if not page.url.startswith(address):  # blank page or Chromium's error page
                     page.goto(address)
                 elif time.monotonic() - taken > 60:
                     taken = time.monotonic()
                     page.screenshot(path=picture)
             except Error:
-                pass  # it is not there yet, or was killed: the page itself comes back
+                pass  # the server is not running; the page reconnects by itself
             page.wait_for_timeout(500)
         browser.close()
 

@@ -1,9 +1,9 @@
-"""Depth matchers on real stereo pairs; prints a table.
+"""Benchmark of the matchers on real stereo pairs; prints tables.
 
     python benchmarks/real.py [REAL]
 
 REAL is a folder with the pairs of `beltscape.evaluate.real_pairs.read_pairs` (default: ../shared/data/real beside the
-repository); a pair that is not there is named and left out.
+repository); missing pairs are listed and left out.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ SUBSETS_PX = (1, 9, 25)
 
 
 def real_pairs(folder: Path) -> list[str]:
-    """Two tables as lines of Markdown: agreement with correspondences, and shares of true disparity."""
-    there = [read(folder / name) for name, read in PAIRS.items() if (folder / name).is_dir()]
+    """Return two Markdown tables: differences from correspondences, and errors of disparity."""
+    pairs = [read(folder / name) for name, read in PAIRS.items() if (folder / name).is_dir()]
     points = [
         "| real pair | method | depth over | points | measured | median px | robust σ px | P95 px | > 1 px | s |",
         "|---|---|---|---|---|---|---|---|---|---|",
@@ -40,21 +40,22 @@ def real_pairs(folder: Path) -> list[str]:
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     notes = []
-    for pair in there:
+    for pair in pairs:
         if isinstance(pair, SpecklePair):
-            points += _agreements(pair)
-            off = pair.epipolar_px()
+            points += _correspondence_rows(pair)
+            epipolar = pair.epipolar_px()
             notes.append(
-                f"{pair.name}: reference beside its epipolar lines by {np.median(off):+.3f} px (median), "
-                f"robust σ {compute_robust_sigma(off):.3f} px, P95 {np.percentile(np.abs(off), 95):.3f} px."
+                f"{pair.name}: distance of the reference from its epipolar lines "
+                f"{np.median(epipolar):+.3f} px (median), "
+                f"robust σ {compute_robust_sigma(epipolar):.3f} px, P95 {np.percentile(np.abs(epipolar), 95):.3f} px."
             )
         else:
-            shares += _shares(pair)
-    notes += [f"{name}: not there." for name in PAIRS if not (folder / name).is_dir()]
+            shares += _disparity_rows(pair)
+    notes += [f"{name}: not available." for name in PAIRS if not (folder / name).is_dir()]
     return [*points, "", *shares, "", *notes]
 
 
-def _agreements(pair: SpecklePair) -> list[str]:
+def _correspondence_rows(pair: SpecklePair) -> list[str]:
     rows = []
     for method, reconstruct in METHODS.items():
         start = time.perf_counter()
@@ -73,7 +74,7 @@ def _agreements(pair: SpecklePair) -> list[str]:
     return rows
 
 
-def _shares(pair: DisparityPair) -> list[str]:
+def _disparity_rows(pair: DisparityPair) -> list[str]:
     rows = []
     for method, reconstruct in METHODS.items():
         start = time.perf_counter()

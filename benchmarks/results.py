@@ -1,4 +1,4 @@
-"""RESULTS.md: sections that each state the commit they were measured at, and by themselves when it is not the newest.
+"""RESULTS.md: sections that each state the commit at which they were measured, and how far it is behind.
 
 Only `benchmarks/run.py` writes the file. A section that a run does not measure stays as it is, with its own commit.
 """
@@ -30,10 +30,10 @@ class Section:
     """Load average over a minute before the section was measured."""
 
 
-def measured_section(title: str, lines: Sequence[str], load: float) -> Section:
-    """Return a section that was measured just now."""
+def make_section(title: str, lines: Sequence[str], load: float) -> Section:
+    """Return a section that was measured at the current commit."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    return Section(title, tuple(_trimmed(lines)), current_commit(), today, f"{load:.1f}")
+    return Section(title, tuple(_trim(lines)), current_commit(), today, f"{load:.1f}")
 
 
 def current_commit() -> str:
@@ -43,7 +43,7 @@ def current_commit() -> str:
 
 
 def read_results(path: Path) -> list[Section]:
-    """Return the sections of a RESULTS.md that carry a commit; none where there is no file."""
+    """Return the sections of a RESULTS.md that carry a commit; none without the file."""
     if not path.is_file():
         return []
     sections = []
@@ -52,12 +52,12 @@ def read_results(path: Path) -> list[Section]:
         stamp = next((match for line in lines if (match := _STAMP.match(line))), None)
         if stamp is not None:
             rest = [line for line in lines if not _STAMP.match(line)]
-            sections.append(Section(title.strip(), tuple(_trimmed(rest)), *stamp.groups()))
+            sections.append(Section(title.strip(), tuple(_trim(rest)), *stamp.groups()))
     return sections
 
 
 def write_results(path: Path, head: str, sections: Sequence[Section], order: Sequence[str]) -> None:
-    """Write the newest of each section in ``order``; those of an older commit say how far behind they are."""
+    """Write the newest of each section in ``order``; those of an older commit state how far behind they are."""
     newest = {section.title: section for section in [*read_results(path), *sections]}
     lines = ["# Results", "", head, ""]
     for title in order:
@@ -77,13 +77,13 @@ def _stamp(section: Section) -> str:
     return f"*Measured at commit {section.commit} on {section.date}, {load}.{older}*"
 
 
-def _trimmed(lines: Sequence[str]) -> list[str]:
+def _trim(lines: Sequence[str]) -> list[str]:
     text = "\n".join(lines).strip("\n")
     return text.split("\n") if text else []
 
 
 def _git(*arguments: str) -> str:
-    """Return what git prints; nothing where there is no repository or no such commit."""
+    """Return git's output; empty without a repository or such a commit."""
     done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
     return done.stdout.strip() if done.returncode == 0 else ""
 

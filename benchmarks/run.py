@@ -1,4 +1,4 @@
-"""Accuracy and speed beside each other, as ratios against OpenCV in the same run; writes RESULTS.md.
+"""All benchmarks of accuracy and speed, relative to OpenCV in the same run; writes RESULTS.md.
 
     python benchmarks/run.py [RENDERED] [--only SECTION ...]
 
@@ -23,11 +23,11 @@ import frames
 import kernels
 from beltscape.core.rig import Rig
 from beltscape.kernels.native import levels
-from calibration import calibration
-from captures import Scene, demo_scenes, full_size, rendered_scenes
+from calibration import calibration as benchmark_calibration
+from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
 from live import live
 from real import real_pairs
-from results import load_average, measured_section, write_results
+from results import load_average, make_section, write_results
 from robustness import NOTES as ROBUSTNESS_NOTES
 from robustness import SCENES, robustness
 
@@ -35,49 +35,49 @@ HERE = Path(__file__).parent
 
 
 class Benchmarks:
-    """The sections of RESULTS.md by title, and the captures that they share."""
+    """The sections of RESULTS.md by title, and the captures they share."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.sections: dict[str, Callable[[], list[str]]] = {
-            "Calibration": lambda: self.calibrated[0],
+            "Calibration": lambda: self.calibration[0],
             "Whole frames": self.whole_frames,
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
             "Without speckle": lambda: frames.without_speckle(self.folder),
-            "Spoiled frames": self.spoiled_frames,
+            "Spoiled frames": self.degraded_frames,
             "Real pairs": lambda: real_pairs(self.folder.parent / "real"),
             "Kernels": self.kernels,
         }
 
     @cached_property
     def scenes(self) -> list[Scene]:
-        """The scenes with exact rigs."""
+        """Scenes with exact rigs."""
         return rendered_scenes(self.folder) if self.folder.is_dir() else demo_scenes()
 
     @cached_property
-    def calibrated(self) -> tuple[list[str], Rig | None]:
-        """The calibration's lines, and the rig that it found."""
-        return calibration(self.folder)
+    def calibration(self) -> tuple[list[str], Rig | None]:
+        """The calibration's tables and the calibrated rig."""
+        return benchmark_calibration(self.folder)
 
     def whole_frames(self) -> list[str]:
-        """Depth maps of whole frames, scene by scene and size by size."""
-        full = full_size(HERE.parent / "out" / "bench-captures")
-        return [line for part in frames.frames(self.scenes, full, self.calibrated[1]) for line in part]
+        """Return the tables of whole frames by scene and size."""
+        full = full_size_scene(HERE.parent / "out" / "bench-captures")
+        return [line for part in frames.frames(self.scenes, full, self.calibration[1]) for line in part]
 
-    def spoiled_frames(self) -> list[str]:
-        """Frames with faults, at the smallest size."""
+    def degraded_frames(self) -> list[str]:
+        """Return the table of frames with image faults, at the smallest size."""
         small = min(scene.true_depth_mm.size for scene in self.scenes)
-        spoiled = [s for s in self.scenes if s.name in SCENES and s.true_depth_mm.size == small]
-        return [ROBUSTNESS_NOTES, "", *robustness(spoiled)]
+        scenes = [s for s in self.scenes if s.name in SCENES and s.true_depth_mm.size == small]
+        return [ROBUSTNESS_NOTES, "", *robustness(scenes)]
 
     def kernels(self) -> list[str]:
-        """Single kernels against OpenCV."""
+        """Return the tables of single kernels compared with OpenCV."""
         modules = [scene for scene in self.scenes if scene.name == "module"]
         return [kernels.NOTES, "", *kernels.kernels(modules), "", *kernels.triangulation()]
 
 
 def main() -> None:
-    """Measure the sections that are asked for, print them, and write RESULTS.md after each."""
+    """Measure the chosen sections, print them, and write RESULTS.md after each."""
     arguments = _arguments()
     benchmarks = Benchmarks(arguments.rendered)
     order = list(benchmarks.sections)
@@ -88,7 +88,7 @@ def main() -> None:
     )
     for title in arguments.only or order:
         load = load_average()
-        section = measured_section(title, benchmarks.sections[title](), load)
+        section = make_section(title, benchmarks.sections[title](), load)
         print("\n".join([f"## {title}", "", *section.lines, ""]), flush=True)
         write_results(HERE / "RESULTS.md", head, [section], order)
 

@@ -33,10 +33,10 @@ from typing import Any
 from beltscape.files.documents.json_text import write_json
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 from beltscape.sources.genicam.fake.camera import COUNTER
 from beltscape.sources.genicam.fake.capture import read_pictures
 from beltscape.sources.genicam.fake.network import add_addresses
+from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 
 PORT = 8470
 MM_PER_COUNT = 0.01

@@ -1,4 +1,4 @@
-"""Time, processor time and memory of a piece of work."""
+"""Measurement of wall time, processor time and memory of a function."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 THREADS = (2, 1)
-"""The first is the one whose memory and processor time count."""
+"""Numbers of threads; memory and processor time are measured with the first."""
 _ENOUGH_S = 1.0
 _CLEAR = Path("/proc/self/clear_refs")
 
 
-def seconds(work: Callable[[], object], runs: int = 5, enough_s: float = 0.6) -> float:
-    """Median wall time after a warm-up, of ``runs`` or as many as fill ``enough_s``: at least one."""
+def measure_seconds(work: Callable[[], object], runs: int = 5, enough_s: float = 0.6) -> float:
+    """Return the median wall time after a warm-up, of ``runs`` runs or as many as fill ``enough_s``."""
     work()
     times: list[float] = []
     while not times or (len(times) < runs and sum(times) < enough_s):
@@ -36,21 +36,21 @@ def seconds(work: Callable[[], object], runs: int = 5, enough_s: float = 0.6) ->
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one frame, by number of threads."""
+    """Cost of one frame; wall time by number of threads."""
 
     wall_s: dict[int, float]
     cpu_s: float
-    """All threads together, of the first of `THREADS`."""
+    """Sum over all threads, for the first of `THREADS`."""
     peak_mb: float
-    """What the process grew by while the matcher was made and used."""
+    """Growth of the process while the matcher was prepared and used."""
 
 
-def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
-    """What ``make(threads)()`` gives, and its cost: the best of up to three runs, at least two altogether.
+def measure_cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
+    """Return the result of ``make(threads)()`` and its cost, the best of two or three runs.
 
-    Making is preparation that many frames share: it counts for memory, not for time.
+    ``make`` is preparation that many frames share; it counts for memory, not for time.
     """
-    _CLEAR.write_text("5")  # forgets the peak so far
+    _CLEAR.write_text("5")  # resets the peak
     base = memory_mb("VmRSS")
     wall: dict[int, float] = {}
     results: list[R] = []
@@ -75,14 +75,14 @@ def cost(make: Callable[[int], Callable[[], R]]) -> tuple[R, Cost]:
     return results[0], Cost(wall, cpu, peak)
 
 
-def in_fresh_process(work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-    """The result of a call that no earlier one has left memory to."""
+def run_in_fresh_process(work: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    """Return the result of a call in a new process."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(work, *args, **kwargs).result()
 
 
 def memory_mb(entry: str, process: int | str = "self") -> float:
-    """A process's present (VmRSS) or peak (VmHWM) memory, MB; 0 of one that has ended."""
+    """Return a process's present (VmRSS) or peak (VmHWM) memory, MB; 0 after its end."""
     status = Path(f"/proc/{process}/status").read_text()
     line = next((line for line in status.splitlines() if line.startswith(entry)), None)
     return int(line.split()[1]) / 1000 if line else 0.0

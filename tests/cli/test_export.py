@@ -25,7 +25,7 @@ def desk(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-def test_a_rig_goes_out_and_comes_back(capsys, kind):
+def test_exported_rig_imports_again(capsys, kind):
     assert main(["export", "rig.json", "--format", kind, "--out", "there", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["format"], result["cameras"]) == (kind, ["left", "mid", "right"])
@@ -40,7 +40,7 @@ def test_a_rig_goes_out_and_comes_back(capsys, kind):
         )
 
 
-def test_the_core_is_chosen(capsys):
+def test_core_can_be_chosen(capsys):
     main(["export", "rig.json", "--format=colmap", "--out=rig_config.json"])
     assert main(["import", "rig_config.json", "--core=mid", "--out=back.json", "--json"]) == 0
     assert read_rig(Path("back.json")).core == "mid"
@@ -60,7 +60,7 @@ def test_the_core_is_chosen(capsys):
          "beltscape: --out rig.json: is an input (source rig.json); choose another --out"),
     ],
 )  # fmt: skip
-def test_what_goes_wrong_is_one_line(capsys, words, line):
+def test_errors_are_one_line(capsys, words, line):
     try:
         code = main(words)
     except SystemExit as stop:

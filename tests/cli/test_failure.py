@@ -1,4 +1,4 @@
-"""What goes wrong is one line and an exit code; an internal error says so, and where on request."""
+"""Errors are one line and an exit code; an internal error names its origin on request."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def failing(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "kind", "says"),
+    ("error", "code", "kind", "message"),
     [
         (KeyError("cam7"), 70, "InternalError", "internal error, a fault of Beltscape (KeyError: 'cam7' in "),
         (ValueError("a\nb"), 70, "InternalError", "(ValueError: a b in "),
@@ -34,18 +34,18 @@ def failing(monkeypatch):
         (PermissionError(13, "Permission denied", "a.png"), 2, "PermissionError", "a.png: Permission denied"),
     ],
 )
-def test_everything_is_one_line_and_with_json_a_document(failing, capsys, error, code, kind, says):
+def test_errors_are_one_line_and_with_json_a_document(failing, capsys, error, code, kind, message):
     failing(error)
     assert main(["plan", "--json"]) == code
     out, err = capsys.readouterr()
     assert len(err.splitlines()) == 1
-    assert says in err
+    assert message in err
     document = json.loads(out)["error"]
     assert (document["type"], document["exit_code"]) == (kind, code)
     assert err == f"beltscape: {document['message']}\n"
 
 
-def test_an_internal_error_says_how_to_see_where_and_then_does(failing, capsys, monkeypatch):
+def test_internal_error_names_the_traceback_variable_and_prints_with_it(failing, capsys, monkeypatch):
     failing(KeyError("cam7"))
     assert main(["plan"]) == 70
     assert "set BELTSCAPE_TRACEBACK=1 to see where" in capsys.readouterr().err
@@ -57,7 +57,7 @@ def test_an_internal_error_says_how_to_see_where_and_then_does(failing, capsys, 
 @pytest.mark.parametrize(
     "words", [["--json"], ["plann", "--json"], ["plan", "--focal", "x", "--json"], ["measure", "--json"]]
 )
-def test_a_usage_error_is_a_document_too(capsys, words):
+def test_usage_error_is_a_document_too(capsys, words):
     assert main(words) == 2
     out, err = capsys.readouterr()
     error = json.loads(out)["error"]

@@ -13,7 +13,7 @@ class Tty(io.StringIO):
         return True
 
 
-def test_a_warning_is_printed_once(capsys):
+def test_warning_is_printed_once(capsys):
     with Terminal() as terminal:
         for _ in range(3):
             terminal.warn("cam1: no image")
@@ -22,7 +22,7 @@ def test_a_warning_is_printed_once(capsys):
     assert terminal.warnings == ["cam1: no image", "cam2: no image"]
 
 
-def test_elsewhere_a_stage_is_one_line_when_it_is_finished(capsys):
+def test_finished_stage_is_one_line_without_a_terminal(capsys):
     with Terminal() as terminal:
         for done in range(4):
             terminal.step("finding the board", done, 3)
@@ -45,7 +45,7 @@ def test_on_a_terminal_bars_and_warnings_share_standard_error(monkeypatch, capsy
 
 
 @pytest.mark.parametrize("tty", [False, True])
-def test_an_error_passes_through(monkeypatch, tty):
+def test_error_passes_through_the_terminal(monkeypatch, tty):
     monkeypatch.setattr(sys, "stderr", Tty() if tty else io.StringIO())
     with pytest.raises(ValueError, match="broke"), Terminal() as terminal:
         terminal.step("finding the board", 1, 2)

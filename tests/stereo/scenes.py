@@ -6,7 +6,8 @@ The world's frame is the core's: z is depth.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 
@@ -115,6 +117,24 @@ def depth_mm(rig: Rig, solids: tuple[Solid, ...]) -> np.ndarray:
     return cast(cam, Pose.identity(), solids, cam.rays())[..., 2]
 
 
+def prepare(
+    rig: Rig, frame_set: FrameSet, auxiliaries: tuple[str, ...] | None = None, step: int = 1
+) -> PreparedFrame:
+    """Prepare a frame with a context of one thread."""
+    names = rig.auxiliaries if auxiliaries is None else auxiliaries
+    return prepare_frame(frame_set, MatchContext.for_grid(rig, names, step, load(), 1))
+
+
+def with_context(prepared: PreparedFrame, **changes: Any) -> PreparedFrame:
+    """Return the frame with other values in its context."""
+    return replace(prepared, context=replace(prepared.context, **changes))
+
+
+def at_scale(prepared: PreparedFrame, scale: float = 1.0) -> PreparedFrame:
+    """Return the frame with distances in px of another scale."""
+    return with_context(prepared, windows=replace(prepared.context.windows, scale=scale))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """A frame ready for a stage, and its truth."""
@@ -138,7 +158,7 @@ def scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed: int 
         name: in_bits(i, np.uint16) for name, i in pictures(rig, solids, noise=noise, seed=seed).items()
     }
     unit = inverse_depth_scale(rig, rig.auxiliaries)
-    prepared = prepare_frame(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1)
+    prepared = prepare(rig, FrameSet("000", images))
     return Scene(rig, prepared, (1 / (depth_mm(rig, solids) * unit)).astype(np.float32), unit)
 
 

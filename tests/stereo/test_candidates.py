@@ -1,10 +1,10 @@
-"""Doubtful pixels beside steps take the right one of their neighbours' surfaces; what is trusted stays."""
+"""Uncertain pixels beside steps take the right candidate surface; reliable pixels stay as they are."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import Scene, inner, patch, plane, scene
+from scenes import Scene, at_scale, inner, patch, plane, scene, with_context
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.features import image_features
@@ -26,12 +26,12 @@ FAR_OFF_PX = 12.0
 
 
 def beside_steps(made: Scene) -> np.ndarray:
-    """(H, W) pixels whose surface is anybody's guess."""
+    """Return the mask (H, W) of pixels next to depth steps."""
     return detect_depth_steps(made.s) & inner(made.s.shape, 6)
 
 
-def confused(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:
-    """The true surface, a share of the pixels beside its steps far off, and which are."""
+def displaced(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:
+    """Return the true surface with a share of the pixels beside its steps displaced, and their mask."""
     rng = np.random.default_rng(3)
     wrong = beside_steps(made) & (rng.random(made.s.shape) < share)
     s = np.where(wrong, made.s + FAR_OFF_PX, made.s).astype(np.float32)
@@ -39,8 +39,8 @@ def confused(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:
     return Surface(s, slopes.slope_u, slopes.slope_v), wrong
 
 
-def planes_of(made: Scene, impression: np.ndarray) -> dict[str, np.ndarray]:
-    """What `PIXEL_FEATURES` names, of a surface that fits nowhere in particular."""
+def planes_of(made: Scene, confidence: np.ndarray) -> dict[str, np.ndarray]:
+    """Return `PIXEL_FEATURES` of an average surface."""
     none = np.zeros(made.s.shape, np.float32)
     given = dict.fromkeys(PIXEL_FEATURES, none) | {
         "cost": none + 0.02,
@@ -48,47 +48,49 @@ def planes_of(made: Scene, impression: np.ndarray) -> dict[str, np.ndarray]:
         "margin": none + 0.05,
     }
     return (
-        given | dict(image_features(made.prepared, 1.0)) | dict(initial_confidence_features(impression, 1.0))
+        given
+        | dict(image_features(at_scale(made.prepared)))
+        | dict(initial_confidence_features(confidence, 1.0))
     )
 
 
-def held(made: Scene, surface: Surface) -> tuple[Selection, np.ndarray]:
-    doubt = beside_steps(made)
-    impression = np.where(doubt, -0.5, 6.0).astype(np.float32)
-    return select_candidates(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1), doubt
+def selected_surface(made: Scene, surface: Surface) -> tuple[Selection, np.ndarray]:
+    uncertain = beside_steps(made)
+    confidence = np.where(uncertain, -0.5, 6.0).astype(np.float32)
+    return select_candidates(surface, planes_of(made, confidence), at_scale(made.prepared)), uncertain
 
 
-def test_most_pixels_that_were_far_off_find_their_surface():
+def test_most_displaced_pixels_take_the_right_surface():
     made = scene(*STEP, noise=1.0)
-    surface, wrong = confused(made)
-    won, _ = held(made, surface)
-    off = np.abs(won.surface.s - made.s)
+    surface, wrong = displaced(made)
+    selection, _ = selected_surface(made, surface)
+    off = np.abs(selection.surface.s - made.s)
     assert wrong.sum() > 100
     assert (off[wrong] < 1).mean() > 0.75
     right = beside_steps(made) & ~wrong
     assert (off[right] < 1).mean() > 0.9
 
 
-def test_the_impression_tells_right_from_wrong_winners():
+def test_the_initial_confidence_separates_right_from_wrong_selections():
     made = scene(*STEP, noise=1.0)
-    won, doubt = held(made, confused(made)[0])
-    right = np.abs(won.surface.s - made.s)[doubt] < 1
-    score = won.impression[doubt]
+    selection, uncertain = selected_surface(made, displaced(made)[0])
+    right = np.abs(selection.surface.s - made.s)[uncertain] < 1
+    score = selection.initial_confidence[uncertain]
     assert score[right].mean() > score[~right].mean() + 1
 
 
-def test_only_doubtful_pixels_within_reach_of_trusted_ones_change():
+def test_only_uncertain_pixels_within_reach_of_reliable_ones_change():
     made = scene(*STEP, noise=1.0)
-    surface, _ = confused(made)
-    won, doubt = held(made, surface)
+    surface, _ = displaced(made)
+    selection, uncertain = selected_surface(made, surface)
     for field in ("s", "slope_u", "slope_v"):
-        before, after = getattr(surface, field), getattr(won.surface, field)
-        assert before[~doubt].tobytes() == after[~doubt].tobytes()
-    nobody = np.full(made.s.shape, RELIABLE - 1, np.float32)
-    left = select_candidates(surface, planes_of(made, nobody), made.prepared, 1.0, load(), 1)
+        before, after = getattr(surface, field), getattr(selection.surface, field)
+        assert before[~uncertain].tobytes() == after[~uncertain].tobytes()
+    none_reliable = np.full(made.s.shape, RELIABLE - 1, np.float32)
+    left = select_candidates(surface, planes_of(made, none_reliable), at_scale(made.prepared))
     assert left.surface.s.tobytes() == surface.s.tobytes()
-    everybody = np.full(made.s.shape, UNCERTAIN + 1, np.float32)
-    left = select_candidates(surface, planes_of(made, everybody), made.prepared, 1.0, load(), 1)
+    all_certain = np.full(made.s.shape, UNCERTAIN + 1, np.float32)
+    left = select_candidates(surface, planes_of(made, all_certain), at_scale(made.prepared))
     assert left.surface.s.tobytes() == surface.s.tobytes()
 
 
@@ -98,68 +100,73 @@ def test_a_pixel_without_a_surface_gets_one():
     hole[50:54, 60:64] = True
     slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(np.where(hole, np.nan, made.s).astype(np.float32), slopes.slope_u, slopes.slope_v)
-    impression = np.where(hole, -5.0, 6.0).astype(np.float32)
-    won = select_candidates(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
-    np.testing.assert_allclose(won.surface.s[hole], made.s[hole], atol=0.1)
+    confidence = np.where(hole, -5.0, 6.0).astype(np.float32)
+    selection = select_candidates(surface, planes_of(made, confidence), at_scale(made.prepared))
+    np.testing.assert_allclose(selection.surface.s[hole], made.s[hole], atol=0.1)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
 def test_any_number_of_threads_gives_the_same_bytes(threads):
     made = scene(*STEP, noise=1.0)
-    surface, _ = confused(made)
-    impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    planes = planes_of(made, impression)
-    one, many = (select_candidates(surface, planes, made.prepared, 1.0, load(), n) for n in (1, threads))
+    surface, _ = displaced(made)
+    confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
+    planes = planes_of(made, confidence)
+    one, many = (
+        select_candidates(surface, planes, with_context(at_scale(made.prepared), threads=n))
+        for n in (1, threads)
+    )
     assert one.surface.s.tobytes() == many.surface.s.tobytes()
-    assert one.impression.tobytes() == many.impression.tobytes()
+    assert one.initial_confidence.tobytes() == many.initial_confidence.tobytes()
 
 
-def test_rivals_are_told_apart_by_finite_evidence():
+def test_the_features_of_candidates_are_finite():
     made = scene(*STEP, noise=1.0)
-    surface, _ = confused(made)
-    impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    arena = CandidateSelector.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
-    assert arena.doubtful()
-    for at in arena.doubtful():
-        rivals, evidence = arena.look(at)
-        known = np.isfinite(rivals.s)
-        assert known[0].all()
-        for name, plane_ in evidence.items():
-            assert plane_.shape == known.shape, name
-            assert np.isfinite(plane_[known]).all(), name
+    surface, _ = displaced(made)
+    confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
+    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), at_scale(made.prepared))
+    assert selector.uncertain_pixels()
+    for at in selector.uncertain_pixels():
+        candidates, features = selector.find_candidates(at)
+        finite = np.isfinite(candidates.s)
+        assert finite[0].all()
+        for name, plane_ in features.items():
+            assert plane_.shape == finite.shape, name
+            assert np.isfinite(plane_[finite]).all(), name
 
 
-def test_finalists_say_something_else_and_their_duel_is_all_that_is_weighed():
+def test_the_top_two_differ_and_have_exactly_the_networks_features():
     made = scene(*STEP, noise=1.0)
-    surface, _ = confused(made)
-    impression = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    arena = CandidateSelector.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
-    at = arena.doubtful()[0]
-    rivals, evidence = arena.look(at)
-    first, second, score = arena.finalists(rivals, evidence)
-    pixel, met = np.arange(len(first)), np.flatnonzero(second >= 0)
-    assert len(met) > 0
+    surface, _ = displaced(made)
+    confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
+    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), at_scale(made.prepared))
+    at = selector.uncertain_pixels()[0]
+    candidates, features = selector.find_candidates(at)
+    first, second, score = selector.rank_top_two(candidates, features)
+    pixel, paired = np.arange(len(first)), np.flatnonzero(second >= 0)
+    assert len(paired) > 0
     assert (score[first, pixel] == score.max(axis=0)).all()
-    assert (np.abs(rivals.s[first, pixel] - rivals.s[second, pixel])[met] > SAME_PX).all()
-    assert (score[second, pixel][met] <= score[first, pixel][met]).all()
-    both = arena.duel(at, rivals, {**evidence, "score": score}, met, (first[met], second[met]))
-    assert set(both) == set(load_network("duel").names)
-    for name, values in both.items():
-        assert values.shape == (1, len(met)), name
+    assert (np.abs(candidates.s[first, pixel] - candidates.s[second, pixel])[paired] > SAME_PX).all()
+    assert (score[second, pixel][paired] <= score[first, pixel][paired]).all()
+    pairs = selector.pairwise_features(
+        at, candidates, {**features, "score": score}, paired, (first[paired], second[paired])
+    )
+    assert set(pairs) == set(load_network("pairwise_ranking").names)
+    for name, values in pairs.items():
+        assert values.shape == (1, len(paired)), name
         assert np.isfinite(values).all(), name
-    np.testing.assert_array_equal(both["second score"][0], score[second[met], met])
+    np.testing.assert_array_equal(pairs["second score"][0], score[second[paired], paired])
 
 
-def test_who_has_no_opponent_wins():
+def test_a_single_candidate_is_selected():
     made = scene(plane(), noise=1.0)
     slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(made.s, slopes.slope_u, slopes.slope_v)
-    impression = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
-    arena = CandidateSelector.of(surface, planes_of(made, impression), made.prepared, 1.0, load(), 1)
-    at = arena.doubtful()[0]
-    rivals, evidence = arena.look(at)
-    first, second, score = arena.finalists(rivals, evidence)
+    confidence = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
+    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), at_scale(made.prepared))
+    at = selector.uncertain_pixels()[0]
+    candidates, features = selector.find_candidates(at)
+    first, second, score = selector.rank_top_two(candidates, features)
     assert (second == -1).all()
-    winner, logit = arena.winners(at, rivals, evidence)
-    np.testing.assert_array_equal(winner, first)
+    selected, logit = selector.select(at, candidates, features)
+    np.testing.assert_array_equal(selected, first)
     np.testing.assert_array_equal(logit, score.max(axis=0))

@@ -10,7 +10,7 @@ from scenes import depth_mm, in_bits, pictures, plane, ring
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import robust_sigma
+from beltscape.evaluate.scores.depth import compute_robust_sigma
 from beltscape.stereo.multiview.confidence import estimate as judge
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -36,7 +36,7 @@ def reconstruct(change, angles=(0, 90, 180, 270), preset="standard") -> tuple[De
     found = MultiviewReconstructor(rig, RANGE, settings).reconstruct(FrameSet("000", images), Silent())
     inner = (slice(12, -12), slice(12, -12))
     error = (found.depth_mm - depth_mm(rig, (SOLID,)))[inner] / found.sigma_mm[inner]
-    return found, robust_sigma(error[np.isfinite(error)])
+    return found, compute_robust_sigma(error[np.isfinite(error)])
 
 
 @pytest.mark.parametrize(("change", "without", "most"), CHANGES.values(), ids=CHANGES)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scenes import in_bits, pictures, plane, ring, scene
+from scenes import in_bits, pictures, plane, prepare, ring, scene
 
 from beltscape.core.frames import FrameSet
-from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, phase_ratio
-from beltscape.stereo.multiview.frame.frame import prepare_frame
 from beltscape.stereo.multiview.frame.photometry import compute_grey_levels
 
 METHODS = {
@@ -78,5 +76,5 @@ def test_a_prepared_frame_knows_it():
         name: cv2.cvtColor(in_bits(image), cv2.COLOR_BayerRGGB2RGB)
         for name, image in pictures(rig, (plane(),), noise=1.0).items()
     }
-    assert prepare_frame(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1).noise.demosaiced
+    assert prepare(rig, FrameSet("000", images)).noise.demosaiced
     assert not scene(plane(), noise=1.0).prepared.noise.demosaiced

@@ -1,4 +1,4 @@
-"""What is believed of a surface: not what no auxiliary sees, and false surfaces less than right ones."""
+"""The estimate of a surface: none where no auxiliary sees it, and low confidence of false surfaces."""
 
 from __future__ import annotations
 
@@ -7,19 +7,22 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene, sphere
+from scenes import at_scale, away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.estimate import (
     DepthEstimate,
+    add_initial_confidence,
     estimate_depth,
     initial_features,
     refined_features,
-    with_initial_confidence,
 )
-from beltscape.stereo.multiview.confidence.features import agreement_features, image_features, shape_features
+from beltscape.stereo.multiview.confidence.features import (
+    agreement_features,
+    image_features,
+    shape_features,
+)
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.least_squares import refine
 from beltscape.stereo.multiview.optimisation.propagation import propagate
@@ -32,38 +35,37 @@ STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 def stages(made, s: np.ndarray) -> MatcherState:
     """One propagation and refinement, as the matcher's last round."""
-    size, prepared = windows_for(s.shape[1]), made.prepared
-    chosen = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5), load(), 1)
-    refined = refine(chosen.surface, prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
-    light, none = dict(image_features(prepared, size.scale)), np.zeros(s.shape, bool)
-    return MatcherState(prepared, chosen, refined, light, none, None)
+    prepared = made.prepared
+    propagated = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5))
+    refined = refine(propagated.surface, prepared, (0.7, 0.4), prepared.context.windows.wide)
+    features, none = dict(image_features(prepared)), np.zeros(s.shape, bool)
+    return MatcherState(prepared, propagated, refined, features, none, None)
 
 
-def looked_at_again(match: MatcherState) -> MatcherState:
-    """With the impression of a first look."""
-    scale = windows_for(match.prepared.core.shape[1]).scale
-    planes = with_initial_confidence(initial_features(match, scale, load(), 1), scale, load(), 1)
-    arena = CandidateSelector.of(match.refined.surface, planes, match.prepared, scale, load(), 1)
-    contested = Selection(match.refined.surface, planes["impression"], arena.likeness.brightness)
-    return replace(match, contested=contested)
+def with_selection(state: MatcherState) -> MatcherState:
+    """Return the state with a selection that changes no pixel."""
+    planes = add_initial_confidence(initial_features(state), state.prepared.context)
+    selector = CandidateSelector.from_surface(state.refined.surface, planes, state.prepared)
+    confidence, gain = planes["initial confidence"], selector.consistency.gain
+    return replace(state, selection=Selection(state.refined.surface, confidence, gain))
 
 
-LOOKS = pytest.mark.parametrize("again", [False, True], ids=["at a glance", "looked at again"])
+SELECTIONS = pytest.mark.parametrize("selects", [False, True], ids=["initial features", "refined features"])
 
 
-def verdict(made, s: np.ndarray, again: bool) -> tuple[DepthEstimate, np.ndarray]:
-    """And the surface that was judged."""
-    match = stages(made, s)
-    if again:
-        match = looked_at_again(match)
-    return estimate_depth(match, windows_for(s.shape[1]).scale, load(), 1), match.refined.surface.s
+def estimate(made, s: np.ndarray, selects: bool) -> tuple[DepthEstimate, np.ndarray]:
+    """Return the estimate of a surface, and the refined surface."""
+    state = stages(made, s)
+    if selects:
+        state = with_selection(state)
+    return estimate_depth(state), state.refined.surface.s
 
 
-def surface_planes(match: MatcherState, scale: float) -> dict[str, np.ndarray]:
-    """Where every auxiliary sees everything."""
-    seen = np.ones(match.prepared.core.shape, np.uint8)
-    agreement = agreement_features(match.chosen, match.refined, 4, seen, scale)
-    return dict(agreement) | dict(shape_features(match.chosen, match.refined, scale))
+def surface_planes(state: MatcherState, scale: float) -> dict[str, np.ndarray]:
+    """Return the features of a surface that every auxiliary sees."""
+    seen = np.ones(state.prepared.core.shape, np.uint8)
+    agreement = agreement_features(state.propagated, state.refined, seen, 4)
+    return dict(agreement) | dict(shape_features(state.propagated, state.refined, scale))
 
 
 def views_by_rays(made, solids) -> np.ndarray:
@@ -82,17 +84,19 @@ def views_by_rays(made, solids) -> np.ndarray:
     return seen
 
 
-@LOOKS
-def test_every_weight_is_of_some_evidence(again):
-    match = looked_at_again(stages(made := scene(*STEP, noise=1.0), made.s))
-    scale = windows_for(made.s.shape[1]).scale
-    assert match.contested is not None
-    if again:
-        found = refined_features(match, match.contested, scale, load(), 1)[0].planes
-        assert set(load_network("belief").names) <= found.keys()
+@SELECTIONS
+def test_every_networks_feature_is_computed(selects):
+    state = with_selection(stages(made := scene(*STEP, noise=1.0), made.s))
+    assert state.selection is not None
+    if selects:
+        found = refined_features(state, state.selection)[0].planes
+        assert set(load_network("confidence").names) <= found.keys()
     else:
-        found = initial_features(match, scale, load(), 1).planes
-        assert {*load_network("impression").names, *load_network("glance").names} <= found.keys()
+        found = initial_features(state).planes
+        assert {
+            *load_network("initial_confidence").names,
+            *load_network("fast_confidence").names,
+        } <= found.keys()
     for name, value in found.items():
         assert np.isfinite(value).all(), name
         assert value.shape == made.s.shape
@@ -100,139 +104,155 @@ def test_every_weight_is_of_some_evidence(again):
 
 @pytest.mark.parametrize(
     ("name", "answers"),
-    [("impression", 1), ("rivals", 1), ("belief", 2), ("glance", 2), ("scrutiny", 48), ("duel", 2)],
+    [
+        ("initial_confidence", 1),
+        ("candidates", 1),
+        ("confidence", 2),
+        ("fast_confidence", 2),
+        ("refinement", 48),
+        ("pairwise_ranking", 2),
+    ],
 )
-def test_the_weights_that_ship_fit_each_other(name, answers):
-    belief = load_network(name)
-    n = len(belief.names)
-    assert len(set(belief.names)) == n
-    assert (belief.limits[0] <= belief.limits[1]).all()
-    assert belief.limits.shape == (2, n)
-    for layer in belief.layers:
+def test_the_shipped_layers_fit_each_other(name, answers):
+    network = load_network(name)
+    n = len(network.names)
+    assert len(set(network.names)) == n
+    assert (network.limits[0] <= network.limits[1]).all()
+    assert network.limits.shape == (2, n)
+    for layer in network.layers:
         assert layer.shape[1] == n + 1
         n = len(layer)
     assert n == answers
 
 
-def test_relief_and_light_are_what_their_names_say():
+def test_relief_and_brightness_features_have_the_named_values():
     made = scene(*STEP, noise=1.0)
     shaded = made.prepared.core.copy()
     shaded[40:70, 50:80] *= 0.3
     prepared = replace(made.prepared, core=shaded)
-    match = stages(made, made.s)
-    found = dict(image_features(prepared, 1.0)) | surface_planes(match, 1.0)
+    state = stages(made, made.s)
+    found = dict(image_features(at_scale(prepared))) | surface_planes(state, 1.0)
     shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
-    assert np.median(found["light within 11"][shadow]) < np.median(found["light within 11"][rest]) - 0.1
-    assert np.median(found["contrast within 11"][shadow]) < np.median(found["contrast within 11"][rest]) - 0.5
+    assert (
+        np.median(found["relative brightness within 11"][shadow])
+        < np.median(found["relative brightness within 11"][rest]) - 0.1
+    )
+    assert (
+        np.median(found["relative contrast within 11"][shadow])
+        < np.median(found["relative contrast within 11"][rest]) - 0.5
+    )
     for side in (5, 11, 21):
-        s = match.refined.surface.s
+        s = state.refined.surface.s
         nearer, farther = found[f"nearer within {side}"], found[f"farther within {side}"]
         window = np.ones((side, side), np.uint8)
         span = cv2.dilate(s, window) - cv2.erode(s, window)
         np.testing.assert_allclose((nearer + farther)[span < 30], span[span < 30], atol=1e-3)
 
 
-def test_steps_and_distances_are_told_in_pixels_of_a_grid_of_scale_one():
+def test_steps_and_distances_are_in_pixels_of_a_grid_of_scale_one():
     made = scene(*STEP, noise=1.0)
     one, two = (surface_planes(stages(made, made.s), scale) for scale in (1.0, 2.0))
-    for name in ("at a step", "near a step"):
+    for name in ("step proximity", "wide step proximity"):
         np.testing.assert_allclose(two[name] ** 2, one[name], atol=1e-6)
-    off = one["off its neighbours"]
+    off = one["offset from median"]
     assert (off > 0).any()
-    np.testing.assert_allclose(two["off its neighbours"][off < 1], off[off < 1] / 2, atol=1e-6)
+    np.testing.assert_allclose(two["offset from median"][off < 1], off[off < 1] / 2, atol=1e-6)
 
 
-def test_planes_turn_less_than_round_flanks_and_what_was_left_alone_has_not_moved():
+def test_slopes_deviate_on_round_flanks_and_an_unchanged_surface_has_no_update():
     flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
     found = []
     for made in (flat, round_):
-        match = stages(made, made.s)
-        still = replace(match, chosen=replace(match.chosen, surface=match.refined.surface))
-        moved, left = (surface_planes(one, 1.0) for one in (match, still))
-        assert (left["moved"] <= moved["moved"] + 1e-5).all()
-        assert np.ptp(left["moved"]) < 1e-5
+        state = stages(made, made.s)
+        still = replace(state, propagated=replace(state.propagated, surface=state.refined.surface))
+        moved, left = (surface_planes(one, 1.0) for one in (state, still))
+        assert (left["last update"] <= moved["last update"] + 1e-5).all()
+        assert np.ptp(left["last update"]) < 1e-5
         found.append(moved)
     height, width = flat.s.shape
     flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
-    for name in ("turn", "wide turn"):
+    for name in ("slope deviation", "wide slope deviation"):
         assert np.median(found[1][name][flank]) > np.median(found[0][name][flank]) + 0.5
 
 
-@LOOKS
+@SELECTIONS
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])
-def test_what_is_hidden_from_all_auxiliaries_is_not_believed(angles, again):
+def test_occluded_pixels_have_no_confidence(angles, selects):
     made = scene(*STEP, rig=ring(angles), noise=1.0)
-    judged, _ = verdict(made, made.s, again)
+    estimated, _ = estimate(made, made.s, selects)
     truth = views_by_rays(made, STEP)
     clear = cv2.erode(truth, np.ones((7, 7))) == cv2.dilate(truth, np.ones((7, 7)))
     hidden, seen = clear & (truth == 0), clear & (truth > 0) & inner(truth.shape, 8)
     if len(angles) < 4:
         assert hidden.sum() > 100
-        assert not judged.confidence[hidden].any()
-        assert not judged.views[hidden].any()
-    assert (judged.confidence[seen] > 0.5).mean() > 0.95
-    assert (judged.views[seen] == truth[seen]).mean() > 0.95
-    assert judged.views.max() <= len(angles)
+        assert not estimated.confidence[hidden].any()
+        assert not estimated.views[hidden].any()
+    assert (estimated.confidence[seen] > 0.5).mean() > 0.95
+    assert (estimated.views[seen] == truth[seen]).mean() > 0.95
+    assert estimated.views.max() <= len(angles)
 
 
-@LOOKS
-def test_false_surfaces_are_believed_less_than_right_ones(again):
+@SELECTIONS
+def test_false_surfaces_have_less_confidence_than_right_ones(selects):
     made = scene(plane(), noise=1.0)
     wrong = inner(made.s.shape, 30)
-    judged, s = verdict(made, np.where(wrong, made.s + 5, made.s), again)
+    estimated, s = estimate(made, np.where(wrong, made.s + 5, made.s), selects)
     error = np.abs(s - made.s)
     false, right = error > 1, (error < 0.1) & inner(s.shape, 8)
     assert false.sum() > 0.5 * wrong.sum()
-    ranks = np.searchsorted(np.sort(judged.confidence[right]), judged.confidence[false]) / right.sum()
-    assert ranks.mean() < 0.1  # the chance that a false pixel is believed more than a right one
-    assert (judged.confidence[false] < MultiviewSettings().least_confidence).mean() > 0.9
-    assert (judged.confidence[right] > 0.9).mean() > 0.9
+    ranks = np.searchsorted(np.sort(estimated.confidence[right]), estimated.confidence[false]) / right.sum()
+    assert ranks.mean() < 0.1  # probability that a false pixel has more confidence than a right one
+    assert (estimated.confidence[false] < MultiviewSettings().least_confidence).mean() > 0.9
+    assert (estimated.confidence[right] > 0.9).mean() > 0.9
 
 
-@LOOKS
-def test_confidence_and_sigma_are_what_they_say_they_are(again):
+@SELECTIONS
+def test_confidence_is_a_probability_and_sigma_is_positive(selects):
     made = scene(*STEP, noise=3.0)
     s = made.s.copy()
     s[30:50, 20:40] = np.nan
-    judged, left = verdict(made, s, again)
-    assert judged.confidence.dtype == judged.sigma.dtype == np.float32
-    assert ((judged.confidence >= 0) & (judged.confidence <= 1)).all()
-    assert not judged.confidence[np.isnan(left)].any()
-    assert (judged.sigma[judged.confidence > 0] > 0).all()
+    estimated, left = estimate(made, s, selects)
+    assert estimated.confidence.dtype == estimated.sigma.dtype == np.float32
+    assert ((estimated.confidence >= 0) & (estimated.confidence <= 1)).all()
+    assert not estimated.confidence[np.isnan(left)].any()
+    assert (estimated.sigma[estimated.confidence > 0] > 0).all()
 
 
-@LOOKS
-def test_even_shading_is_not_believed_but_a_discs_rim_is(again):
+@SELECTIONS
+def test_even_shading_is_not_measured_but_a_filled_disc_is(selects):
     made = scene(plane(), noise=1.0)
-    match = stages(made, made.s)
-    match = looked_at_again(match) if again else match
+    state = stages(made, made.s)
+    state = with_selection(state) if selects else state
     core = made.prepared.core.copy()
     v, u = np.mgrid[: core.shape[0], : core.shape[1]].astype(np.float32)
     shaded = u >= 60
     core[shaded] = (40 + 0.9 * u + 0.5 * v + np.random.default_rng(1).normal(0, 1, core.shape))[shaded]
     disc = (u - 90) ** 2 + (v - 50) ** 2 < 8**2
-    blind = replace(match, prepared=replace(made.prepared, core=core))
+    state = replace(state, prepared=at_scale(state.prepared))
+    blind = replace(state, prepared=replace(state.prepared, core=core))
     inside = shaded & (u > 60 + 12) & inner(core.shape, 6)
-    assert (estimate_depth(match, 1.0, load(), 1).confidence[inside] > 0.5).mean() > 0.9
-    assert (estimate_depth(blind, 1.0, load(), 1).confidence[inside] == 0).all()
-    kept = estimate_depth(replace(blind, continued=disc), 1.0, load(), 1).confidence
+    assert (estimate_depth(state).confidence[inside] > 0.5).mean() > 0.9
+    assert (estimate_depth(blind).confidence[inside] == 0).all()
+    kept = estimate_depth(replace(blind, filled=disc)).confidence
     assert (kept[inside & ~disc] == 0).all()
     assert (kept[disc] > 0).all()
 
 
-@LOOKS
-def test_sigma_is_larger_on_round_flanks_than_on_a_plane(again):
+@SELECTIONS
+def test_sigma_is_larger_on_round_flanks_than_on_a_plane(selects):
     flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
     height, width = flat.s.shape
     flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
-    on_plane, on_flank = (np.median(verdict(made, made.s, again)[0].sigma[flank]) for made in (flat, round_))
+    on_plane, on_flank = (
+        np.median(estimate(made, made.s, selects)[0].sigma[flank]) for made in (flat, round_)
+    )
     assert on_flank > 1.3 * on_plane
 
 
-@LOOKS
-def test_sigma_grows_with_the_noise(again):
+@SELECTIONS
+def test_sigma_grows_with_the_noise(selects):
     def median_sigma(noise):
         made = scene(plane(), noise=noise)
-        return np.median(verdict(made, made.s, again)[0].sigma[away_from_steps(made.s, 8)])
+        return np.median(estimate(made, made.s, selects)[0].sigma[away_from_steps(made.s, 8)])
 
     assert median_sigma(8.0) > 1.5 * median_sigma(2.0)

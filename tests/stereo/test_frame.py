@@ -6,12 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, DOT_PX, brightness, cast, depth_mm, in_bits, inner, pictures, plane, ring
+from scenes import (
+    DEPTH_MM,
+    DOT_PX,
+    brightness,
+    cast,
+    depth_mm,
+    in_bits,
+    inner,
+    pictures,
+    plane,
+    prepare,
+    ring,
+)
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import Noise, downsample, grid_unit, prepare_frame
+from beltscape.stereo.multiview.frame.frame import Noise, downsample
+from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 
 SLANTED = (plane(DEPTH_MM, 0.25, -0.15),)
 
@@ -20,10 +33,8 @@ def prepared_plane(step: int, size_px: tuple[int, int], noise: float = 0.0):
     rig = ring(size_px=size_px)
     images = pictures(rig, SLANTED, noise=noise, dot_px=DOT_PX * step)
     frame_set = FrameSet("000", {name: in_bits(image) for name, image in images.items()})
-    s = 1 / (depth_mm(rig, SLANTED) * grid_unit(rig, rig.auxiliaries, step))
-    return prepare_frame(rig, frame_set, rig.auxiliaries, step, load(), 1), downsample(
-        s.astype(np.float32), step
-    )
+    s = 1 / (depth_mm(rig, SLANTED) * inverse_depth_scale(rig, rig.auxiliaries, step))
+    return prepare(rig, frame_set, step=step), downsample(s.astype(np.float32), step)
 
 
 def misfit(prepared, s: np.ndarray, i: int) -> float:
@@ -52,9 +63,7 @@ def test_the_core_is_straightened_and_nan_where_it_did_not_look():
     bulging = replace(rig.core_camera, distortion=np.array([0.35, 0, 0, 0, 0]))  # its corners lie outside
     rig = replace(ring((0,)), cameras={"cam0": bulging, "cam1": bulging})
     images = pictures(rig, SLANTED)
-    prepared = prepare_frame(
-        rig, FrameSet("000", {n: in_bits(i) for n, i in images.items()}), ("cam1",), 1, load(), 1
-    )
+    prepared = prepare(rig, FrameSet("000", {n: in_bits(i) for n, i in images.items()}), ("cam1",))
     dot_mm = DOT_PX * DEPTH_MM / bulging.focal_px[0]
     straight = brightness(cast(bulging, Pose.identity(), SLANTED, bulging.rays()), dot_mm)
     looked = np.isfinite(prepared.core)
@@ -68,7 +77,7 @@ def test_noise_is_that_of_the_averaged_levels(step):
     rig = ring((0,))
     rng = np.random.default_rng(1)
     even = FrameSet("000", {n: in_bits(90 + rng.normal(0, 4, (100, 120))) for n in rig.cameras})
-    prepared = prepare_frame(rig, even, ("cam1",), step, load(), 1)
+    prepared = prepare(rig, even, ("cam1",), step)
     assert prepared.noise.levels == pytest.approx(np.nanvar(prepared.images[0]), rel=0.25)
 
 

@@ -1,4 +1,4 @@
-"""What an auxiliary's levels are to be multiplied by, and by how much levels may differ."""
+"""The photometric gain of auxiliaries, and the variance of level differences."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import Scene, inner, patch, plane, scene
+from scenes import Scene, at_scale, inner, patch, plane, scene
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import subsample_projection
+from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
 from beltscape.stereo.multiview.selection.gain import difference_variance, estimate_gain_maps
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
-def told(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
-    prepared = made.prepared
-    _, buffers = compute_visibility(made.s, prepared.views, prepared.sizes, load(), 1)
-    return estimate_gain_maps(made.s, np.full(made.s.shape, cost), prepared, buffers, 1.0, load(), 1)
+def estimate(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
+    prepared = at_scale(made.prepared)
+    _, buffers = compute_visibility(made.s, prepared)
+    return estimate_gain_maps(made.s, np.full(made.s.shape, cost), prepared, buffers)
 
 
 def with_levels(made: Scene, factor: np.ndarray) -> Scene:
@@ -31,7 +31,7 @@ def with_levels(made: Scene, factor: np.ndarray) -> Scene:
 @pytest.mark.parametrize("solids", [(plane(),), STEP])
 def test_images_as_bright_as_the_core_need_no_gain(solids):
     made = scene(*solids, noise=1.0)
-    for gain in told(made):
+    for gain in estimate(made):
         assert gain.shape == made.s.shape
         assert np.median(np.abs(gain - 1)) < 0.02
         assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.2
@@ -42,27 +42,27 @@ def test_a_gain_that_changes_over_the_image_is_followed():
     width = made.s.shape[1]
     factor = np.linspace(0.7, 1.2, width)[None] + np.zeros((made.s.shape[0], 1))
     inside = inner(made.s.shape, 12)
-    for gain, before in zip(told(with_levels(made, factor)), told(made), strict=True):
+    for gain, before in zip(estimate(with_levels(made, factor)), estimate(made), strict=True):
         np.testing.assert_allclose((gain / before)[inside], factor[inside], rtol=0.06)
 
 
-def test_what_is_unlike_has_little_say():
+def test_dissimilar_pixels_hardly_affect_the_gain():
     made = scene(plane(), noise=1.0)
     factor = np.ones(made.s.shape)
     factor[30:60, 40:80] = 3.0
     cost = np.where(factor > 1, 0.9, 0.0)
-    for gain in told(with_levels(made, factor), cost):
+    for gain in estimate(with_levels(made, factor), cost):
         assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.15
 
 
-def test_nothing_seen_leaves_levels_as_they_are():
+def test_without_visible_pixels_the_gain_is_one():
     made = scene(plane(), noise=1.0)
     nothing = replace(made, s=np.full_like(made.s, np.nan))
-    for gain in told(nothing):
+    for gain in estimate(nothing):
         np.testing.assert_array_equal(gain, 1)
 
 
-def test_a_thinned_view_is_the_view_of_every_fourth_pixel():
+def test_a_subsampled_projection_is_that_of_every_fourth_pixel():
     made = scene(*STEP)
     view, coefficients = made.prepared.views[1], made.prepared.coefficients[1]
     whole, _ = load().warp(made.s, view, coefficients)

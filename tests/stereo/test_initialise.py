@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from scenes import Scene, inner, patch, plane, ring, scene
 
-from beltscape.kernels import load
-from beltscape.stereo.multiview.initialisation import initialise as start
-from beltscape.stereo.multiview.initialisation.initialise import SweepGrid, initialise_inverse_depth
+from beltscape.stereo.multiview.initialisation import initialise
+from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
 
 RIG = ring(size_px=(360, 300))
 SOLIDS = plane(740), patch(640, (-150, 60), (-120, 120))
 NEAR_FAR_MM = 620.0, 780.0
 
 
-def started(made: Scene, near_far_mm: tuple[float, float], moved: np.ndarray | None = None) -> np.ndarray:
+def started(made: Scene, near_far_mm: tuple[float, float], predicted: np.ndarray | None = None) -> np.ndarray:
     near, far = near_far_mm
-    sweeps = SweepGrid(made.rig, made.auxiliaries, 1, 1, 1.0, made.unit)
     return initialise_inverse_depth(
-        moved, made.prepared, (1 / (far * made.unit), 1 / (near * made.unit)), sweeps, load(), 1
+        predicted,
+        made.prepared,
+        (1 / (far * made.unit), 1 / (near * made.unit)),
+        SweepResolution(1, 1.0),
     )
 
 
@@ -33,12 +34,12 @@ def swept(monkeypatch) -> list[tuple[float, float]]:
     """The spans of full sweeps, in the order in which they are made."""
     spans = []
 
-    def spy(prepared, nearness, *more):
-        spans.append(nearness)
-        return original(prepared, nearness, *more)
+    def spy(prepared, s_range, *more):
+        spans.append(s_range)
+        return original(prepared, s_range, *more)
 
-    original = start.sweep_planes
-    monkeypatch.setattr(start, "sweep_planes", spy)
+    original = initialise.sweep_planes
+    monkeypatch.setattr(initialise, "sweep_planes", spy)
     return spans
 
 
@@ -57,30 +58,30 @@ def test_a_wide_range_is_narrowed_and_nothing_is_lost(made, swept):
 
 
 def test_what_is_known_is_kept_and_not_swept(made, swept):
-    moved = made.s + np.float32(0.25)
-    np.testing.assert_array_equal(started(made, (150.0, 3000.0), moved), moved)
+    predicted = made.s + np.float32(0.25)
+    np.testing.assert_array_equal(started(made, (150.0, 3000.0), predicted), predicted)
     assert swept == []
 
 
 def test_a_strip_that_came_into_view_is_swept_beyond_what_was_known(made, swept):
     """The near box is new: nothing that is known is as near."""
-    moved = made.s.copy()
+    predicted = made.s.copy()
     columns = np.flatnonzero((made.s > made.s.min() + 3).any(axis=0))
     new = slice(None), slice(0, int(columns.max()) + 10)
-    moved[new] = np.nan
-    s = started(made, (150.0, 3000.0), moved)
-    known = np.isfinite(moved)
-    np.testing.assert_array_equal(s[known], moved[known])
+    predicted[new] = np.nan
+    s = started(made, (150.0, 3000.0), predicted)
+    known = np.isfinite(predicted)
+    np.testing.assert_array_equal(s[known], predicted[known])
     part = inner(made.s.shape, 8) & ~known
     assert (np.abs(s - made.s)[part] < 1.5).mean() > 0.88
     assert swept
 
 
 def test_a_hole_is_swept_between_the_depths_about_it(made, swept):
-    moved = made.s.copy()
+    predicted = made.s.copy()
     hole = slice(200, 290), slice(230, 330)
-    moved[hole] = np.nan
-    s = started(made, (150.0, 3000.0), moved)
+    predicted[hole] = np.nan
+    s = started(made, (150.0, 3000.0), predicted)
     assert (np.abs(s - made.s)[hole] < 1.5).mean() > 0.95
     ((far, near),) = swept
     assert near < made.s.max() * 1.1
@@ -91,7 +92,7 @@ def test_where_nothing_stands_out_the_whole_range_is_swept(swept):
     blank = scene(plane(740), rig=RIG)
     flat = Scene(
         blank.rig,
-        start.replace(
+        initialise.replace(
             blank.prepared,
             core=np.full_like(blank.prepared.core, 0.5),
             images=tuple(np.full_like(image, 0.5) for image in blank.prepared.images),

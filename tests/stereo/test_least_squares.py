@@ -11,7 +11,6 @@ from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene, 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
 
 SHAPES = {
@@ -29,10 +28,9 @@ RIGS = {
 def refined_from(
     made, s: np.ndarray, tolerances=(2.0, 2.0, 1.0, 0.5), noise: Noise | None = None
 ) -> RefinementResult:
-    size = windows_for(s.shape[1])
     prepared = made.prepared if noise is None else replace(made.prepared, noise=noise)
     start = fit_slopes(s.astype(np.float32), load(), 1)
-    return refine(start, prepared, tolerances, size.wide, size.levels_px, load(), 1)
+    return refine(start, prepared, tolerances, prepared.context.windows.wide)
 
 
 def seen_by_all(made, refined: RefinementResult, margin_px: int = 8) -> np.ndarray:

@@ -54,11 +54,11 @@ def by_pixel(
     at = {tuple(place): i for i, place in enumerate(np.argwhere(asked))}
     found = []
     for (row, column), own in at.items():
-        said = []
+        length = []
         for du, dv in OFFSETS:
             who = tuple(np.clip((row + step * dv, column + step * du), 0, np.array(asked.shape) - 1))
-            said.append(state[:SAID, at[who]] if who in at else each.others[int(sure[who])])
-        x = np.concatenate([np.stack(said, -1).ravel(), state[SAID:, own]])
+            length.append(state[:SAID, at[who]] if who in at else each.fixed_messages[int(sure[who])])
+        x = np.concatenate([np.stack(length, -1).ravel(), state[SAID:, own]])
         hidden, answer = each.layers
         found.append(answer[:, :-1] @ np.maximum(hidden[:, :-1] @ x + hidden[:, -1], 0) + answer[:, -1])
     return np.stack(found, -1)
@@ -70,7 +70,7 @@ def test_a_round_hears_the_eight_around_and_itself(seed, step):
     asked, sure = masks(rng)
     state = rng.normal(size=(SAID + KEPT, asked.sum())).astype(np.float32)
     each = a_round(rng, 3)
-    found = each.answers(state, neighbour_addresses(assign_addresses(asked, sure), asked, step), load(), 1)
+    found = each.evaluate(state, neighbour_addresses(assign_addresses(asked, sure), asked, step), load(), 1)
     np.testing.assert_allclose(found, by_pixel(state, asked, sure, step, each), rtol=1e-4, atol=1e-4)
 
 
@@ -121,10 +121,13 @@ def test_any_number_of_threads_gives_the_same_bytes(threads):
 
 
 def test_rounds_that_ship_fit_each_other():
-    state, said = len(load_network("scrutiny").layers[-1]), load_message_rounds()[0].others.shape[1]
+    state, length = (
+        len(load_network("refinement").layers[-1]),
+        load_message_rounds()[0].fixed_messages.shape[1],
+    )
     for each in load_message_rounds():
-        assert each.others.shape == (2, said)
-        assert each.layers[0].shape[1] == len(OFFSETS) * said + state - said + 1
+        assert each.fixed_messages.shape == (2, length)
+        assert each.layers[0].shape[1] == len(OFFSETS) * length + state - length + 1
     assert [len(each.layers[-1]) for each in load_message_rounds()] == [state] * (
         len(load_message_rounds()) - 1
     ) + [3]

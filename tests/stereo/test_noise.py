@@ -18,7 +18,7 @@ SLANTED = plane(DEPTH_MM, 0.2, 0.1)
 
 def measured(made, guess: Noise, wrong_px: float = 0.0) -> Noise:
     surface = fit_slopes(made.s + np.float32(wrong_px), load(), 1)
-    return estimate_noise(surface, replace(made.prepared, noise=guess), load(), 1)
+    return estimate_noise(surface, replace(made.prepared, noise=guess))
 
 
 @pytest.mark.parametrize("noise", [2.0, 6.0])
@@ -48,5 +48,5 @@ def test_a_wholly_wrong_surface_does_not_raise_it_without_bounds():
 def test_without_a_surface_the_guess_stands():
     made = scene(SLANTED)
     nothing = np.full_like(made.s, np.nan)
-    found = estimate_noise(Surface(nothing, nothing, nothing), made.prepared, load(), 1)
+    found = estimate_noise(Surface(nothing, nothing, nothing), made.prepared)
     assert found == made.prepared.noise

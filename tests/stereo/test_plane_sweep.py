@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
 
-from beltscape.kernels import load
 from beltscape.stereo.multiview.initialisation.plane_sweep import (
     crop_frame,
     enlarge_blocks,
@@ -21,9 +20,9 @@ def found(
     made, depth_range_mm: tuple[float, float], shrink: int = 1, plane_step_px: float = PLANE_STEP_PX
 ) -> np.ndarray:
     near, far = depth_range_mm
-    small = shrink_frame(made.rig, made.auxiliaries, made.prepared, step=1, shrink=shrink, unit=made.unit)
-    nearness = 1 / (far * made.unit), 1 / (near * made.unit)
-    s, margin = sweep_planes(small, nearness, plane_step_px * shrink, load(), 1)
+    small = shrink_frame(made.prepared, shrink)
+    s_range = 1 / (far * made.unit), 1 / (near * made.unit)
+    s, margin = sweep_planes(small, s_range, plane_step_px * shrink)
     assert margin.shape == s.shape == small.core.shape
     return enlarge_blocks(s, shrink, made.s.shape)
 
@@ -79,10 +78,10 @@ def test_a_range_of_nothing_still_has_planes_to_choose_from():
 def test_a_block_is_swept_as_in_the_whole():
     """But near the block's edge, where paths begin."""
     made = scene(plane(DEPTH_MM, 0.1, 0.05))
-    nearness = 1 / (880 * made.unit), 1 / (560 * made.unit)
+    s_range = 1 / (880 * made.unit), 1 / (560 * made.unit)
     block = slice(20, 80), slice(30, 100)
-    whole, _ = sweep_planes(made.prepared, nearness, 1.0, load(), 1)
-    part, _ = sweep_planes(crop_frame(made.prepared, block), nearness, 1.0, load(), 1)
+    whole, _ = sweep_planes(made.prepared, s_range, 1.0)
+    part, _ = sweep_planes(crop_frame(made.prepared, block), s_range, 1.0)
     assert part.shape == (60, 70)
     inside = inner(part.shape, 6)
     assert (np.abs(part - whole[block])[inside] < 0.5).mean() > 0.98

@@ -9,7 +9,11 @@ from scenes import DEPTH_MM, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.optimisation.propagation import PropagationResult, offsets, propagate
+from beltscape.stereo.multiview.optimisation.propagation import (
+    PropagationResult,
+    propagate,
+    propagation_offsets,
+)
 
 DISTANCES = (2, 5)
 
@@ -17,7 +21,7 @@ DISTANCES = (2, 5)
 def propagated(made, s: np.ndarray, rounds: int = 1) -> PropagationResult:
     surface = fit_slopes(s.astype(np.float32), load(), 1)
     for _ in range(rounds):
-        chosen = propagate(surface, made.prepared, DISTANCES, load(), 1)
+        chosen = propagate(surface, made.prepared, DISTANCES)
         surface = chosen.surface
     return chosen
 
@@ -78,7 +82,7 @@ def test_only_active_pixels_change_whatever_memory_holds(column):
     def chosen(s, where):
         return kernels.propagate(
             s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
-            offsets=offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
+            offsets=propagation_offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
         )  # fmt: skip
 
     first = chosen(made.s, active)
@@ -90,7 +94,7 @@ def test_only_active_pixels_change_whatever_memory_holds(column):
 
 
 def test_offsets_go_in_eight_directions():
-    found = offsets((1, 3, 8))
+    found = propagation_offsets((1, 3, 8))
     assert found.dtype == np.int32
     assert len(np.unique(found, axis=0)) == 24
     assert not found.sum(axis=0).any()
@@ -100,10 +104,10 @@ def test_offsets_go_in_eight_directions():
 
 @pytest.mark.parametrize("distances", [(3,), (3, 10), (2, 5, 12)])
 def test_two_turns_go_in_all_directions_each_once(distances):
-    first, second = (offsets(distances, turn) for turn in (0, 1))
+    first, second = (propagation_offsets(distances, turn) for turn in (0, 1))
     assert len(first) == len(second) == 4 * len(distances)
     np.testing.assert_array_equal(
-        np.unique(np.concatenate([first, second]), axis=0), np.unique(offsets(distances), axis=0)
+        np.unique(np.concatenate([first, second]), axis=0), np.unique(propagation_offsets(distances), axis=0)
     )
-    np.testing.assert_array_equal(offsets(distances, 2), first)
+    np.testing.assert_array_equal(propagation_offsets(distances, 2), first)
     assert not first.sum(axis=0).any()

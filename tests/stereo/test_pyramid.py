@@ -1,4 +1,4 @@
-"""Coarse to fine: what one grid found is where the next begins, and nothing is lost on the way."""
+"""The coarse-to-fine pyramid: each grid starts from the coarser one's surface."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import DEPTH_MM, away_from_steps, in_bits, inner, patch, pictures, plane, ring, scene
+from scenes import DEPTH_MM, away_from_steps, in_bits, inner, patch, pictures, plane, prepare, ring, scene
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.kernels import load
-from beltscape.stereo.multiview import pyramid as approach
+from beltscape.stereo.multiview import pyramid
 from beltscape.stereo.multiview import settings as multiview_settings
-from beltscape.stereo.multiview.frame.frame import halve_frame, prepare_frame
+from beltscape.stereo.multiview.frame.frame import halve_frame
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.pyramid import PyramidSolver, _changed, _enlarged
+from beltscape.stereo.multiview.pyramid import PyramidSolver, _changed_share, _double_surface
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from strategies import seeds
@@ -29,16 +28,16 @@ RANGE = (600.0, 780.0)
 
 @pytest.fixture
 def two_grids(monkeypatch):
-    """Small images are halved, too."""
+    """Let small images have a coarser grid, too."""
     monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 60)
 
 
-def way(made, settings=SETTINGS, tell=lambda: None) -> PyramidSolver:
-    return PyramidSolver(made.rig, made.auxiliaries, RANGE, settings, None, load(), tell)
+def solver(on_step=lambda: None) -> PyramidSolver:
+    return PyramidSolver(RANGE, SETTINGS, None, on_step)
 
 
 @given(seeds, st.integers(1, 9), st.integers(1, 9), st.booleans(), st.booleans())
-def test_a_plane_enlarged_is_the_same_plane(seed, height, width, odd_rows, odd_columns):
+def test_a_plane_on_the_finer_grid_is_the_same_plane(seed, height, width, odd_rows, odd_columns):
     s0, u0, v0 = np.random.default_rng(seed).normal(0, [50, 0.5, 0.5])
     v, u = np.mgrid[:height, :width]
     coarse = Surface(
@@ -46,7 +45,7 @@ def test_a_plane_enlarged_is_the_same_plane(seed, height, width, odd_rows, odd_c
         np.full((height, width), u0, np.float32),
         np.full((height, width), v0, np.float32),
     )
-    fine = _enlarged(coarse, (2 * height + odd_rows, 2 * width + odd_columns))
+    fine = _double_surface(coarse, (2 * height + odd_rows, 2 * width + odd_columns))
     assert fine.s.shape == fine.slope_u.shape == (2 * height + odd_rows, 2 * width + odd_columns)
     v, u = (np.mgrid[: 2 * height, : 2 * width] - 0.5) / 2
     np.testing.assert_allclose(
@@ -57,11 +56,11 @@ def test_a_plane_enlarged_is_the_same_plane(seed, height, width, odd_rows, odd_c
 
 
 @pytest.mark.parametrize("size_px", [(120, 100), (121, 99)])
-def test_a_frame_halved_is_the_frame_prepared_in_blocks(size_px):
+def test_a_halved_frame_equals_the_frame_prepared_in_blocks(size_px):
     made = scene(*STEP, rig=ring(size_px=size_px), noise=1.0)
-    half = halve_frame(made.prepared, made.rig, made.auxiliaries, 1, load(), 1)
+    half = halve_frame(made.prepared)
     images = {name: in_bits(image, np.uint16) for name, image in pictures(made.rig, STEP, noise=1.0).items()}
-    whole = prepare_frame(made.rig, FrameSet("000", images), made.auxiliaries, 2, load(), 1)
+    whole = prepare(made.rig, FrameSet("000", images), step=2)
     assert half.core.shape == whole.core.shape
     assert half.views.tobytes() == whole.views.tobytes()
     for one, other in zip(
@@ -73,11 +72,11 @@ def test_a_frame_halved_is_the_frame_prepared_in_blocks(size_px):
     assert half.noise.texture == pytest.approx(whole.noise.texture, rel=0.15)
 
 
-def test_a_block_that_is_not_all_seen_is_not_seen():
+def test_a_block_with_a_missing_pixel_is_missing():
     made = scene(plane())
     core = made.prepared.core.copy()
     core[10:13, 20] = np.nan
-    half = halve_frame(replace(made.prepared, core=core), made.rig, made.auxiliaries, 1, load(), 1)
+    half = halve_frame(replace(made.prepared, core=core))
     missing = np.zeros(half.core.shape, bool)
     missing[5:7, 10] = True
     np.testing.assert_array_equal(
@@ -86,13 +85,13 @@ def test_a_block_that_is_not_all_seen_is_not_seen():
 
 
 @pytest.mark.usefixtures("two_grids")
-def test_a_step_is_found_by_way_of_a_coarser_grid():
+def test_a_step_is_found_through_a_coarser_grid():
     made = scene(*STEP, rig=ring(size_px=(160, 120)), noise=1.0)
-    told = []
-    surface, prepared = way(made, tell=lambda: told.append(1)).begun(made.prepared, 1)
-    assert len(told) == 2  # the sweep, and the coarse grid
+    steps = []
+    surface, prepared = solver(lambda: steps.append(1)).initialise(made.prepared)
+    assert len(steps) == 2  # the sweep, and the coarse grid
     assert prepared.noise != made.prepared.noise
-    _, refined = way(made).rounds(surface, prepared)
+    _, refined = solver().propagate(surface, prepared)
     off = np.abs(refined.surface.s - made.s)[inner(made.s.shape, 8)]
     assert (off < 1).mean() > 0.99
     smooth = away_from_steps(made.s, 6) & inner(made.s.shape, 8)
@@ -101,13 +100,13 @@ def test_a_step_is_found_by_way_of_a_coarser_grid():
 
 
 @pytest.mark.usefixtures("two_grids")
-def test_every_grid_is_told_of():
+def test_every_grid_is_reported():
     made = scene(*STEP, rig=ring(size_px=(160, 120)), noise=1.0)
     images = {name: in_bits(image) for name, image in pictures(made.rig, STEP, noise=1.0).items()}
     steps = []
 
     class Steps(Silent):
-        def step(self, what: str, done: int, total: int) -> None:
+        def step(self, stage: str, done: int, total: int) -> None:
             steps.append((done, total))
 
     MultiviewReconstructor(made.rig, RANGE, SETTINGS).reconstruct(FrameSet("000", images), Steps())
@@ -117,20 +116,20 @@ def test_every_grid_is_told_of():
 def test_rounds_end_where_hardly_anything_changes(monkeypatch):
     made = scene(plane())
     rounds = []
-    once = approach.propagate
-    monkeypatch.setattr(approach, "propagate", lambda *given: rounds.append(1) or once(*given))
+    once = pyramid.propagate
+    monkeypatch.setattr(pyramid, "propagate", lambda *given: rounds.append(1) or once(*given))
     flat = np.zeros_like(made.s)
-    way(made).rounds(Surface(made.s, flat, flat), made.prepared)
+    solver().propagate(Surface(made.s, flat, flat), made.prepared)
     assert len(rounds) == 1
     rough = np.where(np.random.default_rng(1).random(made.s.shape) < 0.2, made.s + 6, made.s).astype(
         np.float32
     )
-    way(made).rounds(Surface(rough, flat, flat), made.prepared)
+    solver().propagate(Surface(rough, flat, flat), made.prepared)
     assert len(rounds) == 3
 
 
-def test_what_changed_is_counted():
+def test_the_share_of_changed_pixels_is_counted():
     s = np.zeros((10, 10), np.float32)
     other = s.copy()
     other[0, :5], other[1] = 0.6, 0.4
-    assert _changed(Surface(s, s, s), Surface(other, s, s)) == pytest.approx(0.05)
+    assert _changed_share(Surface(s, s, s), Surface(other, s, s)) == pytest.approx(0.05)

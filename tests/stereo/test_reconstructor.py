@@ -41,7 +41,10 @@ def reconstruct(rig, frame_set, settings=ONE_THREAD, depth_range_mm=RANGE, **mor
 
 
 def same_bytes(a: DepthMap, b: DepthMap) -> bool:
-    return all(getattr(a, f.name).tobytes() == getattr(b, f.name).tobytes() for f in fields(DepthMap))
+    return all(
+        np.asarray(getattr(a, f.name)).tobytes() == np.asarray(getattr(b, f.name)).tobytes()
+        for f in fields(DepthMap)
+    )
 
 
 ARRANGEMENTS = {
@@ -96,7 +99,7 @@ def test_presets_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
 
 def test_every_pixel_is_measured_by_someone_or_by_nobody(measured):
     nowhere = ~measured.measured
-    assert [getattr(measured, f.name).dtype for f in fields(DepthMap)] == [
+    assert [getattr(measured, f.name).dtype for f in fields(DepthMap)[:4]] == [
         np.float32, np.float32, np.uint8, np.float32,
     ]  # fmt: skip
     assert np.array_equal(np.isnan(measured.sigma_mm), nowhere)

@@ -27,7 +27,7 @@ def even(s: np.ndarray | None = None, **fields: np.ndarray) -> RefinementResult:
     return replace(made, **fields)
 
 
-def told(
+def compute_features(
     refined: RefinementResult, turn: np.ndarray | None = None, scale: float = 1.0
 ) -> dict[str, np.ndarray]:
     turn = np.full(refined.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
@@ -36,19 +36,19 @@ def told(
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
 def test_what_is_the_same_everywhere_is_its_own_mean(scale):
-    found = told(even(disagreement=np.full(SHAPE, 3, np.float32)), scale=scale)
+    found = compute_features(even(disagreement=np.full(SHAPE, 3, np.float32)), scale=scale)
     assert len(found) == 8
     for name, plane_ in found.items():
-        expected = {"disagreement": np.log(3.01), "turn": -5.0, "log sigma": np.log(0.01)}
+        expected = {"window disagreement": np.log(3.01), "slope deviation": -5.0, "log sigma": np.log(0.01)}
         np.testing.assert_allclose(plane_, expected[name.split(" within")[0]], rtol=1e-4, err_msg=name)
 
 
 def test_each_tells_of_so_much_around():
     disagreement = np.zeros(SHAPE, np.float32)
     disagreement[60, 80] = 25
-    found = told(even(disagreement=disagreement))
+    found = compute_features(even(disagreement=disagreement))
     for window_px in (5, 15, 41, 101):
-        wide = found[f"disagreement within {window_px}"] > np.log(0.01) + 1e-3
+        wide = found[f"window disagreement within {window_px}"] > np.log(0.01) + 1e-3
         columns = np.flatnonzero(wide.any(axis=0))
         assert abs(np.ptp(columns) + 1 - window_px) <= 8 * (window_px > 15)
 
@@ -59,9 +59,9 @@ def test_steps_and_what_no_view_agrees_on_are_left_out():
     wild, used = np.zeros(SHAPE, np.float32), np.full(SHAPE, 4, np.uint8)
     wild[:, 78:82] = 25
     wild[:20, :20], used[:20, :20] = 25, 0
-    found = told(even(s, disagreement=wild, used=used))
+    found = compute_features(even(s, disagreement=wild, used=used))
     for window_px in (5, 15, 41, 101):
-        np.testing.assert_allclose(found[f"disagreement within {window_px}"], np.log(0.01), rtol=1e-5)
+        np.testing.assert_allclose(found[f"window disagreement within {window_px}"], np.log(0.01), rtol=1e-5)
 
 
 def test_nan_stays_out_of_it():
@@ -73,7 +73,7 @@ def test_nan_stays_out_of_it():
         "variance": np.where(gone, np.nan, 1e-4).astype(np.float32),
         "used": np.where(gone, 0, 4).astype(np.uint8),
     }
-    for name, plane_ in told(even(s, **holes)).items():
+    for name, plane_ in compute_features(even(s, **holes)).items():
         assert np.isfinite(plane_).all(), name
 
 
@@ -83,7 +83,7 @@ def test_a_surface_rounder_than_the_windows_shows():
         made = scene(*solids, noise=1.0)
         size = windows_for(made.s.shape[1])
         surface = fit_slopes(made.s.astype(np.float32), load(), 1)
-        refined = refine(surface, made.prepared, (0.7, 0.4), size.wide, size.levels_px, load(), 1)
+        refined = refine(surface, made.prepared, (0.7, 0.4), size.wide)
         middle = tuple(side // 2 for side in made.s.shape)
-        shown.append(told(refined, scale=size.scale)["disagreement within 15"][middle])
+        shown.append(compute_features(refined, scale=size.scale)["window disagreement within 15"][middle])
     assert shown[1] > shown[0] + 0.5

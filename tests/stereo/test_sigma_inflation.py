@@ -7,15 +7,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import Scene, depth_mm, in_bits, pictures, plane, ring
+from scenes import Scene, depth_mm, in_bits, pictures, plane, prepare, ring, with_context
 
 from beltscape.core.frames import FrameSet
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, view_disagreement
-from beltscape.stereo.multiview.frame.frame import Noise, prepare_frame
+from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, estimate_inflation
+from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.frame.windows import windows_for
 
 NOISE = 4.0
 SOLID = plane(700, 0.2, 0.1)
@@ -30,7 +29,7 @@ def noisy_scene(blur_px: float, angles=(0, 90, 180, 270), seed: int = 2) -> Scen
         name: in_bits(image + NOISE * correlated(rng.standard_normal(image.shape), blur_px), np.uint16)
         for name, image in pictures(rig, (SOLID,), dot_px=2.0).items()
     }
-    prepared = prepare_frame(rig, FrameSet("000", images), rig.auxiliaries, 1, load(), 1)
+    prepared = prepare(rig, FrameSet("000", images))
     noise = Noise(NOISE**2, 1e-4, prepared.noise.texture)
     unit = inverse_depth_scale(rig, rig.auxiliaries)
     s = (1 / (depth_mm(rig, (SOLID,)) * unit)).astype(np.float32)
@@ -47,7 +46,7 @@ def correlated(white: np.ndarray, blur_px: float) -> np.ndarray:
 
 def disagreement(made: Scene, threads: int = 1) -> Inflation:
     surface = fit_slopes(made.s, load(), 1)
-    return view_disagreement(surface, made.prepared, windows_for(made.s.shape[1]), load(), threads)
+    return estimate_inflation(surface, with_context(made.prepared, threads=threads))
 
 
 def expected(made: Scene, blur_px: float) -> float:

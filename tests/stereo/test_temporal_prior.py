@@ -17,6 +17,7 @@ from scenes import (
     patch,
     pictures,
     plane,
+    prepare,
     ring,
     scene,
     sphere,
@@ -25,8 +26,6 @@ from scenes import (
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import grid_unit, prepare_frame
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
 from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -62,16 +61,16 @@ def prior_of(solids: tuple[Solid, ...], motion_mm, unseen: tuple[slice, slice] |
     return Prior(as_depth_map(depth), np.array(motion_mm, float))
 
 
-def nearness(prior: Prior, now: Scene) -> np.ndarray:
-    return predict_inverse_depth(prior, RIG, now.prepared, now.unit, 1, load(), 1)
+def predict(prior: Prior, now: Scene) -> np.ndarray:
+    return predict_inverse_depth(prior, now.prepared)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_it_is_the_nearness_of_the_moved_scene(shape, motion):
+def test_the_prediction_is_the_inverse_depth_of_the_moved_scene(shape, motion):
     solids, motion_mm = SHAPES[shape], MOTIONS[motion]
     now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    s = nearness(prior_of(solids, motion_mm), now)
+    s = predict(prior_of(solids, motion_mm), now)
     there = np.isfinite(s)
     assert there.mean() > 0.9
     smooth = there & away_from_steps(now.s, 3)
@@ -87,7 +86,7 @@ def test_it_is_the_nearness_of_the_moved_scene(shape, motion):
 
 def test_it_is_what_it_was_when_nothing_moved():
     now = scene(*SHAPES["boxes"], rig=RIG, noise=0.5)
-    s = nearness(prior_of(SHAPES["boxes"], (0, 0, 0)), now)
+    s = predict(prior_of(SHAPES["boxes"], (0, 0, 0)), now)
     along = away_from_steps(now.s, 2) & np.isfinite(s)
     assert along.mean() > 0.9
     np.testing.assert_allclose(s[along], now.s[along], atol=1e-3)
@@ -96,11 +95,9 @@ def test_it_is_what_it_was_when_nothing_moved():
 def test_on_a_coarser_grid_it_counts_that_grids_pixels():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
     frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, moved(solids, motion_mm)).items()})
-    prepared, unit = (
-        prepare_frame(RIG, frames, RIG.auxiliaries, 2, load(), 1),
-        grid_unit(RIG, RIG.auxiliaries, 2),
-    )
-    s = predict_inverse_depth(prior_of(solids, motion_mm), RIG, prepared, unit, 2, load(), 1)
+    prepared = prepare(RIG, frames, step=2)
+    unit = prepared.context.inverse_depth_scale
+    s = predict_inverse_depth(prior_of(solids, motion_mm), prepared)
     true = 1 / (depth_mm(RIG, moved(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit)
     assert s.shape == (100, 120)
     assert np.isfinite(s).mean() > 0.85
@@ -113,7 +110,7 @@ def test_where_the_frame_before_saw_nothing_nothing_is_known(motion):
     solids, motion_mm = SHAPES["plane"], np.array(MOTIONS[motion])
     hole = slice(70, 130), slice(80, 150)
     now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    s = nearness(prior_of(solids, motion_mm, hole), now)
+    s = predict(prior_of(solids, motion_mm, hole), now)
     points = RIG.core_camera.rays() * depth_mm(RIG, solids)[..., None] + motion_mm[:2]
     away = depth_mm(RIG, solids) + motion_mm[2]
     at = points / away[..., None] * RIG.core_camera.focal_px + RIG.core_camera.center_px
@@ -129,7 +126,7 @@ def test_where_the_frame_before_saw_nothing_nothing_is_known(motion):
 
 def test_a_frame_before_without_depth_says_nothing():
     now = scene(*SHAPES["plane"], rig=RIG)
-    assert np.isnan(nearness(prior_of(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
+    assert np.isnan(predict(prior_of(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
 
 
 @pytest.mark.parametrize("wrong_mm", [60.0, 120.0, -60.0])
@@ -138,8 +135,8 @@ def test_a_motion_that_is_off_by_pixels_does_not_fit_as_a_whole(shape, wrong_mm)
     """5 to 10 px: the same speckle agrees by chance here and there."""
     solids, motion_mm = SHAPES[shape], np.array(MOTIONS["along"])
     now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    right = np.isfinite(nearness(prior_of(solids, motion_mm), now)).mean()
-    s = nearness(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
+    right = np.isfinite(predict(prior_of(solids, motion_mm), now)).mean()
+    s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.7 * right
     swept = np.zeros(s.shape, bool)
     for block in itertools.chain(*find_unmeasured_blocks(s, 2)):
@@ -151,7 +148,7 @@ def test_a_motion_that_is_off_by_pixels_does_not_fit_as_a_whole(shape, wrong_mm)
 def test_a_motion_that_is_off_by_a_pixel_or_two_does_not_fit(wrong_mm):
     solids, motion_mm = SHAPES["boxes"], np.array(MOTIONS["along"])
     now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    s = nearness(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
+    s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.3
 
 

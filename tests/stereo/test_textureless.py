@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, Scene, patch, plane, ring, scene, sphere
+from scenes import DEPTH_MM, Scene, at_scale, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
@@ -29,9 +29,8 @@ _DARK = {1.0: 70, 0.5: 110}
 
 def fill(surface, prepared, scale):
     """`fill_textureless_discs` where nothing is known of what is evenly bright, and as much of everything else."""
-    found, where = fill_textureless_discs(
-        surface, np.where(prepared.core >= BRIGHT, 0.0, 1.0), prepared, scale
-    )
+    information = np.where(prepared.core >= BRIGHT, 0.0, 1.0)
+    found, where = fill_textureless_discs(surface, information, at_scale(prepared, scale))
     np.testing.assert_array_equal(found.s[~where], surface.s[~where])
     return found
 

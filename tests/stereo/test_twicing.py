@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import Scene, away_from_steps, inner, plane, scene, sphere
+from scenes import Scene, away_from_steps, inner, plane, scene, sphere, with_context
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
@@ -21,8 +21,9 @@ BALL = (sphere(660, 250), plane(900))
 
 def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface, Surface]:
     surface = fit_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
-    refined = refine(surface, made.prepared, (0.7, 0.4), SIZE.firm, SIZE.levels_px, load(), 1).surface
-    return refined, apply_twicing(refined, made.prepared, 0.4, SIZE, load(), 1)
+    prepared = with_context(made.prepared, windows=SIZE)
+    refined = refine(surface, prepared, (0.7, 0.4), SIZE.firm).surface
+    return refined, apply_twicing(refined, prepared, 0.4)
 
 
 def on_top(made: Scene) -> np.ndarray:

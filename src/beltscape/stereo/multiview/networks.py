@@ -1,4 +1,4 @@
-"""The fitted networks that turn evidence into belief: of pixels, and of the surfaces that compete for one."""
+"""Perceptrons with named features, loaded from the package's data."""
 
 from __future__ import annotations
 
@@ -18,34 +18,37 @@ Array = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureNetwork:
-    """A perceptron's weights, in its evidence's own units."""
+    """The weights of a perceptron, in the units of its features."""
 
     names: tuple[str, ...]
-    """Of the evidence, in order."""
+    """Of the features, in order."""
     limits: Array
-    """(2, n) beyond which evidence says no more."""
+    """(2, n) range to which features are clipped."""
     layers: tuple[Array, ...]
-    """(k, n + 1) each; the last one's answers are the network's."""
+    """(k, n + 1) each: weights and offset of k units."""
 
-    def answers(
-        self, evidence: Mapping[str, NDArray[np.floating]], kernels: Kernels, threads: int
+    def evaluate(
+        self, features: Mapping[str, NDArray[np.floating]], kernels: Kernels, threads: int
     ) -> list[Array]:
-        """M of (H, W), of evidence (H, W) by name."""
-        planes = [evidence[name] for name in self.names]
-        found = kernels.evaluate_network(planes, self.limits, self.layers, threads=threads)
-        return [np.asarray(answer, np.float32) for answer in found]
+        """Return the m outputs (H, W) for features (H, W) by name."""
+        planes = [features[name] for name in self.names]
+        outputs = kernels.evaluate_network(planes, self.limits, self.layers, threads=threads)
+        return [np.asarray(output, np.float32) for output in outputs]
 
 
 @cache
 def load_network(name: str) -> FeatureNetwork:
-    """Weights that ship: what tools/fit_belief.py and fit_scrutiny.py made of simulated frames with known truth.
+    """Return shipped weights, which tools/train_confidence.py and train_refinement.py fit to simulated frames.
 
-    ``glance`` and ``belief`` answer with the logit of the confidence and the logarithm of sigma in px of s,
-    ``impression`` with the first alone; ``rivals`` with the logit of a rival's being right, ``duel`` with those of
-    two, ``scrutiny`` with a state (`beltscape.stereo.multiview.confidence.message_passing`).
+    ``fast_confidence`` and ``confidence`` give the logit of the confidence and the logarithm of sigma in px of s,
+    ``initial_confidence`` the first alone. ``candidates`` gives the logit of a candidate's probability,
+    ``pairwise_ranking`` those of two. ``refinement`` gives a state for `confidence.message_passing`.
     """
-    kept = json.loads((files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8"))
-    return FeatureNetwork(tuple(kept["names"]), _array(kept["limits"]), tuple(map(_array, kept["layers"])))
+    text = (files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8")
+    stored = json.loads(text)
+    return FeatureNetwork(
+        tuple(stored["names"]), _array(stored["limits"]), tuple(map(_array, stored["layers"]))
+    )
 
 
 def _array(rows: Sequence[Sequence[float]]) -> Array:

@@ -1,7 +1,7 @@
-"""The way to a surface, coarse to fine: a sweep on the smallest grid, then on each grid rounds of propagation.
+"""The coarse-to-fine pyramid: a plane sweep on the coarsest grid, then rounds of propagation on every grid.
 
-Propagation reaches so many pixels: on a grid half as fine twice as far, at a quarter of the cost. What a coarse grid
-can not hold, the edges, the next finer one sets right.
+Propagation reaches a fixed number of pixels, so on a grid of half the resolution it reaches twice as far at a quarter
+of the cost. The next finer grid corrects what a coarse grid cannot represent, such as edges.
 """
 
 from __future__ import annotations
@@ -11,12 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltscape.core.rig import Rig
-from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, halve_frame
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, halve_frame
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsample_surface
-from beltscape.stereo.multiview.frame.windows import windows_for
-from beltscape.stereo.multiview.initialisation.initialise import SweepGrid, initialise_inverse_depth
+from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
 from beltscape.stereo.multiview.initialisation.plane_sweep import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
 from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
@@ -25,87 +22,75 @@ from beltscape.stereo.multiview.optimisation.propagation import PropagationResul
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 _FIRST_PX = 2.0, 2.0
-"""Tolerance of the iteration on the sweep's surface."""
+"""Tolerances of the iterations on the sweep's surface."""
 _CHANGED_PX, _SETTLED = 0.5, 0.003
-"""A round that changes fewer pixels than that share by so much is the last of its grid."""
+"""Propagation ends on a grid when less than this share of the pixels changes by more than this."""
 
 
 @dataclass(frozen=True, slots=True)
 class PyramidSolver:
-    """What one frame's surface is approached by."""
+    """Depth range, settings and prior for solving one frame coarse to fine."""
 
-    rig: Rig
-    auxiliaries: tuple[str, ...]
     depth_range_mm: tuple[float, float]
     settings: MultiviewSettings
     prior: Prior | None
-    kernels: Kernels
-    tell: Callable[[], None]
+    on_step: Callable[[], None]
     """Called after the sweep, and after every grid."""
 
-    def begun(self, prepared: PreparedFrame, step: int) -> tuple[Surface, PreparedFrame]:
-        """A first surface on a grid of blocks of ``step`` px: that of the next coarser grid, or else the sweep's.
+    def initialise(self, prepared: PreparedFrame) -> tuple[Surface, PreparedFrame]:
+        """Return the first surface on a grid, from the next coarser grid or else a sweep.
 
-        With the frame prepared for it, whose noise this surface's residuals tell.
+        The frame is returned with the noise estimated from this surface's residuals.
         """
-        coarser = self.settings.halves(prepared.core.shape[1])
-        surface = self._from_half(prepared, step) if coarser else self._swept(prepared, step)
-        noise = estimate_noise(surface, prepared, self.kernels, self.settings.threads)
-        return surface, replace(prepared, noise=noise)
+        has_coarser = self.settings.halves(prepared.core.shape[1])
+        surface = self._solve_half(prepared) if has_coarser else self._sweep(prepared)
+        return surface, replace(prepared, noise=estimate_noise(surface, prepared))
 
-    def rounds(self, surface: Surface, prepared: PreparedFrame) -> tuple[PropagationResult, RefinementResult]:
-        """Rounds of propagation, each refined, until hardly anything changes: the last one."""
-        settings, kernels, threads = self.settings, self.kernels, self.settings.threads
-        size = windows_for(prepared.core.shape[1])
-        distances = settings.offsets_px(size.scale)
+    def propagate(
+        self, surface: Surface, prepared: PreparedFrame
+    ) -> tuple[PropagationResult, RefinementResult]:
+        """Return the last of the rounds of propagation and refinement, which end when hardly a pixel changes."""
+        settings = self.settings
+        distances = settings.offsets_px(prepared.context.scale)
         for turn in range(settings.rounds):
             alternating = turn if settings.rounds > 1 else None
-            chosen = propagate(surface, prepared, distances, kernels, threads, alternating)
-            refined = self._refined(chosen.surface, prepared, settings.between_px)
-            if turn + 1 == settings.rounds or _changed(surface, chosen.surface) < _SETTLED:
-                self.tell()
-                return chosen, refined
+            propagated = propagate(surface, prepared, distances, alternating)
+            refined = _refine(propagated.surface, prepared, settings.between_px)
+            if turn + 1 == settings.rounds or _changed_share(surface, propagated.surface) < _SETTLED:
+                self.on_step()
+                return propagated, refined
             surface = refined.surface
         raise ValueError("propagation needs at least one round")
 
-    def _from_half(self, prepared: PreparedFrame, step: int) -> Surface:
-        """That of the grid half as fine, every block a plane."""
-        half = halve_frame(prepared, self.rig, self.auxiliaries, step, self.kernels, self.settings.threads)
-        _, refined = self.rounds(*self.begun(half, 2 * step))
-        return _enlarged(refined.surface, prepared.core.shape)
+    def _solve_half(self, prepared: PreparedFrame) -> Surface:
+        """Return the surface of the grid of half the resolution, enlarged."""
+        _, refined = self.propagate(*self.initialise(halve_frame(prepared)))
+        return _double_surface(refined.surface, prepared.core.shape)
 
-    def _swept(self, prepared: PreparedFrame, step: int) -> Surface:
-        """The refined surface of a sweep, or of the frame before where that fits."""
-        settings, kernels, threads = self.settings, self.kernels, self.settings.threads
-        unit = grid_unit(self.rig, self.auxiliaries, step)
+    def _sweep(self, prepared: PreparedFrame) -> Surface:
+        """Return the refined surface of a sweep, or of the frame before where that fits."""
+        settings, context = self.settings, prepared.context
+        unit = context.inverse_depth_scale
         near, far = self.depth_range_mm
-        moved = None
-        if self.prior is not None:
-            moved = predict_inverse_depth(self.prior, self.rig, prepared, unit, step, kernels, threads)
-        shrink = settings.shrink(prepared.core.shape[1])
-        sweeps = SweepGrid(self.rig, self.auxiliaries, step, shrink, settings.plane_step_px, unit)
-        s = initialise_inverse_depth(
-            moved, prepared, (1 / (far * unit), 1 / (near * unit)), sweeps, kernels, threads
-        )
-        self.tell()
-        return self._refined(fit_slopes(s, kernels, threads), prepared, _FIRST_PX).surface
-
-    def _refined(
-        self, surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]
-    ) -> RefinementResult:
-        size = windows_for(prepared.core.shape[1])
-        return refine(
-            surface, prepared, tolerances, size.narrow, size.levels_px, self.kernels, self.settings.threads
-        )
+        predicted = None if self.prior is None else predict_inverse_depth(self.prior, prepared)
+        resolution = SweepResolution(settings.shrink(prepared.core.shape[1]), settings.plane_step_px)
+        s_range = 1 / (far * unit), 1 / (near * unit)
+        s = initialise_inverse_depth(predicted, prepared, s_range, resolution)
+        self.on_step()
+        return _refine(fit_slopes(s, context.kernels, context.threads), prepared, _FIRST_PX).surface
 
 
-def _changed(before: Surface, after: Surface) -> float:
-    """Share of the pixels that moved."""
+def _refine(surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]) -> RefinementResult:
+    return refine(surface, prepared, tolerances, prepared.context.windows.narrow)
+
+
+def _changed_share(before: Surface, after: Surface) -> float:
+    """Return the share of pixels whose s changed by more than `_CHANGED_PX`."""
     return float(np.mean(np.abs(after.s - before.s) > _CHANGED_PX))
 
 
-def _enlarged(surface: Surface, shape: tuple[int, ...]) -> Surface:
-    """On a grid twice as fine, whose last row or column no block may hold; s counts that grid's pixels."""
+def _double_surface(surface: Surface, shape: tuple[int, ...]) -> Surface:
+    """Return the surface on the grid (H, W) of twice the resolution, with s in pixels of that grid."""
     return Surface(
         enlarge_blocks(2 * upsample_surface(surface, 2), 1, shape),
         enlarge_blocks(surface.slope_u, 2, shape),

@@ -1,4 +1,4 @@
-"""One reconstruction in the core's frame from all auxiliaries at once."""
+"""The multi-view reconstructor: one depth map in the core's view from all auxiliaries."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, usable_auxiliaries
 from beltscape.stereo.multiview.confidence.estimate import (
     DepthEstimate,
+    add_initial_confidence,
     estimate_depth,
     initial_features,
-    with_initial_confidence,
 )
 from beltscape.stereo.multiview.confidence.features import image_features
 from beltscape.stereo.multiview.confidence.refined_features import initial_confidence_features
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, grid_unit, prepare_frame
+from beltscape.stereo.multiview.frame.context import MatchContext
+from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.parallel import run_pair
 from beltscape.stereo.multiview.frame.surface import Surface, upsample_surface
-from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
@@ -42,7 +42,7 @@ Number = TypeVar("Number", bound=np.number)
 
 
 class MultiviewReconstructor:
-    """The matcher for a rig and a depth range, used for every frame."""
+    """The matcher for one rig and depth range; it reconstructs any number of frames."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class MultiviewReconstructor:
         Raises
         ------
         ReconstructionError, InputError, SettingsError
-            When one of them is not in the rig, or a value does not fit.
+            When an auxiliary is not in the rig, or a value is invalid.
         """
         require_depth_range(depth_range_mm)
         names = check_auxiliaries(rig, auxiliaries)
@@ -71,9 +71,9 @@ class MultiviewReconstructor:
         self._kernels = kernels or load()
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
-        """Depth of one frame; auxiliaries without an image are gone without.
+        """Return the depth map of one frame; auxiliaries without an image are left out.
 
-        With a ``prior``, the frame before and the belt's motion since, only what that does not explain is swept.
+        With a ``prior``, the previous frame and the belt's motion since, only what it does not explain is swept.
 
         Raises
         ------
@@ -81,98 +81,74 @@ class MultiviewReconstructor:
             When the core's image or every auxiliary's is missing.
         """
         names = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        unit = grid_unit(self.rig, names, self._step)
-        match = self.match(frame_set, names, reporter, prior)
-        scale = windows_for(match.prepared.core.shape[1]).scale
-        verdict = estimate_depth(match, scale, self._kernels, self.settings.threads)
-        return _depth_map(
-            replace(match.refined.surface, s=verdict.s),
-            verdict,
-            unit,
-            self._step,
-            self.settings.least_confidence,
-            self.rig.core_camera.size_px,
-        )
+        state = self.match(frame_set, names, reporter, prior)
+        return _depth_map(state, estimate_depth(state), self.settings.least_confidence)
 
     def match(
         self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
     ) -> MatcherState:
-        """The surface of one frame before it is judged; told of in steps."""
-        threads = self.settings.threads
+        """Return the final surface of one frame; each step is reported."""
         grids = self.settings.grids(self.rig.core_camera.size_px[0])
-        tell = _Steps(reporter, frame_set.frame, grids + 3)
-        before = self.approach(frame_set, names, tell, prior)
-        chosen, refined, prepared = before.chosen, before.refined, before.prepared
-        size = windows_for(prepared.core.shape[1])
-        contested, discs = run_pair(
-            lambda: self._looked_at_again(before, size.scale),
-            lambda: fill_textureless_discs(refined.surface, refined.information, prepared, size.scale),
-            threads,
+        on_step = _StepCounter(reporter, frame_set.frame, grids + 3)
+        state = self.solve_pyramid(frame_set, names, on_step, prior)
+        refined, prepared = state.refined, state.prepared
+        selection, discs = run_pair(
+            lambda: self._select(state),
+            lambda: fill_textureless_discs(refined.surface, refined.information, prepared),
+            self.settings.threads,
         )
-        tell()
+        on_step()
         surface = discs.surface
-        if contested is not None:
-            surface = contested.surface.where(discs.inside, discs.surface)
-        refined = self._finished(surface, prepared)
-        tell()
-        return MatcherState(prepared, chosen, refined, before.light, discs.inside, contested)
+        if selection is not None:
+            surface = selection.surface.replace_where(discs.mask, discs.surface)
+        refined = self._refine_finally(surface, prepared)
+        on_step()
+        return replace(state, refined=refined, filled=discs.mask, selection=selection)
 
-    def _finished(self, surface: Surface, prepared: PreparedFrame) -> RefinementResult:
-        """The surface after the last iterations."""
-        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        size = windows_for(prepared.core.shape[1])
-        *before, last = settings.final_px
-        if before:
-            surface = refine(
-                surface, prepared, tuple(before), size.firm, size.levels_px, kernels, threads
-            ).surface
-        refined = refine(surface, prepared, (last,), size.wide, size.levels_px, kernels, threads)
-        if not settings.sharpen:
-            return refined
-        return replace(
-            refined, surface=apply_twicing(refined.surface, prepared, last, size, kernels, threads)
-        )
-
-    def _looked_at_again(self, before: MatcherState, scale: float) -> Selection | None:
-        """The surface after closer looks at doubtful pixels; None without any."""
-        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        if not settings.contests:
-            return None
-        planes = with_initial_confidence(
-            initial_features(before, scale, kernels, threads), scale, kernels, threads
-        )
-        contested = select_candidates(
-            before.refined.surface, planes, before.prepared, scale, kernels, threads
-        )
-        for _ in range(settings.contests - 1):
-            planes = planes | dict(initial_confidence_features(contested.impression, scale))
-            contested = select_candidates(contested.surface, planes, before.prepared, scale, kernels, threads)
-        return contested
-
-    def approach(
+    def solve_pyramid(
         self,
         frame_set: FrameSet,
         names: tuple[str, ...],
-        tell: Callable[[], None] = lambda: None,
+        on_step: Callable[[], None] = lambda: None,
         prior: Prior | None = None,
     ) -> MatcherState:
-        """The surface after the rounds of propagation, before doubtful pixels are looked at again."""
-        settings, kernels, threads = self.settings, self._kernels, self.settings.threads
-        way = PyramidSolver(self.rig, names, self.depth_range_mm, settings, prior, kernels, tell)
-        surface, prepared = way.begun(
-            prepare_frame(self.rig, frame_set, names, self._step, kernels, threads), self._step
+        """Return the surface after the rounds of propagation, before the candidate selection."""
+        threads = self.settings.threads
+        context = MatchContext.for_grid(self.rig, names, self._step, self._kernels, threads)
+        solver = PyramidSolver(self.depth_range_mm, self.settings, prior, on_step)
+        surface, prepared = solver.initialise(prepare_frame(frame_set, context))
+        (propagated, refined), features = run_pair(
+            lambda: solver.propagate(surface, prepared), lambda: dict(image_features(prepared)), threads
         )
-        scale = windows_for(prepared.core.shape[1]).scale
-        (chosen, refined), light = run_pair(
-            lambda: way.rounds(surface, prepared),
-            lambda: dict(image_features(prepared, scale)),
-            threads,
-        )
-        return MatcherState(prepared, chosen, refined, light, np.zeros(surface.s.shape, bool), None)
+        unfilled = np.zeros(surface.s.shape, bool)
+        return MatcherState(prepared, propagated, refined, features, unfilled, None)
+
+    def _select(self, state: MatcherState) -> Selection | None:
+        """Return the surface after the candidate selections of uncertain pixels; None without any."""
+        if not self.settings.contests:
+            return None
+        context = state.prepared.context
+        planes = add_initial_confidence(initial_features(state), context)
+        selection = select_candidates(state.refined.surface, planes, state.prepared)
+        for _ in range(self.settings.contests - 1):
+            planes = planes | dict(initial_confidence_features(selection.initial_confidence, context.scale))
+            selection = select_candidates(selection.surface, planes, state.prepared)
+        return selection
+
+    def _refine_finally(self, surface: Surface, prepared: PreparedFrame) -> RefinementResult:
+        """Return the surface after the last iterations."""
+        windows = prepared.context.windows
+        *before, last = self.settings.final_px
+        if before:
+            surface = refine(surface, prepared, tuple(before), windows.firm).surface
+        refined = refine(surface, prepared, (last,), windows.wide)
+        if not self.settings.sharpen:
+            return refined
+        return replace(refined, surface=apply_twicing(refined.surface, prepared, last))
 
 
-class _Steps:
-    """Tells a reporter of one frame's steps."""
+class _StepCounter:
+    """A callback that counts one frame's steps and reports them."""
 
     def __init__(self, reporter: Reporter, frame: str, total: int) -> None:
         self._reporter, self._frame, self._total, self._done = reporter, frame, total, 0
@@ -182,37 +158,32 @@ class _Steps:
         self._reporter.step(f"matching {self._frame}", self._done, self._total)
 
 
-def _depth_map(
-    surface: Surface,
-    verdict: DepthEstimate,
-    unit: float,
-    step: int,
-    least_confidence: float,
-    size_px: tuple[int, int],
-) -> DepthMap:
-    """Depth of the believed pixels on the core's full grid."""
-    s = upsample_surface(surface, step)
+def _depth_map(state: MatcherState, estimate: DepthEstimate, least_confidence: float) -> DepthMap:
+    """Return the depth of sufficiently confident pixels on the core's full grid."""
+    context = state.prepared.context
+    unit, step = context.inverse_depth_scale, context.step
+    s = upsample_surface(replace(state.refined.surface, s=estimate.s), step)
     sigma, confidence, views = (
-        _repeated(x, step) for x in (verdict.sigma, verdict.confidence, verdict.views)
+        _repeat_blocks(x, step) for x in (estimate.sigma, estimate.confidence, estimate.views)
     )
-    believed = (confidence >= least_confidence) & (s > 0)
+    accepted = (confidence >= least_confidence) & (s > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(believed, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
+        depth = np.where(accepted, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
         sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
-    width, height = size_px
-    whole = [np.full((height, width), empty, dtype) for empty, dtype in _EMPTY]
-    parts = depth, sigma_mm, np.where(believed, views, 0), np.where(believed, confidence, 0)
-    for target, part in zip(whole, parts, strict=True):
-        target[: part.shape[0], : part.shape[1]] = part
-    return DepthMap(*whole)
+    width, height = context.rig.core_camera.size_px
+    planes = [np.full((height, width), empty, dtype) for empty, dtype in _EMPTY]
+    parts = depth, sigma_mm, np.where(accepted, views, 0), np.where(accepted, confidence, 0)
+    for plane, part in zip(planes, parts, strict=True):
+        plane[: part.shape[0], : part.shape[1]] = part
+    return DepthMap(*planes)
 
 
 _EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.float32))
-"""Depth, sigma, views, confidence of what was not measured: also a last row or column no block holds."""
+"""Depth, sigma, views and confidence of pixels that are not measured, including a last row or column without a block."""
 
 
-def _repeated(values: NDArray[Number], step: int) -> NDArray[Number]:
-    """Every value over its block."""
+def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
+    """Return every value repeated over its block."""
     if step == 1:
         return values
     height, width = values.shape

@@ -1,4 +1,4 @@
-"""A frame's surface with all that the matcher knows of it."""
+"""The state of the matcher for one frame: the surface and what the stages determined besides."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from beltscape.stereo.multiview.selection.candidates import Selection
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatcherState:
-    """On the matcher's own grid."""
+    """The results of the stages on the matcher's grid."""
 
     prepared: PreparedFrame
-    chosen: PropagationResult
-    """The last round of propagation."""
+    propagated: PropagationResult
+    """Result of the last round of propagation."""
     refined: RefinementResult
-    light: dict[str, NDArray[np.floating]]
-    """(H, W) by name: the evidence of the core's image alone."""
-    continued: NDArray[np.bool_]
-    """(H, W) evenly lit discs whose surface is that of their rims."""
-    contested: Selection | None
-    """What a closer look at doubtful pixels found; None without that."""
+    image_features: dict[str, NDArray[np.floating]]
+    """(H, W) by name: the features of the core's image."""
+    filled: NDArray[np.bool_]
+    """(H, W) textureless discs whose surface is continued from their rims."""
+    selection: Selection | None
+    """Result of the candidate selection; None without one."""

@@ -8,10 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, tile_side, view_disagreement
+from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, estimate_inflation, tile_side
 from beltscape.stereo.multiview.frame.nan import fill_nan
-from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.state import MatcherState
 
 Array = NDArray[np.floating]
@@ -28,28 +26,28 @@ class _Regime(NamedTuple):
 
 _SMOOTHED = _Regime(1.8, 0.8)
 """White noise makes an inflation of 0.5 to 1.7: the core's noise is common to all views. Where neighbours share
-noise after resampling, denoising or JPEG, the windows of the fit disagree as well, and sigma knows part of it."""
+noise after resampling, denoising or JPEG, the windows of the fit disagree as well, so sigma contains part of it."""
 _DEMOSAICED = _Regime(1.0, 1.2)
-"""What demosaicing invents follows the texture, not the noise; from 0.7 to 2 were tried for the gain."""
+"""Interpolation errors of demosaicing follow the texture, not the noise; gains from 0.7 to 2 were tried."""
 _ALONE = 2.2
 """Inflation of demosaiced images where a single auxiliary cannot disagree: the median of frames with four."""
 
 
-def inflate_sigma(sigma: Array, match: MatcherState, kernels: Kernels, threads: int) -> Array:
+def inflate_sigma(sigma: Array, state: MatcherState) -> Array:
     """Return sigma (H, W), px, with the excess variance of correlated noise added to it.
 
-    The excess is a multiple of the least squares' variance, or of sigma's square where that is less: what sigma
-    holds besides noise, at edges and on rough material, is not inflated. Without an excess sigma is returned as is.
+    The excess is a multiple of the least squares' variance, or of sigma's square where that is less: the part of sigma
+    that is not noise, at edges and on rough material, is not inflated. Without an excess sigma is unchanged.
     """
-    prepared, refined = match.prepared, match.refined
-    size = windows_for(prepared.core.shape[1])
-    inflation = view_disagreement(refined.surface, prepared, size, kernels, threads)
+    prepared, refined = state.prepared, state.refined
+    inflation = estimate_inflation(refined.surface, prepared)
     excess, log_information = _excess(inflation, demosaiced=prepared.noise.demosaiced)
     if not excess.any():
         return sigma
-    by_place = _by_information(excess, log_information, refined.information, tile_side(size.scale))
+    side = tile_side(prepared.context.scale)
+    pixel_excess = _by_information(excess, log_information, refined.information, side)
     share = np.minimum(fill_nan(refined.variance) / np.square(sigma), 1)
-    return np.asarray(sigma * np.sqrt(1 + by_place * share), np.float32)
+    return np.asarray(sigma * np.sqrt(1 + pixel_excess * share), np.float32)
 
 
 def _excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Array, Array]:
@@ -73,5 +71,5 @@ def _by_information(
     height, width = information.shape
     tiles = max(1, width // side), max(1, height // side)
     around = cv2.resize(fill_nan(information), tiles, interpolation=cv2.INTER_AREA)
-    found = np.interp(np.log(np.maximum(around, 1e-9)), log_information, values).astype(np.float32)
-    return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+    tile_values = np.interp(np.log(np.maximum(around, 1e-9)), log_information, values).astype(np.float32)
+    return np.asarray(cv2.resize(tile_values, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)

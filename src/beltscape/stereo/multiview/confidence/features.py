@@ -1,4 +1,4 @@
-"""What speaks for and against a pixel of a matched surface: planes of evidence, by name."""
+"""Initial features of the pixels of a matched surface: image, agreement and shape, as planes by name."""
 
 from __future__ import annotations
 
@@ -19,130 +19,125 @@ from beltscape.stereo.multiview.optimisation.propagation import PropagationResul
 Array = NDArray[np.floating]
 
 _WIDE_PX = 31
-"""Side of the window with whose light a pixel's own is compared: several dots wide."""
-_MOST_PX = 30.0
-"""A step counts as no higher than that, ..."""
-_MOST_OFF_PX = 5.0
-"""... and a pixel as no farther off its neighbours."""
+"""Side of the window, several dots wide, with whose brightness and contrast a pixel's own are compared."""
+_MOST_STEP_PX = 30.0
+"""Limit of the height of a step."""
+_MOST_OFFSET_PX = 5.0
+"""Limit of a pixel's distance from the median of its neighbours."""
 
 
 def agreement_features(
-    chosen: PropagationResult,
-    refined: RefinementResult,
-    auxiliaries: int,
-    seen: NDArray[np.uint8],
-    scale: float,
+    propagated: PropagationResult, refined: RefinementResult, visible: NDArray[np.uint8], auxiliaries: int
 ) -> Iterator[tuple[str, Array]]:
-    """What the images say of the surface, planes (H, W) by name; windows grow with ``scale``.
+    """Yield how well the images agree on the surface, planes (H, W) by name.
 
-    ``seen`` (H, W) is how many auxiliaries see the surface.
+    ``visible`` (H, W) is the number of the ``auxiliaries`` that see the surface.
     """
     yield "log sigma", 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
-    yield from _views(refined, seen, auxiliaries)
-    cost, margin = fill_nan(chosen.cost, 1.0), fill_nan(chosen.margin)
+    yield from _view_features(refined, visible, auxiliaries)
+    cost, margin = fill_nan(propagated.cost, 1.0), fill_nan(propagated.margin)
     yield "cost", cost
-    yield "cost around", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
+    yield "mean cost", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
     yield "margin", margin
-    yield "some margin", np.minimum(margin, 0.15)
+    yield "small margin", np.minimum(margin, 0.15)
+
+
+def information_features(refined: RefinementResult, scale: float) -> Iterator[tuple[str, Array]]:
+    """Yield the scale of the grid, and the information of the least squares around each pixel (H, W), by name."""
     information = cv2.blur(fill_nan(refined.information), scaled_window(5, scale))
-    yield "size", np.full_like(cost, np.log(scale))
-    yield "information around", np.log(np.maximum(information, 0) + np.float32(1e-3))
+    yield "log grid scale", np.full(information.shape, np.log(scale), np.float32)
+    yield "log mean information", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
 
 def shape_features(
-    chosen: PropagationResult, refined: RefinementResult, scale: float
+    propagated: PropagationResult, refined: RefinementResult, scale: float
 ) -> Iterator[tuple[str, Array]]:
-    """What the surface's own shape says, planes (H, W) by name; NaN of the surface counts as 0.
+    """Yield the shape of the surface, planes (H, W) by name; NaN of the surface counts as 0.
 
-    A shape's steps and distances in px grow with the images; they are told in px of a grid of scale 1, so that the
-    same shape gives the same evidence at any size.
+    Steps and distances in px grow with the images. They are given in px of a grid of scale 1, so that the same shape
+    has the same features at any size.
     """
     surface = refined.surface
     s = fill_nan(surface.s)
     px = np.float32(1 / scale)
-    yield "off its neighbours", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFF_PX)
-    to_step = px * _to_step(s)
-    yield "at a step", np.exp(-to_step)
-    yield "near a step", np.exp(-to_step / 4)
-    yield "steepness", fill_nan(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
-    yield from _roughness(s, scale)
-    yield from _turning(surface, scale)
-    yield "moved", _moved(chosen, s, scale)
-    yield from _relief(s, scale)
+    yield "offset from median", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFFSET_PX)
+    step_distance = px * _step_distance(s)
+    yield "step proximity", np.exp(-step_distance)
+    yield "wide step proximity", np.exp(-step_distance / 4)
+    yield "slope", fill_nan(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
+    yield from _bend_features(s, scale)
+    yield from _slope_deviation_features(surface, scale)
+    yield "last update", _last_update(propagated, s, scale)
+    yield from _relief_features(s, scale)
 
 
-def _views(
-    refined: RefinementResult, seen: NDArray[np.uint8], auxiliaries: int
+def _view_features(
+    refined: RefinementResult, visible: NDArray[np.uint8], auxiliaries: int
 ) -> Iterator[tuple[str, Array]]:
-    number = seen.astype(np.float32)
-    yield "one view", (seen == 1).astype(np.float32)
-    yield "two views", (seen == 2).astype(np.float32)
+    number = visible.astype(np.float32)
+    yield "one view", (visible == 1).astype(np.float32)
+    yield "two views", (visible == 2).astype(np.float32)
     yield "share of views", number / auxiliaries
-    yield "views around", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
-    yield "none agrees", (refined.used == 0).astype(np.float32)
-    yield "disagreeing", np.maximum(number - refined.used, 0) / auxiliaries
+    yield "mean views", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
+    yield "no agreeing view", (refined.used == 0).astype(np.float32)
+    yield "share of disagreeing views", np.maximum(number - refined.used, 0) / auxiliaries
 
 
-def _roughness(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
-    """What a surface's own shape says of its errors: on planes large windows have smoothed nothing away.
-
-    Each is the logarithm of how far s lies off its mean over a window, averaged over the same window, px.
-    """
+def _bend_features(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """Yield the logarithm of the mean distance, px, of s from its mean over a window: windows do not smooth planes."""
     for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
         side = scaled_window(window_px, scale)
-        off = np.minimum(np.abs(s - cv2.blur(s, side)), 1)
-        yield name, np.log(cv2.blur(off, side) + np.float32(least))
+        offset = np.minimum(np.abs(s - cv2.blur(s, side)), 1)
+        yield name, np.log(cv2.blur(offset, side) + np.float32(least))
 
 
-def _turning(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
-    """By how much the fitted planes differ about a pixel: facets and tops are even, edges and round flanks not.
-
-    Each is the logarithm of the slopes' standard deviation in a window.
-    """
+def _slope_deviation_features(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
+    """Yield the logarithm of the slopes' standard deviation in a window: large at edges and on round flanks."""
     slopes = [np.clip(fill_nan(slope), -3, 3) for slope in (surface.slope_u, surface.slope_v)]
-    for name, window_px in (("turn", 5), ("wide turn", 15)):
+    for name, window_px in (("slope deviation", 5), ("wide slope deviation", 15)):
         side = scaled_window(window_px, scale)
-        yield name, 0.5 * np.log(_spread(slopes[0], side) + _spread(slopes[1], side) + np.float32(1e-8))
+        yield name, 0.5 * np.log(_variance(slopes[0], side) + _variance(slopes[1], side) + np.float32(1e-8))
 
 
-def _moved(chosen: PropagationResult, s: Array, scale: float) -> Array:
-    """(H, W) logarithm of how far the last iterations still moved the surface, px, averaged over a window."""
-    before = fill_nan(chosen.surface.s)
+def _last_update(propagated: PropagationResult, s: Array, scale: float) -> Array:
+    """Return the (H, W) logarithm of the mean change of s by the last iterations, px, over a window."""
+    before = fill_nan(propagated.surface.s)
     return np.log(cv2.blur(np.minimum(np.abs(s - before), 2), scaled_window(5, scale)) + np.float32(0.002))
 
 
-def _relief(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
-    """How much nearer and farther the surface comes about a pixel: what may hide it, what it may hide."""
+def _relief_features(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
+    """Yield how much nearer and farther the surface is around a pixel: what may occlude it or be occluded by it."""
     px = np.float32(1 / scale)
     for window_px in (5, 11, 21):
         square = np.ones(scaled_window(window_px, scale), np.uint8)
-        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, square) - s), _MOST_PX)
-        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, square)), _MOST_PX)
+        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, square) - s), _MOST_STEP_PX)
+        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, square)), _MOST_STEP_PX)
 
 
-def image_features(prepared: PreparedFrame, scale: float) -> Iterator[tuple[str, Array]]:
-    """Is the projector's light here? A shadow is darker and has less contrast than the dots around it."""
+def image_features(prepared: PreparedFrame) -> Iterator[tuple[str, Array]]:
+    """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
+    scale = prepared.context.scale
     core = np.maximum(fill_nan(prepared.core), 0)  # splines undershoot
     noise = np.float32(prepared.noise.levels)
     wide = scaled_window(_WIDE_PX, scale)
-    mean, contrast = cv2.blur(core, wide) + 1, _spread(core, wide) + noise
+    mean, contrast = cv2.blur(core, wide) + 1, _variance(core, wide) + noise
     for window_px in (5, 11):
         side = scaled_window(window_px, scale)
-        yield f"light within {window_px}", np.log((cv2.blur(core, side) + 1) / mean)
-        yield f"contrast within {window_px}", np.log((_spread(core, side) + noise) / contrast)
-    yield "texture over noise", np.log((local_variance(core) + np.float32(1e-3)) / noise)
+        yield f"relative brightness within {window_px}", np.log((cv2.blur(core, side) + 1) / mean)
+        yield f"relative contrast within {window_px}", np.log((_variance(core, side) + noise) / contrast)
+    yield "log texture over noise", np.log((local_variance(core) + np.float32(1e-3)) / noise)
 
 
-def _spread(image: Array, side: tuple[int, int]) -> Array:
-    """(H, W) variance within a window."""
+def _variance(image: Array, side: tuple[int, int]) -> Array:
+    """Return the (H, W) variance within a window."""
     mean = cv2.blur(image, side)
     return np.maximum(cv2.blur(image * image, side) - mean * mean, 0)
 
 
-def _to_step(s: Array) -> Array:
-    """(H, W) distance to the nearest depth step of the surface itself, px."""
+def _step_distance(s: Array) -> Array:
+    """Return the (H, W) distance to the nearest depth step of the surface, px."""
     step = detect_depth_steps(s)
     distance = cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5)
     return np.minimum(
         np.asarray(distance, np.float32), 1e4
-    )  # without any step it is a number near the largest
+    )  # without any step OpenCV returns nearly the largest number

@@ -1,9 +1,9 @@
-"""Doubtful pixels hear each other: a graph convolution over them, in rounds.
+"""Message passing between uncertain pixels: a graph convolution in rounds.
 
-Each pixel's state begins with what scrutiny makes of its own evidence. The first numbers of a state are a message
-to the eight pixels around; a small network adds to the state what it makes of the messages, and the last round's
-network answers. So what is told of a pixel may depend on evidence several pixels away (Gilmer et al. 2017,
-arXiv:1704.01212, with sums in their order instead of one sum).
+The refinement network gives each pixel a state. Its first numbers are a message to the eight pixels around. In every
+round a small network computes a change of the state from the messages; the last round's network gives the result. So
+the result of a pixel can depend on features several pixels away (Gilmer et al. 2017, arXiv:1704.01212, with the
+messages in their order instead of their sum).
 """
 
 from __future__ import annotations
@@ -21,71 +21,74 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 
 REJECTED, ACCEPTED, FIRST_UNCERTAIN = 0, 1, 2
-"""Addresses: pixels that are not asked have no state of their own; those that are count from `FIRST_UNCERTAIN` on."""
+"""Addresses: rejected and accepted pixels have no state of their own; uncertain ones count from the last on."""
 OFFSETS = tuple((du, dv) for dv, du in product((-1, 0, 1), repeat=2))
-"""Whom a pixel hears, itself among them."""
+"""Offsets of the pixels whose messages a pixel takes, itself included."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MessageRound:
-    """What states become of messages."""
+    """The network of one round, and the messages of pixels without a state."""
 
-    others: NDArray[np.float32]
-    """(2, K) messages of lost pixels and of sure ones."""
+    fixed_messages: NDArray[np.float32]
+    """(2, K) messages of rejected and of accepted pixels."""
     layers: tuple[NDArray[np.float32], ...]
     """Of a perceptron: (k, n + 1) each."""
 
-    def answers(
-        self, state: NDArray[np.float32], around: NDArray[np.int32], kernels: Kernels, threads: int
+    def evaluate(
+        self, states: NDArray[np.float32], neighbours: NDArray[np.int32], kernels: Kernels, threads: int
     ) -> NDArray[np.float32]:
-        """(M, N) the network's answers, of states (S, N) that hear those at the addresses ``around`` (9, N)."""
-        words = self.others.shape[1]
-        said = np.hstack([self.others.T, state[:words]])
-        return kernels.pass_messages(said, around, state[words:], self.layers, threads=threads).astype(
-            np.float32, copy=False
-        )
+        """Return the network's (M, N) outputs for states (S, N) and the addresses ``neighbours`` (9, N)."""
+        length = self.fixed_messages.shape[1]
+        messages = np.hstack([self.fixed_messages.T, states[:length]])
+        outputs = kernels.pass_messages(messages, neighbours, states[length:], self.layers, threads=threads)
+        return outputs.astype(np.float32, copy=False)
 
 
 @cache
 def load_message_rounds() -> tuple[MessageRound, ...]:
-    """Those that ship: what tools/fit_scrutiny.py made of simulated frames with known truth."""
-    kept = json.loads((files("beltscape") / "data" / "messages.json").read_text(encoding="utf-8"))
+    """Return the shipped rounds, which tools/train_refinement.py fits to simulated frames with known truth."""
+    text = (files("beltscape") / "data" / "message_passing.json").read_text(encoding="utf-8")
     return tuple(
-        MessageRound(_array(each["others"]), tuple(map(_array, each["layers"]))) for each in kept["rounds"]
+        MessageRound(_array(each["fixed_messages"]), tuple(map(_array, each["layers"])))
+        for each in json.loads(text)["rounds"]
     )
 
 
-def assign_addresses(asked: NDArray[np.bool_], sure: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """(H, W) of those that are asked, row by row, and of the others: sure or lost."""
-    found = np.where(sure, ACCEPTED, REJECTED).astype(np.int32)
-    found[asked] = np.arange(FIRST_UNCERTAIN, FIRST_UNCERTAIN + np.count_nonzero(asked), dtype=np.int32)
-    return found
+def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the (H, W) addresses: uncertain pixels are numbered row by row, others are accepted or rejected."""
+    address = np.where(accepted, ACCEPTED, REJECTED).astype(np.int32)
+    last = FIRST_UNCERTAIN + np.count_nonzero(uncertain)
+    address[uncertain] = np.arange(FIRST_UNCERTAIN, last, dtype=np.int32)
+    return address
 
 
-def neighbour_addresses(address: NDArray[np.int32], asked: NDArray[np.bool_], step: int) -> NDArray[np.int32]:
-    """(9, N) addresses of whom the asked pixels hear, ``step`` px apart; beyond an edge is the edge's pixel."""
-    rows, columns = np.nonzero(asked)
+def neighbour_addresses(
+    address: NDArray[np.int32], uncertain: NDArray[np.bool_], spacing: int
+) -> NDArray[np.int32]:
+    """Return the (9, N) addresses of the uncertain pixels' neighbours, ``spacing`` px apart, limited to the image."""
+    rows, columns = np.nonzero(uncertain)
     height, width = address.shape
     return np.stack([
-        address[np.clip(rows + step * dv, 0, height - 1), np.clip(columns + step * du, 0, width - 1)]
+        address[np.clip(rows + spacing * dv, 0, height - 1), np.clip(columns + spacing * du, 0, width - 1)]
         for du, dv in OFFSETS
     ])  # fmt: skip
 
 
 def pass_messages(
-    state: NDArray[np.float32],
-    around: NDArray[np.int32],
-    through: Sequence[MessageRound],
+    states: NDArray[np.float32],
+    neighbours: NDArray[np.int32],
+    rounds: Sequence[MessageRound],
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:
-    """(M, N) what the last round answers of states (S, N) that hear those at the addresses ``around`` (9, N).
+    """Return the (M, N) outputs of the last round, for states (S, N) and the addresses ``neighbours`` (9, N).
 
-    The states are used up.
+    The states are overwritten.
     """
-    for each in through[:-1]:
-        state += each.answers(state, around, kernels, threads)
-    return through[-1].answers(state, around, kernels, threads)
+    for each in rounds[:-1]:
+        states += each.evaluate(states, neighbours, kernels, threads)
+    return rounds[-1].evaluate(states, neighbours, kernels, threads)
 
 
 def _array(rows: Sequence[Sequence[float]]) -> NDArray[np.float32]:

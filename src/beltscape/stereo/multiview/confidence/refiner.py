@@ -1,8 +1,8 @@
-"""Doubtful pixels scrutinised: moved to where they belong, and judged anew.
+"""Refinement of uncertain pixels: a network shifts their s and estimates confidence and sigma again.
 
-What speaks of them is all evidence, their surroundings pixel by pixel, and how like the images would be a little
-nearer and farther; then they hear each other (`messages`). Planes fitted over windows cut edges and round flanks;
-that shows in the surroundings.
+Its features are those of the confidence, the single neighbours, and the photo-consistency a little nearer and farther.
+Message passing then combines neighbouring pixels. Planes fitted over windows cut edges and round flanks; that shows in
+the neighbours.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from beltscape.stereo.multiview.confidence.message_passing import (
     neighbour_addresses,
     pass_messages,
 )
+from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.pixels import Pixels, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
@@ -33,105 +34,112 @@ from beltscape.stereo.multiview.selection.photoconsistency import (
 
 Array = NDArray[np.floating]
 
-_LOST, _SURE = -2.0, 5.5
-"""Logits: nobody will believe a lesser one, nor doubt a greater."""
+_REJECTED, _ACCEPTED = -2.0, 5.5
+"""Logits below which a pixel is rejected and from which on it is accepted without refinement."""
 TRIED_PX = (-1.5, -0.8, -0.4, 0.4, 0.8, 1.5)
-"""So much nearer and farther the images are compared, at scale 1."""
-AROUND_PX = 1
-"""So far about a pixel it is looked at, at scale 1: of who is farther off it hears."""
+"""Shifts of s at which the photo-consistency is evaluated, at scale 1."""
+NEIGHBOURHOOD_PX = 1
+"""Neighbours to each side that are features; message passing reaches farther."""
 MOST_PX = 2.0
-"""No pixel is moved by more, at scale 1."""
+"""Largest shift of a pixel, at scale 1."""
 _PIXELS = 4096
-"""So many are looked at at a time."""
+"""Number of pixels that are processed together."""
 
 
 class Prediction(NamedTuple):
-    """Of pixels, or of all (H, W)."""
+    """The networks' prediction for some pixels (N,) or for all (H, W)."""
 
     s: NDArray[np.float32]
-    """Nearness."""
+    """Inverse depth."""
     logit: NDArray[np.float32]
-    """Of its being right."""
+    """Of the probability that the pixel is right."""
     log_sigma: NDArray[np.float32]
-    """Of s, px."""
+    """Logarithm of the sigma of s, px."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinementInputs:
-    """All that doubtful pixels are scrutinised by."""
+    """The surface, features and images from which the refinement network's features are computed."""
 
     planes: Mapping[str, Array]
-    """(H, W) evidence by name, an ``impression`` among it."""
+    """(H, W) features by name, ``initial confidence`` among them."""
     surface: Surface
-    likeness: PhotoConsistencyModel
-    surroundings: Neighbourhood
+    consistency: PhotoConsistencyModel
+    neighbourhood: Neighbourhood
 
     @classmethod
-    def of(
-        cls, planes: Mapping[str, Array], surface: Surface, likeness: PhotoConsistencyModel, scale: float
+    def from_surface(
+        cls, planes: Mapping[str, Array], surface: Surface, consistency: PhotoConsistencyModel
     ) -> RefinementInputs:
-        """Of the evidence, the surface, and what it is compared by."""
-        core, kernels = likeness.prepared.core, likeness.kernels
-        around = Neighbourhood.of(surface.s, planes["impression"], core, AROUND_PX, scale, kernels)
-        return cls(planes, surface, likeness, around)
-
-    def look(self, at: Pixels, logit: Array) -> dict[str, Array]:
-        """The evidence (1, N) of some pixels by name, of whom the logits (N,) are thought so far."""
-        around = self.surroundings
-        own = sample_planes(self.planes, at, around.kernels) | {"belief": np.asarray(logit, np.float32)}
-        slopes = self.surface.slope_u[at], self.surface.slope_v[at]
-        own |= dict(zip(("slope across", "slope down"), slopes, strict=True))
-        found = (
-            own | around.about(at) | around.relief(at, self.surface.s[at], *slopes) | self._tried(at, *slopes)
+        """Return the inputs for a surface with its features (H, W) by name."""
+        prepared = consistency.prepared
+        neighbourhood = Neighbourhood.from_surface(
+            surface.s, planes["initial confidence"], prepared.core, NEIGHBOURHOOD_PX, prepared.context
         )
-        return {name: values[None] for name, values in found.items()}
+        return cls(planes, surface, consistency, neighbourhood)
 
-    def state(self, at: Pixels, logit: Array) -> NDArray[np.float32]:
-        """(S, N) what some pixels make of their own evidence, of whom the logits (N,) are thought so far."""
-        shown = self.look(at, logit)
-        return np.concatenate(load_network("scrutiny").answers(shown, self.likeness.kernels, 1))
+    @property
+    def context(self) -> MatchContext:
+        """Context of the frame."""
+        return self.consistency.prepared.context
 
-    def _tried(self, at: Pixels, slope_u: Array, slope_v: Array) -> dict[str, Array]:
-        """How like the images were if the pixels lay nearer or farther: (N,) by name."""
-        scale = np.float32(self.surroundings.scale)
-        moved = self.surface.s[at] + scale * np.array(TRIED_PX, np.float32)[:, None]
-        slopes = (np.broadcast_to(slope, moved.shape) for slope in (slope_u, slope_v))
-        like = self.likeness.of(at, moved, *slopes)
+    def compute_features(self, pixels: Pixels, logit: Array) -> dict[str, Array]:
+        """Return the features (1, N) by name of some pixels, whose confidence so far has the logits (N,)."""
+        features = sample_planes(self.planes, pixels, self.context.kernels)
+        features |= {"confidence": np.asarray(logit, np.float32)}
+        slopes = self.surface.slope_u[pixels], self.surface.slope_v[pixels]
+        features |= dict(zip(("slope u", "slope v"), slopes, strict=True))
+        features |= self.neighbourhood.image_features(pixels)
+        features |= self.neighbourhood.offset_features(pixels, self.surface.s[pixels], slopes)
+        features |= self._shifted_consistency(pixels, slopes)
+        return {name: values[None] for name, values in features.items()}
+
+    def compute_states(self, pixels: Pixels, logit: Array) -> NDArray[np.float32]:
+        """Return the refinement network's (S, N) states of some pixels with logits (N,)."""
+        features = self.compute_features(pixels, logit)
+        return np.concatenate(load_network("refinement").evaluate(features, self.context.kernels, 1))
+
+    def _shifted_consistency(self, pixels: Pixels, slopes: tuple[Array, Array]) -> dict[str, Array]:
+        """Return (N,) by name: the photo-consistency if the pixels were shifted by `TRIED_PX`."""
+        scale = np.float32(self.context.scale)
+        shifted = self.surface.s[pixels] + scale * np.array(TRIED_PX, np.float32)[:, None]
+        slope_u, slope_v = (np.broadcast_to(slope, shifted.shape) for slope in slopes)
+        consistency = self.consistency.evaluate(pixels, shifted, (slope_u, slope_v))
         return {
             f"{name} {px:+g}": row
-            for name, rows in photo_consistency_features(like, len(self.likeness.prepared.images))
-            if name != "seen by share"
+            for name, rows in photo_consistency_features(consistency, len(self.consistency.prepared.images))
+            if name != "share of visible views"
             for px, row in zip(TRIED_PX, rows, strict=True)
         }
 
 
 def mask_uncertain(logit: Array) -> NDArray[np.bool_]:
-    """Who is scrutinised: neither lost nor sure."""
-    return (logit >= _LOST) & (logit < _SURE)
+    """Return the mask of pixels that are refined: neither rejected nor accepted."""
+    return (logit >= _REJECTED) & (logit < _ACCEPTED)
 
 
 def mask_accepted(logit: Array) -> NDArray[np.bool_]:
-    """Who is believed without."""
-    return logit >= _SURE
+    """Return the mask of pixels that are accepted without refinement."""
+    return logit >= _ACCEPTED
 
 
-def refine_uncertain_pixels(thought: Prediction, scrutiny: RefinementInputs, threads: int) -> Prediction:
-    """What is told of all pixels (H, W): of doubtful ones anew."""
-    found = Prediction(*(plane.copy() for plane in thought))
-    asked = mask_uncertain(thought.logit) & np.isfinite(thought.s)
-    at = split_pixels(asked, _PIXELS)
-    if not at:
-        return found
-    states = np.hstack(
-        run_parallel([partial(scrutiny.state, part, thought.logit[part]) for part in at], threads)
+def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) -> Prediction:
+    """Return the prediction (H, W) with that of the refinement network at uncertain pixels."""
+    refined = Prediction(*(plane.copy() for plane in prediction))
+    uncertain = mask_uncertain(prediction.logit) & np.isfinite(prediction.s)
+    parts = split_pixels(uncertain, _PIXELS)
+    if not parts:
+        return refined
+    context = inputs.context
+    jobs = [partial(inputs.compute_states, part, prediction.logit[part]) for part in parts]
+    states = np.hstack(run_parallel(jobs, context.threads))
+    addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
+    neighbours = neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing)
+    logit, log_sigma, shift = pass_messages(
+        states, neighbours, load_message_rounds(), context.kernels, context.threads
     )
-    scale, kernels = scrutiny.surroundings.scale, scrutiny.likeness.kernels
-    around = neighbour_addresses(
-        assign_addresses(asked, mask_accepted(thought.logit)), asked, scrutiny.surroundings.step
-    )
-    logit, log_sigma, shift = pass_messages(states, around, load_message_rounds(), kernels, threads)
-    px = np.float32(scale)
-    found.s[asked] += px * np.clip(shift, -MOST_PX, MOST_PX)
-    found.logit[asked] = logit
-    found.log_sigma[asked] = log_sigma + np.log(px)
-    return found
+    px = np.float32(context.scale)
+    refined.s[uncertain] += px * np.clip(shift, -MOST_PX, MOST_PX)
+    refined.logit[uncertain] = logit
+    refined.log_sigma[uncertain] = log_sigma + np.log(px)
+    return refined

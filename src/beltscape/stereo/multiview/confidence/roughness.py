@@ -1,7 +1,7 @@
-"""How rough the material is below the matcher's windows: evidence for sigma.
+"""Roughness of the material below the size of the matcher's windows, as features for sigma.
 
-One pixel does not tell. But on rough material windows disagree more often than noise makes them, over a whole stone
-and over a patch of stones.
+A single pixel does not show it. On rough material the windows of the fit disagree more often than noise explains, over
+a whole stone and over a region of stones.
 """
 
 from __future__ import annotations
@@ -21,43 +21,52 @@ Array = NDArray[np.floating]
 
 _NEAR_PX, _WIDE_PX = (5, 15), (41, 101)
 _STEP_PX = 5
-"""Within so much of a step nothing counts."""
+"""Window around a depth step that is left out."""
 _TILE_PX = 4
-"""What is averaged over wide windows is averaged over tiles before."""
+"""Side of the tiles that are averaged before the wide windows."""
 _LEAST_SHARE, _LEAST = 1e-3, 0.01
 
 
-def roughness_features(refined: RefinementResult, turn: Array, scale: float) -> Iterator[tuple[str, Array]]:
-    """Planes (H, W) by name: means over what lies off steps, where a view agrees; windows grow with ``scale``.
+def roughness_features(
+    refined: RefinementResult, slope_deviation: Array, scale: float
+) -> Iterator[tuple[str, Array]]:
+    """Yield means (H, W) by name over the pixels away from depth steps at which a view agrees.
 
-    Of how far the fit's windows disagree, of the variance with which they were content, and of ``turn`` (H, W), by
-    how much the planes turn (`beltscape.stereo.multiview.confidence.features`). Disagreement is told as a logarithm, as the others are.
+    They are the logarithm of the disagreement of the fit's windows, ``slope_deviation`` (H, W) of
+    `features.shape_features`, and the logarithm of sigma. Windows grow with ``scale``.
     """
     step = cv2.dilate(
         detect_depth_steps(fill_nan(refined.surface.s)).astype(np.uint8),
         np.ones(scaled_window(_STEP_PX, scale), np.uint8),
     )
-    counts = ((refined.used > 0) & (step == 0)).astype(np.float32)
-    disagreement = counts * fill_nan(refined.disagreement)
+    used = ((refined.used > 0) & (step == 0)).astype(np.float32)
+    disagreement = used * fill_nan(refined.disagreement)
     for window_px in _NEAR_PX:
         side = scaled_window(window_px, scale)
-        told = _mean(cv2.blur(disagreement, side), cv2.blur(counts, side))
-        yield f"disagreement within {window_px}", np.log(told + np.float32(_LEAST))
-    variance = 0.5 * np.log(np.clip(fill_nan(refined.variance, 1.0), 1e-8, 4.0))
-    tiles = [_tiles(plane, scale) for plane in (counts, disagreement, counts * turn, counts * variance)]
+        mean = _mean(cv2.blur(disagreement, side), cv2.blur(used, side))
+        yield f"window disagreement within {window_px}", np.log(mean + np.float32(_LEAST))
+    log_sigma = 0.5 * np.log(np.clip(fill_nan(refined.variance, 1.0), 1e-8, 4.0))
+    tiles = [
+        _average_tiles(plane, scale)
+        for plane in (used, disagreement, used * slope_deviation, used * log_sigma)
+    ]
     for window_px in _WIDE_PX:
-        share, apart, *others = (cv2.blur(plane, scaled_window(window_px / _TILE_PX, 1)) for plane in tiles)
-        means = [np.log(_mean(apart, share) + np.float32(_LEAST)), *(_mean(plane, share) for plane in others)]
-        for name, plane in zip(("disagreement", "turn", "log sigma"), means, strict=True):
-            yield f"{name} within {window_px}", cv2.resize(plane, counts.shape[::-1])
+        share, total, *others = (cv2.blur(plane, scaled_window(window_px / _TILE_PX, 1)) for plane in tiles)
+        means = [
+            np.log(_mean(total, share) + np.float32(_LEAST)),
+            *(_mean(plane, share) for plane in others),
+        ]
+        names = "window disagreement", "slope deviation", "log sigma"
+        for name, plane in zip(names, means, strict=True):
+            yield f"{name} within {window_px}", cv2.resize(plane, used.shape[::-1])
 
 
 def _mean(total: Array, share: Array) -> Array:
     return total / np.maximum(share, np.float32(_LEAST_SHARE))
 
 
-def _tiles(plane: Array, scale: float) -> Array:
-    """Means over tiles."""
+def _average_tiles(plane: Array, scale: float) -> Array:
+    """Return means over tiles."""
     side = max(1, int(_TILE_PX * scale))
     height, width = plane.shape
     size = max(1, width // side), max(1, height // side)

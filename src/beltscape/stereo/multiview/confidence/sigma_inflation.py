@@ -1,8 +1,8 @@
-"""By how much correlated errors of the images inflate the variance of a surface.
+"""Inflation of a surface's variance by image errors that are correlated between neighbouring pixels.
 
-Least squares adds up the information of neighbouring pixels as if their noise was independent. Noise that neighbours
+Least squares add up the information of neighbouring pixels as if their noise was independent. Noise that neighbours
 share (after demosaicing, resampling, denoising, compression) averages out more slowly, and the surface's variance is
-larger than stated. It shows in how the views disagree: over a tile, every auxiliary by itself would shift the surface
+larger than stated. The disagreement of the views shows it: over a tile, every auxiliary by itself would shift the surface
 by pull / information, and with independent noise these shifts differ with the variance 1 / information.
 """
 
@@ -15,11 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, crop_projection
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
-from beltscape.stereo.multiview.frame.windows import Windows
 
 Array = NDArray[np.floating]
 
@@ -53,20 +52,19 @@ class Inflation:
     """The same ratio for all of the image; NaN where nothing could be estimated."""
 
 
-def view_disagreement(
-    surface: Surface, prepared: PreparedFrame, size: Windows, kernels: Kernels, threads: int
-) -> Inflation:
+def estimate_inflation(surface: Surface, prepared: PreparedFrame) -> Inflation:
     """Estimate the inflation from a few bands of rows of a final surface.
 
-    A single auxiliary has nothing to disagree with; its estimate is empty.
+    With a single auxiliary there is no disagreement; the estimate is empty.
     """
-    height = len(surface.s)
-    rows = min(height, _TILE_ROWS * tile_side(size.scale) + 2 * size.levels_px)
+    height, windows = len(surface.s), prepared.context.windows
+    side = tile_side(windows.scale)
+    rows = min(height, _TILE_ROWS * side + 2 * windows.levels_px)
     firsts = np.linspace(0, height - rows, _BANDS + 2)[1:-1].astype(int)
-    tiles = [_tile_sums(surface.s, prepared, slice(f, f + rows), size, kernels, threads) for f in firsts]
-    parts = [_squared_deviations(*sums, tile_side(size.scale)) for sums in tiles]
+    tiles = [_tile_sums(surface.s, prepared, slice(f, f + rows)) for f in firsts]
+    parts = [_squared_deviations(*sums, side) for sums in tiles]
     information, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
-    return _grouped(np.log(information), squares)
+    return _estimate_groups(np.log(information), squares)
 
 
 def tile_side(scale: float) -> int:
@@ -74,34 +72,33 @@ def tile_side(scale: float) -> int:
     return max(3, round(TILE_PX * scale))
 
 
-def _tile_sums(
-    s: Array, prepared: PreparedFrame, rows: slice, size: Windows, kernels: Kernels, threads: int
-) -> tuple[Array, Array]:
+def _tile_sums(s: Array, prepared: PreparedFrame, rows: slice) -> tuple[Array, Array]:
     """Sum information and pull over the tiles of a band, each (views, tile rows, tile columns)."""
-    band, noise = np.ascontiguousarray(s[rows]), prepared.noise
+    band, noise, context = np.ascontiguousarray(s[rows]), prepared.noise, prepared.context
+    levels_px, side = context.windows.levels_px, tile_side(context.scale)
     core = np.ascontiguousarray(prepared.core[rows])
     smooth = ~detect_depth_steps(fill_nan(band))
     sums = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
-        found = kernels.normal_equations(
-            band, core, [coefficients], crop_projection(view, 0, rows.start)[None], window=size.levels_px,
-            floor=noise.floor, noise_variance=noise.levels, model_variance=noise.model, threads=threads,
+        equations = context.kernels.normal_equations(
+            band, core, [coefficients], crop_projection(view, 0, rows.start)[None], window=levels_px,
+            floor=noise.floor, noise_variance=noise.levels, model_variance=noise.model, threads=context.threads,
         )  # fmt: skip
-        inner = slice(size.levels_px, len(band) - size.levels_px)
-        planes = (fill_nan(found.information) * smooth, fill_nan(found.pull) * smooth)
-        sums.append([_summed(plane[inner], tile_side(size.scale)) for plane in planes])
+        inner = slice(levels_px, len(band) - levels_px)
+        planes = (fill_nan(equations.information) * smooth, fill_nan(equations.pull) * smooth)
+        sums.append([_sum_tiles(plane[inner], side) for plane in planes])
     information, pull = (np.stack(values) for values in zip(*sums, strict=True))
     return information, pull
 
 
-def _summed(plane: Array, side: int) -> NDArray[np.float64]:
+def _sum_tiles(plane: Array, side: int) -> NDArray[np.float64]:
     height, width = plane.shape[0] // side, plane.shape[1] // side
     blocks = plane[: height * side, : width * side].reshape(height, side, width, side)
     return blocks.sum(axis=(1, 3), dtype=np.float64)
 
 
 def _squared_deviations(information: Array, pull: Array, side: int) -> tuple[Array, Array]:
-    """Information per pixel (N,) of all views, and squared shift of a view over its expected variance (N,)."""
+    """Return information per pixel (N,) of all views, and a view's squared shift over its expected variance (N,)."""
     whole = np.maximum(information.sum(axis=0), 1e-9)
     share = information / whole
     used = (share > _SHARES[0]) & (share < _SHARES[1]) & (whole > _LEAST_INFORMATION * side * side)
@@ -119,7 +116,7 @@ def _running_mean(planes: Array) -> Array:
     return np.stack([cv2.blur(p, (_SMOOTH_TILES, 1), borderType=cv2.BORDER_REPLICATE) for p in planes])
 
 
-def _grouped(log_information: Array, squares: Array) -> Inflation:
+def _estimate_groups(log_information: Array, squares: Array) -> Inflation:
     """Take the robust mean of the squares in groups of similar information."""
     if len(squares) < _LEAST_TILES:
         return Inflation(np.empty(0), np.empty(0), np.nan)

@@ -1,1 +1,1 @@
-"""One frame on the matcher's grid: grey levels, projections, surfaces, and the small tools that all stages use."""
+"""The prepared frame, the context that all stages share, and the surface on the matcher's grid."""

@@ -1,8 +1,8 @@
-"""Whether images were interpolated from a colour filter array, as their 2 × 2 pattern of sharpness tells.
+"""Detection of images interpolated from a colour filter array, by their 2 × 2 pattern of sharpness.
 
 A demosaiced image repeats, with a period of two pixels, which colour of a pixel was measured and which was
 interpolated. Measured values differ more from their neighbours than interpolated ones do. The pattern survives the
-conversion to grey and JPEG compression; no scene follows the pixel grid like that.
+conversion to grey and JPEG compression; no scene has a structure that follows the pixel grid in this way.
 
 References
 ----------
@@ -31,8 +31,10 @@ _CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
 
 def are_demosaiced(levels: Iterable[NDArray[np.float32]]) -> bool:
     """Return whether most of the images (H, W) show the pattern of demosaicing."""
-    found = [phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_middle(level).size / 4) for level in levels]
-    return bool(sum(found) > len(found) / 2)
+    is_periodic = [
+        phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_middle_rows(level).size / 4) for level in levels
+    ]
+    return bool(sum(is_periodic) > len(is_periodic) / 2)
 
 
 def phase_ratio(level: NDArray[np.float32]) -> float:
@@ -41,14 +43,14 @@ def phase_ratio(level: NDArray[np.float32]) -> float:
     The sharpness of a phase is the mean absolute difference of its pixels to their four neighbours, in the middle
     rows of the image (H, W).
     """
-    band = _middle(level)
+    band = _middle_rows(level)
     height, width = (side // 2 * 2 for side in band.shape)
     difference = np.abs(cv2.filter2D(band, -1, _CROSS))[:height, :width]
     sharpness = [float(difference[row::2, column::2].mean()) for row in (0, 1) for column in (0, 1)]
     return max(sharpness) / min(sharpness) if min(sharpness) > 0 else 1.0
 
 
-def _middle(level: NDArray[np.float32]) -> NDArray[np.float32]:
+def _middle_rows(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the middle rows (h, W) of an image (H, W)."""
     rows = max(2, _PIXELS // level.shape[1])
     start = max(0, (len(level) - rows) // 2)

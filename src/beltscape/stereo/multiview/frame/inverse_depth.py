@@ -1,6 +1,7 @@
-"""Nearness s: inverse depth in steps of about a pixel, and the rows by which kernels project it.
+"""Normalised inverse depth s, whose unit is about a pixel of disparity, and packed projections for the kernels.
 
-s is 1/Z over a rig's `inverse_depth_scale`, on the core's undistorted grid; native/view.hpp has the projection.
+s is 1/Z divided by a rig's `inverse_depth_scale`, on the core's undistorted grid. A packed projection is a row of 21
+numbers that maps a pixel of that grid with its s into a camera's image; native/view.hpp defines it.
 """
 
 from __future__ import annotations
@@ -17,17 +18,17 @@ ON_AXIS = 0.1
 """Share of a baseline across the core's axis below which its whole length counts."""
 
 
-def inverse_depth_scale(rig: Rig, auxiliaries: Iterable[str]) -> float:
-    """1/mm per step of s: a step moves a point before the core by about a pixel in the mean auxiliary.
+def inverse_depth_scale(rig: Rig, auxiliaries: Iterable[str], step: int = 1) -> float:
+    """Return the unit of s in 1/mm on the grid of blocks of ``step`` px: about a pixel in the mean auxiliary.
 
-    1 over the core's mean focal length (px) and the mean length (mm) of the baselines across the core's optical
-    axis. An auxiliary on that axis counts with its whole baseline.
+    At full size it is 1 over the product of the core's mean focal length (px) and the mean length (mm) of the
+    baselines across the core's optical axis. An auxiliary on that axis counts with its whole baseline.
     """
-    lengths = [_across(rig.cam_from_core[name].center_mm) for name in auxiliaries]
-    return 1.0 / float(rig.core_camera.focal_px.mean() * np.mean(lengths))
+    lengths = [_length_across_axis(rig.cam_from_core[name].center_mm) for name in auxiliaries]
+    return 1.0 / float(rig.core_camera.focal_px.mean() * np.mean(lengths)) * step
 
 
-def _across(center_mm: NDArray[np.float64]) -> float:
+def _length_across_axis(center_mm: NDArray[np.float64]) -> float:
     whole, across = float(np.linalg.norm(center_mm)), float(np.linalg.norm(center_mm[:2]))
     return across if across > ON_AXIS * whole else whole
 
@@ -35,10 +36,10 @@ def _across(center_mm: NDArray[np.float64]) -> float:
 def packed_projection(
     rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int = 1
 ) -> NDArray[np.float32]:
-    """(21,) float32: how a camera sees the core's pixels by their nearness in steps of ``unit`` (1/mm).
+    """Return the (21,) projection of the core's grid into a camera, for s in units of ``unit`` (1/mm).
 
-    ``core_step`` and ``aux_step`` are for images averaged in blocks of so many pixels. The core itself sees its
-    undistorted grid in its own image, whatever the nearness.
+    The images may be averaged in blocks of ``core_step`` and ``aux_step`` pixels. For the core's name it is the
+    projection of the undistorted grid into the core's own distorted image, which does not depend on s.
     """
     camera, pose = rig.cameras[name], rig.cam_from_core[name]
     focal, center = _in_blocks(camera, aux_step)
@@ -47,18 +48,38 @@ def packed_projection(
     return np.concatenate([direction.ravel(), shift, focal, center, camera.distortion]).astype(np.float32)
 
 
-def displaced_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
-    """(21,) float32: the core's own pinhole, in blocks of ``step``, that sees everything displaced by ``shift``.
+def packed_projections(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
+    """Return the (n, 21) projections of the core's grid into the auxiliaries, all averaged in the same blocks."""
+    return np.stack([packed_projection(rig, name, unit, step, step) for name in auxiliaries])
 
-    ``shift`` (3,) is in mm times the grid's unit.
+
+def displaced_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
+    """Return the (21,) projection of the core's grid, in blocks of ``step``, into the core displaced by -``shift``.
+
+    ``shift`` (3,) is in mm times the grid's unit. The displaced core is a pinhole without distortion.
     """
     focal, center = _in_blocks(rig.core_camera, step)
     ray = _core_rays(rig, step)
     return np.concatenate([ray.ravel(), shift, focal, center, np.zeros(5)]).astype(np.float32)
 
 
+def crop_projection(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[np.float32]:
+    """Return the (21,) projection of the grid whose pixel (0, 0) is (first_u, first_v) of the given one."""
+    direction = view[:9].astype(np.float64).reshape(3, 3).copy()
+    direction[:, 2] += first_u * direction[:, 0] + first_v * direction[:, 1]
+    return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
+
+
+def subsample_projection(view: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
+    """Return the (21,) projection of the grid of every ``stride``-th row and column, from ``stride // 2`` on."""
+    direction = view[:9].astype(np.float64).reshape(3, 3).copy()
+    direction[:, 2] += stride // 2 * (direction[:, 0] + direction[:, 1])
+    direction[:, :2] *= stride
+    return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
+
+
 def _core_rays(rig: Rig, step: int) -> NDArray[np.float64]:
-    """(3, 3) inverse matrix of the core's pinhole, of images averaged in blocks."""
+    """Return the (3, 3) inverse camera matrix of the core for images averaged in blocks."""
     focal, center = _in_blocks(rig.core_camera, step)
     return np.array(
         [[1 / focal[0], 0, -center[0] / focal[0]], [0, 1 / focal[1], -center[1] / focal[1]], [0, 0, 1]]
@@ -66,5 +87,5 @@ def _core_rays(rig: Rig, step: int) -> NDArray[np.float64]:
 
 
 def _in_blocks(camera: Camera, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Focal lengths and centre, px, of images averaged in blocks: u_full = step · u + (step - 1) / 2."""
+    """Return focal lengths and centre, px, for images averaged in blocks: u_full = step · u + (step - 1) / 2."""
     return camera.focal_px / step, (camera.center_px - (step - 1) / 2) / step

@@ -1,4 +1,4 @@
-"""A few independent pieces of work at once: array operations let go of the interpreter while they work."""
+"""Independent jobs in threads; array operations release the interpreter lock while they run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Other = TypeVar("Other")
 
 
 def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
-    """The jobs' results in their order; each job is on its own, so the number of threads changes nothing."""
+    """Return the jobs' results in order; the jobs are independent, so the number of threads changes nothing."""
     threads = min(threads or os.cpu_count() or 1, len(jobs))
     if threads < 2:
         return [job() for job in jobs]
@@ -20,10 +20,10 @@ def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
         return list(pool.map(lambda job: job(), jobs))
 
 
-def run_pair(one: Callable[[], Result], other: Callable[[], Other], threads: int) -> tuple[Result, Other]:
-    """The results of two jobs of different kinds; each is on its own, and may use all threads itself."""
+def run_pair(first: Callable[[], Result], second: Callable[[], Other], threads: int) -> tuple[Result, Other]:
+    """Return the results of two independent jobs of different types; each may use all threads itself."""
     if (threads or os.cpu_count() or 1) < 2:
-        return one(), other()
+        return first(), second()
     with ThreadPoolExecutor(1) as pool:
-        found = pool.submit(other)
-        return one(), found.result()
+        pending = pool.submit(second)
+        return first(), pending.result()

@@ -1,4 +1,4 @@
-"""Grey levels of one frame, made alike: one channel, one gain, and how noisy they are."""
+"""Grey levels of a frame's images, equalised in channel and contrast, and the noise in them."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from beltscape.core.frames import Image
 WINDOW_PX = 7
 """Radius of the window in which levels are normalised."""
 _FULL = 255.0
-"""Levels are 8-bit counts, whatever the images' depth."""
+"""Levels are given in 8-bit counts for images of any bit depth."""
 _QUANTISATION = 1.0 / np.sqrt(12.0)
 _GAIN = (0.5, 2.0)
-"""A camera is not brightened or darkened more than this."""
+"""Range of the gain by which a camera's levels are multiplied."""
 _QUIET = 20.0
-"""Percentile of the blocks that are taken for the image's quiet parts."""
+"""Percentile of the blocks that represents the image's parts of least texture."""
 _BLOCK_PX = 16
 _BRIGHTEST = 8.0
-"""Bright places may be so many times as noisy as quiet ones."""
+"""Largest ratio of the noise variance of a bright region to that of the quietest blocks."""
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 
 
 def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDArray[np.float32]]:
-    """(H, W) float32 levels of every camera in 8-bit counts, with the core's contrast.
+    """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core.
 
-    Colour channels are weighted by their contrast over all cameras, which for noise alike in all of them is the best
-    single image of a coloured pattern.
+    Colour channels are weighted by their contrast over all cameras. Where the noise of all channels is the same, this
+    gives the best single image of a coloured pattern.
     """
     weights = _channel_weights([image for image in images.values() if image.ndim == 3])
     levels = {name: _levels(image, weights) for name, image in images.items()}
@@ -41,7 +41,7 @@ def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDA
 
 
 def noise_variance(level: NDArray[np.float32]) -> float:
-    """Variance of the noise, levels², seen in the quietest fifth of an image; at least that of 8 bits.
+    """Return the noise variance, levels², of the least textured fifth of an image; at least that of 8 bits.
 
     References
     ----------
@@ -55,27 +55,27 @@ def noise_variance(level: NDArray[np.float32]) -> float:
 
 
 def local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W) float32 mean of a window of `WINDOW_PX` about each pixel."""
+    """Return the (H, W) float32 mean within `WINDOW_PX` around each pixel."""
     size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
     return np.asarray(cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
 def local_variance(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W) float32 variance in that window, levels²."""
+    """Return the (H, W) float32 variance, levels², in the window of `local_mean`."""
     return local_moments(level)[1]
 
 
 def local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(H, W) mean and (H, W) variance, levels², in that window."""
+    """Return the (H, W) mean and (H, W) variance, levels², in the window of `local_mean`."""
     mean = local_mean(level)
     return mean, np.maximum(local_mean(level * level) - mean * mean, 0)
 
 
 def texture_over_noise(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
-    """(H, W) variance of the levels in windows of ``side`` px over that of noise alone.
+    """Return the (H, W) variance of the levels in windows of ``side`` px over that of noise.
 
-    What a plane in the levels explains counts for nothing: even shading tells no place from another. The noise of
-    bright places is greater than ``noise``, the quiet ones'; it is seen in what no smooth image holds.
+    The variance that a plane explains is subtracted: linear shading does not identify a pixel. Bright regions are
+    noisier than ``noise``, the variance of the quietest blocks; their noise is estimated from the Laplacian.
     """
     reach = np.arange(side, dtype=np.float32) - side // 2
     even, slope = np.full(side, 1 / side, np.float32), reach / np.square(reach).sum()
@@ -94,12 +94,12 @@ def texture_over_noise(level: NDArray[np.float32], noise: float, side: int) -> N
 def _channel_weights(images: list[Image]) -> NDArray[np.float32]:
     if not images:
         return np.full(3, 1 / 3, np.float32)
-    contrast = np.mean([cv2.meanStdDev(_thinned(image))[1].ravel() for image in images], axis=0)
+    contrast = np.mean([cv2.meanStdDev(_subsample(image))[1].ravel() for image in images], axis=0)
     total = float(contrast.sum())
     return (contrast / total if total > 0 else np.full(3, 1 / 3)).astype(np.float32)
 
 
-def _thinned(image: Image) -> NDArray[np.integer]:
+def _subsample(image: Image) -> NDArray[np.integer]:
     return np.ascontiguousarray(image[::4, ::4, :3])
 
 

@@ -1,4 +1,4 @@
-"""Some of an image's pixels, a handful at a time."""
+"""Lists of pixels, and their division into parts of limited size."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ Pixels = tuple[NDArray[np.int_], NDArray[np.int_]]
 """Rows and columns of some pixels."""
 
 
-def split_pixels(where: NDArray[np.bool_], most: int) -> list[Pixels]:
-    """The pixels of a mask (H, W) row by row, at most so many at a time."""
-    rows, columns = np.nonzero(where)
+def split_pixels(mask: NDArray[np.bool_], most: int) -> list[Pixels]:
+    """Return the pixels of a mask (H, W) row by row, in parts of at most ``most``."""
+    rows, columns = np.nonzero(mask)
     parts = (slice(first, first + most) for first in range(0, len(rows), most))
     return [(rows[part], columns[part]) for part in parts]

@@ -1,4 +1,4 @@
-"""A surface on the core's grid: nearness and its slopes, the state the matcher improves."""
+"""The surface on the core's grid: inverse depth and its slopes, the unknowns of the matcher."""
 
 from __future__ import annotations
 
@@ -11,54 +11,56 @@ from numpy.typing import NDArray
 from beltscape.kernels import Kernels
 
 STEP_PX = 2.5
-"""A range of s within 5 × 5 pixels from which on it may be a depth step."""
+"""Range of s within 5 × 5 pixels above which there may be a depth step."""
+_RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 2.0
+"""Window and tolerance (px) of the fit of slopes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """Nearness s per pixel with its slopes; NaN where there is none."""
+    """Inverse depth s of every pixel with its slopes; NaN where there is none."""
 
     s: NDArray[np.float32]
-    """(H, W) nearness, px of the grid."""
+    """(H, W) inverse depth, px of the grid."""
     slope_u: NDArray[np.float32]
-    """(H, W) of s per pixel along u."""
+    """(H, W) derivative of s along u, per pixel."""
     slope_v: NDArray[np.float32]
-    """(H, W) of s per pixel along v."""
+    """(H, W) derivative of s along v, per pixel."""
 
-    def where(self, there: NDArray[np.bool_], other: Surface) -> Surface:
-        """Another surface there (H, W), and this one elsewhere."""
+    def replace_where(self, mask: NDArray[np.bool_], other: Surface) -> Surface:
+        """Return the other surface inside the mask (H, W) and this one outside."""
         return Surface(
-            np.where(there, other.s, self.s),
-            np.where(there, other.slope_u, self.slope_u),
-            np.where(there, other.slope_v, self.slope_v),
+            np.where(mask, other.s, self.s),
+            np.where(mask, other.slope_u, self.slope_u),
+            np.where(mask, other.slope_v, self.slope_v),
         )
 
 
 def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(H, W) where finite s makes a depth step: it ranges by more than `STEP_PX` within 5 × 5 pixels."""
+    """Return the mask (H, W) of pixels around which finite s ranges over more than `STEP_PX` within 5 × 5 pixels."""
     window = np.ones((5, 5), np.uint8)
     return cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
 
 
 def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:
-    """(step · H, step · W) blocks as planes, at their pixels' centres, in the blocks' px: no mixing over steps."""
+    """Return (step · H, step · W) s, in units of the coarse grid, by continuing every pixel's plane over its block.
+
+    Nothing is interpolated between blocks, so depth steps stay sharp.
+    """
     if step == 1:
         return surface.s
-    inside = ((np.arange(step) - (step - 1) / 2) / step).astype(np.float32)
+    offsets = ((np.arange(step) - (step - 1) / 2) / step).astype(np.float32)
     height, width = surface.s.shape
-    found = np.empty((height * step, width * step), np.float32)
-    for across, du in enumerate(inside):
-        column = surface.s + surface.slope_u * du
-        for down, dv in enumerate(inside):
-            found[down::step, across::step] = column + surface.slope_v * dv
-    return found
-
-
-_RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 2.0
+    fine = np.empty((height * step, width * step), np.float32)
+    for column, du in enumerate(offsets):
+        s_at_column = surface.s + surface.slope_u * du
+        for row, dv in enumerate(offsets):
+            fine[row::step, column::step] = s_at_column + surface.slope_v * dv
+    return fine
 
 
 def fit_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:
-    """The surface through s, its slopes fitted over the neighbours that lie about as far."""
+    """Return the surface through s with slopes fitted to the neighbours of similar s."""
     fit = kernels.local_fit(
         np.ones_like(s), none := np.zeros_like(s), s, none, none, radii=((_RADIUS, _SIGMA),), tolerance=_TOLERANCE,
         prior_information=0.0, threads=threads,

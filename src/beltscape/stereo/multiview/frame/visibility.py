@@ -1,4 +1,4 @@
-"""How many auxiliaries see a surface: inside their image, nothing in front."""
+"""Visibility of a surface in the auxiliaries: a point must project into the image, with nothing in front of it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
 
 OCCLUDER_PX = 2.0
-"""How much nearer (px of disparity) something must lie in front of a pixel to hide it: more than a slope does."""
+"""Distance (px of disparity) by which an occluder lies in front of a pixel: more than a slope accounts for."""
 
 
 def count_visible_views(
@@ -20,23 +21,30 @@ def count_visible_views(
     kernels: Kernels,
     threads: int = 0,
 ) -> NDArray[np.uint8]:
-    """(H, W) how many of the auxiliaries see the surface of nearness s (H, W).
+    """Return (H, W) the number of auxiliaries that see the surface of inverse depth s (H, W).
 
-    ``views`` (n, 21) are how they see the grid, ``sizes`` their images' (width, height).
+    ``views`` (n, 21) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
     """
-    return compute_visibility(s, views, sizes, kernels, threads)[0]
+    return _count_with_buffers(s, views, sizes, kernels, threads)[0]
 
 
 def compute_visibility(
+    s: NDArray[np.floating], prepared: PreparedFrame
+) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
+    """Return (H, W) the number of auxiliaries that see s (H, W), and each auxiliary's inverse-depth buffer (h, w)."""
+    context = prepared.context
+    return _count_with_buffers(s, prepared.views, prepared.sizes, context.kernels, context.threads)
+
+
+def _count_with_buffers(
     s: NDArray[np.floating],
     views: NDArray[np.float32],
     sizes: Sequence[tuple[int, int]],
     kernels: Kernels,
     threads: int,
 ) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
-    """The same, and the buffers (h, w) of what lies nearest to each auxiliary by which it is told."""
     buffers = kernels.inverse_depth_buffers(s, views, sizes, threads=threads)
-    seen = np.zeros(s.shape, np.uint8)
+    count = np.zeros(s.shape, np.uint8)
     for view, buffer in zip(views, buffers, strict=True):
-        seen += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
-    return seen, list(buffers)
+        count += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
+    return count, list(buffers)

@@ -1,4 +1,4 @@
-"""How large the matcher's windows are: they grow with the images, as the pattern's dots do."""
+"""Window sizes of the matcher; they grow with the images, as the pattern's dots do."""
 
 from __future__ import annotations
 
@@ -10,45 +10,46 @@ Radii = tuple[tuple[int, float], ...]
 """Windows of a fit: (radius px, Gaussian sigma px), smallest first."""
 
 _WIDTH_PX = 1224
-"""The grid for which the sizes below are told."""
+"""Width of the grid to which the sizes below apply (scale 1)."""
 _SCALE = (0.5, 1.8)
+"""Range of the scale; MOST_PX limits the largest windows."""
 _NARROW_PX, _FIRM_PX, _WIDE_PX = (1.5, 2.5), (4.0,), (2.5, 5.0)
 _RADIUS = 2.0
-"""Of a window, in its Gaussian's sigmas."""
+"""Radius of a window in sigmas of its Gaussian."""
 _LEVELS_PX = 7
 MOST_PX = 15
-"""The largest radius the kernels take."""
+"""Largest radius that the kernels accept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """For one width of the grid."""
+    """Window sizes for one width of the grid."""
 
     narrow: Radii
     """Of the fits between rounds of propagation."""
     firm: Radii
-    """Of the last fits but one, and of sharpening."""
+    """Of the fits before the last one, and of twicing."""
     wide: Radii
     """Of the last fit."""
     levels_px: int
     """Radius of the window in which levels are normalised."""
     scale: float
-    """Of distances in px, 1 for images as wide as the paper's, halved."""
+    """Factor of all distances in px; 1 on a grid as wide as half the paper's images."""
 
 
 def windows_for(width_px: int) -> Windows:
-    """Windows for a grid of this width."""
+    """Return the window sizes for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
     radii = (_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
     return Windows(*radii, max(3, round(_LEVELS_PX * scale)), scale)
 
 
 def scaled_window(window_px: float, scale: float) -> tuple[int, int]:
-    """An odd window on a grid ``scale`` times finer than the one it is told for."""
+    """Return the odd (width, height) of a window of ``window_px`` at scale 1 on a grid of another scale."""
     side = 2 * int(window_px * scale / 2) + 1
     return side, side
 
 
 def _radii(sigmas_px: tuple[float, ...], scale: float) -> Radii:
-    """A window larger than the kernels take is cut."""
+    """Return radius and sigma of each window; radii are limited to what the kernels accept."""
     return tuple((min(MOST_PX, int(np.ceil(_RADIUS * sigma * scale))), sigma * scale) for sigma in sigmas_px)

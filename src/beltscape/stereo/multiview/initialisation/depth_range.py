@@ -1,4 +1,4 @@
-"""Where the surface is: near and far from the rig's geometry and a coarse look, without being told."""
+"""The depth range of a frame, from the rig's geometry and coarse matching, where the user gives none."""
 
 from __future__ import annotations
 
@@ -10,54 +10,54 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.cameras import usable_auxiliaries
-from beltscape.stereo.multiview.frame.frame import grid_unit, prepare_frame
+from beltscape.stereo.multiview.frame.context import MatchContext
+from beltscape.stereo.multiview.frame.frame import prepare_frame
 from beltscape.stereo.multiview.initialisation.reliable_matches import find_reliable_matches, robust_range
 
 PLANE_STEP_PX = 0.5
 """Distance of the planes in pixels of the small images."""
 COARSE_WIDTH_PX = 306
-"""The coarse look shrinks the images to about this width."""
+"""Approximate width of the images in coarse matching."""
 _PARALLEL_RAD = np.deg2rad(3.0)
-"""Optical axes closer to parallel than this do not say where the surface is."""
+"""Angle between optical axes below which they count as parallel."""
 _AROUND_CONVERGENCE = (0.45, 2.2)
-"""Where a surface may lie, in units of the depth at which the axes meet."""
+"""Depth range of the search, in units of the depth at which the axes meet."""
 _BASELINES = (1.2, 40.0)
-"""Where a surface may lie, in baselines, when the axes are parallel."""
+"""Depth range of the search, in baselines, when the axes are parallel."""
 
 
 def find_depth_range(
     rig: Rig, frame_set: FrameSet, reporter: Reporter, threads: int = 0
 ) -> tuple[float, float]:
-    """Near and far end of what is seen, along the core's optical axis, mm.
+    """Return the near and far end of the visible surfaces along the core's optical axis, mm.
 
-    Where the optical axes meet (or, for a parallel rig, how long the baselines are) bounds a coarse sweep of all
-    auxiliaries; the surfaces that stand out clearly give the range, with margins.
+    The point where the optical axes meet (for a parallel rig the length of the baselines) bounds a coarse sweep of
+    all auxiliaries; its reliable matches give the range, with margins.
 
     Raises
     ------
     ReconstructionError
-        When no pair is left, or the coarse look finds no surface.
+        When no pair is left, or coarse matching finds no surface.
     """
     names = usable_auxiliaries(rig, frame_set)
     near, far = search_range(rig, names)
-    kernels = load()
     step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
-    prepared = prepare_frame(rig, frame_set, names, step, kernels, threads)
-    unit = grid_unit(rig, names, step)
-    span = 1 / (far * unit), 1 / (near * unit)
-    surface = find_reliable_matches(prepared, span, PLANE_STEP_PX, kernels, threads)
+    context = MatchContext.for_grid(rig, names, step, load(), threads)
+    unit = context.inverse_depth_scale
+    s_range = 1 / (far * unit), 1 / (near * unit)
+    matches = find_reliable_matches(prepare_frame(frame_set, context), s_range, PLANE_STEP_PX)
     reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
-    found = robust_range(surface)
-    if found is None:
+    matched_range = robust_range(matches)
+    if matched_range is None:
         raise ReconstructionError(
             f"frame {frame_set.frame}: no surface found between {near:.0f} and {far:.0f} mm; is the "
             "speckle projector on? Or give the depth range"
         )
-    return max(near, 1 / (found[1] * unit)), 1 / (found[0] * unit)
+    return max(near, 1 / (matched_range[1] * unit)), 1 / (matched_range[0] * unit)
 
 
 def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
-    """(near, far) in mm within which any surface this rig was built for must lie."""
+    """Return (near, far) in mm: the widest range in which this rig can measure a surface."""
     meeting = [depth for name in auxiliaries if (depth := _convergence_mm(rig, name)) is not None]
     if meeting:
         middle = float(np.median(meeting))
@@ -67,7 +67,7 @@ def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
 
 
 def _convergence_mm(rig: Rig, name: str) -> float | None:
-    """Depth at which the core's axis is closest to the auxiliary's; None for parallel or parting axes."""
+    """Return the depth at which the core's axis is closest to the auxiliary's; None for parallel or diverging axes."""
     pose = rig.cam_from_core[name].inverse()
     axis = pose.rotation[:, 2]
     sine2 = 1.0 - axis[2] ** 2

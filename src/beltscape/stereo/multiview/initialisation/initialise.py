@@ -1,4 +1,4 @@
-"""Where a frame's matching starts: from the frame before where that fits, from a sweep elsewhere."""
+"""The first inverse depths of a frame: predicted from the frame before where that fits, swept elsewhere."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.rig import Rig
-from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.initialisation.plane_sweep import (
     Block,
@@ -22,105 +20,90 @@ from beltscape.stereo.multiview.initialisation.reliable_matches import find_reli
 from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
 
 _MANY_PLANES = 96
-"""A wider range is narrowed by a coarse look before: that costs an eighth of a sweep."""
+"""Number of planes above which coarse matching narrows the range first; that costs an eighth of a sweep."""
 
 
 @dataclass(frozen=True, slots=True)
-class SweepGrid:
-    """How sweeps are made."""
+class SweepResolution:
+    """Resolution of a plane sweep."""
 
-    rig: Rig
-    auxiliaries: tuple[str, ...]
-    step: int
-    """The prepared grid's block size in image pixels."""
     shrink: int
-    """How much smaller than that grid a sweep's images are."""
+    """Factor by which the sweep's images are smaller than the matcher's grid."""
     plane_step_px: float
-    """Distance of the planes in pixels of those."""
-    unit: float
-    """1/mm per step of nearness."""
+    """Distance of the planes in pixels of the sweep's images."""
 
     @property
-    def plane(self) -> float:
-        """Distance of the planes in steps of nearness."""
+    def plane_step(self) -> float:
+        """Distance of the planes in s."""
         return self.plane_step_px * self.shrink
-
-    def shrink_frame(self, prepared: PreparedFrame, times: int = 1) -> PreparedFrame:
-        """What is swept, so many times smaller."""
-        return shrink_frame(
-            self.rig, self.auxiliaries, prepared, step=self.step, shrink=times * self.shrink, unit=self.unit
-        )
 
 
 def initialise_inverse_depth(
-    moved: NDArray[np.float32] | None,
+    predicted: NDArray[np.float32] | None,
     prepared: PreparedFrame,
-    nearness: tuple[float, float],
-    sweeps: SweepGrid,
-    kernels: Kernels,
-    threads: int,
+    s_range: tuple[float, float],
+    resolution: SweepResolution,
 ) -> NDArray[np.float32]:
-    """(H, W) nearness s between ``nearness`` = (far, near): ``moved`` where it is known, swept where it is missing.
+    """Return (H, W) inverse depth s within ``s_range`` = (far, near): ``predicted`` where finite, swept elsewhere.
 
-    ``moved`` is `beltscape.stereo.multiview.initialisation.temporal_prior.moved_nearness`; without it the whole grid is swept.
+    ``predicted`` (H, W) is the result of `temporal_prior.predict_inverse_depth`; without it the whole grid is swept.
     """
-    s = np.full(prepared.core.shape, np.nan, np.float32) if moved is None else moved.copy()
-    strips, holes = find_unmeasured_blocks(s, 2 * sweeps.shrink)
+    s = np.full(prepared.core.shape, np.nan, np.float32) if predicted is None else predicted.copy()
+    strips, holes = find_unmeasured_blocks(s, 2 * resolution.shrink)
     blocks = strips + holes
     if not blocks:
         return s
-    small = sweeps.shrink_frame(prepared)
-    spans = [nearness] * len(blocks)
-    if nearness[1] - nearness[0] > _MANY_PLANES * sweeps.plane:
-        seen = _looked_at(strips, prepared, nearness, sweeps, kernels, threads)
-        spans = _spans(s, blocks, [*seen, *[np.empty(0, np.float32)] * len(holes)], nearness)
-    for block, span in zip(blocks, spans, strict=True):
+    small = shrink_frame(prepared, resolution.shrink)
+    ranges = [s_range] * len(blocks)
+    if s_range[1] - s_range[0] > _MANY_PLANES * resolution.plane_step:
+        matches = _match_coarsely(strips, prepared, s_range, resolution)
+        ranges = _block_ranges(s, blocks, [*matches, *[np.empty(0, np.float32)] * len(holes)], s_range)
+    for block, block_range in zip(blocks, ranges, strict=True):
         swept, _ = sweep_planes(
-            crop_frame(small, _scaled(block, sweeps.shrink)), span, sweeps.plane, kernels, threads
+            crop_frame(small, _scaled(block, resolution.shrink)), block_range, resolution.plane_step
         )
         here = s[block]
-        s[block] = np.where(np.isfinite(here), here, enlarge_blocks(swept, sweeps.shrink, here.shape))
+        s[block] = np.where(np.isfinite(here), here, enlarge_blocks(swept, resolution.shrink, here.shape))
     return s
 
 
-def _looked_at(
+def _match_coarsely(
     strips: list[Block],
     prepared: PreparedFrame,
-    nearness: tuple[float, float],
-    sweeps: SweepGrid,
-    kernels: Kernels,
-    threads: int,
+    s_range: tuple[float, float],
+    resolution: SweepResolution,
 ) -> list[NDArray[np.float32]]:
-    """(N,) nearness of what a look at half the size sees clearly in each strip."""
-    half = sweeps.shrink_frame(prepared, 2)
-    splines = tuple(kernels.spline_coefficients(image, threads=threads) for image in half.images)
+    """Return (N,) inverse depth of the reliable matches in each strip, at half the sweep's resolution."""
+    shrink = 2 * resolution.shrink
+    half, context = shrink_frame(prepared, shrink), prepared.context
+    splines = tuple(
+        context.kernels.spline_coefficients(image, threads=context.threads) for image in half.images
+    )
     half = replace(half, coefficients=splines)
     return [
-        find_reliable_matches(crop_frame(half, _scaled(strip, 2 * sweeps.shrink)), nearness, 2 * sweeps.plane, kernels, threads)
+        find_reliable_matches(crop_frame(half, _scaled(strip, shrink)), s_range, 2 * resolution.plane_step)
         for strip in strips
-    ]  # fmt: skip
+    ]
 
 
-def _spans(
+def _block_ranges(
     s: NDArray[np.float32],
     blocks: list[Block],
-    seen: Sequence[NDArray[np.float32]],
-    nearness: tuple[float, float],
+    matches: Sequence[NDArray[np.float32]],
+    s_range: tuple[float, float],
 ) -> list[tuple[float, float]]:
-    """(far, near) to sweep each block between: about what is known in and near it, and what was seen there.
+    """Return the (far, near) range of s for each block, from the finite s in it and its reliable matches.
 
-    A block that says nothing goes by all that is known; where nothing is known, all of ``nearness`` is swept.
+    A block without either takes the range of all finite s; without any finite s it takes all of ``s_range``.
     """
-    everything = robust_range(s[np.isfinite(s)]) or nearness
-    spans = []
-    for block, clear in zip(blocks, seen, strict=True):
+    overall = robust_range(s[np.isfinite(s)]) or s_range
+    ranges = []
+    for block, matched in zip(blocks, matches, strict=True):
         here = s[block]
-        parts = [
-            span for span in (robust_range(here[np.isfinite(here)]), robust_range(clear)) if span is not None
-        ]
-        far, near = zip(*(parts or [everything]), strict=True)
-        spans.append((max(min(far), nearness[0]), min(max(near), nearness[1])))
-    return spans
+        parts = [part for part in (robust_range(here[np.isfinite(here)]), robust_range(matched)) if part]
+        far, near = zip(*(parts or [overall]), strict=True)
+        ranges.append((max(min(far), s_range[0]), min(max(near), s_range[1])))
+    return ranges
 
 
 def _scaled(block: Block, shrink: int) -> Block:

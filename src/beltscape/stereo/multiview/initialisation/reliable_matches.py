@@ -1,4 +1,4 @@
-"""A coarse look: which surfaces stand out clearly in a sweep, and between which planes they lie."""
+"""Coarse matching: pixels whose plane is reliable in a sweep, and the range of s in which they lie."""
 
 from __future__ import annotations
 
@@ -6,67 +6,69 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.initialisation.plane_sweep import sweep_planes
 from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
-_CLEAR = 0.1
-"""Margin of the aggregated dissimilarity by which a plane must win to count."""
+_LEAST_MARGIN = 0.1
+"""Margin of the aggregated dissimilarity from which on a plane is reliable."""
 _WINDOW_PX = 3
 _MISFIT_VARIANCE = 0.2
-"""Of normalised levels: a surface between two planes agrees as well as that."""
+"""Model variance of normalised levels for a surface that lies between two planes."""
 _PATCH_PX, _PATCH_STEP = 60, 3
-"""Smaller patches are chance; a patch ends where the plane steps by more."""
+"""Smallest patch, in pixels, that is kept, and the difference in planes at which a patch ends."""
 _ENDS = (0.0005, 0.9995)
-"""Share of the found surface that may lie farther, and nearer: stray matches."""
+"""Quantiles of the matched s that bound the range: the rest are stray matches."""
 _MARGIN = (0.06, 0.03)
-"""Kept free before and behind what the coarse look saw, as a share of the depth: small tall things it missed."""
+"""Margin in front of and behind the matches, as a share of the depth, for small tall objects that are missed."""
 _ENOUGH_PX = 200
+"""Number of matches below which they give no range."""
 
 
 def find_reliable_matches(
-    prepared: PreparedFrame, nearness: tuple[float, float], plane: float, kernels: Kernels, threads: int
+    prepared: PreparedFrame, s_range: tuple[float, float], plane_step: float
 ) -> NDArray[np.float32]:
-    """(N,) nearness s of the pixels whose surface stands out clearly among planes ``plane`` apart.
+    """Return (N,) inverse depth s of the pixels that match reliably among planes ``plane_step`` apart.
 
-    They win by a margin, an auxiliary agrees with them by least squares too, and they lie on patches.
+    Their plane is best by a margin, an auxiliary agrees with it in least squares too, and they form patches.
     """
-    s, margin = sweep_planes(prepared, nearness, plane, kernels, threads)
-    agreed = (margin >= _CLEAR) & _agreed(s, prepared, kernels, threads)
-    if agreed.any():
-        agreed &= _common(float(np.median(s[agreed])), prepared, kernels, threads)
-    return s[_on_patches((s - nearness[0]) / plane, agreed)]
+    s, margin = sweep_planes(prepared, s_range, plane_step)
+    reliable = (margin >= _LEAST_MARGIN) & _agrees_mask(s, prepared)
+    if reliable.any():
+        reliable &= _overlap_mask(float(np.median(s[reliable])), prepared)
+    return s[_patch_mask((s - s_range[0]) / plane_step, reliable)]
 
 
-def robust_range(surface: NDArray[np.float32]) -> tuple[float, float] | None:
-    """(far, near) nearness about the pixels (N,) of a surface, with margins; None when they are too few."""
-    if len(surface) < _ENOUGH_PX:
+def robust_range(s: NDArray[np.float32]) -> tuple[float, float] | None:
+    """Return the (far, near) range of s (N,) with margins; None when there are too few values."""
+    if len(s) < _ENOUGH_PX:
         return None
-    far, near = np.quantile(surface, _ENDS)
+    far, near = np.quantile(s, _ENDS)
     return float(far) / (1 + _MARGIN[1]), float(near) / (1 - _MARGIN[0])
 
 
-def _agreed(
-    s: NDArray[np.float32], prepared: PreparedFrame, kernels: Kernels, threads: int
-) -> NDArray[np.bool_]:
-    """Where an auxiliary sees what the core sees."""
-    _, _, used = form_normal_equations(s, prepared, _WINDOW_PX, _MISFIT_VARIANCE, kernels, threads)
+def _agrees_mask(s: NDArray[np.float32], prepared: PreparedFrame) -> NDArray[np.bool_]:
+    """Return the mask (H, W) of pixels at which at least one auxiliary matches the core."""
+    _, _, used = form_normal_equations(s, prepared, _WINDOW_PX, _MISFIT_VARIANCE)
     return used > 0
 
 
-def _common(s: float, prepared: PreparedFrame, kernels: Kernels, threads: int) -> NDArray[np.bool_]:
-    """Where an auxiliary looks at nearness s: elsewhere a plane wins because the right one is out of its image."""
+def _overlap_mask(s: float, prepared: PreparedFrame) -> NDArray[np.bool_]:
+    """Return the mask (H, W) of pixels that some auxiliary sees at inverse depth s.
+
+    Outside it a wrong plane is best because the right one projects outside the images.
+    """
+    context = prepared.context
     plane = np.full(prepared.core.shape, s, np.float32)
     inside = [
-        kernels.visible(plane, view, np.zeros_like(image), 0.0, threads=threads)
+        context.kernels.visible(plane, view, np.zeros_like(image), 0.0, threads=context.threads)
         for view, image in zip(prepared.views, prepared.images, strict=True)
     ]
     return np.any(inside, axis=0)
 
 
-def _on_patches(plane: NDArray[np.floating], where: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Those on a coherent patch of surface; lone ones are chance."""
-    whole = np.where(where, plane, -1).round().astype(np.int16)
-    cv2.filterSpeckles(whole, -1, _PATCH_PX, _PATCH_STEP)
-    return whole >= 0
+def _patch_mask(plane: NDArray[np.floating], mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the part of the mask that forms coherent patches of planes (H, W); single pixels match by chance."""
+    index = np.where(mask, plane, -1).round().astype(np.int16)
+    cv2.filterSpeckles(index, -1, _PATCH_PX, _PATCH_STEP)
+    return index >= 0

@@ -1,8 +1,8 @@
-"""Joint dense least squares: all views at once move the surface to a hundredth of a pixel.
+"""Dense least squares over all views, which refines a surface to a hundredth of a pixel.
 
-Every iteration warps the auxiliaries by the present surface, so that its slopes and curvature are in the warp,
-turns the residuals into information and pull per pixel, and fits a plane around each pixel over the largest
-window that agrees with the smaller ones.
+Every iteration warps the auxiliaries by the current surface, including its slopes, forms the normal equations of every
+pixel (information and pull) from the residuals, and fits a plane around each pixel over the largest window that agrees
+with the smaller ones.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
 from beltscape.kernels.normal_equations import NormalEquations
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.surface import Surface
@@ -27,49 +26,43 @@ class RefinementResult:
     variance: NDArray[np.float32]
     """(H, W) of s, px², from noise, texture, views and window."""
     disagreement: NDArray[np.float32]
-    """(H, W) of the windows: how far from plane the surface is, in units of the smaller window's variance."""
+    """(H, W) deviation between the windows' planes, in units of the smaller window's variance."""
     used: NDArray[np.uint8]
-    """(H, W) how many views agreed."""
+    """(H, W) number of views that agree with the core."""
     information: NDArray[np.float32]
-    """(H, W) of this pixel alone, 1/px²."""
+    """(H, W) of the pixel alone, 1/px²."""
 
 
 def form_normal_equations(
-    s: NDArray[np.float32],
-    prepared: PreparedFrame,
-    levels_px: int,
-    model_variance: float,
-    kernels: Kernels,
-    threads: int,
+    s: NDArray[np.float32], prepared: PreparedFrame, levels_px: int, model_variance: float
 ) -> NormalEquations:
-    """What a frame's images say of a surface, at the noise that was told of it."""
-    return kernels.normal_equations(
+    """Return the normal equations of inverse depth s (H, W), with the noise of the prepared frame.
+
+    ``levels_px`` is the radius of the window in which levels are normalised.
+    """
+    context = prepared.context
+    return context.kernels.normal_equations(
         s, prepared.core, prepared.coefficients, prepared.views, window=levels_px, floor=prepared.noise.floor,
-        noise_variance=prepared.noise.levels, model_variance=model_variance, threads=threads,
+        noise_variance=prepared.noise.levels, model_variance=model_variance, threads=context.threads,
     )  # fmt: skip
 
 
 def refine(
-    surface: Surface,
-    prepared: PreparedFrame,
-    tolerances: tuple[float, ...],
-    radii: Radii,
-    levels_px: int,
-    kernels: Kernels,
-    threads: int,
+    surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...], radii: Radii
 ) -> RefinementResult:
-    """One iteration per tolerance (px): how far a neighbour may lie off the pixel's plane and still count.
+    """Return the surface after one iteration per tolerance, with windows of ``radii``.
 
-    ``radii`` are the fit's windows, ``levels_px`` the radius of the one in which levels are normalised.
+    A tolerance (px) is the distance from a pixel's plane up to which a neighbour counts.
     """
+    context = prepared.context
     fit = used = information = None
     for tolerance in tolerances:
         information, pull, used = form_normal_equations(
-            surface.s, prepared, levels_px, prepared.noise.model, kernels, threads
+            surface.s, prepared, context.windows.levels_px, prepared.noise.model
         )
-        fit = kernels.local_fit(
+        fit = context.kernels.local_fit(
             information, pull, surface.s, surface.slope_u, surface.slope_v, radii=radii, tolerance=tolerance,
-            threads=threads,
+            threads=context.threads,
         )  # fmt: skip
         surface = Surface(fit.s, fit.slope_u, fit.slope_v)
     if fit is None or used is None or information is None:

@@ -1,7 +1,7 @@
-"""Evenly lit patches, such as the projected markers' discs: no texture inside, so the rim tells.
+"""Textureless regions, such as the discs of projected markers: their surface is continued from the rim.
 
 A disc is found in the core's levels: bright over a whole window that is larger than a dot. A quadratic surface is
-fitted robustly to the s of a ring about it; where the ring is one smooth surface, the disc is taken to continue it.
+fitted robustly to s in a ring around it. Where the ring is one smooth surface, the disc is taken to continue it.
 """
 
 from __future__ import annotations
@@ -19,46 +19,45 @@ from beltscape.stereo.multiview.frame.surface import Surface
 Array = NDArray[np.floating]
 
 _WINDOW_PX = 9
-"""Dots are smaller, at scale 1."""
+"""Window that is larger than a dot, at scale 1."""
 _BRIGHT = 0.15, 99.0
-"""Share of the levels' so-manieth percentile from which on a pixel is lit."""
+"""A pixel is lit from this share of the levels' percentile on."""
 _RIM_PX = 3
-"""A disc's blurred edge."""
+"""Width of a disc's blurred edge."""
 _RING_PX = 10
 _LARGEST_PX = 80
-"""A patch longer than this is no disc, at scale 1."""
+"""Largest extent of a disc at scale 1."""
 _SMOOTH_PX = 0.08
-"""Robust deviation of the ring from its quadratic up to which it is one smooth surface."""
-_SILENT = 0.25
-_QUIET = 0.33
-"""A patch speaks for itself where that quantile of its information is that share of its surroundings' median."""
+"""Largest robust deviation of the ring from its quadratic."""
+_LEAST_INFORMATION = 0.25
+_QUANTILE = 0.33
+"""A region has texture of its own where this quantile of its information exceeds `_LEAST_INFORMATION` times the median
+of the information around it."""
 _LEAST_RING = 60
 _ROUNDS = 6
 _SETTLED_PX = 1e-3
 _RIDGE = 1e-9
-"""Of the fit's moments: a ring cut down to a line still has a quadratic."""
+"""Regularisation of the fit's moments, so that a ring cut to a line still has a quadratic."""
 
 
 class FilledDiscs(NamedTuple):
-    """Evenly lit discs, continued from their rims."""
+    """A surface whose textureless discs are continued from their rims."""
 
     surface: Surface
-    """With the discs, and as it was elsewhere."""
-    inside: NDArray[np.bool_]
-    """(H, W) where they are."""
+    mask: NDArray[np.bool_]
+    """(H, W) pixels of the discs that were filled."""
 
 
-def fill_textureless_discs(
-    surface: Surface, information: Array, prepared: PreparedFrame, scale: float
-) -> FilledDiscs:
-    """The evenly lit discs of a surface whose rims are smooth.
+def fill_textureless_discs(surface: Surface, information: Array, prepared: PreparedFrame) -> FilledDiscs:
+    """Return the surface with the textureless discs that have smooth rims filled.
 
-    ``information`` (H, W) is the least squares': a patch that has texture of its own is no disc.
+    ``information`` (H, W) is that of the least squares: a region that has texture of its own is no disc.
     """
-    discs = _even_patches(fill_nan(prepared.core), scale)
+    scale = prepared.context.scale
+    discs = _mask_bright_regions(fill_nan(prepared.core), scale)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
-    continued = np.zeros(s.shape, bool)
+    filled = np.zeros(s.shape, bool)
     reach = int(np.ceil((_RING_PX + _RIM_PX) * scale))
     for label in range(1, count):
         left, top, width, height = (int(v) for v in boxes[label, :4])
@@ -67,27 +66,31 @@ def fill_textureless_discs(
         rows = slice(max(0, top - reach), top + height + reach)
         columns = slice(max(0, left - reach), left + width + reach)
         inside = labels[rows, columns] == label
-        if inside.all():
-            continue
-        told = information[rows, columns]
-        if _ranked(told[inside], _QUIET) > _SILENT * _ranked(told[~inside], 0.5):
+        if inside.all() or _has_texture(information[rows, columns], inside):
             continue
         fit = _quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
         if fit is not None:
             value, du, dv = fit
-            s[rows, columns][inside], continued[rows, columns][inside] = value[inside], True
+            s[rows, columns][inside], filled[rows, columns][inside] = value[inside], True
             slope_u[rows, columns][inside], slope_v[rows, columns][inside] = du[inside], dv[inside]
-    return FilledDiscs(Surface(s, slope_u, slope_v), continued)
+    return FilledDiscs(Surface(s, slope_u, slope_v), filled)
 
 
-def _ranked(values: Array, share: float) -> float:
-    """The value that such a share lies below, without what `numpy.quantile` costs for few values."""
+def _has_texture(information: Array, inside: NDArray[np.bool_]) -> bool:
+    """Return whether the least squares have information inside a region, compared with that around it."""
+    return _quantile(information[inside], _QUANTILE) > _LEAST_INFORMATION * _quantile(
+        information[~inside], 0.5
+    )
+
+
+def _quantile(values: Array, share: float) -> float:
+    """Return a quantile without interpolation; for few values this is faster than `numpy.quantile`."""
     at = int(share * (values.size - 1))
     return float(np.partition(values, at)[at])
 
 
-def _even_patches(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:
-    """(H, W) 1 in patches that are lit over whole windows, rim included."""
+def _mask_bright_regions(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:
+    """Return (H, W) 1 in regions that are lit over whole windows, including their rims."""
     side = 2 * int(_WINDOW_PX * scale / 2) + 1
     lit = _BRIGHT[0] * float(np.percentile(core[::4, ::4], _BRIGHT[1]))
     even = (cv2.erode(core, np.ones((side, side), np.uint8)) > lit).astype(np.uint8)
@@ -98,7 +101,7 @@ def _even_patches(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:
 def _quadratic(
     s: Array, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
 ) -> tuple[Array, Array, Array] | None:
-    """Nearness and slopes by the quadratic through the ring about ``inside``; None where the ring is not smooth."""
+    """Return s and its slopes from the quadratic through the ring around ``inside``; None where that is not smooth."""
     size = 2 * int(np.ceil(_RING_PX * scale)) + 1
     near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     ring = near & ~any_disc & np.isfinite(s)
@@ -107,16 +110,16 @@ def _quadratic(
     v, u = np.mgrid[: s.shape[0], : s.shape[1]].astype(np.float64)
     u, v = (u - u[inside].mean()) / size, (v - v[inside].mean()) / size
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    around, target, weight = terms[ring], s[ring].astype(np.float64), np.ones(int(ring.sum()))
+    ring_terms, target, weight = terms[ring], s[ring].astype(np.float64), np.ones(int(ring.sum()))
     coefficients, spread = np.zeros(6), np.inf
     for _ in range(_ROUNDS):
-        weighted = around * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
-        moments, pull = np.einsum("ni,nj->ij", weighted, around), np.einsum("ni,n->i", weighted, target)
+        weighted = ring_terms * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
+        moments, pull = np.einsum("ni,nj->ij", weighted, ring_terms), np.einsum("ni,n->i", weighted, target)
         moments[np.diag_indices(6)] += _RIDGE * np.trace(moments)
-        before, coefficients = coefficients, np.linalg.solve(moments, pull)
-        off = np.abs(target - around @ coefficients)
-        spread = 1.4826 * _ranked(off, 0.5)
-        if np.abs(coefficients - before).max() < _SETTLED_PX:
+        previous, coefficients = coefficients, np.linalg.solve(moments, pull)
+        off = np.abs(target - ring_terms @ coefficients)
+        spread = 1.4826 * _quantile(off, 0.5)
+        if np.abs(coefficients - previous).max() < _SETTLED_PX:
             break
         weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)
     if spread > _SMOOTH_PX:

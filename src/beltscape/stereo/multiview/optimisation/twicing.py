@@ -1,8 +1,8 @@
-"""What windows have flattened, put back: tops and edges that planes fitted around every pixel cut.
+"""Twicing: correction of the bias by which the fit's windows flatten tops and edges.
 
-A fit over windows W takes the surface t to W t: short of it on tops, beyond it in hollows. What is left shows in the
-images still, as residuals that neighbours have in common. W of it is added where it is more than noise (twicing:
-J. W. Tukey, Exploratory Data Analysis, 1977).
+A fit over windows W maps the surface t to W t, which is too low on tops and too high in hollows. The difference
+remains in the images as residuals that neighbours have in common. W of it is added where it exceeds the noise
+(J. W. Tukey, Exploratory Data Analysis, 1977).
 """
 
 from __future__ import annotations
@@ -10,40 +10,38 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.frame.windows import Windows, scaled_window
+from beltscape.stereo.multiview.frame.windows import scaled_window
 from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
-_AROUND_PX = 7
-"""Window in which what is left is compared with its variance."""
+_WINDOW_PX = 7
+"""Window in which the remaining shift is compared with its variance."""
 _MOST_PX = 0.1
-"""More than that is no flattening."""
+"""Limit of the remaining shift; a larger one is no flattening."""
 
 
-def apply_twicing(
-    surface: Surface, prepared: PreparedFrame, tolerance: float, size: Windows, kernels: Kernels, threads: int
-) -> Surface:
-    """The refined surface with what windows have taken off it; NaN stays.
+def apply_twicing(surface: Surface, prepared: PreparedFrame, tolerance: float) -> Surface:
+    """Return the refined surface with the flattening of its windows corrected; NaN stays.
 
-    ``tolerance`` is in px, as that of `beltscape.stereo.multiview.optimisation.least_squares.refine`.
+    ``tolerance`` (px) is that of `least_squares.refine`.
     """
+    context = prepared.context
     information, pull, _ = form_normal_equations(
-        surface.s, prepared, size.levels_px, prepared.noise.model, kernels, threads
+        surface.s, prepared, context.windows.levels_px, prepared.noise.model
     )
-    fit = kernels.local_fit(
-        information, pull, surface.s, surface.slope_u, surface.slope_v, radii=size.firm, tolerance=tolerance,
-        flatten=0.0, threads=threads,
+    fit = context.kernels.local_fit(
+        information, pull, surface.s, surface.slope_u, surface.slope_v, radii=context.windows.firm,
+        tolerance=tolerance, flatten=0.0, threads=context.threads,
     )  # fmt: skip
-    left = fit.s - surface.s
-    side = scaled_window(_AROUND_PX, size.scale)
-    energy = cv2.blur(np.minimum(fill_nan(left) ** 2, _MOST_PX**2), side)
-    noise = cv2.blur(np.minimum(fill_nan(fit.variance), _MOST_PX**2), side)
+    shift = fit.s - surface.s
+    window = scaled_window(_WINDOW_PX, context.scale)
+    energy = cv2.blur(np.minimum(fill_nan(shift) ** 2, _MOST_PX**2), window)
+    noise = cv2.blur(np.minimum(fill_nan(fit.variance), _MOST_PX**2), window)
     share = np.maximum(1 - noise / np.maximum(energy, np.float32(1e-12)), 0)
     return Surface(
-        surface.s + share * left,
+        surface.s + share * shift,
         surface.slope_u + share * (fit.slope_u - surface.slope_u),
         surface.slope_v + share * (fit.slope_v - surface.slope_v),
     )

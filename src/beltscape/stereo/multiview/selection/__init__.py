@@ -1,1 +1,1 @@
-"""Selection among candidate surfaces for uncertain pixels, by photo-consistency and their neighbourhood."""
+"""Selection among candidate surfaces for uncertain pixels, by photo-consistency and context features."""

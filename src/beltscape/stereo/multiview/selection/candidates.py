@@ -1,8 +1,8 @@
-"""A closer look at doubtful pixels: their surface competes with those that trusted pixels nearby hand on.
+"""Selection among candidate surfaces: uncertain pixels compare theirs with those of reliable pixels nearby.
 
-Propagation judges candidates by windows of 3 x 3 normalised levels. Here a rival is also judged by the levels
-themselves, by who else says the same, and by what the pixel's surroundings are like; a small network, fitted to
-simulated frames with known truth, weighs all of it (docs/matching.md).
+Propagation compares candidates by windows of 3 × 3 normalised levels. Here the features of a candidate are also the
+levels themselves, the other candidates and the pixel's neighbourhood. Small networks, trained on simulated frames with
+known truth, rank the candidates (docs/matching.md).
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
-from beltscape.kernels.candidates import Candidates, PhotoConsistency
+from beltscape.kernels.candidates import Candidates
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.pixels import Pixels, split_pixels
@@ -32,182 +31,186 @@ from beltscape.stereo.multiview.selection.photoconsistency import (
 Array = NDArray[np.floating]
 
 REACH_PX = 8
-"""From where rivals come, at scale 1."""
-AROUND_PX = 2
-"""So far about a pixel finalists are looked at, at scale 1."""
+"""Distance from which candidates come, at scale 1."""
+NEIGHBOURHOOD_PX = 2
+"""Neighbours to each side that are features of the pairwise ranking."""
 SAME_PX = 1.0
-"""Candidates so close in s say the same, at scale 1."""
+"""Difference in s up to which candidates are the same surface, at scale 1."""
 RELIABLE, OCCLUDING, UNCERTAIN = 1.0, 0.0, 1.5
-"""Logits: from which on a pixel hands its surface on and hides others, and up to which it is looked at again."""
+"""Initial confidence (logit) from which on a pixel offers its surface and occludes others, and below which it is
+compared with candidates."""
 PIXEL_FEATURES = (
-    "impression", "impression within 3", "impression within 7", "impression within 15", "log sigma", "cost",
-    "margin", "light within 5", "light within 11", "contrast within 5", "size",
+    "initial confidence", "initial confidence within 3", "initial confidence within 7",
+    "initial confidence within 15", "log sigma", "cost", "margin", "relative brightness within 5",
+    "relative brightness within 11", "relative contrast within 5", "log grid scale",
 )  # fmt: skip
-"""What of a pixel's evidence rivals are judged by, besides their own."""
+"""Features of the pixel itself that are common to all its candidates."""
 _PIXELS = 16384
-"""So many are looked at at a time."""
+"""Number of pixels that are processed together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
-    """The surface of the winners, and what is thought of it."""
+    """The surface of the selected candidates, and its initial confidence."""
 
     surface: Surface
-    impression: NDArray[np.float32]
-    """(H, W) logit of a pixel's being right: the winner's where there was a contest."""
-    brightness: PhotometricGain
-    """What the levels were compared by."""
+    initial_confidence: NDArray[np.float32]
+    """(H, W) logit of the probability that the pixel is right; that of the selected candidate where there were any."""
+    gain: PhotometricGain
+    """Gain with which the levels were compared."""
 
 
-def select_candidates(
-    surface: Surface,
-    planes: Mapping[str, Array],
-    prepared: PreparedFrame,
-    scale: float,
-    kernels: Kernels,
-    threads: int,
-) -> Selection:
-    """Doubtful pixels within reach of trusted ones take the likeliest of their rivals' surfaces.
+def select_candidates(surface: Surface, planes: Mapping[str, Array], prepared: PreparedFrame) -> Selection:
+    """Return the surface on which uncertain pixels near reliable ones have the most probable candidate's surface.
 
-    ``planes`` (H, W) is the evidence of `PIXEL_FEATURES` by name.
+    ``planes`` (H, W) are the `PIXEL_FEATURES` by name.
     """
-    arena = CandidateSelector.of(surface, planes, prepared, scale, kernels, threads)
+    selector = CandidateSelector.from_surface(surface, planes, prepared)
     s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
-    impression = np.array(planes["impression"], np.float32)
+    confidence = np.array(planes["initial confidence"], np.float32)
 
-    def settle(at: Pixels) -> None:
-        rivals, evidence = arena.look(at)
-        winner, logit = arena.winners(at, rivals, evidence)
-        for field, offered in ((s, rivals.s), (slope_u, rivals.slope_u), (slope_v, rivals.slope_v)):
-            field[at] = np.where(winner > 0, offered[winner, np.arange(len(winner))], field[at])
-        impression[at] = np.where(np.isfinite(logit), logit, impression[at])
+    def select_at(pixels: Pixels) -> None:
+        candidates, features = selector.find_candidates(pixels)
+        selected, logit = selector.select(pixels, candidates, features)
+        offers = (s, candidates.s), (slope_u, candidates.slope_u), (slope_v, candidates.slope_v)
+        for plane, offered in offers:
+            plane[pixels] = np.where(selected > 0, offered[selected, np.arange(len(selected))], plane[pixels])
+        confidence[pixels] = np.where(np.isfinite(logit), logit, confidence[pixels])
 
-    run_parallel([partial(settle, at) for at in arena.doubtful()], threads)
-    return Selection(Surface(s, slope_u, slope_v), impression, arena.likeness.brightness)
+    jobs = [partial(select_at, pixels) for pixels in selector.uncertain_pixels()]
+    run_parallel(jobs, prepared.context.threads)
+    return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateSelector:
-    """All that rivals are found and judged by."""
+    """The surface, features and images from which candidates are found and ranked."""
 
     surface: Surface
     planes: Mapping[str, Array]
-    trusted: NDArray[np.uint8]
-    """(H, W) who hands on a surface."""
-    likeness: PhotoConsistencyModel
-    surroundings: Neighbourhood
-    scale: float
+    reliable: NDArray[np.uint8]
+    """(H, W) 1 for pixels that offer their surface."""
+    consistency: PhotoConsistencyModel
+    neighbourhood: Neighbourhood
 
     @classmethod
-    def of(
-        cls,
-        surface: Surface,
-        planes: Mapping[str, Array],
-        prepared: PreparedFrame,
-        scale: float,
-        kernels: Kernels,
-        threads: int,
+    def from_surface(
+        cls, surface: Surface, planes: Mapping[str, Array], prepared: PreparedFrame
     ) -> CandidateSelector:
-        """Of a surface and the evidence (H, W) of `PIXEL_FEATURES` by name."""
-        hiding = np.where(planes["impression"] > OCCLUDING, surface.s, np.nan).astype(np.float32)
-        buffers = kernels.inverse_depth_buffers(hiding, prepared.views, prepared.sizes, threads=threads)
-        light = estimate_gain(surface.s, planes["cost"], prepared, buffers, scale, kernels, threads)
-        trusted = (planes["impression"] >= RELIABLE).astype(np.uint8)
-        around = Neighbourhood.of(surface.s, planes["impression"], prepared.core, AROUND_PX, scale, kernels)
-        likeness = PhotoConsistencyModel(prepared, light, buffers, kernels)
-        return cls(surface, planes, trusted, likeness, around, scale)
+        """Return the selector for a surface with its `PIXEL_FEATURES` (H, W) by name."""
+        context, confidence = prepared.context, planes["initial confidence"]
+        occluders = np.where(confidence > OCCLUDING, surface.s, np.nan).astype(np.float32)
+        buffers = context.kernels.inverse_depth_buffers(
+            occluders, prepared.views, prepared.sizes, threads=context.threads
+        )
+        gain = estimate_gain(surface.s, planes["cost"], prepared, buffers)
+        reliable = (confidence >= RELIABLE).astype(np.uint8)
+        neighbourhood = Neighbourhood.from_surface(
+            surface.s, confidence, prepared.core, NEIGHBOURHOOD_PX, context
+        )
+        return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers), neighbourhood)
+
+    @property
+    def scale(self) -> float:
+        """Factor of distances in px."""
+        return self.consistency.prepared.context.scale
 
     @property
     def reach(self) -> int:
-        """From how far away rivals come, px."""
+        """Distance from which candidates come, px."""
         return max(1, round(REACH_PX * self.scale))
 
-    def doubtful(self) -> list[Pixels]:
-        """The doubtful pixels within reach of trusted ones, some at a time."""
+    def uncertain_pixels(self) -> list[Pixels]:
+        """Return the uncertain pixels within reach of reliable ones, in parts."""
         window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
-        doubt = (self.planes["impression"] < UNCERTAIN) & np.isfinite(self.likeness.prepared.core)
-        return split_pixels(doubt & (cv2.dilate(self.trusted, window) > 0), _PIXELS)
+        uncertain = self.planes["initial confidence"] < UNCERTAIN
+        uncertain = uncertain & np.isfinite(self.consistency.prepared.core)
+        return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), _PIXELS)
 
-    def look(self, at: Pixels) -> tuple[Candidates, dict[str, Array]]:
-        """The rivals of some pixels, and the evidence (9, N) for each by name."""
-        surface = self.surface
-        rivals = self.likeness.kernels.candidate_surfaces(
-            surface.s, surface.slope_u, surface.slope_v, self.trusted, at[1], at[0], reach=self.reach,
+    def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Array]]:
+        """Return the candidates of some pixels, and the features (9, N) of each by name."""
+        surface, prepared = self.surface, self.consistency.prepared
+        candidates = prepared.context.kernels.candidate_surfaces(
+            surface.s, surface.slope_u, surface.slope_v, self.reliable, pixels[1], pixels[0], reach=self.reach,
             separation=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
-        like = self.likeness.of(at, *rivals[:3])
-        about = {name: np.broadcast_to(self.planes[name][at], rivals.s.shape) for name in PIXEL_FEATURES}
-        return rivals, about | dict(_speaking(rivals, like, self.scale, len(self.likeness.prepared.images)))
+        slopes = candidates.slope_u, candidates.slope_v
+        consistency = self.consistency.evaluate(pixels, candidates.s, slopes)
+        features = {
+            name: np.broadcast_to(self.planes[name][pixels], candidates.s.shape) for name in PIXEL_FEATURES
+        }
+        features |= photo_consistency_features(consistency, len(prepared.images))
+        return candidates, features | dict(_candidate_features(candidates, self.scale))
 
-    def winners(
-        self, at: Pixels, rivals: Candidates, evidence: Mapping[str, Array]
+    def select(
+        self, pixels: Pixels, candidates: Candidates, features: Mapping[str, Array]
     ) -> tuple[NDArray[np.int_], Array]:
-        """(N,) each: which rival wins, and the logit of its being right; -inf where there is none.
+        """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none.
 
-        The likeliest and the likeliest of those that say something else meet in a duel.
+        A second network compares the top two of every pixel.
         """
-        first, second, score = self.finalists(rivals, evidence)
+        first, second, score = self.rank_top_two(candidates, features)
         pixel = np.arange(len(first))
-        winner, logit = first.copy(), score[first, pixel]
-        met = np.flatnonzero(second >= 0)
-        if len(met):
-            both = self.duel(at, rivals, {**evidence, "score": score}, met, (first[met], second[met]))
-            logits = np.concatenate(load_network("duel").answers(both, self.likeness.kernels, 1))
-            winner[met] = np.where(logits[1] > logits[0], second[met], first[met])
-            logit[met] = logits.max(axis=0)
-        return winner, logit
+        selected, logit = first.copy(), score[first, pixel]
+        paired = np.flatnonzero(second >= 0)
+        if len(paired):
+            top_two = first[paired], second[paired]
+            pairs = self.pairwise_features(pixels, candidates, {**features, "score": score}, paired, top_two)
+            kernels = self.consistency.prepared.context.kernels
+            logits = np.concatenate(load_network("pairwise_ranking").evaluate(pairs, kernels, 1))
+            selected[paired] = np.where(logits[1] > logits[0], top_two[1], top_two[0])
+            logit[paired] = logits.max(axis=0)
+        return selected, logit
 
-    def finalists(
-        self, rivals: Candidates, evidence: Mapping[str, Array]
+    def rank_top_two(
+        self, candidates: Candidates, features: Mapping[str, Array]
     ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
-        """(N,) the likeliest and the likeliest that says something else (-1: none), and (9, N) logits."""
-        (score,) = load_network("rivals").answers(evidence, self.likeness.kernels, 1)
-        score = np.where(np.isfinite(rivals.s), score, -np.inf)
+        """Return (N,) the best candidate and the best with another s (-1: none), and (9, N) logits of all."""
+        kernels = self.consistency.prepared.context.kernels
+        (score,) = load_network("candidates").evaluate(features, kernels, 1)
+        score = np.where(np.isfinite(candidates.s), score, -np.inf)
         first = score.argmax(axis=0)
-        said = np.take_along_axis(rivals.s, first[None], axis=0)
+        first_s = np.take_along_axis(candidates.s, first[None], axis=0)
         with np.errstate(invalid="ignore"):
-            others = np.where(np.abs(rivals.s - said) > SAME_PX * self.scale, score, -np.inf)
+            others = np.where(np.abs(candidates.s - first_s) > SAME_PX * self.scale, score, -np.inf)
         return first, np.where(np.isfinite(others.max(axis=0)), others.argmax(axis=0), -1), score
 
-    def duel(
+    def pairwise_features(
         self,
-        at: Pixels,
-        rivals: Candidates,
-        evidence: Mapping[str, Array],
-        met: NDArray[np.int_],
-        finalists: tuple[NDArray[np.int_], NDArray[np.int_]],
+        pixels: Pixels,
+        candidates: Candidates,
+        features: Mapping[str, Array],
+        paired: NDArray[np.int_],
+        top_two: tuple[NDArray[np.int_], NDArray[np.int_]],
     ) -> dict[str, Array]:
-        """The evidence (1, M) for the pixels ``met`` of N, of whose rivals these two (M,) are left."""
-        there = at[0][met], at[1][met]
-        about = {name: self.planes[name] for name in PIXEL_FEATURES}
-        said = {name: values for name, values in evidence.items() if name not in PIXEL_FEATURES}
-        found = sample_planes(about, there, self.likeness.kernels) | self.surroundings.about(there)
-        for who, index in zip(("first", "second"), finalists, strict=True):
-            plane = (offered[index, met] for offered in (rivals.s, rivals.slope_u, rivals.slope_v))
-            its = sample_planes(said, (index, met), self.likeness.kernels) | self.surroundings.relief(
-                there, *plane
-            )
-            found |= {f"{who} {name}": values for name, values in its.items()}
-        return {name: values[None] for name, values in found.items()}
+        """Return the features (1, M) of the top two candidates (M,) at the pixels ``paired`` (M,) of N, by name."""
+        kernels = self.consistency.prepared.context.kernels
+        at = pixels[0][paired], pixels[1][paired]
+        pixel_planes = {name: self.planes[name] for name in PIXEL_FEATURES}
+        own = {name: values for name, values in features.items() if name not in PIXEL_FEATURES}
+        pairs = sample_planes(pixel_planes, at, kernels) | self.neighbourhood.image_features(at)
+        for rank, index in zip(("first", "second"), top_two, strict=True):
+            slopes = candidates.slope_u[index, paired], candidates.slope_v[index, paired]
+            offsets = self.neighbourhood.offset_features(at, candidates.s[index, paired], slopes)
+            ranked = sample_planes(own, (index, paired), kernels) | offsets
+            pairs |= {f"{rank} {name}": values for name, values in ranked.items()}
+        return {name: values[None] for name, values in pairs.items()}
 
 
-def _speaking(
-    rivals: Candidates, like: PhotoConsistency, scale: float, auxiliaries: int
-) -> Iterator[tuple[str, Array]]:
-    """Evidence (9, N) for each rival by name."""
-    yield from photo_consistency_features(like, auxiliaries)
+def _candidate_features(candidates: Candidates, scale: float) -> Iterator[tuple[str, Array]]:
+    """Yield features (9, N) of each candidate's position among the others, by name."""
     px = np.float32(1 / scale)
-    yield "distance", rivals.distance * px
-    yield "support", rivals.support
-    yield "steeply", np.hypot(rivals.slope_u, rivals.slope_v)
-    yield "off its own", _bent(px * (rivals.s - rivals.s[:1]))
-    yield "before the farthest", _bent(px * (rivals.s - np.fmin.reduce(rivals.s)))
-    yield "behind the nearest", _bent(px * (np.fmax.reduce(rivals.s) - rivals.s))
-    own = np.zeros_like(rivals.s)
+    yield "distance", candidates.distance * px
+    yield "support", candidates.support
+    yield "slope", np.hypot(candidates.slope_u, candidates.slope_v)
+    yield "offset from own surface", _compress(px * (candidates.s - candidates.s[:1]))
+    yield "offset from farthest", _compress(px * (candidates.s - np.fmin.reduce(candidates.s)))
+    yield "offset from nearest", _compress(px * (np.fmax.reduce(candidates.s) - candidates.s))
+    own = np.zeros_like(candidates.s)
     own[0] = 1
-    yield "its own", own
+    yield "own surface", own
 
 
-def _bent(px: Array) -> Array:
-    """Large distances by their logarithm, small ones as they are."""
+def _compress(px: Array) -> Array:
+    """Return distances with large ones compressed to their logarithm."""
     return np.sign(px) * np.log1p(np.abs(px))

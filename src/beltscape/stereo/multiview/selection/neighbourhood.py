@@ -1,7 +1,7 @@
-"""What surrounds a pixel, neighbour by neighbour.
+"""Context features: values of the single neighbours of a pixel.
 
-What a window says is a sum; where exactly in it the image changes, the surface leaves a plane and doubt begins tells
-a pixel beside a step from one beyond it.
+A feature of a window is a sum. Where exactly in the window the image changes, the surface leaves a plane or the
+confidence falls distinguishes a pixel in front of a step from one behind it.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.pixels import Pixels
 
 Array = NDArray[np.floating]
 
 _DARK = 8.0
-"""Levels; differences between darker ones count for little."""
-_MOST_OFF_PX = 3.0
-"""No neighbour counts as farther off a plane."""
-_HERE = np.zeros((1, 2), int)
+"""Added to levels before the logarithm; differences between darker levels count little."""
+_MOST_OFFSET_PX = 3.0
+"""Limit of a neighbour's distance from a plane."""
+_CENTRE = np.zeros((1, 2), int)
 
 
 @cache
@@ -34,58 +35,61 @@ def _offsets(reach: int) -> NDArray[np.int_]:
 
 
 @cache
-def _names(what: str, reach: int) -> tuple[str, ...]:
-    return tuple(f"{what} at {du:+d} {dv:+d}" for du, dv in _offsets(reach))
+def _names(feature: str, reach: int) -> tuple[str, ...]:
+    return tuple(f"{feature} at {du:+d} {dv:+d}" for du, dv in _offsets(reach))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neighbourhood:
-    """The planes (H, W) that are looked up."""
+    """The planes (H, W) whose values at neighbours are features."""
 
     s: Array
-    """The surface."""
-    impression: Array
-    """Logit of a pixel's being right."""
-    brightness: NDArray[np.float32]
+    """Inverse depth of the surface."""
+    initial_confidence: Array
+    """Logit."""
+    log_level: NDArray[np.float32]
     """Logarithm of the core's level."""
     reach: int
-    """So far to each side they reach, px at scale 1."""
-    scale: float
-    kernels: Kernels
+    """Number of neighbours to each side."""
+    context: MatchContext
 
     @classmethod
-    def of(
-        cls, s: Array, impression: Array, core: Array, reach: int, scale: float, kernels: Kernels
+    def from_surface(
+        cls, s: Array, initial_confidence: Array, core: Array, reach: int, context: MatchContext
     ) -> Neighbourhood:
-        """Of a surface s, what is thought of it, and the core's levels (H, W), NaN where it sees nothing."""
+        """Return the neighbourhood in a surface s, its initial confidence and the core's levels (H, W)."""
         level = np.maximum(fill_nan(core), 0)
-        return cls(s, impression, np.log(level + np.float32(_DARK)), reach, scale, kernels)
+        return cls(s, initial_confidence, np.log(level + np.float32(_DARK)), reach, context)
 
     @property
-    def step(self) -> int:
-        """From neighbour to neighbour, px."""
-        return max(1, round(self.scale))
+    def spacing(self) -> int:
+        """Distance between neighbours, px."""
+        return max(1, round(self.context.scale))
 
-    def about(self, at: Pixels) -> dict[str, Array]:
-        """What is thought of each neighbour, and how much brighter it is: (N,) by name."""
-        impression, level = self._around([self.impression, self.brightness], at)
-        return self._named("impression", impression) | self._named("brightness", level - self.brightness[at])
+    def image_features(self, pixels: Pixels) -> dict[str, Array]:
+        """Return (N,) by name: each neighbour's initial confidence and its brightness relative to the pixel's."""
+        confidence, level = self._gather([self.initial_confidence, self.log_level], pixels)
+        return self._named("initial confidence", confidence) | self._named(
+            "relative brightness", level - self.log_level[pixels]
+        )
 
-    def relief(self, at: Pixels, s: Array, slope_u: Array, slope_v: Array) -> dict[str, Array]:
-        """How far each neighbour lies before the plane with which a pixel continues, px at scale 1: (N,) by name."""
-        (near,) = self._around([self.s], at)
-        du, dv = self.step * _offsets(self.reach).T[..., None].astype(np.float32)
-        off = fill_nan(near - (s + slope_u * du + slope_v * dv)) * np.float32(1 / self.scale)
-        return self._named("relief", np.clip(off, -_MOST_OFF_PX, _MOST_OFF_PX))
+    def offset_features(self, pixels: Pixels, s: Array, slopes: tuple[Array, Array]) -> dict[str, Array]:
+        """Return (N,) by name: each neighbour's distance in front of the pixel's plane, px at scale 1."""
+        (neighbour_s,) = self._gather([self.s], pixels)
+        du, dv = self.spacing * _offsets(self.reach).T[..., None].astype(np.float32)
+        plane = s + slopes[0] * du + slopes[1] * dv
+        offset = fill_nan(neighbour_s - plane) * np.float32(1 / self.context.scale)
+        return self._named("offset", np.clip(offset, -_MOST_OFFSET_PX, _MOST_OFFSET_PX))
 
-    def _named(self, what: str, rows: Array) -> dict[str, Array]:
-        return dict(zip(_names(what, self.reach), rows, strict=True))
+    def _named(self, feature: str, rows: Array) -> dict[str, Array]:
+        return dict(zip(_names(feature, self.reach), rows, strict=True))
 
-    def _around(self, planes: Sequence[Array], at: Pixels) -> Array:
-        return self.kernels.gather(planes, at[1], at[0], self.step * _offsets(self.reach), threads=1)
+    def _gather(self, planes: Sequence[Array], pixels: Pixels) -> Array:
+        offsets = self.spacing * _offsets(self.reach)
+        return self.context.kernels.gather(planes, pixels[1], pixels[0], offsets, threads=1)
 
 
-def sample_planes(planes: Mapping[str, Array], at: Pixels, kernels: Kernels) -> dict[str, Array]:
-    """(N,) of some pixels of planes (H, W) by name."""
-    found = kernels.gather(list(planes.values()), at[1], at[0], _HERE, threads=1)
-    return dict(zip(planes, found[:, 0], strict=True))
+def sample_planes(planes: Mapping[str, Array], pixels: Pixels, kernels: Kernels) -> dict[str, Array]:
+    """Return (N,) values of planes (H, W) at some pixels, by name."""
+    values = kernels.gather(list(planes.values()), pixels[1], pixels[0], _CENTRE, threads=1)
+    return dict(zip(planes, values[:, 0], strict=True))

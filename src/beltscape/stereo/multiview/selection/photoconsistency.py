@@ -1,4 +1,4 @@
-"""How like the core's levels the auxiliaries' are on a surface: the levels themselves, at one brightness."""
+"""Photo-consistency of surfaces: differences between the core's levels and the auxiliaries', after the gain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import Kernels
 from beltscape.kernels.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.pixels import Pixels
@@ -17,33 +16,36 @@ from beltscape.stereo.multiview.selection.gain import PhotometricGain
 
 Array = NDArray[np.floating]
 
-_ROUND = 0.1
-"""Differences below that are alike."""
+_LOG_OFFSET = 0.1
+"""Added to differences before the logarithm; smaller differences are equal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoConsistencyModel:
-    """What surfaces are compared by."""
+    """Images, gain and occluders with which surfaces are compared."""
 
     prepared: PreparedFrame
-    brightness: PhotometricGain
+    gain: PhotometricGain
     buffers: Sequence[Array]
-    """n of (h, w): how near to each auxiliary what hides others lies."""
-    kernels: Kernels
+    """n of (h, w): inverse-depth buffers of the occluders in each auxiliary."""
 
-    def of(self, at: Pixels, s: Array, slope_u: Array, slope_v: Array, threads: int = 1) -> PhotoConsistency:
-        """Of n surfaces (n, N) at each of N pixels."""
+    def evaluate(
+        self, pixels: Pixels, s: Array, slopes: tuple[Array, Array], threads: int = 1
+    ) -> PhotoConsistency:
+        """Return the photo-consistency of n surfaces with s and slopes (n, N) at each of N pixels."""
         prepared = self.prepared
-        return self.kernels.photo_consistency(
-            at[1], at[0], s, slope_u, slope_v, core=prepared.core, variance=self.brightness.variance,
-            images=prepared.images, views=prepared.views, buffers=self.buffers, gains=self.brightness.gains,
+        return prepared.context.kernels.photo_consistency(
+            pixels[1], pixels[0], s, *slopes, core=prepared.core, variance=self.gain.variance,
+            images=prepared.images, views=prepared.views, buffers=self.buffers, gains=self.gain.gains,
             tolerance=OCCLUDER_PX, threads=threads,
         )  # fmt: skip
 
 
-def photo_consistency_features(like: PhotoConsistency, auxiliaries: int) -> Iterator[tuple[str, Array]]:
-    """What the levels say of surfaces: differences by their logarithm, and who sees them."""
-    for name, plane in zip(PhotoConsistency._fields[:-1], like[:-1], strict=True):
-        yield name.replace("_", " "), np.log(plane + np.float32(_ROUND))
-    yield "seen by", np.minimum(like.views, 4)
-    yield "seen by share", like.views / np.float32(auxiliaries)
+def photo_consistency_features(
+    consistency: PhotoConsistency, auxiliaries: int
+) -> Iterator[tuple[str, Array]]:
+    """Yield features by name: logarithms of the differences, and the visible views, also as a share."""
+    for name, plane in zip(PhotoConsistency._fields[:-1], consistency[:-1], strict=True):
+        yield name.replace("_", " "), np.log(plane + np.float32(_LOG_OFFSET))
+    yield "visible views", np.minimum(consistency.views, 4)
+    yield "share of visible views", consistency.views / np.float32(auxiliaries)

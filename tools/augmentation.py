@@ -1,4 +1,4 @@
-"""Frames to learn from: simulated captures with truth, and the ways a plant spoils them; for the other tools."""
+"""Training frames: simulated captures with truth, as they are and augmented by the disturbances of a plant."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from beltscape.files.rig_json import read_rig
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 
 Images = dict[str, np.ndarray]
-Spoil = Callable[[Images], Images]
+Augmentation = Callable[[Images], Images]
 ON_FAILURE_MM = (560.0, 800.0)
-"""Depth range of captures that show nothing, which are to be learnt from as well."""
+"""Depth range of captures without a visible surface, which are training frames as well."""
 EVERY = 3
-"""Of the ways of spoiling, each capture takes one in so many, another capture the others."""
+"""Each capture takes every third augmentation; the following captures take the others."""
 HALVED_FROM_PX = 1000
-"""Smaller images are not halved as well."""
+"""Width from which on a capture is also used at half size."""
 ONE_SURFACE_MM = 4.0
-"""Within so much the depths of four pixels are of one surface."""
+"""Range of the depths of four pixels up to which they are one surface."""
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """A frame, who looked at it, and what is true."""
+class TrainingFrame:
+    """A frame with its rig, auxiliaries and truth."""
 
     rig: Rig
     names: tuple[str, ...]
@@ -44,13 +44,13 @@ class Lesson:
     label: np.ndarray
     views: np.ndarray
     """How many auxiliaries see a pixel's point."""
-    alien: bool
-    """The images show nothing, or not the same: what is right is right by chance."""
+    is_false: bool
+    """Whether the images show no scene, or different ones: every surface is false."""
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A simulated frame, and what is true of the core's pixels."""
+    """A simulated frame, and the truth of the core's pixels."""
 
     rig: Rig
     images: Images
@@ -59,24 +59,24 @@ class Capture:
     views: np.ndarray
     """How many auxiliaries see a pixel's point."""
 
-    def lesson(self, names: tuple[str, ...], preset: str, spoil: Spoil) -> Lesson:
-        """Seen by these auxiliaries, spoiled in that way."""
-        frame = FrameSet("000", spoil({name: self.images[name] for name in (self.rig.core, *names)}))
+    def training_frame(self, names: tuple[str, ...], preset: str, augment: Augmentation) -> TrainingFrame:
+        """Return the frame with these auxiliaries and an augmentation."""
+        frame = FrameSet("000", augment({name: self.images[name] for name in (self.rig.core, *names)}))
         try:
             near_far = find_depth_range(self.rig, frame, Silent())
         except ReconstructionError:
             near_far = ON_FAILURE_MM
-        return Lesson(
+        return TrainingFrame(
             self.rig, names, preset, frame, near_far, self.depth_mm, self.label, self.views,
-            spoil in (strangers, blank),
+            augment in (mismatched, blank),
         )  # fmt: skip
 
-    def halved(self) -> Capture:
-        """Every four pixels as one, which knows no depth where the four are not one surface."""
+    def halve(self) -> Capture:
+        """Return the capture at half size; depth is NaN where four pixels are not one surface."""
         height, width = (side // 2 for side in self.depth_mm.shape)
-        fours = self.depth_mm.reshape(height, 2, width, 2)
+        blocks = self.depth_mm.reshape(height, 2, width, 2)
         depth = np.where(
-            np.ptp(fours, axis=(1, 3)) < ONE_SURFACE_MM, 1 / (1 / fours).mean(axis=(1, 3)), np.nan
+            np.ptp(blocks, axis=(1, 3)) < ONE_SURFACE_MM, 1 / (1 / blocks).mean(axis=(1, 3)), np.nan
         )
         images = {
             name: cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
@@ -86,8 +86,8 @@ class Capture:
         return Capture(scale_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views)
 
 
-def captured(folder: Path) -> Capture:
-    """What the simulator wrote."""
+def read_simulated(folder: Path) -> Capture:
+    """Return a capture of the simulator."""
     rig = read_rig(folder / "truth" / "rig.json")
     truth = np.load(next((folder / "truth").glob("*_depth.npz")))
     depth_mm, label, views = (truth[name] for name in ("depth_mm", "label", "views"))
@@ -95,71 +95,71 @@ def captured(folder: Path) -> Capture:
     return Capture(rig, images, depth_mm, label, views)
 
 
-def lessons(folder: Path, turn: int) -> Iterator[Lesson]:
-    """A capture's frames: as it is, and spoiled in some ways; in all over `EVERY` turns."""
-    capture = captured(folder)
-    every = capture.rig.auxiliaries
-    ways = (
-        (every[:3], "standard", same),
-        (every[1::2], "standard", same),
-        (every[:1], "standard", same),
-        (every, "fine", same),
-        (every, "standard", noisy),
-        (every, "standard", uneven),
-        (every[:2], "standard", blurred),
-        (every, "standard", strangers),
-        (every, "standard", blank),
+def training_frames(folder: Path, turn: int) -> Iterator[TrainingFrame]:
+    """Yield a capture's training frames: as it is, and with some augmentations; with all over `EVERY` turns."""
+    capture = read_simulated(folder)
+    auxiliaries = capture.rig.auxiliaries
+    augmentations = (
+        (auxiliaries[:3], "standard", unchanged),
+        (auxiliaries[1::2], "standard", unchanged),
+        (auxiliaries[:1], "standard", unchanged),
+        (auxiliaries, "fine", unchanged),
+        (auxiliaries, "standard", noisy),
+        (auxiliaries, "standard", uneven),
+        (auxiliaries[:2], "standard", blurred),
+        (auxiliaries, "standard", mismatched),
+        (auxiliaries, "standard", blank),
     )
-    for way in ((every, "standard", same), *ways[turn % EVERY :: EVERY]):
-        yield capture.lesson(*way)
+    for augmentation in ((auxiliaries, "standard", unchanged), *augmentations[turn % EVERY :: EVERY]):
+        yield capture.training_frame(*augmentation)
     if turn % EVERY == 0 and capture.rig.core_camera.size_px[0] >= HALVED_FROM_PX:
-        yield capture.halved().lesson(every, "standard", same)
+        yield capture.halve().training_frame(auxiliaries, "standard", unchanged)
 
 
-def same(images: Images) -> Images:
-    """As they were taken."""
+def unchanged(images: Images) -> Images:
+    """Return the images as they are."""
     return images
 
 
 def noisy(images: Images) -> Images:
-    """With more noise than a sensor has."""
+    """Return the images with more noise than a sensor's."""
     rng = np.random.default_rng(1)
-    return {name: _pixels(image + rng.normal(0, 4, image.shape), image) for name, image in images.items()}
+    return {name: _as_pixels(image + rng.normal(0, 4, image.shape), image) for name, image in images.items()}
 
 
 def uneven(images: Images) -> Images:
-    """One auxiliary darker than the others, and noise."""
+    """Return the images with one auxiliary darker than the others, and noise."""
     rng = np.random.default_rng(2)
     last = list(images)[-1]
     return {
-        name: _pixels(image * (0.7 if name == last else 1) + rng.normal(0, 2, image.shape), image)
+        name: _as_pixels(image * (0.7 if name == last else 1) + rng.normal(0, 2, image.shape), image)
         for name, image in images.items()
     }
 
 
 def blurred(images: Images) -> Images:
-    """One auxiliary out of focus."""
+    """Return the images with one auxiliary out of focus."""
     last = list(images)[-1]
     return {name: cv2.GaussianBlur(i, (0, 0), 2.0) if name == last else i for name, i in images.items()}
 
 
-def strangers(images: Images) -> Images:
-    """The auxiliaries see another scene."""
+def mismatched(images: Images) -> Images:
+    """Return the images with the auxiliaries turned, so that they show another scene."""
     core = next(iter(images))
     return {name: i if name == core else np.ascontiguousarray(i[::-1, ::-1]) for name, i in images.items()}
 
 
 def blank(images: Images) -> Images:
-    """Nothing to see: even grey at the top, darkening downwards, and black at the bottom; with noise."""
+    """Return images without texture: even grey at the top, darker downwards, black at the bottom; with noise."""
     rng = np.random.default_rng(3)
 
     def one(image: np.ndarray) -> np.ndarray:
         shade = np.interp(np.linspace(0, 1, len(image)), (0, 0.4, 0.8, 0.8001, 1), (90, 90, 20, 0, 0))
         shape = (-1, *[1] * (image.ndim - 1))
-        return _pixels(shade.reshape(shape) + rng.normal(0, 1.5, image.shape), image)
+        return _as_pixels(shade.reshape(shape) + rng.normal(0, 1.5, image.shape), image)
 
     return {name: one(image) for name, image in images.items()}
 
 
-def _pixels(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+def _as_pixels(values: np.ndarray, like: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(values), 0, np.iinfo(like.dtype).max).astype(like.dtype)

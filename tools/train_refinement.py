@@ -1,0 +1,184 @@
+"""Train the refinement of uncertain pixels: the refinement network and the rounds of message passing.
+
+    python tools/refinement_samples.py TILES CAPTURE…
+    python tools/train_refinement.py TILES
+
+It writes refinement.json and message_passing.json of data/, which depend on the networks of train_confidence.py. Only
+this tool needs PyTorch (``pip install torch``). Assess the result on captures that are not among them.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
+from refinement_samples import Tile, join_tiles, read_tiles
+from train_confidence import (
+    ACCEPTED,
+    GROSS_MM,
+    MAD,
+    MOST_MM,
+    ROUND,
+    format_rows,
+    limits_of,
+    write,
+    write_text,
+)
+
+UNITS = 96, 48
+"""Hidden units of the refinement network."""
+MESSAGE, OWN = 16, 32
+"""Length of a state: of the message to the neighbours, and of the rest."""
+ROUNDS, ROUND_UNITS = 3, 48
+"""Number of rounds, and the hidden units of each."""
+EPOCHS, BATCH, RATE, DECAY = 20, 36_000, 3e-3, 1e-4
+UNSEEN = 6.0
+"""Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
+SHIFT_WEIGHT, SIGMA_WEIGHT = 3.0, 0.2
+"""Weights of the losses of shift and sigma relative to that of the confidence."""
+NEAREST_PX, FARTHEST_PX = 0.05, 1.0
+"""Rounding of the corner of the shift's deviation, and the error from which on a pixel is not shifted, at scale 1."""
+
+
+class RefinementNetwork(nn.Module):
+    """The refinement network and the rounds of message passing."""
+
+    def __init__(self, features: Tensor) -> None:
+        super().__init__()
+        limits = limits_of(features.numpy())
+        self.limits = torch.from_numpy(limits)
+        within = features.clamp(*self.limits)
+        self.mean, self.spread = within.mean(0), within.std(0) + 1e-6
+        state, inputs = MESSAGE + OWN, len(OFFSETS) * MESSAGE + OWN
+        self.state_layers = layered(features.shape[1], *UNITS, state)
+        self.rounds = nn.ModuleList(layered(inputs, ROUND_UNITS, k) for k in (*[state] * (ROUNDS - 1), 3))
+        self.fixed_messages = nn.ParameterList(torch.zeros(2, MESSAGE) for _ in self.rounds)
+
+    def forward(self, features: Tensor, neighbours: Tensor) -> Tensor:
+        """Return (N, 3) logit, log sigma and shift of pixels with features (N, n) and neighbours' addresses (9, N)."""
+        state = self.state_layers((features.clamp(*self.limits) - self.mean) / self.spread)
+        for i, (fixed, layers) in enumerate(zip(self.fixed_messages, self.rounds, strict=True)):
+            messages = torch.cat([fixed, state[:, :MESSAGE]])
+            received = messages[neighbours.T].transpose(1, 2).flatten(1)
+            change = layers(torch.cat([received, state[:, MESSAGE:]], 1))
+            state = change if i == ROUNDS - 1 else state + change
+        return state
+
+
+def layered(*sizes: int) -> nn.Sequential:
+    """Return linear layers, all but the last rectified."""
+    layers = [part for a, b in pairwise(sizes) for part in (nn.Linear(a, b), nn.ReLU())]
+    return nn.Sequential(*layers[:-1])
+
+
+def loss(prediction: Tensor, tile: Tile) -> Tensor:
+    """Return the weighted mean loss of confidence, sigma and shift."""
+    error, mm_per_px, weight, unseen = map(torch.from_numpy, tile[2:])
+    logit, log_sigma, shift = prediction.T
+    left = error + shift
+    with torch.no_grad():
+        seen = error.isfinite() & ~unseen
+        right = seen & (left.abs() * mm_per_px <= GROSS_MM)
+        near = seen & (left.abs() * mm_per_px <= MOST_MM)
+        log_size = torch.log(MAD * torch.where(near, left.abs(), 1.0).clamp(min=1e-4))
+        measured = near & (torch.sigmoid(logit) > ACCEPTED)
+        movable = seen & (left.abs() < FARTHEST_PX)
+    zero = torch.zeros(())
+    confidence = functional.binary_cross_entropy_with_logits(logit, right.float(), reduction="none")
+    sigma = torch.where(measured, huber(log_sigma - log_size, ROUND), zero)
+    moves = torch.where(movable, huber(torch.where(movable, left, zero), NEAREST_PX), zero)
+    each = torch.where(unseen, UNSEEN, 1.0) * confidence + SIGMA_WEIGHT * sigma + SHIFT_WEIGHT * moves
+    return (weight * each).sum() / weight.sum()
+
+
+def huber(deviation: Tensor, corner: float) -> Tensor:
+    """Return the absolute deviation with its corner rounded by a parabola."""
+    return (
+        functional.huber_loss(deviation, torch.zeros_like(deviation), reduction="none", delta=corner) / corner
+    )
+
+
+def batches(tiles: list[Tile], rng: np.random.Generator) -> list[list[Tile]]:
+    """Return all tiles in random order, several to a batch."""
+    found: list[list[Tile]] = []
+    some: list[Tile] = []
+    for i in rng.permutation(len(tiles)):
+        some.append(tiles[i])
+        if sum(len(tile.off_px) for tile in some) >= BATCH:
+            found.append(some)
+            some = []
+    return found
+
+
+def fit(tiles: list[Tile]) -> RefinementNetwork:
+    """Return the networks of least loss."""
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    model = RefinementNetwork(
+        torch.from_numpy(np.concatenate([tile.features[::20] for tile in tiles])).float()
+    )
+    adam = torch.optim.AdamW(model.parameters(), lr=RATE, weight_decay=DECAY)
+    pixels = sum(len(tile.off_px) for tile in tiles)
+    rate = torch.optim.lr_scheduler.OneCycleLR(
+        adam, RATE, total_steps=EPOCHS * (pixels // BATCH + 1), pct_start=0.1
+    )
+    began = time.monotonic()
+    for epoch in range(EPOCHS):
+        losses = []
+        for some in batches(tiles, rng):
+            batch = join_tiles(some)
+            found = loss(
+                model(torch.from_numpy(batch.features).float(), torch.from_numpy(batch.neighbours)), batch
+            )
+            adam.zero_grad()
+            found.backward()
+            adam.step()
+            rate.step()
+            losses.append(float(found.detach()))
+        print(f"{epoch + 1} of {EPOCHS}: {np.mean(losses):.4f}, {time.monotonic() - began:.0f} s", flush=True)
+    return model
+
+
+def weights(layers: nn.Sequential) -> list[np.ndarray]:
+    """Return the layers as the perceptron takes them."""
+    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
+    return [
+        torch.cat([layer.weight, layer.bias[:, None]], 1).detach().numpy().astype(float) for layer in linear
+    ]
+
+
+def main() -> None:
+    """Read the tiles, train and write."""
+    names: tuple[str, ...] = ()
+    tiles: list[Tile] = []
+    for path in sorted(Path(sys.argv[1]).glob("*.npz")):
+        names, found = read_tiles(path)
+        tiles += found
+    print(len(tiles), "tiles,", sum(len(tile.off_px) for tile in tiles), "pixels", flush=True)
+    model = fit(tiles)
+    first, *others = weights(model.state_layers)
+    mean, spread = (part.numpy().astype(float) for part in (model.mean, model.spread))
+    own = np.hstack([first[:, :-1] / spread, first[:, -1:] - first[:, :-1] @ (mean / spread)[:, None]])
+    write("refinement", names, model.limits.numpy(), [own, *others])
+    write_rounds(model)
+
+
+def write_rounds(model: RefinementNetwork) -> None:
+    """Write message_passing.json."""
+    rounds = [
+        f'{{"fixed_messages": {format_rows(fixed.detach().numpy())},\n"layers": [{", ".join(map(format_rows, weights(layers)))}]}}'
+        for fixed, layers in zip(model.fixed_messages, model.rounds, strict=True)
+    ]
+    write_text("message_passing", '{"rounds": [\n' + ",\n".join(rounds) + "\n]}\n")
+
+
+if __name__ == "__main__":
+    main()

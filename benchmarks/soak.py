@@ -1,13 +1,12 @@
-"""A plant that is made to suffer: cameras and program are killed, the disk is filled, a page stands open.
+"""Endurance test of a simulated plant: cameras and program are killed and the disk is filled while a page is open.
 
     unshare --net --mount python benchmarks/soak.py CAPTURE RIG EMPTY OUT [--minutes 60]
         [--calm-minutes 30] [--frames-per-s 2]
 
-CAPTURE is a moving capture with encoder.csv, shown round and round by simulated GigE Vision cameras; RIG and EMPTY
-are as for `beltscape run`. Nothing is broken in the calm minutes: they tell how memory goes. It needs root
-(addresses, a small file system of its own), Aravis and Chromium. At the end: is every millimetre that the encoder
-counted in the ledger, once; does every record that a page was ever shown read back as it was; how memory went.
-Writes OUT/soak.json and OUT/page.png.
+CAPTURE is a capture of the moving belt with encoder.csv, repeated by simulated GigE Vision cameras; RIG and EMPTY are
+as for `beltscape run`. No fault occurs in the calm minutes, in which the memory is observed. It needs root (addresses
+and a small file system), Aravis and Chromium. At the end it checks that every millimetre of the encoder is in the
+ledger once and that every record shown on the page reads back unchanged. Writes OUT/soak.json and OUT/page.png.
 """
 
 from __future__ import annotations
@@ -46,8 +45,8 @@ FAULTS = ("camera", "core", "disk", "kill")
 
 
 @dataclass
-class Seen:
-    """What the page was shown while it went on."""
+class Observations:
+    """Data served to the page, memory and faults during the test."""
 
     records: dict[int, dict[str, Any]] = field(default_factory=dict)
     rss_mib: list[tuple[float, int, float]] = field(default_factory=list)
@@ -58,7 +57,7 @@ class Seen:
 
 
 def main() -> None:
-    """Run it and tell."""
+    """Run the test and print its result."""
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("capture", "rig", "empty", "out"):
         parser.add_argument(name, type=Path)
@@ -76,9 +75,9 @@ def main() -> None:
     project = out / "project.toml"
     project.write_text(_project(arguments, bench), encoding="utf-8")
     with bench, _page(out / "page.png"):
-        seen = suffer(project, bench, data, arguments.minutes * 60, arguments.calm_minutes * 60)
+        observed = run_with_faults(project, bench, data, arguments.minutes * 60, arguments.calm_minutes * 60)
         counted = Encoder(out / "bench", counts, around).position_mm
-    result = judged(data, seen, counted)
+    result = assess(data, observed, counted)
     write_json(out / "soak.json", result)
     print(json.dumps({k: v for k, v in result.items() if k not in ("faults", "memory")}, indent=1))
 
@@ -118,27 +117,29 @@ anonymous_role = "viewer"
 """
 
 
-def suffer(project: Path, bench: SimulatedCameras, data: Path, seconds: float, calm_s: float) -> Seen:
-    """Let it run, then break something every now and then, mend it, and keep what the page is shown."""
-    seen, chance = Seen(), random.Random(7)
+def run_with_faults(
+    project: Path, bench: SimulatedCameras, data: Path, seconds: float, calm_s: float
+) -> Observations:
+    """Run the program, cause and clear faults periodically, and record the data served to the page."""
+    observed, chance = Observations(), random.Random(7)
     began = time.monotonic()
     program = _start(project)
     fault_at = max(60.0, calm_s)
     while (now := time.monotonic() - began) < seconds:
-        _look(seen, now, program.pid)
+        _sample(observed, now, program.pid)
         if now > fault_at and now < seconds - 60:
-            kind = FAULTS[len(seen.faults) % len(FAULTS)]
-            seen.faults.append((now, kind))
-            program = _fault(kind, program, project, bench, data, chance)
+            kind = FAULTS[len(observed.faults) % len(FAULTS)]
+            observed.faults.append((now, kind))
+            program = _cause_fault(kind, program, project, bench, data, chance)
             fault_at = time.monotonic() - began + chance.uniform(20, 40)
         time.sleep(SAMPLE_S)
-    _look(seen, seconds, program.pid)
+    _sample(observed, seconds, program.pid)
     program.send_signal(signal.SIGINT)
     program.wait(60)
-    return seen
+    return observed
 
 
-def _fault(
+def _cause_fault(
     kind: str,
     program: subprocess.Popen[bytes],
     project: Path,
@@ -146,7 +147,7 @@ def _fault(
     data: Path,
     chance: random.Random,
 ) -> subprocess.Popen[bytes]:
-    """Break one thing for some seconds; the program that runs afterwards."""
+    """Cause one fault for some seconds; return the program that runs afterwards."""
     names = list(bench.devices)
     if kind in ("camera", "core"):
         name = names[0] if kind == "core" else chance.choice(names[1:])
@@ -175,29 +176,29 @@ def _start(project: Path) -> subprocess.Popen[bytes]:
         return subprocess.Popen(words, stdout=log, stderr=log)
 
 
-def _look(seen: Seen, now: float, process: int) -> None:
-    """What a client of the page's interface sees: acknowledged records, alarms; and the process's memory."""
+def _sample(observed: Observations, now: float, process: int) -> None:
+    """Sample the records and alarms of the page's interface, and the process's memory."""
     with contextlib.suppress(OSError):
         pages = Path(f"/proc/{process}/statm").read_text().split()[1]
-        seen.rss_mib.append((now, process, int(pages) * 4096 / 2**20))
+        observed.rss_mib.append((now, process, int(pages) * 4096 / 2**20))
     try:
-        after = max(seen.records, default=0)
+        after = max(observed.records, default=0)
         now_ms = time.time_ns() // 10**6 + 60_000
-        for record in _asked(f"records?since_ms=0&until_ms={now_ms}&limit=1000&after={after}"):
-            seen.records[record["number"]] = record
-        seen.alarms |= {alarm["name"] for alarm in _asked("state")["alarms"] if alarm["state"] != "clear"}
+        for record in _get(f"records?since_ms=0&until_ms={now_ms}&limit=1000&after={after}"):
+            observed.records[record["number"]] = record
+        observed.alarms |= {alarm["name"] for alarm in _get("state")["alarms"] if alarm["state"] != "clear"}
     except (OSError, ValueError):
-        seen.unanswered += 1
+        observed.unanswered += 1
 
 
-def _asked(what: str) -> Any:
+def _get(what: str) -> Any:
     with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/api/{what}", timeout=5) as answer:
         return json.load(answer)
 
 
 @dataclass
 class Encoder:
-    """What the simulated cameras' counter stands at, by their own file of instants."""
+    """The counter of the simulated cameras, from their file of instants."""
 
     folder: Path
     counts: list[int]
@@ -205,14 +206,14 @@ class Encoder:
 
     @property
     def position_mm(self) -> float:
-        """Of the newest instant."""
+        """Belt position of the newest instant."""
         (number,) = struct.unpack("<q", (self.folder / "instants").read_bytes()[:8])
         rounds, index = divmod(number, len(self.counts))
         return (self.counts[index] + rounds * self.around) * MM_PER_COUNT
 
 
-def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
-    """The ledger against the encoder, and against what was shown."""
+def assess(data: Path, observed: Observations, counted_mm: float) -> dict[str, Any]:
+    """Compare the ledger with the encoder and with the records served to the page."""
     historian = Historian(data, HistorySettings(reserve_mib=8))
     records, after = [], 0
     while page := historian.records(0, 1 << 62, 5000, after):
@@ -224,7 +225,7 @@ def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
     first = next(r for r in records if r.strip is not None and math.isfinite(r.strip.belt_position_mm))
     view = first.belt_mm[1] - first.strip.belt_position_mm
     return {
-        "minutes": seen.rss_mib[-1][0] / 60,
+        "minutes": observed.rss_mib[-1][0] / 60,
         "records": len(records),
         "runs": len({record.run for record in records}),
         "numbers_follow": all(b.number == a.number + 1 for a, b in pairwise(records)),
@@ -237,24 +238,24 @@ def judged(data: Path, seen: Seen, counted_mm: float) -> dict[str, Any]:
         "view_ahead_of_encoder_mm": view,
         "volume_m3": totals.volume_mm3 * 1e-9,
         "sum_of_records_m3": sum(r.volume_mm3 for r in records) * 1e-9,
-        "shown": len(seen.records),
-        "shown_and_lost": sorted(set(seen.records) - set(kept)),
+        "shown": len(observed.records),
+        "shown_and_lost": sorted(set(observed.records) - set(kept)),
         "shown_and_changed": [
             n
-            for n, shown in seen.records.items()
+            for n, shown in observed.records.items()
             if n in kept and abs(shown["to_m"] * 1000 - kept[n].belt_mm[1]) > 1e-6
         ],
-        "alarms": sorted(seen.alarms),
-        "faults": seen.faults,
-        "unanswered": seen.unanswered,
-        "memory_mib": _memory(seen.rss_mib),
-        "memory": seen.rss_mib,
+        "alarms": sorted(observed.alarms),
+        "faults": observed.faults,
+        "unanswered": observed.unanswered,
+        "memory_mib": _memory(observed.rss_mib),
+        "memory": observed.rss_mib,
     }
 
 
 def _memory(samples: list[tuple[float, int, float]]) -> list[dict[str, float]]:
-    """Of each process that lived ten minutes, less the first two: medians of first and last tenth, the most."""
-    told = []
+    """Return, per process of at least ten minutes and without its first two, start, end and peak memory."""
+    rows = []
     for process in dict.fromkeys(number for _, number, _ in samples):
         own = [(now, mib) for now, number, mib in samples if number == process]
         settled = [mib for now, mib in own if now > own[0][0] + 120]
@@ -263,13 +264,13 @@ def _memory(samples: list[tuple[float, int, float]]) -> list[dict[str, float]]:
         tenth = max(1, len(settled) // 10)
         first, last = median(settled[:tenth]), median(settled[-tenth:])
         minutes = (own[-1][0] - own[0][0]) / 60
-        told.append({"minutes": minutes, "first": first, "last": last, "most": max(settled)})
-    return told
+        rows.append({"minutes": minutes, "first": first, "last": last, "most": max(settled)})
+    return rows
 
 
 @contextlib.contextmanager
 def _page(picture: Path) -> Iterator[None]:
-    """A browser that keeps the operator's page open."""
+    """Keep the operator's page open in a browser."""
     script = Path(__file__).with_name("open_page.py")
     words = [sys.executable, str(script), f"http://127.0.0.1:{PORT}/", str(picture)]
     browser = subprocess.Popen(words, stdin=subprocess.PIPE)

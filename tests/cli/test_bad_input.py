@@ -1,4 +1,4 @@
-"""What goes wrong is one line on standard error that names file, value and mend; what survives is a warning."""
+"""A bad input is one line on standard error with file, value and fix; a tolerable one is a warning."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_a_board_toml_of_another_charuco_board(calibrate, two_images, change, bo
     )  # fmt: skip
 
 
-def test_a_chessboard_where_a_charuco_board_was_told_of(calibrate, chessboard_capture):
+def test_chessboard_instead_of_the_described_charuco_board(calibrate, chessboard_capture):
     Path("chess").symlink_to(chessboard_capture.folder)
     assert calibrate(capture="chess") == (
         2,
@@ -177,7 +177,7 @@ def test_a_chessboard_of_another_grid(calibrate, chessboard_capture):
     )
 
 
-def test_a_charuco_board_where_a_chessboard_was_told_of(calibrate, two_images):
+def test_charuco_board_instead_of_the_described_chessboard(calibrate, two_images):
     assert calibrate(board=CHESSBOARD) == (
         2,
         [

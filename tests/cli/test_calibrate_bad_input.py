@@ -87,7 +87,7 @@ def test_a_wrong_scale_is_measured_on_the_squares(checked, own):
     assert "moved" not in out  # the scale explains it all
 
 
-def test_the_right_board_is_not_doubted(checked):
+def test_correct_board_causes_no_finding(checked):
     code, out, lines = checked(BOARD, {})
     assert (code, lines) == (0, [])
     assert out.startswith("4 frames, ")
@@ -103,7 +103,7 @@ def test_a_board_described_otherwise_is_stated(checked):
     assert "in doubt" not in out
 
 
-def test_the_check_of_the_python_face_says_the_same(tmp_path, charuco_capture):
+def test_python_check_reports_the_same(tmp_path, charuco_capture):
     wrong = charuco_capture.board.model_copy(update={"square_mm": 44.0})
     found = check(str(charuco_capture.folder), charuco_capture.rig, wrong, Silent())
     assert found.scale == pytest.approx(40 / 44, rel=1e-3)

@@ -28,7 +28,7 @@ def parsed(*words: str):
     return parser.parse_args(words)
 
 
-def test_the_summary_says_what_one_must_write_into_the_settings():
+def test_summary_states_the_required_settings():
     text = cameras.summary({"cameras": [FOUND], "check": {"cam0": "", "cam1": "no camera 10.0.0.9 answers"}})
     assert "Basler-21730563" in text
     assert "192.168.10.11" in text
@@ -37,11 +37,11 @@ def test_the_summary_says_what_one_must_write_into_the_settings():
     assert "no camera 10.0.0.9 answers" in text
 
 
-def test_the_summary_without_cameras_says_the_mend():
+def test_summary_without_cameras_states_the_fix():
     assert "power, cables" in cameras.summary({"cameras": [], "check": {}})
 
 
-def test_a_project_without_cameras_is_told(tmp_path, monkeypatch):
+def test_project_without_cameras_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("beltscape.sources.genicam.aravis.find_cameras", list)
     (tmp_path / "project.toml").write_text("[web]\n")
     with pytest.raises(InputError, match=r"it has no table \[cameras\]"):

@@ -31,7 +31,7 @@ def users(monkeypatch, *words: str, said: str = "") -> int:
     return program.main(["users", *words])
 
 
-def test_users_come_and_go(monkeypatch, capsys):
+def test_users_are_added_and_removed(monkeypatch, capsys):
     add = ("add", "project.toml", "Anna", "--role=engineer", "--password-stdin")
     assert users(monkeypatch, *add, said=PASSWORD + "\n") == 0
     assert users(monkeypatch, "add", "kept", "bert", "--role=viewer", "--password-stdin", said=PASSWORD) == 0

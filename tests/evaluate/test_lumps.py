@@ -57,7 +57,7 @@ def test_the_truth_itself_is_perfect():
     assert one.size_bias == one.size_error == one.size_iqr == 0
 
 
-def test_what_was_missed_or_made_up_counts():
+def test_missed_and_false_lumps_are_counted():
     labels = np.where(squares() == 0, 1, 0)
     labels[180:215, 180:235] = 2  # nothing is there
     one = score(labels, [lump(1, 80.0), lump(2, 65.0)])
@@ -76,7 +76,7 @@ def test_three_parts_match_nothing_and_a_shift_costs_iou():
     assert found.iou[found.rock == 0] == pytest.approx(60 / 90)
 
 
-def test_sizes_are_judged_on_what_is_seen_whole():
+def test_sizes_are_scored_on_fully_visible_rocks():
     labels = np.where(squares() < 3, squares() + 1, 0)
     one = score(labels, [lump(1, 88.0), lump(2, 20.0, occluded=True), lump(3, 7.0, cut=True)])
     assert (one.sized, one.all_sized) == (1, 2)
@@ -84,7 +84,7 @@ def test_sizes_are_judged_on_what_is_seen_whole():
     assert one.all_bias == pytest.approx((0.1 - 0.5) / 2)
 
 
-def test_only_the_region_is_judged():
+def test_only_the_region_is_scored():
     labels = np.where(squares() == 0, 1, 0)
     region = np.zeros(labels.shape, bool)
     region[:95, :95] = True

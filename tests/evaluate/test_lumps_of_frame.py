@@ -61,7 +61,7 @@ def test_the_true_depth_shows_all_and_a_frame_what_it_measured(folders, capsys):
     assert (matched["rocks_over"], matched["recall_over"]) == (1, 0)
 
 
-def test_it_is_told_in_a_few_lines(folders, capsys):
+def test_summary_has_a_few_lines(folders, capsys):
     truth, frame = folders
     assert main(["evaluate", "lumps", str(frame), "--truth", str(truth), "--over", "500"]) == 0
     said = capsys.readouterr().out

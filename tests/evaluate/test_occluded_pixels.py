@@ -30,7 +30,7 @@ def bar_before_a_wall() -> np.ndarray:
     return depth
 
 
-def test_what_the_bar_hides_and_what_lies_out_of_view():
+def test_occluded_and_out_of_view_pixels_are_masked():
     hidden = occluded_mask(rig(100), bar_before_a_wall(), load())
     expected = np.zeros(SIZE[0], bool)
     expected[:30] = True  # left of the auxiliary's image
@@ -39,7 +39,7 @@ def test_what_the_bar_hides_and_what_lies_out_of_view():
     assert not different[np.r_[0:29, 32:68, 72:88, 92:200]].any()  # a cast pixel is two wide
 
 
-def test_two_auxiliaries_hide_only_what_is_hidden_from_both():
+def test_pixels_visible_in_one_auxiliary_are_not_occluded():
     hidden = occluded_mask(rig(100, -100), bar_before_a_wall(), load())
     assert not hidden[:, 32:168].any()
     assert not hidden[:, 100:120].any()

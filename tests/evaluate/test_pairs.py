@@ -87,7 +87,7 @@ def test_across_the_line_is_the_calibrations_error_and_along_the_matchers(pair):
     )
 
 
-def test_a_turned_camera_is_turned_back(pair):
+def test_pose_fit_recovers_a_rotated_camera(pair):
     moved = Pose.of([0.004, -0.02, 0.003], [0.0, 0.0, 0.0]) @ POSE
     # two planes: one alone does not tell turn from shift well
     rays = CAMERAS["a"].undistort(pair.core_px)
@@ -163,7 +163,7 @@ def test_every_share_counts_what_it_says_in_px(steps):
     assert steps.score(depth, region).within_half_px == 1
 
 
-def test_what_the_post_hides_or_the_image_ends_is_not_seen_by_both(steps):
+def test_occluded_and_outside_pixels_are_not_covisible(steps):
     seen = steps.covisible_mask()[0]
     hidden = np.flatnonzero(~seen)
     # wall at u is hidden where u - 4 = post's u' - 10, u' = 20…23; u < 4 leaves the right image

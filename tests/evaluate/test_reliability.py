@@ -16,7 +16,7 @@ def depth_map(z: np.ndarray) -> DepthMap:
     return DepthMap(z.astype(np.float32), ones, ones.astype(np.uint8), ones)
 
 
-def test_false_fill_counts_depth_where_nothing_was_seen():
+def test_false_fill_counts_depth_at_occluded_pixels():
     z = np.full((4, 5), 700.0)
     z[0, :3] = np.nan
     hidden = np.zeros((4, 5), bool)
@@ -25,7 +25,7 @@ def test_false_fill_counts_depth_where_nothing_was_seen():
     assert np.isnan(compute_false_fill(depth_map(z), np.zeros((4, 5), bool)))
 
 
-def test_sigma_ratios_tell_where_sigma_is_too_small():
+def test_sigma_ratios_reveal_too_small_sigma():
     rng = np.random.default_rng(3)
     sigma = rng.uniform(0.1, 1.0, 50_000)
     actual = np.where(sigma < 0.28, 2 * sigma, sigma)  # the most certain fifth is too sure

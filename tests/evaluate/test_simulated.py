@@ -1,4 +1,4 @@
-"""The truth's files in both layouts: depth, regions, what no auxiliary sees; what is wrong is said in one line."""
+"""The truth's files in both layouts: depth, regions and occluded pixels; faults are one line."""
 
 from __future__ import annotations
 

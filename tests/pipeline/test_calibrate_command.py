@@ -30,7 +30,7 @@ def calibrate(run, capture, out, *words):
     )
 
 
-def test_frames_of_another_instant_are_found_and_said(run, boards, tmp_path):
+def test_frames_of_another_instant_are_reported(run, boards, tmp_path):
     files = sorted((boards / "cam1").iterdir())
     data = [path.read_bytes() for path in files]
     for path, content in zip(files, data[1:] + data[:1], strict=True):
@@ -43,7 +43,7 @@ def test_frames_of_another_instant_are_found_and_said(run, boards, tmp_path):
     assert list(read_rig(tmp_path / "out" / "rig.json").cameras) == ["cam0", "cam2"]
 
 
-def test_mirrored_images_are_found_and_said(run, boards, tmp_path):
+def test_mirrored_images_are_reported(run, boards, tmp_path):
     for path in (boards / "cam2").iterdir():
         cv2.imwrite(str(path), np.ascontiguousarray(read_image(path)[:, ::-1]))
     code, out, _ = calibrate(run, boards, tmp_path / "out")
@@ -52,7 +52,7 @@ def test_mirrored_images_are_found_and_said(run, boards, tmp_path):
     assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in warnings
 
 
-def test_a_square_given_in_centimetres_is_doubted(run, boards, tmp_path):
+def test_square_given_in_centimetres_is_questioned(run, boards, tmp_path):
     board = tmp_path / "board.toml"
     text = (DEMO / "board.toml").read_text()
     board.write_text(text.replace("34.0", "3.4").replace("25.0", "2.5"))
@@ -70,7 +70,17 @@ def test_given_intrinsics_are_held(run, boards, tmp_path):
     truth, found = read_rig(TRUE_RIG), read_rig(tmp_path / "out" / "rig.json")
     for name in CAMERAS:
         np.testing.assert_array_equal(found.cameras[name].focal_px, truth.cameras[name].focal_px)
-    assert parse_json(out)["cameras"]["cam0"]["held"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
+    assert parse_json(out)["cameras"]["cam0"]["held"] == [
+        "fx",
+        "fy",
+        "cx",
+        "cy",
+        "k1",
+        "k2",
+        "p1",
+        "p2",
+        "k3",
+    ]
 
 
 def test_report_and_rig_are_the_same_twice(run, boards, tmp_path):

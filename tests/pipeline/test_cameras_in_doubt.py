@@ -1,4 +1,4 @@
-"""Captures whose rig is not theirs: cameras are named, left out, or the result is refused or marked."""
+"""Captures with a rig that does not fit: cameras are named or excluded, or the result is refused or marked."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_a_belt_goes_on_as_soon_as_its_cameras_agree_again():
     assert not matcher.is_inconsistent
 
 
-def test_a_narrow_box_says_so_and_its_sigma_holds_the_rest(run, tmp_path):
+def test_narrow_box_causes_a_warning_and_a_larger_sigma(run, tmp_path):
     reconstruct(run, TRUE_RIG, tmp_path / "empty", "belt_empty")
     reconstruct(run, TRUE_RIG, tmp_path / "r")
     frame = read_frame(tmp_path / "r" / "000")

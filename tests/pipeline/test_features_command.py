@@ -16,7 +16,7 @@ from beltscape.files.rig_json import write_rig
 from beltscape.stereo.pointcloud.cloud import cloud_from_depth
 from report.layout import text_faults
 from synthetic.demo import parse_json
-from synthetic.modules import DepthCameraView, module_pose, module, rig
+from synthetic.modules import DepthCameraView, module, module_pose, rig
 
 TOML = """
 name = "laboratory"

@@ -1,4 +1,4 @@
-"""A told direction or an encoder that the material contradicts is refused with the fix; nothing else is accused."""
+"""A given direction or encoder is refused with the fix if the material contradicts it, and only then."""
 
 from __future__ import annotations
 
@@ -79,9 +79,11 @@ def test_a_sound_or_slipping_encoder_is_not_refused(factor: float) -> None:
     assert not reporter.warnings
 
 
-def test_neither_an_empty_belt_nor_an_ambiguous_one_accuses() -> None:
+def test_empty_or_ambiguous_belt_is_no_contradiction() -> None:
     require_consistent_motion(meter_with("-y", [], None), "-y", None, done=True)
-    require_consistent_motion(meter_with("-y", [STEP_MM] * 9, [STEP_MM] * 9, clear=False), "-y", ENCODER, done=True)
+    require_consistent_motion(
+        meter_with("-y", [STEP_MM] * 9, [STEP_MM] * 9, clear=False), "-y", ENCODER, done=True
+    )
     require_consistent_motion(meter_with("-y", [STEP_MM] * 2, [STEP_MM] * 2), "-y", ENCODER, done=True)
 
 
@@ -96,7 +98,7 @@ def test_a_belt_that_rolls_back_at_first_is_not_refused_before_the_end() -> None
     assert "against +y in 4 of 13 frame pairs" in reporter.warnings[0]
 
 
-def test_registrations_by_chance_beyond_the_encoders_step_accuse_nobody() -> None:
+def test_chance_registrations_beyond_the_encoder_step_are_ignored() -> None:
     evidence = MotionEvidence()
     meter = meter_with("+y", [], None)
     meter.evidence = evidence
@@ -105,7 +107,7 @@ def test_registrations_by_chance_beyond_the_encoders_step_accuse_nobody() -> Non
     require_consistent_motion(meter, "+y", ENCODER, done=True)
 
 
-def test_the_statement_says_what_the_direction_rests_on() -> None:
+def test_statement_names_the_evidence_of_the_direction() -> None:
     meter = meter_with("+y", [STEP_MM] * 5, None)
     assert describe_motion(meter, "+y") == (
         "towards +y as told and as the material moves in 5 of 5 frame pairs"

@@ -32,7 +32,9 @@ def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) 
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_without_a_density_there_is_no_mass(tmp_path: Path, timed: bool) -> None:
-    result = write_flow_result(tmp_path, measured(make_unknown_density(), timed=timed), make_unknown_density(), ())
+    result = write_flow_result(
+        tmp_path, measured(make_unknown_density(), timed=timed), make_unknown_density(), ()
+    )
     text = summary(result)
     assert "mass" not in text
     assert not re.search(r"\bnan\b", text, re.IGNORECASE)
@@ -50,7 +52,7 @@ def test_with_a_density_there_is(tmp_path: Path) -> None:
     assert "mass" in summary(result)
 
 
-def test_the_summary_states_what_the_direction_rests_on(tmp_path: Path) -> None:
+def test_summary_names_the_evidence_of_the_direction(tmp_path: Path) -> None:
     result = write_flow_result(tmp_path, measured(make_unknown_density()), make_unknown_density(), ())
     evidence = result["motion_evidence"]
     assert evidence["pairs_towards_plus_y"] == evidence["encoder_agrees"] >= 5
@@ -58,7 +60,9 @@ def test_the_summary_states_what_the_direction_rests_on(tmp_path: Path) -> None:
 
 
 def test_of_an_empty_belt_the_direction_is_unknown(tmp_path: Path) -> None:
-    result = write_flow_result(tmp_path, measured(make_unknown_density(), heap=None), make_unknown_density(), ())
+    result = write_flow_result(
+        tmp_path, measured(make_unknown_density(), heap=None), make_unknown_density(), ()
+    )
     assert result["direction"] is None
     assert "direction unknown" in summary(result)
     assert not re.search(r"\bnan\b", summary(result), re.IGNORECASE)

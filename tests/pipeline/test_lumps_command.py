@@ -34,7 +34,7 @@ def frames(tmp_path_factory):
     return folder, solids
 
 
-def test_answers_and_writes_what_it_says(run, frames, tmp_path):
+def test_answer_and_files_agree(run, frames, tmp_path):
     folder, solids = frames
     out = tmp_path / "out"
     code, text, _ = run(

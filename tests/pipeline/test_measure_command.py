@@ -41,7 +41,9 @@ def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):
 def test_volumes_of_neighbouring_boxes_add_up(run, small_frames):
     words = ("measure", "volume", small_frames / "belt_loaded" / "000")
     words += ("--empty", small_frames / "belt_empty" / "000", "--across", -300, 300, "--json")
-    parts = [parse_json(run(*words, "--along", a, b)[1])["volume_mm3"] for a, b in ((-120, -7.3), (-7.3, 120))]
+    parts = [
+        parse_json(run(*words, "--along", a, b)[1])["volume_mm3"] for a, b in ((-120, -7.3), (-7.3, 120))
+    ]
     whole = parse_json(run(*words, "--along", -120, 120)[1])["volume_mm3"]
     assert sum(parts) == pytest.approx(whole, rel=2e-3)
 

@@ -121,7 +121,7 @@ def test_goes_on_to_the_next_frame(run, capture, tmp_path):
     assert any("001.png: not a readable image" in line for line in warnings(err))
 
 
-def test_says_that_a_view_is_overexposed(run, capture, tmp_path):
+def test_overexposed_view_causes_a_warning(run, capture, tmp_path):
     folder = capture("module")
     image = read_image(folder / "cam1" / "000.png")
     image[: image.shape[0] // 2] = 255
@@ -133,7 +133,7 @@ def test_says_that_a_view_is_overexposed(run, capture, tmp_path):
     ]
 
 
-def test_says_that_hardly_anything_was_measured(run, capture, tmp_path):
+def test_low_coverage_causes_a_warning(run, capture, tmp_path):
     folder = capture("module")
     for path in folder.glob("*/*.png"):
         image = read_image(path)

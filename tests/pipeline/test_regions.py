@@ -46,7 +46,7 @@ def test_draws_the_cameras_that_were_used(run, tmp_path):
     assert all((np.abs(half - RINGED).max(axis=2) < 30).sum() > 200 for half in halves)
 
 
-def test_dots_without_markers_are_nothing_to_warn_of(run, capture, tmp_path):
+def test_pattern_without_markers_causes_no_warning(run, capture, tmp_path):
     folder = capture("module")
     for path in sorted(folder.glob("*/*.png")):
         write_image(path, covered(read_image(path)))
@@ -72,7 +72,7 @@ def test_draws_the_first_frame_that_is_measured(run, capture, tmp_path):
 
 
 @pytest.mark.parametrize("missing", ["core", "auxiliary", "agreement"])
-def test_one_camera_alone_is_no_evidence(missing, tmp_path):
+def test_markers_in_one_camera_only_are_ignored(missing, tmp_path):
     rig = read_rig(TRUE_RIG)
     core, aux = (read_image(DEMO / "belt_empty" / name / "000.png") for name in ("cam0", "cam1"))
     path = tmp_path / "regions.png"

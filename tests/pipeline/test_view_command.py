@@ -129,14 +129,14 @@ def test_large_clouds_are_thinned(run, frames, tmp_path, monkeypatch):
     assert frame["spacing"] == pytest.approx(2 * 3.04, rel=0.3)
 
 
-def test_rerun_that_is_not_there_is_said_in_one_line(run, frames, monkeypatch):
+def test_missing_rerun_is_one_line(run, frames, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     code, _, error = run("view", frames, "--rerun")
     assert code == 2
     assert error == ["beltscape: --rerun: rerun-sdk is not installed; pip install 'beltscape[viewer]'"]
 
 
-def test_rerun_is_told_everything(run, frames, tmp_path, monkeypatch):
+def test_rerun_receives_all_contents(run, frames, tmp_path, monkeypatch):
     logged = []
 
     class Stream:

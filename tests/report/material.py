@@ -11,7 +11,7 @@ from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
 from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.pose import Pose
 from beltscape.measure.flow.meter import Step
-from beltscape.measure.flow.motion.belt_motion import Place
+from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.records.totals import FlowTotals
 from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
@@ -22,7 +22,7 @@ from beltscape.report.measuring.flow import FlowReport, render_flow_page
 from beltscape.report.measuring.lumps import render_lumps_page
 from beltscape.report.planning.plan import render_plan_page
 from evaluate.test_page import paper
-from synthetic.packings import camera, ellipsoids, seen
+from synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 LIMIT_MM = 62.0
 
@@ -36,8 +36,8 @@ def plan() -> Plan:
 def lumps():
     """(lumps, depth, picture): of 20, three quarters large enough to be numbered, some over the limit."""
     eye = camera(420, 360, 490.0)
-    depth, which = seen(
-        ellipsoids(np.random.default_rng(4), columns=5, rows=4, pitch_mm=84, largest_mm=40),
+    depth, which = render_depth_map(
+        make_ellipsoids(np.random.default_rng(4), columns=5, rows=4, pitch_mm=84, largest_mm=40),
         eye,
         noise_mm=0.05,
     )
@@ -67,7 +67,7 @@ def flow(count: int = 24) -> FlowReport:
         for k in range(count)
     )  # fmt: skip
     steps = tuple(
-        Step(r.frame, Place(200.0 * k, 0.1, "material", 0.2 * k, 202.0 * k), None)
+        Step(r.frame, BeltPosition(200.0 * k, 0.1, "material", 0.2 * k, 202.0 * k), None)
         for k, r in enumerate(records)
     )
     rows, columns = 20 * count, 60

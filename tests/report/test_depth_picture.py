@@ -52,7 +52,7 @@ def test_an_error_has_its_colour_and_what_is_missing_too():
     assert np.abs(halved[15] - DIFFERENCE[191]).max() <= 2
 
 
-def test_without_a_limit_the_usual_errors_are_told_apart():
+def test_default_limit_resolves_typical_errors():
     noise = np.random.default_rng(0).normal(0, 0.03, SIZE[::-1])
     z = flat() + noise
     z[:3] += 50  # gross errors do not set the scale
@@ -61,7 +61,7 @@ def test_without_a_limit_the_usual_errors_are_told_apart():
     assert (picture[3:] == DIFFERENCE[[0, -1], None, None]).all(axis=-1).any(axis=0).mean() < 0.01
 
 
-def test_honesty_is_the_error_in_sigma():
+def test_reliability_picture_shows_the_error_in_sigma():
     z = flat()
     z[50:] += 0.4
     picture = body(make_reliability_panel(depth_map(z, 0.1), flat()))
@@ -74,7 +74,7 @@ def test_another_grid_is_refused():
         make_error_panel(depth_map(flat()), np.zeros((3, 4)))
 
 
-def test_views_and_confidence_are_told_by_colours():
+def test_views_and_confidence_have_distinct_colours():
     z = flat()
     z[:20] = np.nan
     views, confidence = body(make_views_panel(depth_map(z))), body(make_confidence_panel(depth_map(z)))
@@ -89,7 +89,7 @@ def test_views_and_confidence_are_told_by_colours():
         assert (legend == color).all(axis=1).sum() >= 16
 
 
-def test_sigma_is_told_by_decades():
+def test_sigma_scale_is_logarithmic():
     sigma = np.geomspace(0.01, 1, SIZE[0], dtype=np.float32)[None].repeat(SIZE[1], axis=0)
     depth = depth_map(flat())
     picture = body(make_sigma_panel(DepthMap(depth.depth_mm, sigma, depth.views, depth.confidence)))

@@ -48,7 +48,7 @@ def test_a_browser_shows_all_of_it(made):
 
 
 @needs_browser
-def test_a_bad_page_is_found_out():
+def test_layout_check_detects_a_bad_page():
     wide = Chart('<svg viewBox="0 0 800 50"><text x="5" y="20" font-size="9">small</text></svg>', "", "")
     bare = render("Bad", "", [Section("s", "", [wide])])
     bare = bare.replace(".chart .wide { display: none; }", "").replace(
@@ -186,7 +186,7 @@ def test_the_lumps_legend_has_the_colours_of_the_picture():
     assert OVERSIZE in [color for _, color in key.entries]
 
 
-def test_dark_is_sure_everywhere():
+def test_dark_means_certain_on_every_scale():
     """σ small and confidence high have the same colour, and the scale says so."""
     np.testing.assert_array_equal(CERTAINTY, UNCERTAINTY[::-1])
     for ramp in (UNCERTAINTY, HEIGHT):

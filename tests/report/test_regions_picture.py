@@ -1,4 +1,4 @@
-"""The check picture names every camera and marks what was found."""
+"""The control picture names every camera and marks the detected markers."""
 
 from __future__ import annotations
 

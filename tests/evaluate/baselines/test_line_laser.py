@@ -1,4 +1,4 @@
-"""A line's middle is found below a pixel, and profiles of a simulated laser lie on the surface."""
+"""Line centres are sub-pixel accurate, and profiles of a simulated laser lie on the surface."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_dark_saturated_and_double_lines_are_none():
     assert np.isfinite([found[3], sigma[3]]).all()
 
 
-def test_sigma_is_what_noise_does():
+def test_sigma_equals_the_scatter_by_noise():
     rng = np.random.default_rng(1)
     clean = np.repeat(line(20.3, height=120.0)[:, None], 4000, axis=1).astype(float)
     noise = rng.normal(size=clean.shape) * np.sqrt(0.4**2 + clean / 55)

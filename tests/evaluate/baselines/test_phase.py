@@ -24,14 +24,14 @@ def test_phase_and_modulation_are_exact(steps: int, seed: int):
     np.testing.assert_allclose(found.modulation, 60.0, rtol=1e-9)
 
 
-def test_sigma_is_what_noise_does():
+def test_sigma_equals_the_scatter_by_noise():
     rng = np.random.default_rng(3)
     true = np.full((200, 200), 2.0)
     found = estimate_phase(images_of(true, 4) + rng.normal(0, 1.5, (4, 200, 200)), np.full((200, 200), 1.5))
     assert found.phase.std() == pytest.approx(np.median(found.sigma), rel=0.02)
 
 
-def test_without_modulation_nothing_is_known():
+def test_without_modulation_sigma_is_infinite():
     found = estimate_phase(np.full((4, 1, 1), 50.0), np.ones((1, 1)))
     assert not np.isfinite(found.sigma).any() or found.sigma.min() > 1e6
 

@@ -31,12 +31,12 @@ def test_a_leaning_plane_is_itself():
     np.testing.assert_allclose(points[:, 2], 0.2 * points[:, 0] - 0.1 * points[:, 1], atol=1e-3)
 
 
-def test_nothing_is_laid_across_a_step():
+def test_steps_are_not_bridged():
     points = world_points(scan(lambda x, _: np.where(x > 0, 60.0, 0.0)))
     assert (np.minimum(np.abs(points[:, 2]), np.abs(points[:, 2] - 60)) < 1e-3).all()
 
 
-def test_nothing_is_laid_across_a_gap():
+def test_gaps_are_not_bridged():
     whole, holed = (
         world_points(scan(f)) for f in (lambda x, _: 0 * x, lambda x, _: np.where(x > 0, np.nan, 0))
     )

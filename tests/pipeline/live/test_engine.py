@@ -1,4 +1,4 @@
-"""The engine with its threads, a fake matcher, and a real history: nothing is lost, whatever fails."""
+"""The engine with its threads, a fake matcher and a real history loses no belt, whatever fails."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, make_context, frames
+from synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context
 
 STEP_MM = 60.0
 
 
 class Feed:
-    """A source that gives what it is told; ``pause_s`` between frame sets."""
+    """A source of given frame sets with ``pause_s`` between them."""
 
     cameras = CAMERAS
 
@@ -57,7 +57,7 @@ class Feed:
 
 
 class Watcher:
-    """Keeps what it is shown."""
+    """An observer that keeps the events."""
 
     def __init__(self) -> None:
         self.frames: list[FrameEvent] = []
@@ -154,7 +154,7 @@ def test_records_reach_disk_and_observer_alike(tmp_path: Path) -> None:
     historian.close()
 
 
-def test_a_slow_worker_leaves_frames_out_and_the_ledger_is_whole(tmp_path: Path) -> None:
+def test_slow_worker_drops_frames_and_keeps_the_ledger_complete(tmp_path: Path) -> None:
     class Slow(FakeMatcher):
         def reconstruct(self, frame_set, reporter, *, prior=None):
             time.sleep(0.06)
@@ -176,7 +176,7 @@ def test_a_slow_worker_leaves_frames_out_and_the_ledger_is_whole(tmp_path: Path)
     historian.close()
 
 
-def test_a_driver_that_falls_over_is_told_and_asked_again(tmp_path: Path) -> None:
+def test_source_failure_is_reported_and_the_source_restarted(tmp_path: Path) -> None:
     feed = Feed(track(0, 900), fail_at=6)
     engine, _, historian, parts = engine_of(tmp_path, feed)
     engine.start()
@@ -188,7 +188,7 @@ def test_a_driver_that_falls_over_is_told_and_asked_again(tmp_path: Path) -> Non
     historian.close()
 
 
-def test_what_fails_in_a_frame_is_missing_and_the_next_begins_anew(tmp_path: Path) -> None:
+def test_failed_frame_is_missing_and_measuring_restarts(tmp_path: Path) -> None:
     class Stumbling(FakeMatcher):
         def reconstruct(self, frame_set, reporter, *, prior=None):
             if frame_set.frame == "900.0":
@@ -211,7 +211,7 @@ def test_what_fails_in_a_frame_is_missing_and_the_next_begins_anew(tmp_path: Pat
     historian.close()
 
 
-def test_a_sink_that_refuses_is_asked_again_and_holds_up_nobody(tmp_path: Path) -> None:
+def test_refused_records_are_offered_again_without_delaying_frames(tmp_path: Path) -> None:
     class Moody:
         def __init__(self) -> None:
             self.refusals, self.kept = 2, list[BeltRecord]()
@@ -255,7 +255,7 @@ def test_runs_follow_one_another(tmp_path: Path) -> None:
     again.close()
 
 
-def test_the_queue_gives_the_newest_in_order() -> None:
+def test_queue_keeps_the_newest_frames_in_order() -> None:
     queue = FrameQueue(2)
     for one in track(0, 300):
         queue.put(one)

@@ -1,4 +1,4 @@
-"""Runs, one after the other: every millimetre that the encoder counts is in the ledger once."""
+"""Consecutive runs: every millimetre of the encoder is in the ledger exactly once."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
-from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, make_context, frames, run
+from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 
 STEP_MM = 60.0
 
 
 def measured(state: LedgerState, sets: Sequence, *, killed: bool = False) -> list[BeltRecord]:
-    """What a run leaves in the ledger; one that was killed does not finish, and its state are read back."""
+    """Return the ledger entries of a run; a killed run does not finish."""
     measurement = run(state)
     out = [entry for one in sets for entry in measurement.push(one).entries]
     return out if killed else out + measurement.finish().entries
 
 
 def reopened(entries: Sequence[BeltRecord], run_number: int) -> LedgerState:
-    """As the historian tells it at the next start."""
+    """Return the ledger state that the historian gives at the next start."""
     if not entries:
         return LedgerState(run_number, 0, None)
     last = entries[-1]
@@ -87,7 +87,7 @@ def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:
     assert all(e.cameras == 1 for e in degraded)
 
 
-def test_belt_measured_with_cameras_in_doubt_is_degraded() -> None:
+def test_belt_measured_with_inconsistent_cameras_is_degraded() -> None:
     made = make_context()
     matcher = FakeMatcher()
     chain = FlowChain(matcher, FlowMeter(made.ground, made.flow, density=made.density))
@@ -134,7 +134,7 @@ def test_a_killed_run_leaves_what_was_finished_and_the_rest_is_measured_again() 
     assert sum(e.volume_mm3 for e in entries) + lost == pytest.approx(HEAP.volume_mm3, rel=0.01)
 
 
-def test_an_encoder_that_begins_anew_goes_on_in_the_ledger() -> None:
+def test_encoder_reset_continues_in_the_ledger() -> None:
     sets = [frames(p, 90_000 + p if p < 1500 else p - 1500) for p in places(0, 3000)]
     entries = measured(LedgerState(1, 0, None), sets)
     check(entries)
@@ -146,7 +146,7 @@ def test_an_encoder_that_begins_anew_goes_on_in_the_ledger() -> None:
     assert all(e.standing != "missing" or e.length_mm == 0 for e in entries)
 
 
-def test_an_encoder_anew_after_a_stop_goes_on_in_the_ledger() -> None:
+def test_encoder_reset_between_runs_continues_in_the_ledger() -> None:
     first = measured(LedgerState(1, 0, None), [frames(p, 90_000 + p) for p in places(0, 900)])
     second = measured(reopened(first, 2), [frames(p, p) for p in places(900, 1500)])
     third = measured(reopened([*first, *second], 3), [frames(p, p) for p in places(1500, 2100)])
@@ -163,7 +163,7 @@ def test_without_an_encoder_the_material_counts() -> None:
     assert lengths[0] == pytest.approx(840 + first[0].length_mm, rel=0.02)
 
 
-def test_what_fails_within_is_missing_and_the_rest_goes_on() -> None:
+def test_failure_leaves_a_gap_and_measuring_continues() -> None:
     measurement = run(LedgerState(1, 0, None))
     entries = [entry for p in places(0, 1200) for entry in measurement.push(frames(p, p)).entries]
     with pytest.raises(ValueError, match="could not convert"):
@@ -176,7 +176,7 @@ def test_what_fails_within_is_missing_and_the_rest_goes_on() -> None:
     assert 0 < gap.length_mm < 300 + STEP_MM
 
 
-def test_settling_between_frames_changes_no_record_and_brings_them_earlier() -> None:
+def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
     sets = [frames(p, p) for p in places(0, 2400)]
     plain, settled = run(LedgerState(1, 0, None)), run(LedgerState(1, 0, None))
     late, early, ahead = [], [], 0

@@ -2,8 +2,8 @@
 
 The line centre in each column is the centre of gravity of the counts above a threshold around the brightest pixel,
 which is as accurate as other common methods for lines of two to three pixels (Naidu & Fisher, A comparative
-analysis of algorithms for determining the peak position of a stripe to sub-pixel accuracy, British Machine Vision Conference
-1991, 217-225, doi:10.1007/978-1-4471-1921-0_28).
+analysis of algorithms for determining the peak position of a stripe to sub-pixel accuracy, British Machine Vision
+Conference 1991, 217-225, doi:10.1007/978-1-4471-1921-0_28).
 """
 
 from __future__ import annotations

@@ -118,24 +118,10 @@ def score_lumps(
 ) -> LumpScore:
     """Compare lumps with the truth.
 
-    Parameters
-    ----------
-    found
-        The measured lumps.
-    rock
-        (H, W) number of the rock that each pixel of the core's grid truly shows, -1: none.
-    size_mm, volume_mm3
-        (N,) of the rocks.
-    pixel_mm
-        Width of a pixel on the load.
-    over_mm
-        Size above which a rock is large.
-    smallest_mm
-        Smaller rocks and lumps are left out.
-    region
-        (H, W) bool: pixels to compare, such as those that a matcher can reach; all by default.
-    measured
-        (H, W) bool: pixels with a measured depth; all by default.
+    ``rock`` (H, W) is the number of the rock that each pixel of the core's grid shows, -1: none; ``size_mm`` and
+    ``volume_mm3`` (N,) are the rocks'. ``pixel_mm`` is the width of a pixel on the load. Rocks above ``over_mm`` are
+    large; rocks and lumps below ``smallest_mm`` are left out. ``region`` and ``measured`` (H, W) bool are the pixels
+    to compare and those with a measured depth; all by default.
 
     Raises
     ------

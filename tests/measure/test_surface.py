@@ -6,7 +6,7 @@ from belt_scenes import Ball, Scene, depth_map, trough
 from beltscape.core.depth import DepthMap
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.surface import Grid, compute_height_map, compute_sampling
-from beltscape.measure.trust import trusted
+from beltscape.measure.trust import reliable_mask
 
 FLAT = trough(900)
 
@@ -46,7 +46,7 @@ def test_trust_leaves_out_flying_unconfirmed_and_doubtful_pixels() -> None:
     z[50, 60] -= 80
     views[100:110, 100:110] = 1
     sigma[150:160, 200:210] = 9
-    found = trusted(DepthMap(z, sigma, views, depth.confidence), 2.5, 14.0, 5.0)
+    found = reliable_mask(DepthMap(z, sigma, views, depth.confidence), 2.5, 14.0, 5.0)
     assert not found[50, 60]
     assert not found[100:110, 100:110].any()
     assert not found[150:160, 200:210].any()
@@ -56,4 +56,4 @@ def test_trust_leaves_out_flying_unconfirmed_and_doubtful_pixels() -> None:
 def test_trust_keeps_one_view_where_one_is_all_there_is() -> None:
     depth = depth_map(Scene(FLAT).depth_mm())
     binocular = DepthMap(depth.depth_mm, depth.sigma_mm, np.ones_like(depth.views), depth.confidence)
-    assert trusted(binocular, 2.5, 14.0, 5.0).all()
+    assert reliable_mask(binocular, 2.5, 14.0, 5.0).all()

@@ -1,4 +1,4 @@
-"""A belt that runs past a fake matcher: what a run counts is held against what the encoder said."""
+"""A moving belt in front of a fake matcher, to compare the measured totals with the encoder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.rig import Rig
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
@@ -26,32 +26,34 @@ IMAGE = np.zeros(CAMERA.size_px[::-1], np.uint8)
 
 
 @cache
-def floor() -> Ground:
+def empty_belt() -> EmptyBeltReference:
     return ground()
 
 
 @cache
-def seen(place_mm: float) -> DepthMap:
+def depth_map_at(place_mm: float) -> DepthMap:
     return depth_map(HEAP, place_mm)
 
 
 class FakeMatcher:
-    """Knows where the belt is from the frame's name."""
+    """Returns the depth map of the belt position that the frame's name contains."""
 
     is_inconsistent = False
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
-        return seen(float(frame_set.frame))
+        return depth_map_at(float(frame_set.frame))
 
 
-def bench() -> MeasurementContext:
-    return MeasurementContext(RIG, floor(), FakeMatcher(), FlowSettings(direction="+y"), Density.constant(1500.0))
+def make_context() -> MeasurementContext:
+    return MeasurementContext(
+        RIG, empty_belt(), FakeMatcher(), FlowSettings(direction="+y"), Density.constant(1500.0)
+    )
 
 
 def frames(place_mm: float, position_mm: float | None, *, cameras: tuple[str, ...] = CAMERAS) -> FrameSet:
-    """A frame set taken when the belt had moved so far at 1 m/s; ``position_mm`` is what the encoder says."""
+    """Return a frame set taken after ``place_mm`` of travel at 1 m/s; ``position_mm`` is the encoder's value."""
     return FrameSet(f"{place_mm}", dict.fromkeys(cameras, IMAGE), round(place_mm * 1e6), position_mm)
 
 
 def run(state: LedgerState) -> MeasurementRun:
-    return MeasurementRun(bench(), state, CAMERAS, lambda: 17, Silent())
+    return MeasurementRun(make_context(), state, CAMERAS, lambda: 17, Silent())

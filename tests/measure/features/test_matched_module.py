@@ -19,7 +19,7 @@ from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pointcloud.cloud import undistorted
 from beltscape.target.module import read_module
 from synthetic.demo import DEMO, TRUE_RIG
-from synthetic.modules import Seen, lying, module, rig
+from synthetic.modules import DepthCameraView, module_pose, module, rig
 
 LIMITS_MM = {
     "length": 0.8, "width": 0.8, "edge": 1.2, "diameter": 3.0, "height": 0.05,
@@ -51,7 +51,7 @@ def test_every_dimension_of_the_demo_is_within_its_sigma(preset, radius_mm):
 @pytest.mark.parametrize("reach_px", [-1, 0, 1])
 def test_a_base_by_its_rim_alone_is_honest_however_far_the_matcher_reaches(reach_px):
     """Another preset, or a base as dark as the belt, lets the rim of all edges reach farther or less far, alike."""
-    seen, pose = Seen(module(), lying(12, -8, 25)), lying(12, -8, 25)
+    seen, pose = DepthCameraView(module(), module_pose(12, -8, 25)), module_pose(12, -8, 25)
     depth = seen.depth()
     base = render_nominal_view(module(), pose, rig().core_camera)
     module_px = base.label >= 0

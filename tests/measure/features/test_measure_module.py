@@ -17,7 +17,7 @@ from beltscape.measure.features.face import fit_face
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.pose.nominal import render_nominal_view
 from beltscape.measure.features.result import MeasuredModule
-from synthetic.modules import Seen, lying, module, rig
+from synthetic.modules import DepthCameraView, module_pose, module, rig
 
 FLAT = ("height", "height_difference")
 
@@ -32,7 +32,7 @@ def errors(measured: MeasuredModule, *kinds: str) -> dict[str, float]:
 
 @pytest.fixture(scope="module")
 def exact() -> tuple[DepthMap, np.ndarray]:
-    seen = Seen(module(), lying(12, -8, 25))
+    seen = DepthCameraView(module(), module_pose(12, -8, 25))
     return seen.depth(), seen.brightness()
 
 
@@ -68,8 +68,8 @@ def test_without_an_image_edges_are_those_of_the_depth_map_with_a_wide_sigma(exa
     tilt=st.floats(-4, 4),
 )
 def test_wherever_it_lies_the_dimensions_are_the_same(x, y, turn, tilt):
-    true = lying(x, y, turn, tilt)
-    measured = measure_module(Seen(module(), true).depth(), rig(), module())
+    true = module_pose(x, y, turn, tilt)
+    measured = measure_module(DepthCameraView(module(), true).depth(), rig(), module())
     off = true.inverse() @ measured.core_from_module
     assert np.abs(off.translation_mm).max() < 0.3
     assert off.angle_deg < 0.2
@@ -84,7 +84,7 @@ def test_sizes_are_measured_not_copied_from_nominal():
         {"name": "cube40", "edge_mm": 40, "center_mm": (110, 66)},
     ]
     there = module(cube=larger, sphere=[{"name": "sphere70", "diameter_mm": 71, "center_mm": (90, -45)}])
-    seen = Seen(there, lying(0, 0, -10))
+    seen = DepthCameraView(there, module_pose(0, 0, -10))
     found = errors(measure_module(seen.depth(), rig(), module(), plain=seen.brightness()))
     assert found["cube100 height"] == pytest.approx(0.7, abs=0.002)
     assert found["cube60 height"] == pytest.approx(-0.8, abs=0.002)
@@ -102,7 +102,7 @@ def test_the_base_is_measured_where_cubes_hide_most_of_a_rim():
         {"name": "cube60", "edge_mm": 60, "center_mm": (105, 58)},
     ]
     there = module(cube=tall, cylinder=[])
-    seen = Seen(there, lying(0, 0, 10))
+    seen = DepthCameraView(there, module_pose(0, 0, 10))
     depth = seen.depth()
     step = ndimage.maximum_filter(depth.depth_mm, 7) - ndimage.minimum_filter(depth.depth_mm, 7)
     left = replace(depth, depth_mm=np.where(step > 20, np.float32(np.nan), depth.depth_mm))
@@ -116,7 +116,7 @@ def test_the_base_is_measured_where_cubes_hide_most_of_a_rim():
 def test_what_is_not_there_is_named_and_left_out():
     left = [cube.model_dump() for cube in module().cube if cube.name != "cube60"]
     there = module(cube=left, cylinder=[])
-    measured = measure_module(Seen(there, lying(0, 0, 70)).depth(), rig(), module())
+    measured = measure_module(DepthCameraView(there, module_pose(0, 0, 70)).depth(), rig(), module())
     by_name = {(q.name, q.quantity): q.measured_mm for q in measured.quantities}
     for lost in (("cube60", "height"), ("cube60", "edge"), ("rod", "height"), ("rod", "diameter")):
         assert np.isnan(by_name[lost])
@@ -136,7 +136,7 @@ def test_another_module_is_not_taken_for_this_one():
         base={"size_mm": (230, 180, 10)},
     )
     with pytest.raises(MeasureError, match=r"is this its module\.toml"):
-        measure_module(Seen(other, lying(0, 0, 30)).depth(), rig(), module())
+        measure_module(DepthCameraView(other, module_pose(0, 0, 30)).depth(), rig(), module())
 
 
 def test_a_frame_without_depth_shows_no_module():
@@ -149,7 +149,7 @@ def test_a_frame_without_depth_shows_no_module():
 def test_sigma_of_a_height_is_what_correlated_noise_makes_of_it(exact):
     """The σ of a face's height covers errors that go together over several pixels."""
     depth, camera = exact[0], rig().core_camera
-    view = render_nominal_view(module(), lying(12, -8, 25), camera)
+    view = render_nominal_view(module(), module_pose(12, -8, 25), camera)
     ratios: list[float] = []
     for seed in range(12):
         noise = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=view.label.shape), 2.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground, ground_of
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 
 HEIGHT_MM = 700.0
 SIZE_PX = (180, 150)
@@ -83,7 +83,7 @@ def depth_map(
     )
 
 
-def ground() -> Ground:
+def ground() -> EmptyBeltReference:
     """The empty belt's floor."""
     empty = depth_map(None, 0.0, seed=99)
-    return ground_of(find_belt(empty, CAMERA), CAMERA)
+    return make_reference(find_belt(empty, CAMERA), CAMERA)

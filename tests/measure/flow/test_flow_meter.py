@@ -13,7 +13,7 @@ from flow.moving_belt import Heap, depth_map, ground
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
@@ -26,7 +26,7 @@ PASSED_MM = 1500.0
 
 
 @cache
-def floor() -> Ground:
+def floor() -> EmptyBeltReference:
     return ground()
 
 

@@ -6,7 +6,7 @@ from belt_scenes import Ball, Scene, depth_map, trough
 
 from beltscape.core.errors import InputError
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.measure.flow.periodic_checks import belt_offset, largest_lump
+from beltscape.measure.flow.periodic_checks import measure_belt_offset, measure_largest_lump
 from beltscape.measure.lumps.settings import LumpSettings
 
 TROUGH = trough(300, (190, 25))
@@ -32,33 +32,33 @@ def belt():
 @pytest.mark.parametrize("radius", [22.0, 40.0, 60.0])
 def test_the_largest_lump_is_that(belt, radius):
     scene = Scene(TROUGH, stones(20.0, radius, 21.0, 18.0), floor_mm=-60.0)
-    size, sigma = largest_lump(seen(scene), CAMERA, belt)
+    size, sigma = measure_largest_lump(seen(scene), CAMERA, belt)
     assert abs(size - 2 * radius) < 3 * sigma
     assert sigma < 0.2 * size
 
 
 def test_an_empty_belt_has_none(belt):
-    size, sigma = largest_lump(seen(EMPTY, 3), CAMERA, belt)
+    size, sigma = measure_largest_lump(seen(EMPTY, 3), CAMERA, belt)
     assert size == 0
     assert 0 < sigma < 40
 
 
 def test_where_nothing_is_measured_nothing_is_told(belt):
     blind = depth_map(np.full(CAMERA.size_px[::-1], np.nan))
-    assert np.isnan(largest_lump(blind, CAMERA, belt)).all()
-    assert np.isnan(belt_offset(blind, CAMERA, belt)).all()
+    assert np.isnan(measure_largest_lump(blind, CAMERA, belt)).all()
+    assert np.isnan(measure_belt_offset(blind, CAMERA, belt)).all()
 
 
 def test_a_coarser_look_tells_nearly_the_same(belt):
     scene = Scene(TROUGH, stones(40.0, 55.0, 45.0, 50.0), floor_mm=-60.0)
-    fine, _ = largest_lump(seen(scene), CAMERA, belt)
-    coarse, sigma = largest_lump(seen(scene), CAMERA, belt, LumpSettings(raster_pixels=25_000))
+    fine, _ = measure_largest_lump(seen(scene), CAMERA, belt)
+    coarse, sigma = measure_largest_lump(seen(scene), CAMERA, belt, LumpSettings(raster_pixels=25_000))
     assert abs(coarse - fine) < 3 * sigma
 
 
 def test_depth_of_another_camera_is_refused(belt):
     with pytest.raises(InputError, match="give the depth and the rig of one reconstruction"):
-        largest_lump(depth_map(np.full((50, 60), 700.0)), CAMERA, belt)
+        measure_largest_lump(depth_map(np.full((50, 60), 700.0)), CAMERA, belt)
 
 
 @pytest.mark.parametrize("shift_mm", [-15.0, 8.0])
@@ -67,7 +67,7 @@ def test_a_belt_that_runs_off_under_stones_is_told(belt, shift_mm):
     moved = TROUGH.copy()
     moved[0] += [shift_mm, -rise * shift_mm]
     moved[-1] += [shift_mm, rise * shift_mm]
-    offset, sigma = belt_offset(seen(Scene(moved, stones(*RADII), floor_mm=-60.0), 5), CAMERA, belt)
+    offset, sigma = measure_belt_offset(seen(Scene(moved, stones(*RADII), floor_mm=-60.0), 5), CAMERA, belt)
     assert abs(offset - shift_mm) < 4 * sigma
     assert sigma < 2
 
@@ -75,4 +75,4 @@ def test_a_belt_that_runs_off_under_stones_is_told(belt, shift_mm):
 def test_a_belt_whose_ends_are_not_seen_has_no_offset():
     closed = Scene(TROUGH)
     alone = learn_belt([seen(closed)], CAMERA)
-    assert np.isnan(belt_offset(seen(Scene(TROUGH, stones(*RADII))), CAMERA, alone)).all()
+    assert np.isnan(measure_belt_offset(seen(Scene(TROUGH, stones(*RADII))), CAMERA, alone)).all()

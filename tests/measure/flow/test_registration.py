@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.high_pass import Relief, relief
+from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
 from beltscape.measure.flow.motion.registration import register
 
 HEAP = Heap(start_mm=-1500, end_mm=1500)
@@ -18,9 +18,9 @@ GROUND = ground()
 OVERLAP = 0.12
 
 
-def seen(place_mm: float, heap: Heap | None = HEAP) -> Relief:
+def seen(place_mm: float, heap: Heap | None = HEAP) -> HighPassHeights:
     height = GROUND.coarse(depth_map(heap, place_mm), 2)
-    return relief(height, 2 * GROUND.cell_mm, GROUND.belt.noise_mm)
+    return compute_high_pass(height, 2 * GROUND.cell_mm, GROUND.belt.noise_mm)
 
 
 @given(st.floats(20, 350), st.floats(-300, 300), st.sampled_from([-1, 1]))
@@ -66,9 +66,11 @@ def test_an_empty_belt_tells_no_motion() -> None:
 def test_a_belt_of_even_ribs_is_ambiguous_unless_one_knows_about_where() -> None:
     x, y = np.meshgrid(np.arange(-150, 150, 4.0), np.arange(-300, 300, 4.0))
 
-    def ribs(moved: float) -> Relief:
+    def ribs(moved: float) -> HighPassHeights:
         noise = 0.2 * np.random.default_rng(round(moved)).normal(size=x.shape)
-        return relief(30 + 5 * np.cos(2 * np.pi * (y - moved) / 60) + np.sin(x / 9) + noise, 4.0, 0.2)
+        return compute_high_pass(
+            30 + 5 * np.cos(2 * np.pi * (y - moved) / 60) + np.sin(x / 9) + noise, 4.0, 0.2
+        )
 
     assert register(ribs(0), ribs(130), least_overlap=OVERLAP) is None
     shift = register(ribs(0), ribs(130), least_overlap=OVERLAP, near_mm=133.0)

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from beltscape.measure.flow.fusion.fuse import fuse
 from beltscape.measure.flow.fusion.layer import Layer
-from beltscape.measure.flow.fusion.rows import BeltPiece, Filler
+from beltscape.measure.flow.fusion.rows import BeltPiece, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 
 
 def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
     """The belt made of so many frames alike."""
     pieces: list[BeltPiece] = []
-    filler = Filler(ground(), FlowSettings(), pieces.append)
+    filler = RowFiller(ground(), FlowSettings(), pieces.append)
     sigma = np.where(np.isfinite(height_mm), np.float32(0.1), np.float32(np.nan))
     share = np.isfinite(height_mm).mean(axis=1)
     layer = Layer(0, height_mm, sigma, sigma, share, np.zeros(len(share)))
@@ -54,7 +54,7 @@ def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> N
     height[:, :8] = height[:, -8:] = 0
     bare = height.copy()
     bare[:, 8:-8] = np.nan
-    filler, rows = Filler(ground(), FlowSettings(), None), []
+    filler, rows = RowFiller(ground(), FlowSettings(), None), []
     gap = round(FlowSettings().margin_mm / ground().cell_mm) + 10
     before = np.concatenate([height, bare[:6]])
     after = np.concatenate([bare[:6], height])

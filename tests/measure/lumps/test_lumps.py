@@ -11,7 +11,7 @@ from beltscape.core.errors import InputError
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.lumps.lumps import FINES, assess_oversize, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
-from synthetic.packings import FLOOR_MM, Solid, camera, depth_map, ellipsoids, seen
+from synthetic.packings import FLOOR_MM, Solid, camera, depth_map, make_ellipsoids, render_depth_map
 
 DEFAULT = LumpSettings()
 
@@ -24,8 +24,8 @@ def nearest(lumps, eye, solid):
 
 @pytest.fixture(scope="module")
 def packed():
-    solids = ellipsoids(np.random.default_rng(5))
-    depth, which = seen(solids, camera(), noise_mm=0.05)
+    solids = make_ellipsoids(np.random.default_rng(5))
+    depth, which = render_depth_map(solids, camera(), noise_mm=0.05)
     return solids, depth, which, measure_lumps(depth, camera(), DEFAULT)
 
 
@@ -66,7 +66,7 @@ def test_boxes_are_lumps():
         for x in (-160, -50, 60, 170)
         for y in (-120, 0, 120)
     ]
-    depth, _ = seen(solids, camera(), noise_mm=0.05)
+    depth, _ = render_depth_map(solids, camera(), noise_mm=0.05)
     lumps = measure_lumps(depth, camera(), DEFAULT)
     assert len(lumps.lumps) == len(solids)
     sizes = [lump.size_mm for lump in lumps.lumps]
@@ -77,14 +77,14 @@ def test_boxes_are_lumps():
 @pytest.mark.parametrize("radius", [8.0, 20.0, 60.0])
 def test_one_lump(radius):
     ball = Solid((10.0, -20.0, FLOOR_MM - 0.8 * radius), (radius, radius, radius))
-    depth, _ = seen([ball], camera())
+    depth, _ = render_depth_map([ball], camera())
     (lump,) = measure_lumps(depth, camera(), DEFAULT).lumps
     assert lump.size_mm == pytest.approx(2 * radius, rel=0.12)
     assert lump.center_mm[:2] == pytest.approx((10.0, 20.0), abs=0.15 * radius)
 
 
 def test_a_plane_has_no_lumps():
-    depth, _ = seen([], camera(), noise_mm=0.2)
+    depth, _ = render_depth_map([], camera(), noise_mm=0.2)
     lumps = measure_lumps(depth, camera(), LumpSettings(oversize_mm=50))
     assert lumps.lumps == ()
     assert not (lumps.labels > 0).any()
@@ -103,7 +103,7 @@ def test_nothing_measured_is_no_lumps():
 def test_of_two_that_overlap_the_lower_one_is_occluded():
     low = Solid((0.0, 0.0, FLOOR_MM - 20), (35, 30, 20))
     high = Solid((38.0, 0.0, FLOOR_MM - 62), (30, 28, 18))
-    depth, _ = seen([low, high], camera())
+    depth, _ = render_depth_map([low, high], camera())
     lumps = measure_lumps(depth, camera(), DEFAULT)
     under, over = (
         nearest(lumps, camera(), replace(low, center_mm=(-15.0, 0.0, 0.0))),
@@ -118,7 +118,7 @@ def test_of_two_that_overlap_the_lower_one_is_occluded():
 def test_a_lump_at_the_rim_of_the_frame_is_cut():
     inside = Solid((0.0, 0.0, FLOOR_MM - 20), (30, 28, 20))
     rim = Solid((297.0, 0.0, FLOOR_MM - 20), (30, 28, 20))
-    depth, _ = seen([inside, rim], camera())
+    depth, _ = render_depth_map([inside, rim], camera())
     lumps = measure_lumps(depth, camera(), DEFAULT)
     assert {lump.cut for lump in lumps.lumps} == {False, True}
     assert nearest(lumps, camera(), rim).cut
@@ -141,7 +141,7 @@ def test_holes_change_little(packed):
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_turning_the_picture_turns_the_lumps(turns):
     eye = camera(500, 500)
-    depth, _ = seen(ellipsoids(np.random.default_rng(2), columns=5), eye, noise_mm=0.05)
+    depth, _ = render_depth_map(make_ellipsoids(np.random.default_rng(2), columns=5), eye, noise_mm=0.05)
     turned = depth_map(np.rot90(depth.depth_mm, turns))
     one, two = (measure_lumps(each, eye, DEFAULT) for each in (depth, turned))
     assert np.mean((np.rot90(one.labels, turns) > 0) == (two.labels > 0)) > 0.999
@@ -153,9 +153,9 @@ def test_turning_the_picture_turns_the_lumps(turns):
 @settings(max_examples=3, deadline=None)
 def test_a_larger_world_has_larger_lumps(scale):
     eye = camera(300, 250, 350.0)
-    solids = ellipsoids(np.random.default_rng(3), columns=4, rows=3, pitch_mm=100, largest_mm=45)
-    one, _ = seen(solids, eye)
-    many, _ = seen(solids, eye, scale=scale)
+    solids = make_ellipsoids(np.random.default_rng(3), columns=4, rows=3, pitch_mm=100, largest_mm=45)
+    one, _ = render_depth_map(solids, eye)
+    many, _ = render_depth_map(solids, eye, scale=scale)
     first, second = (measure_lumps(each, eye, DEFAULT) for each in (one, many))
     assert len(first.lumps) == len(second.lumps) == 12
     for a, b in zip(first.lumps, second.lumps, strict=True):
@@ -173,7 +173,7 @@ def test_the_same_depth_gives_the_same_lumps(packed):
 def test_over_a_known_belt_places_are_the_belts_and_what_is_no_lump_is_fines(packed):
     solids, depth, _, _ = packed
     eye = camera()
-    empty, _ = seen([], eye, noise_mm=0.05)
+    empty, _ = render_depth_map([], eye, noise_mm=0.05)
     belt = find_belt(empty, eye)
     lumps = measure_lumps(depth, eye, DEFAULT, belt)
     assert lumps.frame == "belt"
@@ -188,7 +188,7 @@ def test_over_a_known_belt_places_are_the_belts_and_what_is_no_lump_is_fines(pac
 def test_a_heap_below_the_belt_is_none(packed):
     _, depth, _, _ = packed
     eye = camera()
-    above, _ = seen([], eye, noise_mm=0.05)
+    above, _ = render_depth_map([], eye, noise_mm=0.05)
     belt = find_belt(depth_map(above.depth_mm - 100), eye)
     assert measure_lumps(depth, eye, DEFAULT, belt).lumps == ()
 

@@ -249,7 +249,9 @@ def _number_patches(shape: tuple[int, ...], scale: float) -> NDArray[np.intp]:
     return rows * (shape[1] // side + 1) + columns
 
 
-def _compute_sigma_by_angle(incidence_deg: NDArray[np.float64], sigma: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_sigma_by_angle(
+    incidence_deg: NDArray[np.float64], sigma: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the median σ (N,), mm, of the pixels with about the same angle of incidence (N,)."""
     of = np.clip(incidence_deg // _ANGLE_DEG, 0, _CAP_DEG // _ANGLE_DEG).astype(np.intp)
     medians = [np.median(sigma[of == k]) if (of == k).any() else 1.0 for k in range(int(of.max()) + 1)]

@@ -10,22 +10,27 @@ import numpy as np
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.cut import Cutter
-from beltscape.measure.flow.fusion.buffer import Buffer
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.cut import StripCutter
+from beltscape.measure.flow.fusion.buffer import LayerBuffer
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
-from beltscape.measure.flow.fusion.rows import Filler, Watcher
-from beltscape.measure.flow.motion.belt_motion import AGREE, Motion, Place, Sighting
+from beltscape.measure.flow.fusion.rows import PieceCallback, RowFiller
+from beltscape.measure.flow.motion.belt_motion import (
+    MAX_DISAGREEMENT,
+    BeltMotion,
+    BeltPosition,
+    MotionObservation,
+)
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.evidence import MotionEvidence
-from beltscape.measure.flow.motion.high_pass import Relief, relief
-from beltscape.measure.flow.motion.prediction import Foresight
+from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.measure.flow.motion.registration import Shift, register
-from beltscape.measure.flow.records.density import Density, unknown_density
+from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.records.profile import Profile
 from beltscape.measure.flow.records.strips import Strips
 from beltscape.measure.flow.records.totals import FlowTotals, Sums
-from beltscape.measure.flow.seen import Seen
+from beltscape.measure.flow.seen import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
 
 _COARSE_CELLS = 2
@@ -41,9 +46,9 @@ class Step:
     """How one frame was placed."""
 
     frame: str
-    place: Place
+    place: BeltPosition
     shift: Shift | None
-    """Motion since the key frame as the material tells it."""
+    """BeltMotion since the key frame as the material tells it."""
 
 
 class FlowMeter:
@@ -55,11 +60,11 @@ class FlowMeter:
 
     def __init__(
         self,
-        ground: Ground,
+        ground: EmptyBeltReference,
         settings: FlowSettings | None = None,
         *,
         density: Density | None = None,
-        watch_belt: Watcher | None = None,
+        watch_belt: PieceCallback | None = None,
         watch_step: Callable[[Step], None] | None = None,
         front_mm: float | None = None,
     ) -> None:
@@ -70,21 +75,21 @@ class FlowMeter:
         """
         self.ground = ground
         self.settings = settings or FlowSettings()
-        self.motion = Motion()
+        self.motion = BeltMotion()
         self.evidence = MotionEvidence()
         told = self.settings.direction
         self._direction = 0 if told is None else 1 if told == "+y" else -1
         self._assumed = False
         self._watch_step = watch_step
-        self._waiting: list[Seen] = []
-        self._key_relief: Relief | None = None
+        self._waiting: list[PushedFrame] = []
+        self._key_relief: HighPassHeights | None = None
         self._count = 0
-        self._cutter = Cutter(front_mm)
+        self._cutter = StripCutter(front_mm)
         self._width_mm = ground.belt.across_mm[1] - ground.belt.across_mm[0]
         self._sums = Sums(ground.belt.drift_mm, self._width_mm)
-        self._strips = Strips(self._sums, density or unknown_density())
+        self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(ground.cell_mm, self.settings.bridge_mm)
-        self._buffer = Buffer(ground, self.settings, Filler(ground, self.settings, watch_belt))
+        self._buffer = LayerBuffer(ground, self.settings, RowFiller(ground, self.settings, watch_belt))
 
     @property
     def direction(self) -> int:
@@ -107,13 +112,13 @@ class FlowMeter:
         return self.motion.scale
 
     @property
-    def foresight(self) -> Foresight | None:
+    def prediction(self) -> MotionPrediction | None:
         """How the belt should move on after the last frame; None: not known."""
         motion = self.motion
         if motion.last is None or not self._direction or self._waiting:
             return None
         along = self._direction * self.ground.belt.belt_from_core.rotation[1]
-        return Foresight(along, motion.scale.ratio, motion.speed)
+        return MotionPrediction(along, motion.scale.ratio, motion.speed)
 
     def push(
         self,
@@ -134,8 +139,8 @@ class FlowMeter:
         name = frame or f"{self._count:03d}"
         if depth is not None:
             require_depth_of(self.ground.camera, depth, f"frame {name}")
-            self._sums.widen(depth.systematic_mm)
-        seen = Seen(name, depth, time_ns, clock, position_mm, self._relief(depth), whole)
+            self._sums.add_systematic(depth.systematic_mm)
+        seen = PushedFrame(name, depth, time_ns, clock, position_mm, self._relief(depth), whole)
         self._count += 1
         self._waiting.append(seen)
         if not self._started():
@@ -153,13 +158,13 @@ class FlowMeter:
             self._waiting = []
         for rows in self._buffer.close():
             self._profile.add(rows)
-        return out + self._strips.finished(self._profile, np.inf)
+        return out + self._strips.pop_finished(self._profile, np.inf)
 
-    def _relief(self, depth: DepthMap | None) -> Relief | None:
+    def _relief(self, depth: DepthMap | None) -> HighPassHeights | None:
         if depth is None:
             return None
         height = self.ground.coarse(depth, _COARSE_CELLS)
-        return relief(height, _COARSE_CELLS * self.ground.cell_mm, self.ground.belt.noise_mm)
+        return compute_high_pass(height, _COARSE_CELLS * self.ground.cell_mm, self.ground.belt.noise_mm)
 
     def _started(self) -> bool:
         """Whether direction and speed, or an encoder, are known: else the first motion is looked for."""
@@ -186,7 +191,7 @@ class FlowMeter:
             return []
         oldest = self._waiting.pop(0)
         if oldest.encoder_mm is None:
-            self._strips.add(self._cutter.nowhere(oldest))
+            self._strips.add(self._cutter.make_unplaced_strip(oldest))
             return self._finished()
         # an empty or a standing belt: either direction gives the same until the material tells which it is
         self._direction, self._assumed = 1, True
@@ -196,42 +201,42 @@ class FlowMeter:
         self._waiting = []
         return out
 
-    def _take(self, seen: Seen) -> list[FlowRecord]:
-        """Place a frame, lay it over the others, cut its strip."""
+    def _take(self, seen: PushedFrame) -> list[FlowRecord]:
+        """BeltPosition a frame, lay it over the others, cut its strip."""
         before = self.motion.last
         shift = self._shift(seen)
-        sighting = Sighting(
+        observation = MotionObservation(
             seen.clock,
             seen.encoder_mm,
             None if shift is None else self._direction * shift.along_mm,
             0.0 if shift is None else shift.sigma_mm,
         )
-        place = None if before is None and seen.depth is None else self.motion.place(sighting)
+        place = None if before is None and seen.depth is None else self.motion.locate(observation)
         if place is None:
-            self._strips.add(self._cutter.nowhere(seen))
+            self._strips.add(self._cutter.make_unplaced_strip(seen))
             return self._finished()
         if self._watch_step is not None:
             self._watch_step(Step(seen.frame, place, shift))
         if seen.depth is not None:
             blur = place.sigma_mm if place.source == "speed" else 0.0
             layer = self.ground.layer(seen.depth, place.position_mm, self._direction, blur)
-            self._buffer.lay(layer, place.position_mm)
+            self._buffer.add(layer, place.position_mm)
             self._move_key(seen, place)
         window_mm = self._ends(self.ground.window_mm)
         self._strips.add(self._cutter.cut(seen, place, before, window_mm))
         seen_until = place.position_mm + self._ends(self.ground.seen_mm)[0]
-        for rows in self._buffer.leave(seen_until):
+        for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)
         return self._finished(seen_until)
 
-    def _shift(self, seen: Seen) -> Shift | None:
-        """Motion since the key frame; where the direction was only assumed, the material may turn it."""
+    def _shift(self, seen: PushedFrame) -> Shift | None:
+        """BeltMotion since the key frame; where the direction was only assumed, the material may turn it."""
         if self._key_relief is None or seen.relief is None:
             return None
-        expected = self.motion.expected_mm(seen.clock, seen.encoder_mm)
+        expected = self.motion.predict_mm(seen.clock, seen.encoder_mm)
         low, high = self.ground.seen_mm
         reach = (1 - self.settings.least_overlap) * (high - low)
-        apart = seen.encoder_mm is not None and (1 - AGREE) * abs(expected or 0.0) > reach
+        apart = seen.encoder_mm is not None and (1 - MAX_DISAGREEMENT) * abs(expected or 0.0) > reach
         near = None if expected is None or self._assumed or apart else self._direction * expected
         shift = register(
             self._key_relief, seen.relief, least_overlap=self.settings.least_overlap, near_mm=near
@@ -247,7 +252,7 @@ class FlowMeter:
         # by the encoder the views have nothing in common: then what looks alike is other material
         return None if apart else shift
 
-    def _weigh(self, shift: Shift, seen: Seen, apart: bool) -> None:
+    def _weigh(self, shift: Shift, seen: PushedFrame, apart: bool) -> None:
         """Count the motion since the key frame as evidence, beside what the raw encoder says of it."""
         key = self.motion.key
         step = None
@@ -255,15 +260,15 @@ class FlowMeter:
             step = seen.encoder_mm - key.encoder_mm
         self.evidence.add(shift, self._direction, step, apart=apart)
 
-    def _move_key(self, seen: Seen, place: Place) -> None:
+    def _move_key(self, seen: PushedFrame, place: BeltPosition) -> None:
         """A new key frame once the belt has moved, unless this one tells nothing and the old one still may."""
         key = self.motion.key
         moved = abs(place.position_mm - key.position_mm) if key is not None else np.inf
         low, high = self.ground.seen_mm
-        telling = seen.relief is not None and seen.relief.telling
-        kept = self._key_relief is not None and self._key_relief.telling
+        has_load = seen.relief is not None and seen.relief.has_load
+        kept = self._key_relief is not None and self._key_relief.has_load
         lost = moved > (1 - self.settings.least_overlap) * (high - low)
-        if self._key_relief is None or (moved >= self._buffer.step_mm and (telling or not kept)) or lost:
+        if self._key_relief is None or (moved >= self._buffer.step_mm and (has_load or not kept)) or lost:
             self.motion.move_key()
             self._key_relief = seen.relief
 
@@ -279,7 +284,7 @@ class FlowMeter:
         begins = min(seen_until_mm, self._buffer.open_mm)
         if end is not None and begins - end > self.settings.bridge_mm:
             until = begins
-        out = self._strips.finished(self._profile, until)
+        out = self._strips.pop_finished(self._profile, until)
         if self._strips.first is not None and np.isfinite(self._strips.first.start_mm):
-            self._profile.forget(self._strips.first.start_mm)
+            self._profile.discard_before(self._strips.first.start_mm)
         return out

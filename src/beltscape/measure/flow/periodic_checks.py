@@ -1,4 +1,4 @@
-"""What is looked at now and then while a belt runs: its largest lump, and how far it runs off."""
+"""Periodic checks of a running belt: its largest lump, and its lateral offset."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from beltscape.measure.lumps.settings import LumpSettings
 _NAN = float("nan")
 
 
-def largest_lump(
+def measure_largest_lump(
     depth: DepthMap, camera: Camera, belt: Belt, settings: LumpSettings | None = None
 ) -> tuple[float, float]:
-    """Sieve size of the largest lump in view and its σ, mm; one that the frame cuts counts as far as it is seen.
+    """Return sieve size and σ, mm, of the largest lump in view; a lump cut by the frame counts by its visible part.
 
-    Where there is none: 0, with the smallest size that can be told apart as σ. NaN twice where nothing is measured.
+    Without a lump the size is 0 and σ the smallest resolved size. Both are NaN where nothing is measured.
 
     Raises
     ------
@@ -33,8 +33,8 @@ def largest_lump(
     return (0.0, found.smallest_mm) if largest is None else (largest.size_mm, largest.sigma_mm)
 
 
-def belt_offset(depth: DepthMap, camera: Camera, belt: Belt) -> tuple[float, float]:
-    """How far the belt runs off to +x and its σ, mm; NaN twice where its ends cannot be seen, or nothing at all."""
+def measure_belt_offset(depth: DepthMap, camera: Camera, belt: Belt) -> tuple[float, float]:
+    """Return the belt's lateral offset towards +x and its σ, mm; NaN where its edges are not visible."""
     if not depth.measured.any():
         return _NAN, _NAN
     edges = find_belt_edges(depth, camera, belt)

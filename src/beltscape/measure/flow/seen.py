@@ -1,26 +1,26 @@
-"""A frame as it was pushed to the meter."""
+"""A frame pushed to the flow meter."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.motion.high_pass import Relief
+from beltscape.measure.flow.motion.high_pass import HighPassHeights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """A frame that was pushed."""
+class PushedFrame:
+    """A frame pushed to the flow meter."""
 
     frame: str
     depth: DepthMap | None
-    """None for a frame that gave none."""
+    """None for a frame without a depth map."""
     time_ns: int | None
     clock: float
-    """Seconds, or the frame's number where nobody told the time."""
+    """Seconds, or the frame's number without times."""
     encoder_mm: float | None
-    """What the encoder said."""
-    relief: Relief | None
-    """By which its material is recognised in the next frame."""
+    """Reading of the encoder."""
+    relief: HighPassHeights | None
+    """High-pass heights, registered with those of the next frame."""
     whole: bool
     """Whether every camera gave its image."""

@@ -19,7 +19,7 @@ from beltscape.measure.surface import (
     compute_height_map,
     compute_sampling,
 )
-from beltscape.measure.trust import trusted
+from beltscape.measure.trust import reliable_mask
 
 _FULL_CONFIDENCE = 0.999
 """A depth map whose confidence is this high everywhere does not rate its pixels."""
@@ -52,7 +52,7 @@ def compute_load(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Lo
     """
     pose = belt.belt_from_core
     sampling = compute_sampling(loaded, camera)
-    use = trusted(loaded, sampling.pixel_mm, sampling.step_mm, belt.correlation_px)
+    use = reliable_mask(loaded, sampling.pixel_mm, sampling.step_mm, belt.correlation_px)
     top = compute_height_map(loaded, camera, pose, grid, use, sampling)
     bottom = belt.surface_mm(grid.x_mm, grid.y_mm)
     height = top.heights.height_mm - bottom

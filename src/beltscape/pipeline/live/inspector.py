@@ -7,7 +7,7 @@ from time import monotonic
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.camera import Camera
 from beltscape.core.errors import MeasureError
-from beltscape.measure.flow.periodic_checks import belt_offset, largest_lump
+from beltscape.measure.flow.periodic_checks import measure_belt_offset, measure_largest_lump
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.live.gauges import Gauges
 
@@ -37,9 +37,9 @@ class PeriodicInspector:
             self._last[name] = monotonic()
             try:
                 if name == "lumps":
-                    value = largest_lump(depth, self._camera, self._belt, _LUMPS)
+                    value = measure_largest_lump(depth, self._camera, self._belt, _LUMPS)
                 else:
-                    value = belt_offset(depth, self._camera, self._belt)
+                    value = measure_belt_offset(depth, self._camera, self._belt)
             except MeasureError:
                 value = (_NAN, _NAN)
             with gauges.lock:

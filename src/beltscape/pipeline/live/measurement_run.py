@@ -14,7 +14,7 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.live import BeltStretch
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, Step
 from beltscape.measure.flow.records.density import Density
@@ -34,7 +34,7 @@ class MeasurementContext:
 
     rig: Rig
     """At the image size that is matched."""
-    ground: Ground
+    ground: EmptyBeltReference
     matcher: SequenceMatcher
     flow: FlowSettings
     density: Density

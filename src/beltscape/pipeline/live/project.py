@@ -15,7 +15,7 @@ from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.tables.density import DENSITY_LIMITS
-from beltscape.measure.flow.records.density import Density, unknown_density
+from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
 from beltscape.pipeline.measuring.density import density_from_product, density_from_table
@@ -185,4 +185,4 @@ def read_density(project: Project[RunSettings]) -> Density:
         return density_from_product(project.resolve(given.products), given.product)
     if given.table is not None:
         return density_from_table(project.resolve(given.table))
-    return unknown_density() if given.kg_m3 is None else Density.constant(given.kg_m3, given.sigma_kg_m3)
+    return make_unknown_density() if given.kg_m3 is None else Density.constant(given.kg_m3, given.sigma_kg_m3)

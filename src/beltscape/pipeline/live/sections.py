@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt.ledger_entries import CrossSection
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
 
 _CELL_MM = 5.0
@@ -25,7 +25,7 @@ class _Rows:
 class SectionBuffer:
     """Keeps the belt rows that unfinished strips may still need."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, ground: EmptyBeltReference) -> None:
         """Prepare for the columns of the empty-belt reference, joined to about 5 mm."""
         self._cell_mm = ground.cell_mm
         self._side = max(1, round(_CELL_MM / ground.cell_mm))

@@ -14,9 +14,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import pinhole_scale
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground, ground_of
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.prediction import Foresight
+from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 
@@ -56,7 +56,7 @@ class _MatchedFrame:
     position_mm: float | None
     depth: DepthMap | None
     whole: bool
-    foresight: Foresight | None
+    prediction: MotionPrediction | None
     """Prediction of the belt's motion, from the frames before this one."""
 
 
@@ -95,7 +95,7 @@ class FlowChain:
             frames.position_mm,
             depth,
             (whole and not self._matcher.is_inconsistent) or depth is None,
-            self.meter.foresight,
+            self.meter.prediction,
         )
         return ChainResult(depth, records)
 
@@ -129,18 +129,18 @@ class FlowChain:
     def _prior(self, frames: FrameSet) -> Prior | None:
         """Return the previous depth map with the belt's predicted motion; None without a prediction."""
         before = self._before
-        if before is None or before.depth is None or before.foresight is None:
+        if before is None or before.depth is None or before.prediction is None:
             return None
         clock, step = 1.0, None
         if frames.time_ns is not None and before.time_ns is not None:
             clock = (frames.time_ns - before.time_ns) * 1e-9
         if frames.position_mm is not None and before.position_mm is not None:
             step = frames.position_mm - before.position_mm
-        motion = before.foresight.motion_mm(clock, step)
+        motion = before.prediction.predict_motion_mm(clock, step)
         return None if motion is None else Prior(before.depth, motion)
 
 
-def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> Ground:
+def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> EmptyBeltReference:
     """Return the empty-belt reference for the rig's depth maps.
 
     Raises
@@ -153,16 +153,16 @@ def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Repor
         raise InputError(
             f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
         )
-    return ground_of(belt, rig.core_camera, cell_mm)
+    return make_reference(belt, rig.core_camera, cell_mm)
 
 
-def depth_range_over(ground: Ground, load_mm: float) -> tuple[float, float]:
+def depth_range_over(ground: EmptyBeltReference, load_mm: float) -> tuple[float, float]:
     """Return the near and far depth of a belt that is loaded up to ``load_mm``."""
     near, far = ground.depths_mm()
     return (1 - _MARGIN) * max(near - load_mm, 0.1 * near), (1 + _MARGIN) * far
 
 
-def widen_to_belt(ground: Ground, near_far_mm: tuple[float, float]) -> tuple[float, float]:
+def widen_to_belt(ground: EmptyBeltReference, near_far_mm: tuple[float, float]) -> tuple[float, float]:
     """Return a depth range found in images, extended to contain the empty belt."""
     low, high = ground.depths_mm()
     return min(near_far_mm[0], (1 - _MARGIN) * low), max(near_far_mm[1], (1 + _MARGIN) * high)

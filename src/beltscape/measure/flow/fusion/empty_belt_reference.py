@@ -1,4 +1,4 @@
-"""The empty belt as a floor under every frame's load."""
+"""The empty belt as the reference surface of a moving belt's load, and the core camera's view of it."""
 
 from __future__ import annotations
 
@@ -18,48 +18,48 @@ from beltscape.measure.volume.load import Load, compute_load
 
 Range = tuple[float, float]
 _WHOLE = 0.9
-"""Share of the belt's width that must lie in the core's image within the window."""
+"""Share of the belt's width that must lie in the core's image within the window in which strips are cut."""
 
 _LEAST_CONFIDENCE = 0.7
-"""Pixels of a frame that are trusted less are left to the other frames and to the filling of holes.
+"""Pixels with a lower confidence are excluded; other frames or the filling of holes replace them.
 
 On a simulated heap the preset fast bridges hollows beside rocks by 13 mm on average, and a quarter to a third of its
-pixels below this are wrong by more than 5 mm. Its totals of three simulated heaps differ from those of standard by
+pixels below this limit are wrong by more than 5 mm. Its totals of three simulated heaps differ from standard's by
 +0.94, +0.58 and +1.44 % at 0.5, by +0.21, -0.15 and +0.72 % at 0.65, by -0.08, -0.45 and +0.42 % at 0.7. The
 presets standard and fine measure no such pixel.
 """
 _AROUND_MM, _TALLER = 40.0, 1.3
-"""What is outside the image may be so much taller than all that is seen so near to it."""
+"""Load outside the image may be taller than the visible load within this distance, by up to this factor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ground:
-    """Where the empty belt is, and how the core camera looks at it."""
+class EmptyBeltReference:
+    """The empty belt, the core camera, and the ranges of the belt in its view."""
 
     belt: Belt
     camera: Camera
-    """Whose depth maps are to be measured."""
+    """Camera of the depth maps to be measured."""
     grid: Grid
-    """A grid over the view that stands still; its columns are those of all layers."""
+    """Static grid over the view; all layers share its columns."""
     seen_mm: Range
-    """Reach of the view along y."""
+    """Range of the view along y."""
     window_mm: Range
-    """The part of it in which the belt is seen across its width: where strips begin and end."""
+    """Part of the view in which the belt is visible across its width: where strips begin and end."""
 
     @property
     def cell_mm(self) -> float:
-        """Edge of a cell."""
+        """Return the edge of a cell."""
         return self.grid.cell_mm
 
     @property
     def patch_mm2(self) -> float:
-        """Area over which a depth map's errors go together."""
+        """Return the correlation area of a depth map's errors."""
         return (self.belt.correlation_px * self.cell_mm) ** 2
 
     def layer(self, depth: DepthMap, position_mm: float, direction: int, blur_mm: float = 0.0) -> Layer:
-        """A frame's load in belt coordinates, s = position - direction · y (direction: +1 or -1).
+        """Return a frame's load in belt coordinates, s = position - direction · y (direction: +1 or -1).
 
-        ``blur_mm`` is one standard deviation of the position: what may be misplaced counts less in the fusion.
+        ``blur_mm`` is one standard deviation of the position; a less certain position reduces the weight in fusion.
         """
         cell = self.cell_mm
         low, high = sorted(position_mm - direction * y for y in self.seen_mm)
@@ -72,12 +72,14 @@ class Ground:
         planes = (load.height_mm, worse * load.sigma_mm, worse * load.noise_mm)
         parts = tuple(np.where(whole, plane, np.nan) for plane in planes)
         height, sigma, noise = (part[::-direction].astype(np.float32) for part in parts)
-        # the camera's slant along the belt is the same all across, but for the belt's shape
-        slant = -direction * load.ray_slope[1].mean(axis=1)[::-direction]
-        return Layer(first, height, sigma, noise, (load.measured & whole)[::-direction].mean(axis=1), slant)
+        # the rays' slope along the belt is constant across, except for the belt's shape
+        ray_slope = -direction * load.ray_slope[1].mean(axis=1)[::-direction]
+        return Layer(
+            first, height, sigma, noise, (load.measured & whole)[::-direction].mean(axis=1), ray_slope
+        )
 
     def coarse(self, depth: DepthMap, times: int) -> NDArray[np.float64]:
-        """(n, m) load on the grid that stands still, cells and pixels so many times coarser, to find the motion."""
+        """Return the load (n, m) on the static grid with cells and pixels ``times`` coarser, for registration."""
         camera, part = self.camera, slice(None, None, times)
         fewer = DepthMap(*(values[part, part] for values in _planes(depth)))
         rows, columns = fewer.depth_mm.shape
@@ -92,47 +94,47 @@ class Ground:
         return compute_load(fewer, thinned, self.belt, grid).height_mm
 
     def _top_in_view(self, load: Load) -> NDArray[np.bool_]:
-        """(Ny, Nx) cells over which the image also shows what is as high as the load about them.
+        """Return the cells (Ny, Nx) over which a surface as high as the load around them is also in the image.
 
-        Along the image's edge the camera sees the foot of things whose top is outside: those are not the top.
+        Along the image's border only the foot of tall objects is in the image, which is not the top surface.
         """
         side = 2 * round(_AROUND_MM / load.grid.cell_mm) + 1
         about = ndimage.maximum_filter(np.nan_to_num(load.height_mm), side, mode="nearest")
-        return in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
+        return is_in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
 
     def depths_mm(self) -> Range:
-        """Nearest and farthest depth of the empty belt within the view."""
+        """Return the nearest and farthest depth of the empty belt within the view."""
         x, y = np.meshgrid(self.grid.x_mm, self.grid.y_mm)
         z = self.belt.surface_mm(self.grid.x_mm, self.grid.y_mm)
         depth = self.belt.belt_from_core.inverse().apply(np.stack([x, y, z], axis=-1))[..., 2]
         return float(depth.min()), float(depth.max())
 
-    def slant_across(self) -> NDArray[np.float64]:
-        """(Nx,) tangent of the rays' slant in x, at the belt's height."""
+    def ray_slope_across(self) -> NDArray[np.float64]:
+        """Return the rays' slope (Nx,) in x, at the belt's height."""
         eye = self.belt.belt_from_core.translation_mm
         return (self.grid.x_mm - eye[0]) / np.maximum(eye[2] - self.belt.height_mm(self.grid.x_mm), 1.0)
 
 
-def ground_of(belt: Belt, camera: Camera, cell_mm: float | None = None) -> Ground:
-    """The floor for depth maps of ``camera``, the rig's core; cells are its pixels on the belt.
+def make_reference(belt: Belt, camera: Camera, cell_mm: float | None = None) -> EmptyBeltReference:
+    """Return the reference for depth maps of ``camera``, the rig's core; cells are its pixels on the belt.
 
-    The belt may have been learned from images of another size.
+    The belt may have been measured with images of another size.
 
     Raises
     ------
     MeasureError
-        if the belt was seen on too short a stretch.
+        if the belt is nowhere visible across its width.
     """
     distance = float(belt.belt_from_core.inverse().translation_mm[2])
     cell = cell_mm or distance / float(camera.focal_px.mean())
     grid = Grid.over(belt.across_mm, belt.along_mm, cell)
-    return Ground(
+    return EmptyBeltReference(
         belt, camera, grid, (float(grid.y_mm[0]), float(grid.y_mm[-1])), _window(belt, camera, grid)
     )
 
 
 def _confident(depth: DepthMap) -> DepthMap:
-    """Return the depth map without its less trusted pixels."""
+    """Return the depth map without pixels of low confidence."""
     sure = depth.confidence >= _LEAST_CONFIDENCE
     planes = (np.where(sure, plane, np.nan) for plane in (depth.depth_mm, depth.sigma_mm))
     depth_mm, sigma_mm = (plane.astype(np.float32) for plane in planes)
@@ -143,15 +145,15 @@ def _planes(depth: DepthMap) -> tuple[NDArray[np.float32], ...]:
     return depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence  # pyright: ignore[reportReturnType]
 
 
-def in_image(
+def is_in_image(
     belt: Belt, camera: Camera, grid: Grid, above_mm: NDArray[np.float64] | float
 ) -> NDArray[np.bool_]:
-    """(Ny, Nx) whether the undistorted image shows what is so far above the empty belt."""
+    """Return whether points ``above_mm`` over the empty belt at the cells (Ny, Nx) are in the undistorted image."""
     x, y = grid.x_mm, grid.y_mm[:, None]
     z = belt.surface_mm(grid.x_mm, grid.y_mm) + above_mm
     core_from_belt = belt.belt_from_core.inverse()
     low, high = camera.center_px, np.array(camera.size_px) - 1 - camera.center_px
-    # each border of the image is a plane through the eye: what lies inside all four of them is seen
+    # each border of the image is a plane through the camera's centre: points inside all four are in the image
     along, down = camera.focal_px
     planes = np.array([[along, 0, low[0]], [0, down, low[1]], [-along, 0, high[0]], [0, -down, high[1]]])
     shown = np.ones(z.shape, bool)
@@ -163,8 +165,8 @@ def in_image(
 
 
 def _window(belt: Belt, camera: Camera, grid: Grid) -> Range:
-    """Rows on which nearly all of the belt's width lies in the undistorted image."""
-    rows = np.flatnonzero(in_image(belt, camera, grid, 0.0).mean(axis=1) >= _WHOLE)
+    """Return the range of rows on which nearly all of the belt's width lies in the undistorted image."""
+    rows = np.flatnonzero(is_in_image(belt, camera, grid, 0.0).mean(axis=1) >= _WHOLE)
     if len(rows) < 2:
         raise MeasureError(
             "empty belt: nowhere seen across its width; mount the core camera higher or turn its long side across"

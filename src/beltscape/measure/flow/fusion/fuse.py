@@ -1,7 +1,7 @@
-"""Several frames' views of the same belt → one surface.
+"""Fusion of several frames of the same belt into one surface.
 
-The material meets other dots, markers and shadows in every frame, so what one frame lacks another has. Where
-frames disagree, one surface is chosen, never a mean of two: cells that differ from the weighted median are left out.
+Dots, markers and shadows fall on other parts of the material in every frame, so frames complement each other. Where
+frames disagree, cells that differ from the weighted median are excluded, so that two surfaces are never averaged.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from beltscape.measure.surface import close_pinholes
 
 _OUTLIER = 4.0
 _RANK = 0.65
-"""Where frames disagree by a step, this share of their weight must lie at or below what is taken: a bit above the
-half, for of two surfaces over one place the upper is the top, and each frame loses half a pixel of its rim."""
-_PATIENCE_CELLS = 0.35
-"""Heights that differ by what this much of a cell's misplacement makes on a slope of 45° still agree."""
+"""Rank of the weighted median: slightly above a half, because of two surfaces at one position the upper is the top,
+and each frame loses half a pixel of its rim."""
+_TOLERANCE_CELLS = 0.35
+"""Tolerated displacement, in cells: heights may differ by this times the surface's rise per cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fused:
-    """Rows of belt, each cell from all frames that saw it."""
+class FusedRows:
+    """Rows of belt, each cell fused from all frames that measured it."""
 
     layer: Layer
-    """The surface; σ and noise as the frames' independent errors leave them."""
+    """The fused surface, with σ and noise for independent errors of the frames."""
     single_share: NDArray[np.float64]
-    """(n,) share of the cells that one frame measures in a row, on average over those that have it in view."""
+    """(n,) share of a row's cells that a single frame measures, averaged over the frames with the row in view."""
     frames: NDArray[np.int64]
-    """(n,) frames with the row in view."""
+    """(n,) number of frames with the row in view."""
     scatter: Scatter
-    """How the frames differ."""
+    """Differences between the frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Sums over cells that several frames measured, to tell how noisy one frame is and what fusion makes of it."""
+    """Sums over cells that several frames measured, for the noise of one frame and of the fused surface."""
 
     cells: int = 0
-    """Values of single frames that were compared."""
+    """Number of compared values of single frames."""
     single_mm2: float = 0.0
-    """Sum of their squared deviations, corrected for the mean they share."""
+    """Sum of their squared deviations, corrected for the estimated mean."""
     claimed_mm2: float = 0.0
-    """Sum of their claimed variances."""
+    """Sum of their stated variances."""
     fused_mm2: float = 0.0
-    """Sum of the variances that the fused cells have by the single ones' scatter."""
+    """Sum of the fused cells' variances according to the scatter of single values."""
     outliers: int = 0
-    """Values left out."""
+    """Number of excluded values."""
 
     def __add__(self, other: Scatter) -> Scatter:
         return Scatter(
@@ -72,34 +72,34 @@ class Scatter:
         return float(np.sqrt(self.fused_mm2 / self.cells)) if self.cells else float("nan")
 
 
-def fuse(layers: Sequence[Layer], first: int, end: int) -> Fused:
+def fuse(layers: Sequence[Layer], first: int, end: int) -> FusedRows:
     """Rows ``first`` to ``end`` of the belt from all layers that have one of them; at least one layer must."""
     parts = [layer.rows(first, end) for layer in layers if layer.first < end and layer.end > first]
     columns = parts[0].height_mm.shape[1]
     shape = (len(parts), end - first, columns)
     height, sigma, noise = (np.full(shape, np.nan, np.float32) for _ in range(3))
-    inside, share, slant = np.zeros(shape[:2], bool), np.zeros(shape[:2]), np.zeros(shape[:2])
+    inside, share, ray_slope = np.zeros(shape[:2], bool), np.zeros(shape[:2]), np.zeros(shape[:2])
     for k, part in enumerate(parts):
         rows = slice(part.first - first, part.end - first)
         height[k, rows], sigma[k, rows], noise[k, rows] = part.height_mm, part.sigma_mm, part.noise_mm
-        inside[k, rows], share[k, rows], slant[k, rows] = True, part.share, part.slant
+        inside[k, rows], share[k, rows], ray_slope[k, rows] = True, part.share, part.ray_slope
     number = np.maximum(inside.sum(axis=0), 1)
-    layer, scatter = _fused(height, sigma, noise, first, slant.sum(axis=0) / number)
-    return Fused(layer, share.sum(axis=0) / number, number, scatter)
+    layer, scatter = _fuse_stack(height, sigma, noise, first, ray_slope.sum(axis=0) / number)
+    return FusedRows(layer, share.sum(axis=0) / number, number, scatter)
 
 
-def _fused(
+def _fuse_stack(
     height: NDArray[np.float32],
     sigma: NDArray[np.float32],
     noise: NDArray[np.float32],
     first: int,
-    slant: NDArray[np.float64],
+    ray_slope: NDArray[np.float64],
 ) -> tuple[Layer, Scatter]:
-    """The same from stacks (k, n, Nx)."""
+    """Fuse stacks (k, n, Nx) of k layers."""
     known = np.isfinite(height)
     weight = np.where(known, 1 / np.maximum(sigma, 1e-4) ** 2, 0.0).astype(np.float32)
     middle = _weighted_median(height, weight)
-    cell_tolerance = _PATIENCE_CELLS * _slope(middle)
+    cell_tolerance = _TOLERANCE_CELLS * _compute_slope(middle)
     with np.errstate(invalid="ignore"):
         agrees = known & (np.abs(height - middle) <= _OUTLIER * sigma + cell_tolerance)
     kept = np.where(agrees, weight, 0.0)
@@ -110,12 +110,12 @@ def _fused(
         own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
         shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
     parts = (part.astype(np.float32) for part in (mean, own, shared))
-    layer = Layer(first, *parts, close_pinholes(known.any(axis=0)).mean(axis=1), slant)
-    return layer, _scatter(height, sigma, kept, agrees, known, mean, total)
+    layer = Layer(first, *parts, close_pinholes(known.any(axis=0)).mean(axis=1), ray_slope)
+    return layer, _compute_scatter(height, sigma, kept, agrees, known, mean, total)
 
 
 def _weighted_median(height: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n, Nx) the value at which half of the weight is reached: always one of the values, never between two."""
+    """Return the weighted quantile (n, Nx) at `_RANK`, always one of the values."""
     order = np.argsort(height, axis=0)  # NaN goes last, with no weight
     ranked = np.take_along_axis(height, order, axis=0)
     reached = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
@@ -123,15 +123,15 @@ def _weighted_median(height: NDArray[np.float32], weight: NDArray[np.float32]) -
     return np.take_along_axis(ranked, pick[None], axis=0)[0]
 
 
-def _slope(middle: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n, Nx) rise of the surface per cell, mm; 0 where it is not known."""
+def _compute_slope(middle: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the rise of the surface per cell (n, Nx), mm; 0 where it is unknown."""
     if min(middle.shape) < 2:
         return np.zeros_like(middle)
     down, right = np.gradient(middle)
     return np.nan_to_num(np.hypot(down, right)).astype(np.float32)
 
 
-def _scatter(
+def _compute_scatter(
     height: NDArray[np.float32],
     sigma: NDArray[np.float32],
     kept: NDArray[np.floating],
@@ -146,7 +146,7 @@ def _scatter(
         return Scatter(outliers=int((known & ~agrees).sum()))
     with np.errstate(invalid="ignore", divide="ignore"):
         left = np.where(chosen, (height - mean) ** 2, 0.0)
-        # a value pulls the mean it is compared with by its share of the weight
+        # a value contributes to the mean with its share of the weight
         freedom = np.where(chosen, np.maximum(1 - kept / total, 1e-6), 1.0)
         single = np.where(chosen, left / freedom, 0.0)
         keeps = np.where(several, (kept**2).sum(axis=0) / total**2, 0.0)

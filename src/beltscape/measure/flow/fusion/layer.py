@@ -1,4 +1,4 @@
-"""One frame's load, on the grid that moves with the belt."""
+"""The load of one frame, on the grid that moves with the belt."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layer:
-    """Rows of belt as one frame saw them; row j is at belt coordinate s = j · cell."""
+    """Rows of belt measured by one frame; row j is at belt coordinate s = j · cell."""
 
     first: int
     """Number of the first row."""
     height_mm: NDArray[np.float32]
     """(n, Nx) load over the empty belt; NaN where not measured."""
     sigma_mm: NDArray[np.float32]
-    """(n, Nx) its σ."""
+    """(n, Nx) σ of ``height_mm``."""
     noise_mm: NDArray[np.float32]
     """(n, Nx) the part of σ that neighbouring cells share."""
 
     share: NDArray[np.float64]
     """(n,) share of each row that was measured, the pinholes between neighbouring points included."""
-    slant: NDArray[np.float64]
-    """(n,) tangent of the angle at which the core's rays come down on it, positive towards larger s."""
+    ray_slope: NDArray[np.float64]
+    """(n,) slope of the core's rays from the vertical, positive towards larger s."""
 
     @property
     def end(self) -> int:
-        """Number of the row after the last one."""
+        """Return the number of the row after the last one."""
         return self.first + len(self.height_mm)
 
     def rows(self, first: int, end: int) -> Layer:
-        """The same rows as far as they lie in a range."""
+        """Return the part of the layer that lies in a range of rows."""
         part = slice(max(first, self.first) - self.first, max(min(end, self.end) - self.first, 0))
-        parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share, self.slant)
+        parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share, self.ray_slope)
         return Layer(max(first, self.first), *(values[part] for values in parts))

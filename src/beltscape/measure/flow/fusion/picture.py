@@ -1,4 +1,4 @@
-"""The fused belt from end to end, small enough to be looked at."""
+"""The fused belt from end to end at a reduced resolution, for reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
 
 _CELL_MM = 4.0
@@ -14,23 +14,23 @@ _LONGEST_ROWS = 50_000
 
 
 class BeltPicture:
-    """Gathers finished pieces of belt as means over blocks of cells; the oldest go when it becomes very long."""
+    """Collects finished pieces of belt as means over blocks of cells; very long belts lose their oldest part."""
 
-    def __init__(self, ground: Ground) -> None:
-        """For a ground's cells."""
+    def __init__(self, ground: EmptyBeltReference) -> None:
+        """Use the cells of an empty-belt reference."""
         self._cell_mm = ground.cell_mm
         self._x_mm = ground.grid.origin_mm[0]
         self._side = max(1, round(_CELL_MM / ground.cell_mm))
         self._parts: dict[int, NDArray[np.float64]] = {}
-        """By row of blocks: (3, m) sums of height and of measured cells, and the number of rows."""
+        """For each row of blocks: (3, m) sums of height and of measured cells, and the number of rows."""
 
     @property
     def cell_mm(self) -> float:
-        """Edge of a block."""
+        """Return the edge of a block."""
         return self._side * self._cell_mm
 
     def add(self, piece: BeltPiece) -> None:
-        """Take in a finished piece."""
+        """Add a finished piece."""
         columns = piece.height_mm.shape[1] // self._side * self._side
         rows = piece.first + np.arange(len(piece.height_mm))
         for block in np.unique(rows // self._side):
@@ -45,7 +45,7 @@ class BeltPicture:
             del self._parts[next(iter(self._parts))]
 
     def height_map(self) -> tuple[HeightMap, NDArray[np.float64]]:
-        """Heights over the empty belt on x and s, NaN where nothing was seen, and the share of measured cells."""
+        """Return heights over the empty belt on x and s, NaN outside all views, and the share of measured cells."""
         if not self._parts:
             empty = np.full((1, 1), np.nan)
             return HeightMap(empty, empty, (self._x_mm, 0.0), self.cell_mm), np.zeros((1, 1))

@@ -1,4 +1,4 @@
-"""Fused rows of belt → what lies on each row, holes filled."""
+"""FusedRows rows of belt → what lies on each row, holes filled."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.measure.flow.fusion.empty_belt_reference import Ground
-from beltscape.measure.flow.fusion.fuse import Fused
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.measure.flow.fusion.fuse import FusedRows
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes.fill import Filled, fill_holes
 from beltscape.measure.surface import close_pinholes
 from beltscape.measure.volume.uncertainty import STEP_SLOPE
 
-_SEEN = 0.02
+_MIN_SHARE = 0.02
 """A row of which less was measured was not seen."""
-_TELLING = 0.5
+_MIN_RIM_SHARE = 0.5
 """Beside a gap neither was one of which less than this was: there only what lies low is in view."""
 _EDGE_PX = 0.1
 """Steps are placed this well, all alike, as in one frame."""
-_DEEPER = 0.8
+_LOWER_SIGMA = 0.8
 """What none of many frames saw lies by so many σ deeper than what one frame does not see, of which the networks
 learned: by 0.6, 0.7 and 1.1 on three simulated heaps."""
 _COMMON = 0.35
@@ -67,22 +67,24 @@ class BeltPiece:
     """(n, Nx) where a frame measured it."""
 
 
-Watcher = Callable[[BeltPiece], None]
+PieceCallback = Callable[[BeltPiece], None]
 
 
-class Filler:
+class RowFiller:
     """Fills the holes of fused rows block by block, the same blocks of belt whatever the frame rate.
 
     A stretch without any measured row ends a segment; what comes after begins another.
     """
 
-    def __init__(self, ground: Ground, settings: FlowSettings, watch: Watcher | None) -> None:
+    def __init__(
+        self, ground: EmptyBeltReference, settings: FlowSettings, watch: PieceCallback | None
+    ) -> None:
         """``watch`` is given every finished piece of belt."""
         self._ground, self._watch = ground, watch
         self._block = max(1, round(settings.block_mm / ground.cell_mm))
         self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
         self._rows: list[NDArray[np.float64]] = []
-        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, slant."""
+        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, ray_slope."""
         self._first = 0
         self._done = 0
         self._after_gap = False
@@ -97,47 +99,49 @@ class Filler:
         """Number of the row after the segment's last."""
         return self._first + sum(part.shape[1] for part in self._rows)
 
-    def add(self, fused: Fused) -> list[Rows]:
+    def add(self, fused: FusedRows) -> list[Rows]:
         """Take in further rows; the finished ones come back."""
         layer = fused.layer
-        out = self.reached(layer.first)
+        out = self.mark_unseen(layer.first)
         columns = layer.height_mm.shape[1]
         by_row = [
             np.repeat(values[:, None], columns, axis=1)
-            for values in (fused.frames, fused.single_share, layer.slant)
+            for values in (fused.frames, fused.single_share, layer.ray_slope)
         ]
         stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, *by_row]).astype(np.float64)
-        seen = layer.share >= _SEEN
-        for start, stop in _runs(seen):
+        seen = layer.share >= _MIN_SHARE
+        for start, stop in _find_runs(seen):
             if not seen[start]:
-                out += self.reached(layer.first + stop)
+                out += self.mark_unseen(layer.first + stop)
                 continue
             if not self._rows:
                 # of a start after a gap only what tells, as of the end before it
-                telling = np.flatnonzero(layer.share[start:stop] >= (_TELLING if self._after_gap else _SEEN))
+                telling = np.flatnonzero(
+                    layer.share[start:stop] >= (_MIN_RIM_SHARE if self._after_gap else _MIN_SHARE)
+                )
                 if not len(telling):
                     continue
                 first = start + int(telling[0])
                 self._first = self._done = layer.first + first
             else:
                 first = start
-                self._blanks(layer.first + first)
+                self._append_blank_rows(layer.first + first)
             self._rows.append(stack[:, first:stop])
-            out += self._finished(closed=False)
+            out += self._fill_ready_blocks(closed=False)
         return out
 
-    def reached(self, row: int) -> list[Rows]:
+    def mark_unseen(self, row: int) -> list[Rows]:
         """Nothing was seen up to a row: where that is too far, the segment ends."""
         if not self._rows or row - self._end <= self._margin:
             return []
         self._after_gap = True
         whole = np.concatenate(self._rows, axis=1)
-        telling = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _TELLING)
+        telling = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _MIN_RIM_SHARE)
         end = max(int(telling[-1]) + 1 if len(telling) else 0, self._done - self._first)
         self._rows = [whole[:, :end]]
         return self.close()
 
-    def _blanks(self, row: int) -> None:
+    def _append_blank_rows(self, row: int) -> None:
         """Put in rows that were not seen, up to one that was."""
         if self._rows and row > self._end:
             shape = (6, row - self._end, self._rows[-1].shape[2])
@@ -149,11 +153,11 @@ class Filler:
         """End the segment: nothing comes after it."""
         if not self._rows:
             return []
-        out = self._finished(closed=True)
+        out = self._fill_ready_blocks(closed=True)
         self._rows = []
         return out
 
-    def _finished(self, *, closed: bool) -> list[Rows]:
+    def _fill_ready_blocks(self, *, closed: bool) -> list[Rows]:
         """Blocks that have all the rows they look at."""
         out: list[Rows] = []
         end = self._end
@@ -162,22 +166,22 @@ class Filler:
             stop = (self._done // self._block + 1) * self._block
             if stop > ready and not closed:
                 break
-            out.append(self._fill(min(stop, ready), min(end, min(stop, ready) + self._margin)))
+            out.append(self._fill_block(min(stop, ready), min(end, min(stop, ready) + self._margin)))
         return out
 
-    def _fill(self, stop: int, ahead: int) -> Rows:
+    def _fill_block(self, stop: int, ahead: int) -> Rows:
         """Rows from where it stands up to ``stop``, looking at those up to ``ahead``."""
         whole = np.concatenate(self._rows, axis=1)
         behind = max(self._first, self._done - self._margin)
-        height, sigma, noise, frames, single, slant = whole[:, behind - self._first : ahead - self._first]
+        height, sigma, noise, frames, single, ray_slope = whole[:, behind - self._first : ahead - self._first]
         measured = close_pinholes(np.isfinite(height))
-        lean = np.stack([np.broadcast_to(self._ground.slant_across(), height.shape), slant])
+        slopes = np.stack([np.broadcast_to(self._ground.ray_slope_across(), height.shape), ray_slope])
         narrow = measured & ~np.isfinite(height)
         own = slice(self._done - behind, stop - behind)
-        asked = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
-        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, lean, rows=asked)
-        filled = _deeper(filled, frames)
-        rows = self._sums(filled, noise, measured, single[:, 0], own)
+        requested = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
+        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=requested)
+        filled = _lower_holes(filled, frames)
+        rows = self._sum_rows(filled, noise, measured, single[:, 0], own)
         if self._watch is not None:
             parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
             self._watch(BeltPiece(self._done, *parts, measured[own]))
@@ -186,7 +190,7 @@ class Filler:
         self._rows, self._first = [whole[:, keep - self._first :]], keep
         return rows
 
-    def _sums(
+    def _sum_rows(
         self,
         filled: Filled,
         noise: NDArray[np.float64],
@@ -219,14 +223,14 @@ class Filler:
         )
 
 
-def _deeper(filled: Filled, frames: NDArray[np.float64]) -> Filled:
+def _lower_holes(filled: Filled, frames: NDArray[np.float64]) -> Filled:
     """Holes lowered the more frames (Ny, Nx) had them in view in vain; not from above the belt to below."""
-    low = filled.value_mm - _DEEPER * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
+    low = filled.value_mm - _LOWER_SIGMA * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
     value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
     return Filled(value, filled.sigma_mm, filled.hole)
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Stretches of equal flags as (first, end)."""
     cuts = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
     return [(a, b) for a, b in pairwise(cuts) if b > a]

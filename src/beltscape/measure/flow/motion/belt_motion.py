@@ -1,4 +1,4 @@
-"""Where the belt is at each frame: from the material, the encoder, or the last known speed."""
+"""The belt's position at each frame: from the material, the encoder, or the last known speed."""
 
 from __future__ import annotations
 
@@ -12,77 +12,83 @@ from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 Source = Literal["start", "material", "encoder", "speed"]
 _ENCODER_JITTER_MM = 0.2
 _SPEED_CHANGE = 0.05
-"""One standard deviation of a belt's speed after a second, as a share of it, where nothing tells."""
+"""One standard deviation of a belt's speed after a second without observations, as a share of it."""
 _SPEED_KNOWN = 0.01
-AGREE = 0.25
-"""Encoder and material differ by no more than that share, or one of them tells of something else."""
+MAX_DISAGREEMENT = 0.25
+"""Largest relative difference between encoder and material at which they count as consistent."""
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
-    """What is known of one frame's place before it is placed."""
+class MotionObservation:
+    """The observations of the belt's motion at one frame."""
 
     clock: float
-    """Seconds, or the frame's number where nobody told the time."""
+    """Seconds, or the frame's number without times."""
     encoder_mm: float | None
-    """What the encoder said."""
+    """Reading of the encoder."""
     shift_mm: float | None
-    """Motion along the travel since the key frame as the material tells it; None where it does not."""
+    """BeltMotion of the material along the travel since the key frame; None without a registration."""
     shift_sigma_mm: float
-    """One standard deviation of it."""
+    """One standard deviation of the shift."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Where the belt was in a frame."""
+class BeltPosition:
+    """The belt's position at a frame."""
 
     position_mm: float
     """Along the travel, from 0 (or the encoder's first reading) at the first frame."""
     sigma_mm: float
     """One standard deviation of the step since the key frame."""
     source: Source
-    """What told it."""
+    """Source of the position."""
     clock: float
-    """As in `Sighting`."""
+    """See `MotionObservation`."""
     encoder_mm: float | None
-    """As in `Sighting`."""
+    """See `MotionObservation`."""
 
 
-class Motion:
-    """Places frame after frame; positions are relative to a key frame that the caller moves on."""
+class BeltMotion:
+    """Tracks the belt's position frame by frame, relative to a key frame that the caller updates."""
 
     def __init__(self) -> None:
         self.scale = EncoderScale()
         self.speed: float | None = None
-        """mm per unit of the clock; None until the material or an encoder told it."""
-        self.key: Place | None = None
-        self.last: Place | None = None
+        """mm per unit of the clock; None until material or encoder determined it."""
+        self.key: BeltPosition | None = None
+        self.last: BeltPosition | None = None
 
-    def expected_mm(self, clock: float, encoder_mm: float | None) -> float | None:
-        """How far the belt should have moved since the key frame."""
+    def predict_mm(self, clock: float, encoder_mm: float | None) -> float | None:
+        """Predict the belt's motion since the key frame by encoder or speed; None where neither is known."""
         if self.key is None:
             return None
         if encoder_mm is not None and self.key.encoder_mm is not None:
             return (encoder_mm - self.key.encoder_mm) / self.scale.ratio
         return None if self.speed is None else self.speed * (clock - self.key.clock)
 
-    def place(self, sighting: Sighting) -> Place | None:
-        """Where the belt is; None where nothing tells."""
+    def locate(self, observation: MotionObservation) -> BeltPosition | None:
+        """Return the belt's position from the best observation; None without any."""
         if self.key is None or self.last is None:
-            start = sighting.encoder_mm or 0.0
-            self.key = self.last = Place(start, 0.0, "start", sighting.clock, sighting.encoder_mm)
+            start = observation.encoder_mm or 0.0
+            self.key = self.last = BeltPosition(
+                start, 0.0, "start", observation.clock, observation.encoder_mm
+            )
             return self.last
-        placed = self._from_material(sighting) or self._from_encoder(sighting) or self._from_speed(sighting)
+        placed = (
+            self._from_material(observation)
+            or self._from_encoder(observation)
+            or self._from_speed(observation)
+        )
         if placed is None:
             return None
-        elapsed = sighting.clock - self.last.clock
+        elapsed = observation.clock - self.last.clock
         if placed.source != "speed" and elapsed > 0:
             self.speed = (placed.position_mm - self.last.position_mm) / elapsed
         self.last = placed
         return placed
 
     def move_key(self) -> None:
-        """Make the last frame the key frame; what encoder and material said up to it is compared once."""
+        """Make the last frame the key frame, and compare encoder and material between the two."""
         key, last = self.key, self.last
         if key is None or last is None:
             return
@@ -92,34 +98,36 @@ class Motion:
             )
         self.key = last
 
-    def _from_material(self, sighting: Sighting) -> Place | None:
+    def _from_material(self, observation: MotionObservation) -> BeltPosition | None:
         key = self.key
-        if key is None or sighting.shift_mm is None:
+        if key is None or observation.shift_mm is None:
             return None
-        return self._placed(
-            key.position_mm + sighting.shift_mm, sighting.shift_sigma_mm, "material", sighting
+        return self._make_position(
+            key.position_mm + observation.shift_mm, observation.shift_sigma_mm, "material", observation
         )
 
-    def _from_encoder(self, sighting: Sighting) -> Place | None:
+    def _from_encoder(self, observation: MotionObservation) -> BeltPosition | None:
         key = self.key
-        if key is None or sighting.encoder_mm is None or key.encoder_mm is None:
+        if key is None or observation.encoder_mm is None or key.encoder_mm is None:
             return None
-        step = (sighting.encoder_mm - key.encoder_mm) / self.scale.ratio
+        step = (observation.encoder_mm - key.encoder_mm) / self.scale.ratio
         sigma = float(np.hypot(_ENCODER_JITTER_MM, self.scale.sigma * step))
-        return self._placed(key.position_mm + step, sigma, "encoder", sighting)
+        return self._make_position(key.position_mm + step, sigma, "encoder", observation)
 
-    def _from_speed(self, sighting: Sighting) -> Place | None:
+    def _from_speed(self, observation: MotionObservation) -> BeltPosition | None:
         last = self.last
         if last is None or self.speed is None:
             return None
-        elapsed = sighting.clock - last.clock
+        elapsed = observation.clock - last.clock
         step = self.speed * elapsed
         grown = last.sigma_mm if last.source == "speed" else 0.0
         sigma = float(
             np.hypot(grown, abs(step) * np.hypot(_SPEED_KNOWN, _SPEED_CHANGE * np.sqrt(max(elapsed, 0))))
         )
-        return self._placed(last.position_mm + step, sigma, "speed", sighting)
+        return self._make_position(last.position_mm + step, sigma, "speed", observation)
 
     @staticmethod
-    def _placed(position_mm: float, sigma_mm: float, source: Source, sighting: Sighting) -> Place:
-        return Place(position_mm, sigma_mm, source, sighting.clock, sighting.encoder_mm)
+    def _make_position(
+        position_mm: float, sigma_mm: float, source: Source, observation: MotionObservation
+    ) -> BeltPosition:
+        return BeltPosition(position_mm, sigma_mm, source, observation.clock, observation.encoder_mm)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.measure.flow.motion.belt_motion import AGREE
+from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT
 from beltscape.measure.flow.motion.registration import Shift
 
 LEAST_MM = 2.0
@@ -57,7 +57,7 @@ class MotionEvidence:
     still: int = 0
     """Pairs in which it stood still and the encoder did not."""
     agreeing: int = 0
-    """Pairs in which material and encoder agree within `AGREE`."""
+    """Pairs in which material and encoder agree within `MAX_DISAGREEMENT`."""
     opposite: int = 0
     """Pairs in which the material moved against the direction in which the encoder counts."""
     encoder_still: int = 0
@@ -101,7 +101,7 @@ class MotionEvidence:
             return
         if moved:
             self.ratios.add(encoder_mm / along_mm)
-        if abs(along_mm - encoder_mm) <= AGREE * abs(encoder_mm) + least_mm:
+        if abs(along_mm - encoder_mm) <= MAX_DISAGREEMENT * abs(encoder_mm) + least_mm:
             self.agreeing += 1
         elif not moved:
             self.still += 1

@@ -1,4 +1,4 @@
-"""What of a load's height can be recognised in the next frame."""
+"""High-pass heights of a load, by which consecutive frames are registered."""
 
 from __future__ import annotations
 
@@ -9,42 +9,42 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 _SMOOTH_MM = 20.0
-"""Hills broader than this do not tell a place sharply."""
+"""Gaussian σ of the low-pass that is subtracted: broader hills do not determine a position sharply."""
 _LEAST_MM = 3.0
-"""Lower loads are left out: what remains of the empty belt's own errors stands still and would pull to no motion."""
+"""Lower loads are excluded: errors of the empty belt stand still and would bias the registration to no motion."""
 _LEAST_SHARE = 0.005
 _TALLEST = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Relief:
-    """Bumps and hollows of a load, on a grid that stands still (rows along y ascending, columns along x)."""
+class HighPassHeights:
+    """Heights and high-pass heights of a load, on a static grid (rows along y ascending, columns along x)."""
 
     height_mm: NDArray[np.float64]
     """(Ny, Nx) height over the empty belt; NaN where there is no load."""
-    bump_mm: NDArray[np.float64]
-    """(Ny, Nx) height over the surroundings' mean, tall ones clipped; 0 where there is no load."""
+    high_pass_mm: NDArray[np.float64]
+    """(Ny, Nx) height over the neighbourhood's mean, clipped; 0 where there is no load."""
     load: NDArray[np.bool_]
-    """(Ny, Nx) where a load was measured."""
+    """(Ny, Nx) whether a load was measured."""
     cell_mm: float
     """Edge of a cell."""
 
     @property
-    def telling(self) -> bool:
-        """Whether there is any load to recognise."""
+    def has_load(self) -> bool:
+        """Return whether there is enough load for registration."""
         return float(self.load.mean()) >= _LEAST_SHARE
 
 
-def relief(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: float) -> Relief:
-    """Relief of a load (Ny, Nx) over the empty belt, NaN where not measured; ``noise_mm`` is the empty belt's."""
+def compute_high_pass(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: float) -> HighPassHeights:
+    """Return the high-pass of a load (Ny, Nx), NaN where not measured; ``noise_mm`` is the empty belt's noise."""
     load = np.nan_to_num(height_mm, nan=-np.inf) > max(_LEAST_MM, 6 * noise_mm)
-    # lone cells are flying points, not load
+    # isolated cells are flying points, not load
     load &= ndimage.uniform_filter(load.astype(np.float32), 5) > 0.5
     value = np.where(load, height_mm, 0.0)
     blur = _SMOOTH_MM / cell_mm
     weight = ndimage.gaussian_filter(load.astype(np.float64), blur)
     mean = ndimage.gaussian_filter(value, blur) / np.maximum(weight, 1e-9)
-    bump = np.where(load, value - mean, 0.0)
-    spread = float(np.sqrt(np.mean(bump[load] ** 2))) if load.any() else 0.0
-    bump = np.clip(bump, -_TALLEST * spread, _TALLEST * spread)
-    return Relief(np.where(load, height_mm, np.nan), bump, load, cell_mm)
+    high_pass = np.where(load, value - mean, 0.0)
+    spread = float(np.sqrt(np.mean(high_pass[load] ** 2))) if load.any() else 0.0
+    high_pass = np.clip(high_pass, -_TALLEST * spread, _TALLEST * spread)
+    return HighPassHeights(np.where(load, height_mm, np.nan), high_pass, load, cell_mm)

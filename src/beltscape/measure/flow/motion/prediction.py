@@ -1,4 +1,4 @@
-"""How a belt should move on, from what its motion was."""
+"""Prediction of the belt's motion from its past motion."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Foresight:
-    """What a frame tells of the motion to the next ones."""
+class MotionPrediction:
+    """The prediction of the motion after a frame."""
 
     along: NDArray[np.float64]
-    """(3,) the travel's direction in the core's frame."""
+    """(3,) direction of travel in the core's frame."""
     ratio: float
-    """Encoder over material."""
+    """Encoder's over the material's motion."""
     speed: float | None
-    """mm per unit of the meter's clock; None: not known."""
+    """mm per unit of the meter's clock; None if unknown."""
 
-    def motion_mm(self, clock_step: float, encoder_step_mm: float | None) -> NDArray[np.float64] | None:
-        """(3,) displacement of the material in the core's frame; ``encoder_step_mm`` None: by the speed.
+    def predict_motion_mm(
+        self, clock_step: float, encoder_step_mm: float | None
+    ) -> NDArray[np.float64] | None:
+        """Return the displacement (3,) of the material in the core's frame, by the encoder, or by the speed.
 
-        None where neither is known.
+        The result is None where neither is known.
         """
         if encoder_step_mm is not None:
             return self.along * (encoder_step_mm / self.ratio)

@@ -36,6 +36,6 @@ class Density:
         return float(self.density_kg_m3[place]), float(self.sigma_kg_m3[place])
 
 
-def unknown_density() -> Density:
+def make_unknown_density() -> Density:
     """Where nobody told it."""
     return Density.constant(float("nan"), float("nan"))

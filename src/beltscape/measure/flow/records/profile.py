@@ -106,7 +106,7 @@ class Profile:
         change = float(np.mean((known[lag:] - known[:-lag]) ** 2)) if lag > 0 else float(known[0] ** 2)
         return Gap(start_mm, end_mm, ends, float(np.sqrt(0.25 * change)))
 
-    def stretch(self, start_mm: float, end_mm: float) -> Stretch:
+    def integrate(self, start_mm: float, end_mm: float) -> Stretch:
         """Sums between two places; rows that only reach in count for their part."""
         half = self._cell_mm / 2
         s = self._table[:, 0]
@@ -146,7 +146,7 @@ class Profile:
             return np.full(7, np.nan)
         return self._table[int(np.argmin(np.abs(self._table[:, 0] - place_mm)))]
 
-    def forget(self, before_mm: float) -> None:
+    def discard_before(self, before_mm: float) -> None:
         """Drop what lies before a place, but for some metres that tell how much the load varies."""
         limit = before_mm - _HISTORY_MM
         self._table = self._table[np.searchsorted(self._table[:, 0], limit) :]

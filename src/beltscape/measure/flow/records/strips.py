@@ -35,7 +35,7 @@ class Strip:
     """NaN where not known."""
     placed: bool
     """Whether anything told where the belt was."""
-    sure: bool
+    reliable: bool
     """Whether that was the material or the encoder, not the last known speed, and all cameras saw the frame."""
 
 
@@ -56,7 +56,7 @@ class Strips:
         """The strip that waits longest."""
         return self._waiting[0] if self._waiting else None
 
-    def finished(self, profile: Profile, until_mm: float) -> list[FlowRecord]:
+    def pop_finished(self, profile: Profile, until_mm: float) -> list[FlowRecord]:
         """Records of the strips that end at or before ``until_mm``, up to where the profile is complete."""
         out: list[FlowRecord] = []
         while self._waiting and self._waiting[0].end_mm <= until_mm:
@@ -64,7 +64,7 @@ class Strips:
         return out
 
     def _record(self, strip: Strip, profile: Profile) -> FlowRecord:
-        stretch = profile.stretch(strip.start_mm, strip.end_mm)
+        stretch = profile.integrate(strip.start_mm, strip.end_mm)
         area = stretch.volume_mm3 / stretch.length_mm if stretch.length_mm > 0 else float("nan")
         if stretch.length_mm == 0 and strip.placed:
             area = profile.area_at_mm2(strip.end_mm)
@@ -78,7 +78,7 @@ class Strips:
             strip_mm=(strip.start_mm, strip.end_mm),
             area_mm2=area,
             volume_mm3=stretch.volume_mm3,
-            sigma_mm3=self._sums.sigma_of(stretch, moved),
+            sigma_mm3=self._sums.compute_sigma(stretch, moved),
             speed_mm_s=strip.speed_mm_s,
             density_kg_m3=density[0],
             coverage=stretch.share,
@@ -94,6 +94,6 @@ def _quality(strip: Strip, stretch: Stretch) -> Quality:
         return "missing"
     if stretch.bridged_mm > _PART * length:
         return "bridged"
-    if not strip.sure or unseen > _PART * length or stretch.share < _WELL_SEEN:
+    if not strip.reliable or unseen > _PART * length or stretch.share < _WELL_SEEN:
         return "degraded"
     return "measured"

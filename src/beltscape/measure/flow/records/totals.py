@@ -51,7 +51,7 @@ class Sums:
         self._first: Strip | None = None
         self._last: Strip | None = None
 
-    def widen(self, systematic_mm: float) -> None:
+    def add_systematic(self, systematic_mm: float) -> None:
         """Count an error that all of a depth map's pixels share: the greatest so far holds for the whole belt."""
         self._systematic_mm = max(self._systematic_mm, systematic_mm)
 
@@ -60,7 +60,7 @@ class Sums:
         """Slow errors of depth over the belt's width."""
         return float(np.hypot(self._own_mm, self._systematic_mm)) * self._width_mm
 
-    def sigma_of(self, stretch: Stretch, moved_mm3: float) -> float:
+    def compute_sigma(self, stretch: Stretch, moved_mm3: float) -> float:
         """σ of one strip's volume; ``moved_mm3`` is what the position's uncertainty makes of it."""
         apart = stretch.apart_mm6 + moved_mm3**2
         drift = self._drift_mm2 * stretch.length_mm

@@ -130,8 +130,8 @@ def _compute_trend(volume: float, sigma: float, before: list[_Strip]) -> tuple[T
     seconds = sum(strip.seconds for strip in before)
     if seconds < 5:
         return "unknown", nan
-    old = sum(strip.volume_mm3 for strip in before) / seconds * 3600e-9
-    change = (volume - old) / old if old > 0 else nan
-    if isnan(change) or abs(volume - old) < max(2 * sigma, _TREND_SHARE * max(old, volume)):
+    previous = sum(strip.volume_mm3 for strip in before) / seconds * 3600e-9
+    change = (volume - previous) / previous if previous > 0 else nan
+    if isnan(change) or abs(volume - previous) < max(2 * sigma, _TREND_SHARE * max(previous, volume)):
         return "steady", change
-    return ("rising" if volume > old else "falling"), change
+    return ("rising" if volume > previous else "falling"), change

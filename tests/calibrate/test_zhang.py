@@ -28,7 +28,7 @@ def test_without_noise_the_camera_is_recovered(rig, board, poses, board_mm):
         np.testing.assert_allclose(found.camera.distortion[[0, 2, 3]], true.distortion[[0, 2, 3]], atol=1e-5)
         assert found.camera.size_px == true.size_px
         assert found.rms_px < 1e-4
-        assert (found.held, found.rejected) == (("k3",), {})
+        assert (found.fixed, found.rejected) == (("k3",), {})
         for frame, pose in found.cam_from_board.items():
             offset = (rig.cam_from_core[name] @ poses[int(frame)]).inverse() @ pose
             assert np.linalg.norm(offset.translation_mm) < 0.01
@@ -57,7 +57,7 @@ def test_k3_is_estimated_if_the_images_determine_it(rig, board, poses, board_mm)
     bent = Rig("a", {"a": lens}, {"a": rig.cam_from_core["a"]})
     many = [*poses, *board_poses(board, 12, distance_mm=520, seed=9)]
     found = calibrate_camera("a", make_detections(bent, board, many, noise_px=0.02), board_mm)
-    assert found.held == ()
+    assert found.fixed == ()
     assert found.camera.distortion[4] == pytest.approx(-0.2, abs=4 * found.sigma["k3"])
 
 

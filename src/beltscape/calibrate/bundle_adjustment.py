@@ -130,7 +130,7 @@ def _find_misfitting(hierarchy: HierarchyResult, sigma: Array) -> tuple[str, ...
         for i, name in enumerate(hierarchy.rig.cameras)
         if sigma[i] > MISFIT_FACTOR * monocular_sigma[i]
         and sigma[i] > MISFIT_PX
-        and len(hierarchy.monocular[name].held) < INTRINSICS
+        and len(hierarchy.monocular[name].fixed) < INTRINSICS
     )
 
 
@@ -217,7 +217,7 @@ def _make_prior(hierarchy: HierarchyResult, board_mm: Array) -> BundlePrior:
     priors = [compute_lens_prior(camera) for camera in cameras.values()]
     free = np.ones((len(cameras), INTRINSICS), bool)
     for i, name in enumerate(cameras):
-        free[i] = [parameter not in hierarchy.monocular[name].held for parameter in PARAMETERS]
+        free[i] = [parameter not in hierarchy.monocular[name].fixed for parameter in PARAMETERS]
     diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
     return BundlePrior(
         np.stack([mean for mean, _ in priors]), np.stack([information for _, information in priors]), free,

@@ -241,7 +241,7 @@ def _make_camera_table(
                 f"{c.focal_px[0]:.2f} ± {s[0]:.2f}", f"{c.focal_px[1]:.2f} ± {s[1]:.2f}",
                 f"{c.center_px[0]:.2f} ± {s[2]:.2f}", f"{c.center_px[1]:.2f} ± {s[3]:.2f}",
                 f"{np.linalg.norm(adjustment.rig.cam_from_core[name].center_mm):.2f}",
-                " → ".join(hierarchy.network.paths[name]), ", ".join(camera.held) or "none",
+                " → ".join(hierarchy.network.paths[name]), ", ".join(camera.fixed) or "none",
             ]
         )  # fmt: skip
     names = [

@@ -39,7 +39,7 @@ class MonocularCalibration:
     """By frame, for the views used."""
     rejected: Mapping[str, str] = field(default_factory=dict)
     """Frame → reason of the rejection."""
-    held: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()
     """Fixed parameters: those that the images do not determine, or all of a camera with given intrinsics."""
 
 
@@ -94,7 +94,7 @@ def calibrate_camera(
         solution = calibrate()
     return MonocularCalibration(
         solution.camera, solution.sigma, solution.rms_px, solution.cam_from_board, solution.view_rms_px, rejected,
-        solution.held,
+        solution.fixed,
     )  # fmt: skip
 
 
@@ -108,8 +108,8 @@ def _calibrate_views(
     k3 = float(free.camera.distortion[4])
     if abs(k3) > 3 * free.sigma["k3"]:
         return free
-    held = _fit_without_k3(free, views, board_mm)
-    return held or _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+    fixed = _fit_without_k3(free, views, board_mm)
+    return fixed or _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
 
 
 def _fit_without_k3(
@@ -150,7 +150,7 @@ def _fit_without_k3(
         rms_px=float(np.sqrt(squares.mean())),
         cam_from_board={frame: Pose(rotation, translation) for frame, rotation, translation in boards},
         view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
-        held=("k3",),
+        fixed=("k3",),
     )
 
 
@@ -169,7 +169,7 @@ def _fit_poses(
     counts = np.array([len(corners) for corners in views.values()])
     total = float(np.sqrt((counts * np.square(list(rms.values()))).sum() / counts.sum()))
     camera = Camera(name, known.size_px, known.focal_px, known.center_px, known.distortion)
-    return MonocularCalibration(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, held=PARAMETERS)
+    return MonocularCalibration(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, fixed=PARAMETERS)
 
 
 def _run_opencv(
@@ -208,5 +208,5 @@ def _run_opencv(
             frame: Pose.of(r, t) for frame, r, t in zip(views, rotations, translations, strict=True)
         },
         view_rms_px={frame: float(e) for frame, e in zip(views, per_view.ravel(), strict=True)},
-        held=("k3",) if flags else (),
+        fixed=("k3",) if flags else (),
     )

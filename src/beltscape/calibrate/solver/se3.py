@@ -25,22 +25,22 @@ SERIES_TERMS = 18
 
 def exp(twist: Array) -> Pose:
     """Return the pose of a twist (6,)."""
-    turn, shift = twist[:3], twist[3:]
-    return Pose.of(turn, _turn_jacobian(turn) @ shift)
+    rotation_vector, translation = twist[:3], twist[3:]
+    return Pose.of(rotation_vector, _left_rotation_jacobian(rotation_vector) @ translation)
 
 
 def log(pose: Pose) -> Array:
     """Return the twist (6,) of a pose, its angle in 0..π: the inverse of `exp`."""
-    turn = pose.rotation_vector
-    angle = float(np.linalg.norm(turn))
-    spin = skew(turn)
+    rotation_vector = pose.rotation_vector
+    angle = float(np.linalg.norm(rotation_vector))
+    cross = skew(rotation_vector)
     # (1 - (a/2) cot(a/2)) / a²: a twelfth at 0, and cot is 0 at π
     if angle < 1e-2:
         square = 1 / 12 + angle**2 / 720 + angle**4 / 30240
     else:
         square = (1 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
-    inverse = np.eye(3) - 0.5 * spin + square * spin @ spin
-    return np.concatenate([turn, inverse @ pose.translation_mm])
+    inverse = np.eye(3) - 0.5 * cross + square * cross @ cross
+    return np.concatenate([rotation_vector, inverse @ pose.translation_mm])
 
 
 def skew(vector: Array) -> Array:
@@ -91,13 +91,13 @@ def left_jacobian_inverse(twist: Array) -> Array:
     return inv(left_jacobian(twist))
 
 
-def _turn_jacobian(turn: Array) -> Array:
+def _left_rotation_jacobian(rotation_vector: Array) -> Array:
     """Return the left Jacobian (3, 3) of a rotation vector, which maps a twist's v to the pose's translation."""
-    angle = float(np.linalg.norm(turn))
-    spin = skew(turn)
+    angle = float(np.linalg.norm(rotation_vector))
+    cross = skew(rotation_vector)
     if angle < 1e-2:
         once, twice = 0.5 - angle**2 / 24 + angle**4 / 720, 1 / 6 - angle**2 / 120 + angle**4 / 5040
     else:
         once = 2 * np.sin(0.5 * angle) ** 2 / angle**2
         twice = (angle - np.sin(angle)) / angle**3
-    return np.eye(3) + once * spin + twice * spin @ spin
+    return np.eye(3) + once * cross + twice * cross @ cross

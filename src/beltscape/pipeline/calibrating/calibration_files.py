@@ -112,7 +112,7 @@ def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
             for parameter, value in zip(covariance.parameters, sigma, strict=True)
             if parameter.startswith(f"{name}.")
         },
-        "held": camera.held,
+        "held": camera.fixed,
         "intrinsics": "given" if name in calibration.given else "estimated",
         "noise_px": adjustment.sigma_px[index],
         "corners": int(of_camera.sum()),

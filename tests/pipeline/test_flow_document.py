@@ -12,7 +12,7 @@ from flow.moving_belt import Heap, depth_map, ground
 from beltscape.cli.measure_flow import summary
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.measure.flow.fusion.picture import BeltPicture
-from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_files import write_flow_result
@@ -21,7 +21,7 @@ HEAP = Heap(start_mm=-900, end_mm=-300)
 
 
 def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) -> Flow:
-    picture, steps, records = BeltPicture(ground()), list[Step](), list[FlowRecord]()
+    picture, steps, records = BeltPicture(ground()), list[FramePlacement](), list[FlowRecord]()
     meter = FlowMeter(ground(), density=density, watch_belt=picture.add, watch_step=steps.append)
     for k in range(10):
         depth = depth_map(heap, 130.0 * k)

@@ -71,7 +71,8 @@ def test_takes_the_only_frame_of_a_reconstruction_and_lists_several(run, small_f
     for name in ("000", "001", "002", "003", "004", "005"):
         shutil.copytree(loaded / "000", several / name)
     assert run("measure", "volume", several, *words)[2] == [
-        f"beltscape: {several}: holds the frames 000, 001, 002, 003 and 2 more; give one of them, such as {several}/000"
+        f"beltscape: {several}: holds the frames 000, 001, 002, 003 and 2 more; "
+        f"give one of them, such as {several}/000"
     ]
 
 

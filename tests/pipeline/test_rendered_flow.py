@@ -14,7 +14,7 @@ from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import read_image
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
-from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -41,7 +41,7 @@ def test_motion_and_volume_of_rendered_frames() -> None:
     rig = halved_rig()
     matcher = MultiviewReconstructor(rig, (560.0, 790.0), MultiviewSettings.preset("fast"))
     belt = find_belt(matcher.reconstruct(halved_frames("belt_empty"), Silent()), rig.core_camera)
-    steps: list[Step] = []
+    steps: list[FramePlacement] = []
     meter = FlowMeter(make_reference(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
     truth = json.loads((RENDERED / "truth/belt_moving.json").read_text())
     told = {f["frame"].removesuffix(".png"): f for f in truth["frames"]}

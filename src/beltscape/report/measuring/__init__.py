@@ -1,1 +1,1 @@
-"""Reports of belt, volume, flow, lumps and module."""
+"""Report pages of the measurements: belt, volume, flow, lumps and module."""

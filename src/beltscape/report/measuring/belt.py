@@ -1,4 +1,4 @@
-"""The learned belt's page: its shape, how sure it is, and how far it runs off."""
+"""The report page of the empty belt: its shape, uncertainty and misalignment."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from beltscape.report.drawing.plots import Form, compute_map_height, make_panels
 from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
 
 _MAP_CELLS = 200
-"""Of the map on each side: finer than a node, as many as a page shows."""
+"""Cells of the map on each side, finer than the nodes."""
 
 
 def render_belt_page(belt: Belt) -> str:
@@ -67,7 +67,7 @@ def make_section_chart(belt: Belt) -> Chart:
 
 
 def plot_section(belt: Belt, form: Form) -> Figure:
-    """Plot the cross-section, with its ends where they were seen."""
+    """Plot the cross-section, with its ends if they were measured."""
     figure, (axis,) = make_panels(1, form, height=230, narrow_height=170)
     low, high = belt.z_mm - 3 * belt.z_sigma_mm, belt.z_mm + 3 * belt.z_sigma_mm
     axis.fill_between(belt.x_mm, low, high, color=light("band"), linewidth=0)
@@ -121,6 +121,6 @@ def _edge_table(belt: Belt) -> Table:
             ("middle off the trough's, mm", edges.offset_mm, edges.sigma_mm),
         )
     ):
-        seen = np.isfinite(value)
-        rows.append([name, f"{value:+.2f}" if seen else "not seen", f"{sigma:.2f}" if seen else "–"])
+        is_known = np.isfinite(value)
+        rows.append([name, f"{value:+.2f}" if is_known else "not seen", f"{sigma:.2f}" if is_known else "–"])
     return Table(["", "value", "σ"], rows)

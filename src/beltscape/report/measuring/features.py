@@ -1,4 +1,4 @@
-"""The module's report: its dimensions, what was fitted where, and how far the surface is from a perfect one."""
+"""The report page of the calibration module: dimensions, fitted pixels, and deviation from the nominal surface."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beltscape.report.page import InteractiveScene, Pictures, Section, Table, Ti
 def render_features_page(
     depth: DepthMap, camera: Camera, image: Image | None, measured: MeasuredModule
 ) -> str:
-    """report.html of a module's dimensions."""
+    """Return report.html of a module's dimensions."""
     edges = list(make_edge_panels(image, depth, camera, measured))
     sections = [
         Section("Dimensions", "Each feature measured by itself.", [_tiles(measured), _table(measured)]),
@@ -57,14 +57,14 @@ def render_features_page(
 
 
 def summarise_module(measured: MeasuredModule) -> str:
-    """The result in a sentence."""
-    known = [q for q in measured.quantities if np.isfinite(q.measured_mm)]
-    if not known:
+    """Return the result in a sentence."""
+    measurable = [q for q in measured.quantities if np.isfinite(q.measured_mm)]
+    if not measurable:
         return "The module was found, but none of its dimensions could be measured."
-    worst = max(known, key=lambda q: abs(q.measured_mm - q.nominal_mm))
-    beyond = sum(abs(q.measured_mm - q.nominal_mm) > 3 * q.sigma_mm for q in known)
+    worst = max(measurable, key=lambda q: abs(q.measured_mm - q.nominal_mm))
+    beyond = sum(abs(q.measured_mm - q.nominal_mm) > 3 * q.sigma_mm for q in measurable)
     return (
-        f"{len(known)} of {len(measured.quantities)} dimensions measured; the farthest from nominal is "
+        f"{len(measurable)} of {len(measured.quantities)} dimensions measured; the farthest from nominal is "
         f"{worst.name} {worst.quantity.replace('_', ' ')}, {_signed(worst)} mm; {beyond} differ by more than 3 σ."
     )
 
@@ -83,7 +83,7 @@ _GROUPS = (
 
 
 def _tiles(measured: MeasuredModule) -> Tiles:
-    """The largest deviation of each kind."""
+    """Return the largest deviation of each kind of dimension."""
     tiles: list[Tile] = []
     for title, kinds in _GROUPS:
         off = [(abs(q.measured_mm - q.nominal_mm), q) for q in measured.quantities if q.quantity in kinds]

@@ -1,4 +1,4 @@
-"""Pictures of a measured module: pixels by feature, edges from close by, deviation from the perfect one."""
+"""Pictures of a measured module: pixels by feature, magnified edges, and deviation from the nominal module."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _COLORS: tuple[Color, ...] = (
     (12, 133, 153), (92, 64, 51), (194, 37, 92),
 )  # fmt: skip
 FOUND, PERFECT = (0, 225, 255), (255, 140, 0)
-"""Edges as located and as the perfect module has them; cyan and orange are told apart by every eye."""
+"""Colours of measured and nominal edges; cyan and orange are distinct for colour-blind readers."""
 _MARGIN_PX = 12
 _SCENE_POINTS = 12_000
 
 
 def make_feature_panel(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Panel:
-    """Pixels that were fitted, in their feature's colour over the depth in grey, with the located edges."""
+    """Return the fitted pixels in their feature's colour over the grey depth, with the located edges."""
     rows, columns = _crop_to_module(measured)
     z = depth.depth_mm[rows, columns]
     low, high = np.nanquantile(z, [0.01, 0.99]) if np.isfinite(z).any() else (0.0, 1.0)
@@ -58,17 +58,17 @@ def make_feature_panel(depth: DepthMap, camera: Camera, measured: MeasuredModule
 
 
 def make_deviation_panel(depth: DepthMap, measured: MeasuredModule) -> Panel:
-    """Measured minus perfect depth on the module, mm."""
+    """Return measured minus nominal depth on the module, mm."""
     rows, columns = _crop_to_module(measured)
     on = measured.view.label[rows, columns] != NO_PART
     off = np.where(on, depth.depth_mm[rows, columns] - measured.view.depth_mm[rows, columns], np.nan)
-    known = np.abs(off[np.isfinite(off)])
-    limit = round_above(max(float(np.quantile(known, 0.9)), 0.01)) if known.size else 1.0
+    finite = np.abs(off[np.isfinite(off)])
+    limit = round_above(max(float(np.quantile(finite, 0.9)), 0.01)) if finite.size else 1.0
     scale = Scale(-limit, limit, DIFFERENCE)
     key = Swatches([("not measured", QUIET), ("not the module", NO_TRUTH)])
     image = scale.to_rgb(off)
     image[~on] = NO_TRUTH
-    note = f"median {np.median(known):.3f}" if known.size else ""
+    note = f"median {np.median(finite):.3f}" if finite.size else ""
     big, _ = _enlarge(image, 1400)
     return Panel(big, "measured minus perfect, mm", scale, key, note)
 
@@ -76,7 +76,7 @@ def make_deviation_panel(depth: DepthMap, measured: MeasuredModule) -> Panel:
 def make_edge_panels(
     image: Image | None, depth: DepthMap, camera: Camera, measured: MeasuredModule
 ) -> Iterator[Panel]:
-    """Each feature's upper face from close by, with its edges as found and as they should be."""
+    """Yield each feature's upper face magnified, with its measured and nominal edges."""
     key = Swatches([("located", FOUND), ("perfect module", PERFECT)])
     ground = to_rgb(image) if image is not None else _relief(depth)
     for name in dict.fromkeys(line.name for line in measured.edges):
@@ -87,13 +87,13 @@ def make_edge_panels(
         high = np.clip(np.ceil(points.max(axis=0)).astype(int) + _MARGIN_PX, low + 2, size)
         big, zoom = _enlarge(ground[low[1] : high[1], low[0] : high[0]], 900)
         for line in lines:
-            for way, color in ((line.nominal_mm, PERFECT), (line.line_mm, FOUND)):
-                _draw(big, way, camera, (int(low[1]), int(low[0])), zoom, color)
+            for edge_mm, color in ((line.nominal_mm, PERFECT), (line.line_mm, FOUND)):
+                _draw(big, edge_mm, camera, (int(low[1]), int(low[0])), zoom, color)
         yield Panel(big, name, key, note=_sigmas(lines))
 
 
 def make_feature_scene(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Scene:
-    """The cloud by feature, and the primitives: outlines of faces, rings of spheres."""
+    """Return the cloud coloured by feature, with outlines of faces and circles of spheres."""
     on = (measured.view.label != NO_PART) & depth.measured
     labels = measured.view.label[on]
     every = max(len(labels) // _SCENE_POINTS, 1)
@@ -107,13 +107,13 @@ def make_feature_scene(depth: DepthMap, camera: Camera, measured: MeasuredModule
 
 
 def _label_positions(measured: MeasuredModule) -> list[tuple[str, NDArray[np.float64]]]:
-    """Names of the features that were measured, and where to write them: (3,) in the core's frame."""
+    """Return the measured features' names and label positions (3,) in the core's frame."""
     balls = [(name, ball.center_mm) for name, ball in measured.spheres.items()]
     return balls + [(name, face.middle_mm) for name, face in measured.faces.items() if name != "base"]
 
 
 def _rings(center: NDArray[np.float64], radius: float) -> Iterator[NDArray[np.float64]]:
-    """Three great circles."""
+    """Yield three great circles."""
     angle = np.linspace(0, 2 * np.pi, 49)
     for skip in range(3):
         ring = np.insert(np.stack([np.cos(angle), np.sin(angle)], axis=1), skip, 0.0, axis=1)
@@ -121,7 +121,7 @@ def _rings(center: NDArray[np.float64], radius: float) -> Iterator[NDArray[np.fl
 
 
 def _fitted_mask(depth: DepthMap, measured: MeasuredModule, label: int, name: str) -> NDArray[np.bool_]:
-    """(H, W) pixels of a face's plane, or of a sphere's cap."""
+    """Return the mask (H, W) of the pixels of a face's plane or of a sphere's cap."""
     if name in measured.faces:
         return measured.faces[name].pixels
     shown = measured.view.face(label) & depth.measured
@@ -129,13 +129,13 @@ def _fitted_mask(depth: DepthMap, measured: MeasuredModule, label: int, name: st
 
 
 def _crop_to_module(measured: MeasuredModule) -> tuple[slice, slice]:
-    """Rows and columns that show the module, with a margin."""
+    """Return the rows and columns that show the module, with a margin."""
     on = measured.view.label != NO_PART
     spans: list[slice] = []
     for axis in (1, 0):
-        there = np.nonzero(on.any(axis=axis))[0]
+        occupied = np.nonzero(on.any(axis=axis))[0]
         size = on.shape[1 - axis]
-        low, high = (int(there[0]), int(there[-1])) if len(there) else (0, size)
+        low, high = (int(occupied[0]), int(occupied[-1])) if len(occupied) else (0, size)
         spans.append(slice(max(low - _MARGIN_PX, 0), min(high + _MARGIN_PX + 1, size)))
     return spans[0], spans[1]
 
@@ -152,14 +152,14 @@ def _relief(depth: DepthMap) -> Rgb:
 
 
 def _enlarge(image: Rgb, width_px: int) -> tuple[Rgb, float]:
-    """The image at about that width, in whole steps, and by how much it grew."""
+    """Return the image enlarged by a whole factor to about the given width, and the factor."""
     zoom = max(round(width_px / image.shape[1]), 1)
     big = cv2.resize(np.ascontiguousarray(image), None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
     return np.asarray(big, np.uint8), float(zoom)
 
 
 def _pixels(points_mm: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
-    """(n, 2) where the undistorted grid shows points."""
+    """Return the pixels (n, 2) of points on the undistorted grid."""
     return points_mm[:, :2] / points_mm[:, 2:] * camera.focal_px + camera.center_px
 
 
@@ -171,7 +171,7 @@ def _draw(
     zoom: float,
     color: Color,
 ) -> None:
-    """A polyline into an enlarged part of the core's view whose first row and column are ``origin``."""
+    """Draw a polyline into an enlarged part of the core's view whose first row and column are ``origin``."""
     at = (_pixels(line_mm, camera) - [origin[1], origin[0]] + 0.5) * zoom - 0.5
     cv2.polylines(image, [np.rint(at * 16).astype(np.int32)], False, color, 2, cv2.LINE_AA, 4)
 

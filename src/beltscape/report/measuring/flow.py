@@ -1,4 +1,4 @@
-"""The report of a moving belt: how much passed, how sure, and what it looked like."""
+"""The report page of a moving belt: total flow with uncertainty, the fused belt, and the strips."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.measure.flow.meter import Step
+from beltscape.measure.flow.meter import FramePlacement
 from beltscape.measure.flow.records.totals import FlowTotals
 from beltscape.report.measuring.flow_charts import (
     make_belt_chart,
@@ -27,10 +27,10 @@ _MOST_ROWS = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowReport:
-    """What the page shows."""
+    """The contents of the page."""
 
     records: Sequence[FlowRecord]
-    steps: Sequence[Step]
+    steps: Sequence[FramePlacement]
     totals: FlowTotals
     document: Mapping[str, Any]
     """The figures of flow.json."""
@@ -41,7 +41,7 @@ class FlowReport:
 
 
 def render_flow_page(flow: FlowReport, *, warnings: Sequence[str]) -> str:
-    """report.html of a moving belt."""
+    """Return report.html of a moving belt."""
     sections = [
         Section("What passed", "", [Tiles(_tiles(flow))]),
         Section(
@@ -73,7 +73,7 @@ def render_flow_page(flow: FlowReport, *, warnings: Sequence[str]) -> str:
 
 
 def summarise_flow(flow: FlowReport) -> str:
-    """The result in a sentence."""
+    """Return the result in a sentence."""
     totals, document = flow.totals, flow.document
     text = (
         f"{totals.volume_mm3 * 1e-6:.3f} ± {totals.sigma_mm3 * 1e-6:.3f} litres passed on "

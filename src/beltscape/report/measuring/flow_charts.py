@@ -1,4 +1,4 @@
-"""The charts of a moving belt's report: the belt from above, its flow, its motion, what was measured of it."""
+"""The charts of a moving belt's report: the belt from above, flow, motion, and coverage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.measure.flow.meter import Step
+from beltscape.measure.flow.meter import FramePlacement
 from beltscape.report.drawing.charts import Chart, Entry, Key, Mark
 from beltscape.report.drawing.legend import HEIGHT, Scale
 from beltscape.report.drawing.palette import light
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 _SHAPES: Mapping[str, tuple[Mark, str]] = {
     "measured": ("circle", "o"), "degraded": ("square", "s"), "bridged": ("triangle", "^"), "missing": ("cross", "X"),
 }  # fmt: skip
-"""Quality → its mark in a key and in a plot; its colour is the palette's role of the same name."""
+"""Quality → mark in a key and in a plot; the colour is the palette's role of the same name."""
 _STRIP = "#c9d3df"
-"""Lines between strips: on the map's colours, which are the same on light and dark ground."""
+"""Colour of the lines between strips, drawn on the map's colours."""
 _ROW_MM = 3000.0
-"""A long belt is drawn in pieces of about this length, one below the other; on a phone of a third of it."""
+"""Length of the pieces in which a long belt is drawn below one another; a third of it on a phone."""
 _MOST_PIECES = 12
 _MOST_CELLS = 1600
-"""Of a piece, along the belt: more than a page shows."""
+"""Largest number of cells of a piece along the belt."""
 
 
 def make_state_entry(quality: str) -> Entry:
@@ -125,8 +125,8 @@ def _plot_rates(axis: Axes, timed: Sequence[FlowRecord]) -> None:
         axis.secondary_yaxis("right", functions=back).set_ylabel("t/h")
 
 
-def make_motion_chart(steps: Sequence[Step]) -> Chart:
-    """Return the speed of material and encoder, and how far the encoder runs away from the material."""
+def make_motion_chart(steps: Sequence[FramePlacement]) -> Chart:
+    """Return the speed of material and encoder, and the difference of their positions."""
     entries = [Entry("belt as used", "first"), Entry("told by the material", "first", "circle")]
     if any(s.place.encoder_mm is not None for s in steps):
         entries.append(Entry("encoder", "second", "dashed"))
@@ -134,7 +134,7 @@ def make_motion_chart(steps: Sequence[Step]) -> Chart:
     return Chart.draw(partial(_plot_motion, steps), caption, Key(entries))
 
 
-def _plot_motion(steps: Sequence[Step], form: Form) -> Figure:
+def _plot_motion(steps: Sequence[FramePlacement], form: Form) -> Figure:
     both = [s for s in steps if s.place.encoder_mm is not None]
     figure, axes = make_panels(2 if both else 1, form, height=190, narrow_height=180)
     if len(steps) > 1:
@@ -150,25 +150,29 @@ def _plot_motion(steps: Sequence[Step], form: Form) -> Figure:
     return figure
 
 
-def _plot_speeds(axis: Axes, steps: Sequence[Step], *, encoder: bool) -> None:
+def _plot_speeds(axis: Axes, steps: Sequence[FramePlacement], *, encoder: bool) -> None:
     clock = np.array([s.place.clock for s in steps])
     place = np.array([s.place.position_mm for s in steps])
-    sure = np.array([s.place.source == "material" for s in steps], bool)[1:]
+    measured = np.array([s.place.source == "material" for s in steps], bool)[1:]
     middle = 0.5 * (clock[1:] + clock[:-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         speed = np.diff(place) / np.diff(clock)
         axis.plot(middle, speed, color=light("first"), linewidth=1.3)
-        axis.plot(middle[sure], speed[sure], "o", color=light("first"), markersize=4.5)
+        axis.plot(middle[measured], speed[measured], "o", color=light("first"), markersize=4.5)
         if encoder:
-            told = np.diff(np.array([s.place.encoder_mm for s in steps], np.float64)) / np.diff(clock)
-            axis.plot(middle, told, "--", color=light("second"), linewidth=1.3)
+            encoder_speed = np.diff(np.array([s.place.encoder_mm for s in steps], np.float64)) / np.diff(
+                clock
+            )
+            axis.plot(middle, encoder_speed, "--", color=light("second"), linewidth=1.3)
     low, high = axis.get_ylim()
-    room = max(0.0, 0.01 * abs(0.5 * (low + high)) - 0.5 * (high - low))  # a steady belt looks steady
+    room = max(
+        0.0, 0.01 * abs(0.5 * (low + high)) - 0.5 * (high - low)
+    )  # small variations of the speed are not magnified
     axis.set_ylim(low - room, high + room)
 
 
 def make_coverage_chart(records: Sequence[FlowRecord]) -> Chart:
-    """Return the measured share of every strip: one frame alone, and all together."""
+    """Return the measured share of every strip, by a single frame and by all frames."""
     key = Key([Entry("all frames", "first"), Entry("one frame alone", "second", "dashed")])
     return Chart.draw(partial(_plot_coverage, records), "Share of each strip that was measured.", key)
 

@@ -1,4 +1,4 @@
-"""The lumps' report: which lumps, how large, how they are distributed, and what is too large."""
+"""The report page of the lumps: sizes, size distribution and oversize."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, T
 _CURVES: tuple[tuple[str, bool, str, Mark], ...] = (
     ("all lumps", False, "first", "line"), ("fully visible", True, "second", "dashed"),
 )  # fmt: skip
-"""(name, of fully visible ones alone, role of the palette, mark)."""
+"""(name, whether of fully visible lumps only, role of the palette, mark)."""
 
 
 def render_lumps_page(lumps: Lumps, depth: DepthMap, picture: Image | None) -> str:
-    """report.html of a frame's lumps."""
+    """Return report.html of a frame's lumps."""
     sections = [
         Section("Lumps in view", "Each lump in the colour of its size.", _view(lumps, depth, picture)),
         Section("Size distribution", BIAS, _sizes(lumps)),
@@ -35,7 +35,7 @@ def render_lumps_page(lumps: Lumps, depth: DepthMap, picture: Image | None) -> s
 
 
 def summarise_lumps(lumps: Lumps) -> str:
-    """The result in a sentence or two."""
+    """Return the result in a sentence or two."""
     if not lumps.lumps:
         return "No lumps in view."
     whole = sum(not lump.occluded and not lump.cut for lump in lumps.lumps)
@@ -100,7 +100,7 @@ def make_distribution_chart(lumps: Lumps) -> Chart:
 
 
 def plot_distribution(lumps: Lumps, form: Form) -> Figure:
-    """Plot passing curves of all and of the fully visible lumps, and how many there are of each size."""
+    """Plot passing curves and size histograms of all and of the fully visible lumps."""
     figure, (curve, count) = make_panels(2, form, columns=2, height=300, narrow_height=220)
     for _, whole, role, mark in _CURVES:
         chosen = sorted(_select_lumps(lumps, whole), key=lambda lump: lump.size_mm)

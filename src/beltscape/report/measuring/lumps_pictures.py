@@ -1,4 +1,4 @@
-"""Pictures of the lumps: coloured by size on the relief, and outlined on what the camera saw."""
+"""Pictures of the lumps: coloured by size on the shaded surface, and outlined on the camera image."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from beltscape.report.drawing.legend import HEIGHT, Color, Rgb, Scale, Swatches
 from beltscape.report.drawing.pictures import Mark, Panel, quantile_range, to_rgb
 
 OVERSIZE: Color = (217, 0, 130)
-"""Outline of what is over the limit: of no other colour's hue."""
+"""Outline of oversize lumps; no other colour has this hue."""
 BELT, FINE = (238, 240, 242), (178, 184, 190)
-"""Where no lump is: the bare belt, and material that is told apart no further."""
+"""Colours without lumps: the bare belt, and fines."""
 _OUTLINE, _SEEN_OUTLINE = (33, 37, 41), (255, 169, 77)
 _PALE, _PALE_TO = 0.45, 235
-"""Share of its colour that a pale lump keeps, and the grey of the rest."""
+"""Share of its colour that a partly visible lump keeps, and the grey of the rest."""
 _LARGEST = 12
-"""Lumps that are numbered and stand in the table, at least; more where more are over the limit."""
+"""Smallest number of numbered lumps in the table; all oversize lumps are added."""
 _LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 
 
 def largest_lumps(lumps: Lumps) -> list[Lump]:
-    """Return the lumps of the table, from the largest on; the pictures number these."""
+    """Return the lumps of the table in descending size; the pictures number these."""
     count = max(_LARGEST, len(_oversize_numbers(lumps)))
     return sorted(lumps.lumps, key=lambda lump: -lump.size_mm)[:count]
 
 
 def make_lump_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> list[Panel]:
-    """Return the lumps coloured by size on the relief, outlined; beside it what the camera saw, outlined."""
+    """Return the lumps outlined on the surface coloured by size, and outlined on the camera image."""
     area = crop_to_lumps(lumps)
     labels = lumps.labels[area]
     scale = Scale(*quantile_range(_sizes(lumps), 0.02), HEIGHT[40:])
@@ -51,7 +51,7 @@ def make_lump_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> li
 
 
 def color_by_size(labels: NDArray[np.uint16], lumps: Lumps, relief: NDArray[np.float64], scale: Scale) -> Rgb:
-    """(H, W, 3): lumps in their sizes' colours, shaded; where no lump is, the key's own colours."""
+    """Return the shaded lumps in the colours of their sizes, (H, W, 3); pixels without lumps in the key's colours."""
     pale = np.zeros(FINES + 1, bool)
     for lump in lumps.lumps:
         pale[lump.number] = lump.occluded or lump.cut
@@ -65,7 +65,7 @@ def color_by_size(labels: NDArray[np.uint16], lumps: Lumps, relief: NDArray[np.f
 
 
 def _sizes(lumps: Lumps) -> NDArray[np.float64]:
-    """(FINES + 1,) the size of each label, mm; NaN where it is no lump."""
+    """Return the size of each label, (FINES + 1,) mm; NaN: no lump."""
     size = np.full(FINES + 1, np.nan)
     for lump in lumps.lumps:
         size[lump.number] = lump.size_mm
@@ -73,7 +73,7 @@ def _sizes(lumps: Lumps) -> NDArray[np.float64]:
 
 
 def _key(labels: NDArray[np.uint16], lumps: Lumps) -> Swatches:
-    """What the colours mean that stand for no size."""
+    """Return the key of the colours that are no sizes."""
     entries: list[tuple[str, Color]] = []
     if (labels == 0).any():
         entries.append(("no lump", BELT))
@@ -95,12 +95,12 @@ def _oversize_swatch(lumps: Lumps) -> list[tuple[str, Color]]:
 
 
 def _oversize_numbers(lumps: Lumps) -> list[int]:
-    """Numbers of the lumps that are over the limit more likely than not."""
+    """Return the numbers of the lumps whose probability of oversize exceeds one half."""
     return [] if lumps.oversize is None else [n for n, chance in lumps.oversize.lumps if chance > 0.5]
 
 
 def _marks(lumps: Lumps, labels: NDArray[np.uint16]) -> list[Mark]:
-    """The numbers of the largest, each on its lump."""
+    """Return the numbers of the largest lumps, each on its lump."""
     marks: list[Mark] = []
     height, width = labels.shape
     for lump in largest_lumps(lumps):
@@ -112,14 +112,14 @@ def _marks(lumps: Lumps, labels: NDArray[np.uint16]) -> list[Mark]:
 
 
 def _find_innermost(own: NDArray[np.bool_]) -> tuple[int, int]:
-    """Row and column of the pixel that is farthest from the edge."""
+    """Return row and column of the pixel farthest from the edge."""
     inside = ndimage.distance_transform_edt(np.pad(own, 1))
     v, u = np.unravel_index(int(np.argmax(inside)), own.shape + np.array([2, 2]))
     return int(v) - 1, int(u) - 1
 
 
 def crop_to_lumps(lumps: Lumps) -> tuple[slice, slice]:
-    """Return the rows and columns that the pictures show: where there are lumps, with a rim; all without lumps."""
+    """Return the rows and columns that contain lumps, with a margin; all without lumps."""
     there = np.argwhere(lumps.labels > 0)
     if not len(there):
         return np.s_[:, :]
@@ -129,21 +129,21 @@ def crop_to_lumps(lumps: Lumps) -> tuple[slice, slice]:
 
 
 def _relief(depth: DepthMap) -> NDArray[np.float64]:
-    """(H, W) brightness of the surface lit from above left; 1 where it is level, or not measured."""
-    known = depth.measured
-    middle = float(np.median(depth.depth_mm[known])) if known.any() else 1.0
-    z = cv2.medianBlur(np.where(known, depth.depth_mm, middle).astype(np.float32), 5)
+    """Return the shading (H, W) of the surface lit from above left; 1 where it is level or not measured."""
+    measured = depth.measured
+    middle = float(np.median(depth.depth_mm[measured])) if measured.any() else 1.0
+    z = cv2.medianBlur(np.where(measured, depth.depth_mm, middle).astype(np.float32), 5)
     z = cv2.GaussianBlur(z, (0, 0), 1.2)
     pixel = middle / (1.0 * max(depth.depth_mm.shape))  # the lens' angle is about one radian
     down, right = np.gradient(z.astype(np.float64))
     normal = np.stack([right / pixel, down / pixel, -np.ones_like(down)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     brighter = np.clip(normal @ _LIGHT, 0, None) + _LIGHT[2]
-    return np.clip(1.0 + 0.7 * np.where(known, brighter, 0.0), 0.3, 1.2)
+    return np.clip(1.0 + 0.7 * np.where(measured, brighter, 0.0), 0.3, 1.2)
 
 
 def _draw_outlines(image: Rgb, labels: NDArray[np.uint16], lumps: Lumps, color: Color) -> Rgb:
-    """(H, W, 3): the image with the outlines of all lumps, and above them those of what is over the limit."""
+    """Return the image (H, W, 3) with the outlines of all lumps, and those of oversize lumps on top."""
     thick = max(1, round(max(image.shape[:2]) / 600))
     edge = _edges(labels)
     wide = np.asarray(ndimage.binary_dilation(edge, np.ones((thick, thick))), bool) if thick > 1 else edge

@@ -1,4 +1,4 @@
-"""The volume's report: how much, how sure, and what it looks like."""
+"""The report page of a volume: the load's height map, uncertainty and cross-sections."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
 
 
 def render_volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
-    """report.html of a volume."""
+    """Return report.html of a volume."""
     sections = [
         Section("The load", "Heights above the empty belt, in the belt frame.", make_volume_items(volume)),
         Section(
@@ -37,12 +37,12 @@ def render_volume_page(volume: Volume, *, warnings: Sequence[str]) -> str:
 
 
 def format_litres(volume_mm3: float) -> str:
-    """Volume in litres with sensible digits."""
+    """Return a volume in litres with three decimals."""
     return f"{volume_mm3 * 1e-6:.3f}"
 
 
 def summarise_volume(volume: Volume) -> str:
-    """The result in a sentence."""
+    """Return the result in a sentence."""
     return (
         f"{format_litres(volume.volume_mm3)} ± {format_litres(volume.sigma_mm3)} litres between "
         f"x = {volume.across_mm[0]:.0f} … "
@@ -52,7 +52,7 @@ def summarise_volume(volume: Volume) -> str:
 
 
 def make_volume_items(volume: Volume) -> list[Item]:
-    """Numbers and height map."""
+    """Return the key figures and the height map."""
     length = volume.along_mm[1] - volume.along_mm[0]
     return [
         Tiles(
@@ -75,7 +75,7 @@ def make_volume_items(volume: Volume) -> list[Item]:
 
 
 def _load_tiles(volume: Volume) -> list[Tile]:
-    """Fill level, highest place, how eccentrically the belt is loaded."""
+    """Return the tiles of fill level, highest point and eccentricity of the load."""
     full, summit, centre = volume.fullness, volume.summit, volume.centre
     of = "of the whole belt" if full.whole_belt else "of the part of the belt that was seen"
     tiles = [Tile("full", f"{100 * full.level:.0f}", "%", f"{full.capacity_mm2 / 100:.0f} cm² {of}")]
@@ -89,7 +89,7 @@ def _load_tiles(volume: Volume) -> list[Tile]:
 
 
 def make_sigma_table(volume: Volume) -> Table:
-    """What the uncertainty is put together from."""
+    """Return the table of the uncertainty's components."""
     causes = volume.causes
     rows = (
         ("places that no camera measured", causes.holes_mm3),
@@ -104,7 +104,7 @@ def make_sigma_table(volume: Volume) -> Table:
 
 
 def make_centre_table(volume: Volume) -> Table:
-    """The centre of gravity."""
+    """Return the table of the centre of gravity."""
     centre = volume.centre
     if centre is None:
         return Table(["centre of gravity", "mm", "σ"], [["none: hardly any load", "–", "–"]])

@@ -10,7 +10,7 @@ from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
 from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.pose import Pose
-from beltscape.measure.flow.meter import Step
+from beltscape.measure.flow.meter import FramePlacement
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.records.totals import FlowTotals
 from beltscape.measure.lumps.lumps import measure_lumps
@@ -67,7 +67,7 @@ def flow(count: int = 24) -> FlowReport:
         for k in range(count)
     )  # fmt: skip
     steps = tuple(
-        Step(r.frame, BeltPosition(200.0 * k, 0.1, "material", 0.2 * k, 202.0 * k), None)
+        FramePlacement(r.frame, BeltPosition(200.0 * k, 0.1, "material", 0.2 * k, 202.0 * k), None)
         for k, r in enumerate(records)
     )
     rows, columns = 20 * count, 60

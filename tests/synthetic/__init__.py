@@ -1,1 +1,1 @@
-"""Exact little worlds to test against."""
+"""Synthetic scenes with exact truth, for the tests."""

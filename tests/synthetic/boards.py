@@ -1,4 +1,4 @@
-"""Views of a printed board, rendered exactly: a ray per sub-pixel through the true lens, onto the true board."""
+"""Exactly rendered views of a printed board: a ray per sub-pixel through the true lens onto the true board."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SUPER = 3
 
 @dataclass(frozen=True)
 class Print:
-    """How the board was printed and photographed."""
+    """The print and the photograph of the board."""
 
     legacy: bool = False
     inverted: bool = False
@@ -38,7 +38,7 @@ class Print:
 def camera(
     name: str, focal_px: float = 520.0, k1: float = -0.12, size_px: tuple[int, int] = SIZE_PX
 ) -> Camera:
-    """A lens with visible distortion and a principal point off the centre."""
+    """Return a camera with visible distortion and a principal point off the centre."""
     width, height = size_px
     return Camera(
         name=name,
@@ -50,7 +50,7 @@ def camera(
 
 
 def row_of_cameras(names: Sequence[str], step_mm: float = 120.0, distance_mm: float = 700.0) -> Rig:
-    """Cameras beside each other that look at one point ``distance_mm`` before the first; it is the core."""
+    """Return cameras in a row, aimed at one point ``distance_mm`` in front of the first, which is the core."""
     cam_from_core: dict[str, Pose] = {}
     for i, name in enumerate(names):
         x = step_mm * i
@@ -65,25 +65,25 @@ def row_of_cameras(names: Sequence[str], step_mm: float = 120.0, distance_mm: fl
 def board_poses(
     board: Board, count: int, distance_mm: float = 700.0, tilt: float = 0.5, seed: int = 4, x_mm: float = 0.0
 ) -> list[Pose]:
-    """core_from_board: boards about the optical axis, tilted to every side."""
+    """Return core_from_board of boards about the optical axis, tilted in all directions."""
     rng = np.random.default_rng(seed)
     columns, rows = board.grid
     middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
     poses = []
     for i in range(count):
-        around = 2.4 * i  # the golden angle: sides and tilts come evenly
-        lean = tilt * (0.6 + 0.4 * rng.random())
+        azimuth = 2.4 * i  # the golden angle spreads the directions evenly
+        angle = tilt * (0.6 + 0.4 * rng.random())
         rotation = Pose.of(
-            [lean * np.cos(around), lean * np.sin(around), rng.uniform(-0.25, 0.25)], np.zeros(3)
+            [angle * np.cos(azimuth), angle * np.sin(azimuth), rng.uniform(-0.25, 0.25)], np.zeros(3)
         )
-        place = np.array([x_mm, 0, distance_mm]) + rng.uniform([-70, -50, -90], [70, 50, 90])
-        poses.append(Pose(rotation.rotation, place - rotation.rotation @ middle))
+        position = np.array([x_mm, 0, distance_mm]) + rng.uniform([-70, -50, -90], [70, 50, 90])
+        poses.append(Pose(rotation.rotation, position - rotation.rotation @ middle))
     return poses
 
 
 @cache
 def _texture(board: Board, legacy: bool) -> NDArray[np.float32]:
-    """(rows·_CELL, columns·_CELL) of the printed area, 0 black to 1 white."""
+    """Return (rows·_CELL, columns·_CELL) of the printed area, 0 black to 1 white."""
     if isinstance(board, CharucoBoard):
         columns, rows = board.squares
         size = (columns * _CELL, rows * _CELL)
@@ -107,7 +107,7 @@ def _rays(size_px: tuple[int, int], intrinsics: bytes) -> NDArray[np.float64]:
 
 
 def view(lens: Camera, cam_from_board: Pose, board: Board, how: Print | None = None) -> NDArray[np.uint8]:
-    """(H, W) uint8: what the camera sees of the board; grey where there is none."""
+    """Return (H, W) uint8, the image of the board; grey beside it."""
     how = how or Print()
     rays = _rays(lens.size_px, np.concatenate([lens.focal_px, lens.center_px, lens.distortion]).tobytes())
     # a point on the board's plane is hit by the ray  H⁻¹ (x, y, 1)
@@ -147,7 +147,7 @@ class BoardCapture:
         return view(self.rig.cameras[name], self.rig.cam_from_core[name] @ self.poses[frame], self.board, how)
 
     def write(self, seen_by: Mapping[str, Iterable[str]] | None = None) -> BoardCapture:
-        """Write the images: ``seen_by`` names each camera's frames, without it all cameras have all."""
+        """Write the images; ``seen_by`` lists each camera's frames, by default all."""
         for name in self.rig.cameras:
             for frame in self.poses if seen_by is None else seen_by[name]:
                 write_image(self.folder / name / f"{frame}.png", self.render(name, frame))

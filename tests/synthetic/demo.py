@@ -1,4 +1,4 @@
-"""The capture that ships with the demo, and answers of the program about it."""
+"""The capture that ships with the demo, and JSON output of the program."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ DEMO = Path(beltscape.__file__).parent / "data" / "demo"
 TRUE_RIG = DEMO / "truth" / "rig.json"
 
 
-def only_json(text: str) -> dict:
-    """The one document on standard output."""
+def parse_json(text: str) -> dict:
+    """Parse the single JSON document on standard output."""
     document = json.loads(text)
     assert isinstance(document, dict)
     return document

@@ -1,4 +1,4 @@
-"""Small worlds to render: a plane under one camera."""
+"""Small worlds to render: a plane below one camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def camera(width=240, height=200, focal=300.0, distortion=(-0.08, 0.1, 4e-4, -3e
 
 
 def station(*cameras, poses=(DOWN,)):
-    """The first camera is the core; poses are cam_from_world."""
+    """Return a station; the first camera is the core, poses are cam_from_world."""
     core = poses[0]
     return Station(
         Rig(
@@ -34,7 +34,7 @@ def station(*cameras, poses=(DOWN,)):
 
 
 def plane(width_mm=500.0, height_mm=400.0, z_mm=0.0, at_mm=(0.0, 0.0), label=Label.BELT, colour=1.0, **more):
-    """A horizontal rectangle; its texture lies with the top row at +y."""
+    """Return a horizontal rectangle; the top row of its texture is at +y."""
     x, y = (
         np.array([-1, 1, 1, -1]) * width_mm / 2 + at_mm[0],
         np.array([1, 1, -1, -1]) * height_mm / 2 + at_mm[1],

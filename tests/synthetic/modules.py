@@ -1,4 +1,4 @@
-"""Modules on a floor as a perfect depth camera sees them: depth by exact rays, brightness by the way faces lean."""
+"""Modules on a floor in a perfect depth camera: depth by exact rays, brightness by the faces' normals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CENTER_MM = 730.0
 
 
 def module(**changes: object) -> Module:
-    """The paper's sizes in an arrangement of its own."""
+    """Return a module with the paper's sizes in another arrangement."""
     parts: dict[str, object] = {
         "base": {"size_mm": (285, 200, 10)},
         "cube": [
@@ -35,32 +35,32 @@ def module(**changes: object) -> Module:
 
 
 def rig() -> Rig:
-    """One camera: its depth is given."""
+    """Return a rig of one camera."""
     camera = Camera("cam0", (612, 512), np.array([580.0, 580.0]), np.array([305.5, 255.5]), np.zeros(5))
     return Rig("cam0", {"cam0": camera}, {"cam0": Pose.identity()})
 
 
-def lying(x_mm: float = 0.0, y_mm: float = 0.0, turn_deg: float = 0.0, tilt_deg: float = 0.0) -> Pose:
-    """core_from_module of a module under the camera, turned about its z, then tilted about the core's x."""
+def module_pose(x_mm: float = 0.0, y_mm: float = 0.0, turn_deg: float = 0.0, tilt_deg: float = 0.0) -> Pose:
+    """Return core_from_module of a module below the camera, rotated about its z, then tilted about the core's x."""
     turn = Pose.of([0.0, 0.0, np.deg2rad(turn_deg)], np.zeros(3))
     down = Pose.of([np.pi + np.deg2rad(tilt_deg), 0.0, 0.0], np.array([x_mm, y_mm, CENTER_MM]))
     return down @ turn
 
 
-class Seen:
-    """What a camera sees of a module that lies on a floor."""
+class DepthCameraView:
+    """The view of a camera of a module on a floor."""
 
-    def __init__(self, there: Module, core_from_module: Pose) -> None:
+    def __init__(self, module: Module, core_from_module: Pose) -> None:
         floor = make_box([900.0, 900.0, 20.0]).transform(
-            core_from_module @ Pose(np.eye(3), np.array([0.0, 0.0, -20.0 - there.base.size_mm[2]]))
+            core_from_module @ Pose(np.eye(3), np.array([0.0, 0.0, -20.0 - module.base.size_mm[2]]))
         )
         ground = Solid("floor", int(Label.FLOOR), floor.vertices_mm, floor.faces, (0.2,) * 3)
-        solids = (*make_module_solids(there, core_from_module), ground)
+        solids = (*make_module_solids(module, core_from_module), ground)
         self._scene = RayScene(solids)
         self._base_mm = np.concatenate([solid.vertices_mm for solid in solids[:-1]])
 
     def depth(self, sigma_mm: float = 1e-3) -> DepthMap:
-        """Exact depth, said to be as good as told."""
+        """Return the exact depth with the given σ."""
         camera = rig().core_camera
         rays = np.concatenate([camera.rays(), np.ones((512, 612, 1))], axis=-1)
         z = self._scene.cast(np.zeros(3), rays.reshape(-1, 3)).distance.reshape(512, 612)
@@ -69,7 +69,7 @@ class Seen:
         return DepthMap(z, sigma_mm * ones, 4 * ones.astype(np.uint8), ones)
 
     def brightness(self, fine: int = 3) -> NDArray[np.float32]:
-        """(H, W) diffuse light about the module, from above and one side; a pixel is the mean of fine² rays."""
+        """Return (H, W) diffuse light, from above and one side; a pixel is the mean of fine² rays."""
         camera = rig().core_camera
         whole = np.zeros(camera.size_px[::-1], np.float32)
         corners = self._base_mm[:, :2] / self._base_mm[:, 2:] * camera.focal_px + camera.center_px

@@ -1,4 +1,4 @@
-"""Ellipsoids and boxes on a plane below a camera that looks straight down: exact depth, and who is seen where."""
+"""Ellipsoids and boxes on a plane below a vertical camera: exact depth, and the visible solid of each pixel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FLOOR_MM = 700.0
 
 @dataclass(frozen=True)
 class Solid:
-    """Half axes of an ellipsoid, or half sides of a box, turned about the vertical."""
+    """An ellipsoid or a box by its half axes, rotated about the vertical."""
 
     center_mm: tuple[float, float, float]
     half_mm: tuple[float, float, float]
@@ -32,7 +32,7 @@ class Solid:
         return (8.0 if self.box else 4 / 3 * np.pi) * float(np.prod(self.half_mm))
 
     def hit(self, rays: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Depth (H, W) where rays x/z, y/z (H, W, 2) from the origin enter; inf beside it."""
+        """Return the depth (H, W) at which rays x/z, y/z (H, W, 2) from the origin enter; inf beside the solid."""
         cosine, sine = np.cos(np.deg2rad(self.yaw_deg)), np.sin(np.deg2rad(self.yaw_deg))
         turn = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]) / np.array(self.half_mm)[:, None]
         ray = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ turn.T
@@ -52,10 +52,10 @@ def camera(width: int = 600, height: int = 500, focal_px: float = 700.0) -> Came
     return Camera("core", (width, height), np.full(2, focal_px), center, np.zeros(5))
 
 
-def seen(
+def render_depth_map(
     solids: list[Solid], eye: Camera, *, scale: float = 1.0, noise_mm: float = 0.0, seed: int = 0
 ) -> tuple[DepthMap, NDArray[np.int32]]:
-    """Depth map of solids on the plane, and (H, W) the number of the solid seen, -1 the plane."""
+    """Return the depth map of solids on the plane, and (H, W) the index of the visible solid, -1 for the plane."""
     rays = eye.rays()
     depth = np.stack([np.full(rays.shape[:2], FLOOR_MM), *(solid.hit(rays) for solid in solids)])
     which = depth.argmin(axis=0).astype(np.int32) - 1
@@ -65,25 +65,27 @@ def seen(
 
 
 def depth_map(depth_mm: NDArray[np.floating]) -> DepthMap:
-    known = np.isfinite(depth_mm)
-    sigma = np.where(known, 0.05, np.nan).astype(np.float32)
-    return DepthMap(depth_mm.astype(np.float32), sigma, known.astype(np.uint8), known.astype(np.float32))
+    is_known = np.isfinite(depth_mm)
+    sigma = np.where(is_known, 0.05, np.nan).astype(np.float32)
+    return DepthMap(
+        depth_mm.astype(np.float32), sigma, is_known.astype(np.uint8), is_known.astype(np.float32)
+    )
 
 
-def ellipsoids(
+def make_ellipsoids(
     rng: np.random.Generator,
     columns: int = 6,
     rows: int = 5,
     pitch_mm: float = 78.0,
     largest_mm: float = 36.0,
 ) -> list[Solid]:
-    """Flat ones on a loose grid; they do not touch, and none is cut by the frame."""
-    found = []
+    """Return flat ellipsoids on a loose grid; they do not touch, and none is cut by the image border."""
+    solids = []
     for i in range(columns):
         for j in range(rows):
             a = rng.uniform(0.55, 1.0) * largest_mm
             half = (a, a * rng.uniform(0.75, 1.0), a * rng.uniform(0.55, 0.75))
             x, y = (i - (columns - 1) / 2) * pitch_mm, (j - (rows - 1) / 2) * pitch_mm
-            place = (x + rng.uniform(-3, 3), y + rng.uniform(-3, 3), FLOOR_MM - 0.9 * half[2])
-            found.append(Solid(place, half, yaw_deg=rng.uniform(0, 180)))
-    return found
+            position = (x + rng.uniform(-3, 3), y + rng.uniform(-3, 3), FLOOR_MM - 0.9 * half[2])
+            solids.append(Solid(position, half, yaw_deg=rng.uniform(0, 180)))
+    return solids

@@ -16,7 +16,7 @@ from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.pose.nominal import render_nominal_view
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.pointcloud.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.module import read_module
 from synthetic.demo import DEMO, TRUE_RIG
 from synthetic.modules import DepthCameraView, module_pose, module, rig
@@ -34,7 +34,7 @@ def test_every_dimension_of_the_demo_is_within_its_sigma(preset, radius_mm):
     images = {name: read_image(DEMO / "module" / name / "000.png") for name in there.cameras}
     matcher = MultiviewReconstructor(there, (560.0, 780.0), MultiviewSettings.preset(preset))
     depth = matcher.reconstruct(FrameSet("000", images), Silent())
-    image = to_grey(undistorted(images[there.core], there.core_camera))
+    image = to_grey(undistort_image(images[there.core], there.core_camera))
     measured = measure_module(depth, there, read_module(DEMO / "module.toml"), pattern=image)
     off = np.array([q.measured_mm - q.nominal_mm for q in measured.quantities])
     ratio = off / [q.sigma_mm for q in measured.quantities]

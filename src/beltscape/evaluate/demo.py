@@ -33,7 +33,7 @@ from beltscape.pipeline.reconstructing.reconstruction import open_capture, recon
 from beltscape.pipeline.reconstructing.rectification import rectify, rectify_capture
 from beltscape.report.drawing.pictures import Panel
 from beltscape.report.rectification import make_rectification_panels
-from beltscape.stereo.pointcloud.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.board import read_board
 
 SCENES = ("belt_empty", "belt_loaded", "module")
@@ -123,7 +123,7 @@ def _evaluate_scene(
         folder = out / (scene if method == MAIN else f"{scene}_{method}")
         reconstruct_capture(data / scene, rig, folder, reporter, method=method)
         depths[method] = read_frame(folder / "000").depth
-    image = undistorted(read_image(data / scene / rig.core / "000.png"), rig.core_camera)
+    image = undistort_image(read_image(data / scene / rig.core / "000.png"), rig.core_camera)
     return SceneResult(
         folder=out / scene / "000",
         depth_map=depths[MAIN],

@@ -19,7 +19,7 @@ from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.measure.features.measure import measure_module
-from beltscape.stereo.pointcloud.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.module import Module
 
 PLAIN = "multiview, plain image"
@@ -62,7 +62,7 @@ def read_core_image(lab: Laboratory, scene: str, camera: Camera) -> Grey | None:
     """Return the core camera's image of a scene on its pinhole grid, (H, W); None without such a capture."""
     if scene not in lab.scenes:
         return None
-    return to_grey(undistorted(read_image(_image(lab.scenes[scene].capture, camera.name)), camera))
+    return to_grey(undistort_image(read_image(_image(lab.scenes[scene].capture, camera.name)), camera))
 
 
 def _image(capture: Path, camera: str) -> Path:

@@ -1,1 +1,1 @@
-"""The report of the paper's experiments."""
+"""The report page of the paper's experiments."""

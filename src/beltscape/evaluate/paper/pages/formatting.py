@@ -1,4 +1,4 @@
-"""Numbers as the report writes them, and the columns that every comparison of depth has."""
+"""Formatting of the report's numbers, and the common columns of its depth comparisons."""
 
 from __future__ import annotations
 
@@ -14,36 +14,37 @@ UNITS = (
 )
 _MANY = 1000
 ERROR_MM = 1.0
-"""Fullest colour of the error pictures."""
+"""Limit of the colour scale of the error pictures."""
 
 
-def metrics(one: ScoredDepth) -> list[str]:
-    """Cells for `METRICS`, of the surface that the scene is about."""
+def format_metrics(one: ScoredDepth) -> list[str]:
+    """Return the cells of `METRICS` for the scene's main region."""
     d = one.score.depth
     return [
-        f"{d.coverage:.1%}", f"{d.within_1mm:.1%}", f"{d.within_quarter_mm:.1%}", number(d.interior_median_mm, 3),
-        signed(d.interior_bias_mm), number(d.interior_robust_sigma_mm, 3), percent(d.gross),
-        number(d.sigma_ratio, 2),
+        f"{d.coverage:.1%}", f"{d.within_1mm:.1%}", f"{d.within_quarter_mm:.1%}",
+        format_number(d.interior_median_mm, 3),
+        format_signed(d.interior_bias_mm), format_number(d.interior_robust_sigma_mm, 3), format_percent(d.gross),
+        format_number(d.sigma_ratio, 2),
     ]  # fmt: skip
 
 
-def number(value: float, digits: int) -> str:
-    """So many digits; a dash for NaN."""
+def format_number(value: float, digits: int) -> str:
+    """Return a number with the given digits; a dash for NaN."""
     return f"{value:.{digits}f}" if np.isfinite(value) else "–"
 
 
-def signed(value: float) -> str:
-    """An error in mm with its sign."""
+def format_signed(value: float) -> str:
+    """Return an error in mm with its sign."""
     return f"{value:+.3f}".replace("-", "−") if np.isfinite(value) else "–"
 
 
-def percent(value: float) -> str:
-    """A share."""
+def format_percent(value: float) -> str:
+    """Return a share in percent."""
     return f"{value:.1%}" if np.isfinite(value) else "–"
 
 
-def ratio(value: float) -> str:
-    """How many times; inf over nothing."""
+def format_ratio(value: float) -> str:
+    """Return a ratio; inf for a zero denominator."""
     if value > _MANY:
         return f"over {_MANY} ×" if np.isfinite(value) else "none without"
     return f"{value:.1f} ×"

@@ -1,4 +1,4 @@
-"""Other sensors beside Beltscape, and what a moving belt does to structured light."""
+"""Report sections of the baseline sensors, and of structured light on a moving belt."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper
 from beltscape.evaluate.paper.other_sensors import BASELINES, SPEED_MM_S
-from beltscape.evaluate.paper.pages.dimensions import peer_dimensions
-from beltscape.evaluate.paper.pages.formatting import ERROR_MM, METRICS, SCENES, UNITS, metrics
-from beltscape.evaluate.paper.pages.pictures import error_panels, motion_chart
+from beltscape.evaluate.paper.pages.dimensions import make_baseline_table
+from beltscape.evaluate.paper.pages.formatting import ERROR_MM, METRICS, SCENES, UNITS, format_metrics
+from beltscape.evaluate.paper.pages.pictures import make_error_panels, make_motion_chart
 from beltscape.report.page import Item, Lines, Pictures, Section, Table
 
 
-def peers_section(paper: Paper) -> list[Section]:
-    """The baselines on every scene that they saw; none where none could be simulated."""
+def make_baselines_section(paper: Paper) -> list[Section]:
+    """Return the baselines' results on every scene; empty if none could be simulated."""
     if not paper.baselines:
         return []
     names = {baseline.name: baseline.name for baseline in BASELINES}
@@ -24,10 +24,10 @@ def peers_section(paper: Paper) -> list[Section]:
             continue
         found = [paper.surfaces[scene, "multiview"], *found]
         titles = {**names, "multiview": "Beltscape"}
-        rows += [[f"{SCENES[scene]}, {titles[one.by]}", *metrics(one)] for one in found]
+        rows += [[f"{SCENES[scene]}, {titles[one.by]}", *format_metrics(one)] for one in found]
         figures.append(
             Pictures(
-                error_panels(found, titles, limit_mm=ERROR_MM),
+                make_error_panels(found, titles, limit_mm=ERROR_MM),
                 f"{SCENES[scene].capitalize()}: errors, full colour at {ERROR_MM:g} mm.",
                 columns=3,
             )
@@ -44,7 +44,7 @@ def peers_section(paper: Paper) -> list[Section]:
     if paper.dimensions and any(
         np.isfinite(row.measured_mm.get(n, np.nan)) for row in paper.dimensions for n in names
     ):
-        items.append(peer_dimensions(paper, list(names)))
+        items.append(make_baseline_table(paper, list(names)))
     intro = (
         "The comparison that the paper names as future work. All look at the same surfaces through the same "
         "lens and sensor and are held against the same truth on the core's grid; unlike Beltscape's rig, which "
@@ -53,15 +53,15 @@ def peers_section(paper: Paper) -> list[Section]:
     return [Section("Structured light, line laser, LiDAR", intro, [*items, *figures])]
 
 
-def moving_section(paper: Paper) -> list[Section]:
-    """Structured light against the belt's speed; none where it could not be simulated."""
+def make_moving_section(paper: Paper) -> list[Section]:
+    """Return structured light over the belt's speed; empty if it could not be simulated."""
     if not paper.moving:
         return []
     ours = paper.surfaces["belt_loaded", "multiview"]
     rows = [
         [
             "at rest" if travel == 0 else f"{travel:g} mm", "" if travel == 0 else f"{SPEED_MM_S / travel:,.0f}",
-            *metrics(one),
+            *format_metrics(one),
         ]
         for travel, one in zip(TRAVELS_MM, paper.moving, strict=True)
     ]  # fmt: skip
@@ -72,7 +72,7 @@ def moving_section(paper: Paper) -> list[Section]:
         "instant, so that the belt's speed does not matter (but for blur within the exposure)."
     )
     items: list[Item] = [
-        motion_chart(TRAVELS_MM, paper.moving, ours),
+        make_motion_chart(TRAVELS_MM, paper.moving, ours),
         Table(["belt between pictures", "pictures / s at 1 m/s", *METRICS], rows),
     ]
     return [Section("Structured light on a moving belt", intro, items)]

@@ -1,34 +1,34 @@
-"""The report: the paper's numbers, its method here, ours, and the truth, side by side."""
+"""The report page: the paper's numbers, its method, Beltscape and the truth beside each other."""
 
 from __future__ import annotations
 
 from beltscape.evaluate.paper.dimensions import largest_error_mm
 from beltscape.evaluate.paper.experiments import Paper
-from beltscape.evaluate.paper.pages.dimensions import table2_section, table3_section
-from beltscape.evaluate.paper.pages.formatting import SCENES, number
-from beltscape.evaluate.paper.pages.other_sensors import moving_section, peers_section
-from beltscape.evaluate.paper.pages.surfaces import completeness_section, density_section
+from beltscape.evaluate.paper.pages.dimensions import make_table2_section, make_table3_section
+from beltscape.evaluate.paper.pages.formatting import SCENES, format_number
+from beltscape.evaluate.paper.pages.other_sensors import make_baselines_section, make_moving_section
+from beltscape.evaluate.paper.pages.surfaces import make_completeness_section, make_density_section
 from beltscape.report.page import Lines, Section, Tile, Tiles, render
 
 
 def render_paper_page(paper: Paper) -> str:
-    """report.html."""
+    """Return report.html."""
     sections = [
         Section("At a glance", "", [_tiles(paper)]),
-        *table2_section(paper),
-        *table3_section(paper),
-        *completeness_section(paper),
-        *density_section(paper),
-        *peers_section(paper),
-        *moving_section(paper),
+        *make_table2_section(paper),
+        *make_table3_section(paper),
+        *make_completeness_section(paper),
+        *make_density_section(paper),
+        *make_baselines_section(paper),
+        *make_moving_section(paper),
         _conditions(paper),
     ]
     return render(
-        "The paper's experiments, against the truth", _verdict(paper), sections, warnings=paper.warnings
+        "The paper's experiments, against the truth", _summarise(paper), sections, warnings=paper.warnings
     )
 
 
-def _verdict(paper: Paper) -> str:
+def _summarise(paper: Paper) -> str:
     text = (
         f"Section 3 of {paper.numbers.source}, in a rendered laboratory whose truth is exactly known. “The "
         "paper” is what it published from its real rig; “the paper's method” is its pairwise matching and "
@@ -52,7 +52,9 @@ def _tiles(paper: Paper) -> Tiles:
     if paper.dimensions:
         published = max(abs(r.dimension.table2_mm - r.dimension.actual_mm) for r in paper.dimensions)
         own = largest_error_mm(paper.dimensions, "multiview")
-        tiles.append(Tile("largest error of Table 2", number(own, 3), "mm", f"the paper: {published:.2f} mm"))
+        tiles.append(
+            Tile("largest error of Table 2", format_number(own, 3), "mm", f"the paper: {published:.2f} mm")
+        )
     for scene in paper.scenes:
         ours, theirs = (paper.surfaces[scene, m].score.depth for m in ("multiview", "pairwise"))
         note = f"the paper's method {theirs.within_1mm:.1%}"

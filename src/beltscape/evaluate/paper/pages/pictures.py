@@ -1,4 +1,4 @@
-"""Pictures of the paper's comparisons: the same colours for the same millimetres, side by side."""
+"""Pictures and charts of the comparisons, with common colour scales."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ROLES = {"paper": "fourth", "pairwise": "second", "multiview": "first", "time of flight": "third"}
-"""Whose bars → their role in the palette."""
+"""Method → role of its bars in the palette."""
 
 
-def depth_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str]) -> list[Panel]:
-    """Return the depths of the same scene by several, and the truth, all in the same colours.
+def make_depth_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str]) -> list[Panel]:
+    """Return the depths of a scene by several methods and the truth on one colour scale.
 
     ``titles`` tells by whom it was measured → what stands over its picture; all are on grids of one size.
     """
@@ -46,8 +46,10 @@ def depth_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str]) -> lis
     return [*panels, Panel(shade_depth(truth.astype(np.float32), scale), "truth", scale)]
 
 
-def error_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str], *, limit_mm: float) -> list[Panel]:
-    """Return the errors of several; ``limit_mm`` is that of the fullest colours."""
+def make_error_panels(
+    found: Sequence[ScoredDepth], titles: Mapping[str, str], *, limit_mm: float
+) -> list[Panel]:
+    """Return the errors of several methods; ``limit_mm`` is the limit of the colour scale."""
     scale = Scale(-limit_mm, limit_mm, DIFFERENCE, label="measured minus true depth, mm")
     return [
         Panel(
@@ -58,15 +60,15 @@ def error_panels(found: Sequence[ScoredDepth], titles: Mapping[str, str], *, lim
     ]  # fmt: skip
 
 
-def dimension_chart(rows: Sequence[DimensionRow], by: Mapping[str, str]) -> Chart:
-    """Absolute errors of the dimensions on a logarithmic scale: the paper's and those of ``by`` (who → name)."""
+def make_dimension_chart(rows: Sequence[DimensionRow], by: Mapping[str, str]) -> Chart:
+    """Return the absolute errors of the dimensions, the paper's and those of ``by`` (method → name)."""
     who = {"paper": "the paper, as published", **by}
     key = Key([Entry(name, ROLES[one], "area") for one, name in who.items()])
     caption = "Absolute errors; bars to the left are better, each line is a factor of ten."
-    return Chart.draw(partial(_dimension_plot, rows, list(who)), caption, key)
+    return Chart.draw(partial(_plot_dimensions, rows, list(who)), caption, key)
 
 
-def _dimension_plot(rows: Sequence[DimensionRow], who: Sequence[str], form: Form) -> Figure:
+def _plot_dimensions(rows: Sequence[DimensionRow], who: Sequence[str], form: Form) -> Figure:
     figure, (axis,) = make_panels(1, form, height=60 + 30 * len(rows), narrow_height=60 + 40 * len(rows))
     place = np.arange(len(rows), dtype=np.float64)
     high = (0.54 if form.narrow else 0.8) / len(who)
@@ -79,7 +81,7 @@ def _dimension_plot(rows: Sequence[DimensionRow], who: Sequence[str], form: Form
             left=_LEAST_MM,
             color=light(ROLES[key]),
         )
-    _logarithmic(axis, "x")
+    _set_logarithmic(axis, "x")
     axis.set(xlim=(_LEAST_MM, 12), xlabel="absolute error, mm", yticks=place)
     axis.set_yticklabels(["" if form.narrow else row.dimension.name for row in rows])
     for row, top in zip(
@@ -91,16 +93,16 @@ def _dimension_plot(rows: Sequence[DimensionRow], who: Sequence[str], form: Form
     return figure
 
 
-def motion_chart(travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth) -> Chart:
-    """Share within 1 mm and median error of structured light against the belt's travel between two pictures."""
+def make_motion_chart(travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth) -> Chart:
+    """Return the share within 1 mm and the median error of structured light over the travel between images."""
     key = Key(
         [Entry("structured light, 12 pictures", "second"), Entry("Beltscape, one instant", "first", "dashed")]
     )
     caption = "Structured light on a moving belt, and Beltscape on the same rocks."
-    return Chart.draw(partial(_motion_plot, travels_mm, found, ours), caption, key)
+    return Chart.draw(partial(_plot_motion, travels_mm, found, ours), caption, key)
 
 
-def _motion_plot(
+def _plot_motion(
     travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth, form: Form
 ) -> Figure:
     figure, axes = make_panels(2, form, columns=2, height=270, narrow_height=220)
@@ -120,12 +122,12 @@ def _motion_plot(
         axis.minorticks_off()
         axis.grid()
     axes[0].set_ylim(0, 100)
-    _logarithmic(axes[1], "y")
+    _set_logarithmic(axes[1], "y")
     return figure
 
 
-def _logarithmic(axis: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, its ticks plain numbers."""
+def _set_logarithmic(axis: Axes, which: Literal["x", "y"]) -> None:
+    """Make an axis logarithmic, with plain numbers at its ticks."""
     (axis.set_xscale if which == "x" else axis.set_yscale)("log")
     chosen = axis.xaxis if which == "x" else axis.yaxis
     chosen.set_major_formatter(lambda value, _place: f"{value:g}")

@@ -1,4 +1,4 @@
-"""Figs. 13 to 16: binocular against multi-camera, with and without speckle."""
+"""Report sections of Figs. 13 to 16: binocular and multi-camera, with and without speckle."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from beltscape.evaluate.paper.pages.formatting import (
     METRICS,
     SCENES,
     UNITS,
-    metrics,
-    percent,
-    ratio,
+    format_metrics,
+    format_percent,
+    format_ratio,
 )
-from beltscape.evaluate.paper.pages.pictures import depth_panels, error_panels
+from beltscape.evaluate.paper.pages.pictures import make_depth_panels, make_error_panels
 from beltscape.evaluate.paper.surfaces import METHODS, TITLES, ScoredDepth
 from beltscape.report.drawing.pictures import Panel
 from beltscape.report.page import Item, Pictures, Section, Table
@@ -24,22 +24,22 @@ from beltscape.report.page import Item, Pictures, Section, Table
 FIGURES = {"belt_empty": 13, "belt_loaded": 14, "module": 15}
 
 
-def completeness_section(paper: Paper) -> list[Section]:
-    """Figs. 13 to 15."""
+def make_completeness_section(paper: Paper) -> list[Section]:
+    """Return Figs. 13 to 15."""
     rows, figures = [], []
     for scene in paper.scenes:
         found = [paper.surfaces[scene, method] for method in METHODS]
         rows += [
-            [f"{SCENES[scene]}, {TITLES[one.by]}", *metrics(one), percent(one.score.false_fill)]
+            [f"{SCENES[scene]}, {TITLES[one.by]}", *format_metrics(one), format_percent(one.score.false_fill)]
             for one in found
         ]
         caption = (
             f"Fig. {FIGURES[scene]}, {SCENES[scene]}: depth above, error below (full colour at {ERROR_MM:g} "
             "mm). The same colours are the same millimetres."
         )
-        figures.append(Pictures(depth_panels(found, TITLES), columns=len(found) + 1))
+        figures.append(Pictures(make_depth_panels(found, TITLES), columns=len(found) + 1))
         figures.append(
-            Pictures(error_panels(found, TITLES, limit_mm=ERROR_MM), caption, columns=len(found) + 1)
+            Pictures(make_error_panels(found, TITLES, limit_mm=ERROR_MM), caption, columns=len(found) + 1)
         )
     intro = (
         "The surface that each scene is about, within 240 mm of the rig along the belt. Shares within 1 and "
@@ -55,8 +55,8 @@ def completeness_section(paper: Paper) -> list[Section]:
     ]
 
 
-def density_section(paper: Paper) -> list[Section]:
-    """Fig. 16; none where no scene was taken both ways."""
+def make_density_section(paper: Paper) -> list[Section]:
+    """Return Fig. 16; empty without a scene captured with and without speckle."""
     if not paper.density:
         return []
     rows = [_density_row(one, paper.numbers.density.ratio) for one in paper.density]
@@ -97,7 +97,7 @@ def density_section(paper: Paper) -> list[Section]:
 
 def _errors(found: Sequence[ScoredDepth], titles: Sequence[str]) -> list[Panel]:
     named = [replace(one, by=title) for one, title in zip(found, titles, strict=True)]
-    return error_panels(named, {t: t for t in titles}, limit_mm=ERROR_MM)
+    return make_error_panels(named, {t: t for t in titles}, limit_mm=ERROR_MM)
 
 
 def _density_row(one: Density, published: float) -> list[str]:
@@ -106,7 +106,7 @@ def _density_row(one: Density, published: float) -> list[str]:
         f"{SCENES[one.speckle.scene]}, {TITLES[one.speckle.by]}",
         f"{one.speckle.points:,}",
         f"{one.dark.points:,}",
-        ratio(one.ratio),
-        ratio(one.right_ratio),
+        format_ratio(one.ratio),
+        format_ratio(one.right_ratio),
         f"{published:g} ×" if of_the_paper else "",
     ]

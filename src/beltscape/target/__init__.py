@@ -1,1 +1,1 @@
-"""What one prints or projects."""
+"""Calibration boards and modules, their printed sheets, and the projected speckle pattern."""

@@ -1,1 +1,1 @@
-"""What stands on the belt as triangle meshes: belt, board, module, heaps of rocks and fines."""
+"""The solids on the belt as triangle meshes: belt, board, module, heaps of rocks and fines."""

@@ -1,1 +1,1 @@
-"""A rig before it exists: where cameras go, what they will see and how well."""
+"""Planning of a rig before it is built: camera positions, coverage, precision, light and motion."""

@@ -15,7 +15,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.rasters.images import read_image
 from beltscape.measure.features.measure import measure_module
-from beltscape.stereo.pointcloud.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[4] / "shared/data/rendered"
@@ -40,7 +40,7 @@ def test_dimensions(scene, edge_mm, base_mm, rod_mm):
     z = np.load(RENDERED / "truth/module_depth_cam0.npz")["z_pinhole"].astype(np.float32)
     ones = np.ones(z.shape, np.float32)
     depth = DepthMap(z, 2e-3 * ones, 4 * ones.astype(np.uint8), ones)
-    image = to_grey(undistorted(read_image(RENDERED / scene / "cam0/000.png"), rig().core_camera))
+    image = to_grey(undistort_image(read_image(RENDERED / scene / "cam0/000.png"), rig().core_camera))
     measured = measure_module(depth, rig(), read_module(RENDERED / "module.toml"), plain=image)
     limits = {
         "edge": edge_mm, "length": base_mm, "width": base_mm, "diameter": rod_mm, "radius": 0.01,

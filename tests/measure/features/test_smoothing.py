@@ -63,10 +63,10 @@ def test_the_passes_are_those_of_the_matcher():
         depth = DepthMap(fields, fields, fields.astype(np.uint8), confidence.astype(np.float32))
         smoothing = estimate_smoothing(np.ones_like(fields), depth, rig())
         assert smoothing.step == step
-        assert smoothing.passes.twicing == settings.sharpen
-        *before, last = settings.final_px
+        assert smoothing.passes.twicing == settings.twicing
+        *before, last = settings.final_tolerances_px
         expected = [
-            (settings.between_px[-1], size.narrow),
+            (settings.round_tolerances_px[-1], size.narrow),
             *((t, size.firm) for t in before),
             (last, size.wide),
         ]

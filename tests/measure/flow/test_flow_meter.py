@@ -14,7 +14,7 @@ from flow.moving_belt import Heap, depth_map, ground
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
-from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 
@@ -47,9 +47,9 @@ def measure(
     settings: FlowSettings | None = None,
     lost: Sequence[int] = (),
     density: Density | None = None,
-) -> tuple[FlowMeter, list[FlowRecord], list[Step]]:
+) -> tuple[FlowMeter, list[FlowRecord], list[FramePlacement]]:
     """Push a capture frame by frame; ``encoder`` True: the true places, None: none."""
-    steps: list[Step] = []
+    steps: list[FramePlacement] = []
     meter = FlowMeter(floor(), settings, density=density, watch_step=steps.append)
     told = list(places) if encoder is True else encoder
     heap = HEAP if direction == 1 else BACK

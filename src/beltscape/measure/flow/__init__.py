@@ -1,1 +1,1 @@
-"""A moving belt: what passes, strip by strip."""
+"""Flow on a moving belt: volume and mass of the passing load, strip by strip."""

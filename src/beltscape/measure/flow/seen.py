@@ -20,7 +20,7 @@ class PushedFrame:
     """Seconds, or the frame's number without times."""
     encoder_mm: float | None
     """Reading of the encoder."""
-    relief: HighPassHeights | None
+    high_pass: HighPassHeights | None
     """High-pass heights, registered with those of the next frame."""
     whole: bool
     """Whether every camera gave its image."""

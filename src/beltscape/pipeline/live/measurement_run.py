@@ -16,7 +16,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
-from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
@@ -160,7 +160,7 @@ class MeasurementRun:
         )
         return True
 
-    def _set_position(self, step: Step) -> None:
+    def _set_position(self, step: FramePlacement) -> None:
         self._ledger.set_position(step.frame, step.place.position_mm)
 
     def _add_stretch(self, piece: BeltPiece) -> None:

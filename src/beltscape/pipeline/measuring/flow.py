@@ -17,7 +17,7 @@ from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
 from beltscape.measure.flow.fusion.picture import BeltPicture
-from beltscape.measure.flow.meter import FlowMeter, Step
+from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_chain import FlowChain, depth_range_over, read_reference, widen_to_belt
@@ -43,7 +43,7 @@ class Flow:
     """The flow measured in a capture of the moving belt."""
 
     records: list[FlowRecord]
-    steps: list[Step]
+    steps: list[FramePlacement]
     """Belt position of each frame."""
     meter: FlowMeter
     """The meter after the last frame."""
@@ -93,7 +93,7 @@ def measure_flow_of_capture(
         if load_mm is None
         else depth_range_over(ground, load_mm)
     )
-    picture, steps = BeltPicture(ground), list[Step]()
+    picture, steps = BeltPicture(ground), list[FramePlacement]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     matcher = sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     chain = FlowChain(matcher, meter)

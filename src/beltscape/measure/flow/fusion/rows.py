@@ -1,4 +1,4 @@
-"""FusedRows rows of belt → what lies on each row, holes filled."""
+"""The filling of holes in fused rows of belt, and the sums over each row."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from beltscape.measure.surface import close_pinholes
 from beltscape.measure.volume.uncertainty import STEP_SLOPE
 
 _MIN_SHARE = 0.02
-"""A row of which less was measured was not seen."""
+"""A row with a smaller measured share counts as not in view."""
 _MIN_RIM_SHARE = 0.5
-"""Beside a gap neither was one of which less than this was: there only what lies low is in view."""
+"""The limit beside a gap, where only low surfaces are in view."""
 _EDGE_PX = 0.1
-"""Steps are placed this well, all alike, as in one frame."""
+"""Common σ of the position of steps, as in one frame."""
 _LOWER_SIGMA = 0.8
-"""What none of many frames saw lies by so many σ deeper than what one frame does not see, of which the networks
-learned: by 0.6, 0.7 and 1.1 on three simulated heaps."""
+"""Cells that none of many frames measured lie lower, by this many σ, than cells that one frame does not measure, on
+which the networks were trained: by 0.6, 0.7 and 1.1 on three simulated heaps."""
 _COMMON = 0.35
-"""Share of the holes' σ that all holes have in common: by so much materials differ in that."""
+"""Share of the holes' σ that is common to all holes: the variation between materials."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,13 +41,13 @@ class Rows:
     share: NDArray[np.float64]
     """(n,) share of the row that was measured."""
     single_share: NDArray[np.float64]
-    """(n,) what of it one frame measures on average."""
+    """(n,) share of the row that one frame measures on average."""
     apart_mm5: NDArray[np.float64]
-    """(n,) variance per mm of belt of errors that do not go together over long stretches: noise and holes."""
+    """(n,) variance per mm of belt of errors that are independent over long stretches: noise and holes."""
     edges_mm2: NDArray[np.float64]
-    """(n,) volume per mm by which all edges may be misplaced together."""
+    """(n,) σ of the volume per mm of belt due to the common displacement of all edges."""
     holes_mm2: NDArray[np.float64]
-    """(n,) volume per mm by which all holes may be filled too high or too low together."""
+    """(n,) σ of the volume per mm of belt due to the common error of all filled holes."""
 
     def __len__(self) -> int:
         return len(self.area_mm2)
@@ -62,9 +62,9 @@ class BeltPiece:
     height_mm: NDArray[np.float32]
     """(n, Nx) load over the empty belt, holes filled."""
     sigma_mm: NDArray[np.float32]
-    """(n, Nx) its σ."""
+    """(n, Nx) σ of ``height_mm``."""
     measured: NDArray[np.bool_]
-    """(n, Nx) where a frame measured it."""
+    """(n, Nx) whether any frame measured the cell."""
 
 
 PieceCallback = Callable[[BeltPiece], None]
@@ -79,28 +79,28 @@ class RowFiller:
     def __init__(
         self, ground: EmptyBeltReference, settings: FlowSettings, watch: PieceCallback | None
     ) -> None:
-        """``watch`` is given every finished piece of belt."""
+        """``watch`` receives every finished piece of belt."""
         self._ground, self._watch = ground, watch
         self._block = max(1, round(settings.block_mm / ground.cell_mm))
         self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
         self._rows: list[NDArray[np.float64]] = []
-        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, ray_slope."""
+        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, ray slope."""
         self._first = 0
         self._done = 0
         self._after_gap = False
 
     @property
     def open_row(self) -> int | None:
-        """The next row to be filled of the open segment; None if there is none."""
+        """Return the next row to be filled of the open segment; None without one."""
         return self._done if self._rows else None
 
     @property
     def _end(self) -> int:
-        """Number of the row after the segment's last."""
+        """Return the number of the row after the segment's last."""
         return self._first + sum(part.shape[1] for part in self._rows)
 
     def add(self, fused: FusedRows) -> list[Rows]:
-        """Take in further rows; the finished ones come back."""
+        """Add further rows and return the finished ones."""
         layer = fused.layer
         out = self.mark_unseen(layer.first)
         columns = layer.height_mm.shape[1]
@@ -115,13 +115,13 @@ class RowFiller:
                 out += self.mark_unseen(layer.first + stop)
                 continue
             if not self._rows:
-                # of a start after a gap only what tells, as of the end before it
-                telling = np.flatnonzero(
+                # a start after a gap needs a larger measured share, as does the end before it
+                complete_rows = np.flatnonzero(
                     layer.share[start:stop] >= (_MIN_RIM_SHARE if self._after_gap else _MIN_SHARE)
                 )
-                if not len(telling):
+                if not len(complete_rows):
                     continue
-                first = start + int(telling[0])
+                first = start + int(complete_rows[0])
                 self._first = self._done = layer.first + first
             else:
                 first = start
@@ -131,18 +131,18 @@ class RowFiller:
         return out
 
     def mark_unseen(self, row: int) -> list[Rows]:
-        """Nothing was seen up to a row: where that is too far, the segment ends."""
+        """Mark the rows up to ``row`` as not in view; beyond the margin this ends the segment."""
         if not self._rows or row - self._end <= self._margin:
             return []
         self._after_gap = True
         whole = np.concatenate(self._rows, axis=1)
-        telling = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _MIN_RIM_SHARE)
-        end = max(int(telling[-1]) + 1 if len(telling) else 0, self._done - self._first)
+        complete_rows = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _MIN_RIM_SHARE)
+        end = max(int(complete_rows[-1]) + 1 if len(complete_rows) else 0, self._done - self._first)
         self._rows = [whole[:, :end]]
         return self.close()
 
     def _append_blank_rows(self, row: int) -> None:
-        """Put in rows that were not seen, up to one that was."""
+        """Append rows that were not in view, up to one that was."""
         if self._rows and row > self._end:
             shape = (6, row - self._end, self._rows[-1].shape[2])
             blank = np.full(shape, np.nan)
@@ -150,7 +150,7 @@ class RowFiller:
             self._rows.append(blank)
 
     def close(self) -> list[Rows]:
-        """End the segment: nothing comes after it."""
+        """End the segment and return its remaining rows."""
         if not self._rows:
             return []
         out = self._fill_ready_blocks(closed=True)
@@ -158,7 +158,7 @@ class RowFiller:
         return out
 
     def _fill_ready_blocks(self, *, closed: bool) -> list[Rows]:
-        """Blocks that have all the rows they look at."""
+        """Fill the blocks whose margins are complete."""
         out: list[Rows] = []
         end = self._end
         ready = end if closed else end - self._margin
@@ -170,7 +170,7 @@ class RowFiller:
         return out
 
     def _fill_block(self, stop: int, ahead: int) -> Rows:
-        """Rows from where it stands up to ``stop``, looking at those up to ``ahead``."""
+        """Fill the rows up to ``stop``, using those up to ``ahead``."""
         whole = np.concatenate(self._rows, axis=1)
         behind = max(self._first, self._done - self._margin)
         height, sigma, noise, frames, single, ray_slope = whole[:, behind - self._first : ahead - self._first]
@@ -206,7 +206,7 @@ class RowFiller:
         open_mm = np.where(measured, 0.0, filled.sigma_mm)[own]
         label = np.zeros(open_mm.shape, np.int32)
         ndimage.label(open_mm > 0, np.ones((3, 3)), output=label)
-        # a hole's variance is (Σ cell² σ)²: shared out to its rows by their part of the sum
+        # a hole's variance (Σ cell² σ)² is distributed over its rows by their part of the sum
         whole = cell**2 * np.bincount(label.ravel(), open_mm.ravel())
         holes = (whole[label] * open_mm).sum(axis=1) * cell
         rise_x = np.abs(np.diff(filled.value_mm, axis=1, prepend=filled.value_mm[:, :1]))
@@ -224,13 +224,13 @@ class RowFiller:
 
 
 def _lower_holes(filled: Filled, frames: NDArray[np.float64]) -> Filled:
-    """Holes lowered the more frames (Ny, Nx) had them in view in vain; not from above the belt to below."""
+    """Lower the holes, the more frames (Ny, Nx) had them in view, but not from above the belt to below it."""
     low = filled.value_mm - _LOWER_SIGMA * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
     value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
     return Filled(value, filled.sigma_mm, filled.hole)
 
 
 def _find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Stretches of equal flags as (first, end)."""
+    """Return the stretches of equal flags as (first, end)."""
     cuts = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
     return [(a, b) for a, b in pairwise(cuts) if b > a]

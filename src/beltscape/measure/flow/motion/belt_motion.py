@@ -27,7 +27,7 @@ class MotionObservation:
     encoder_mm: float | None
     """Reading of the encoder."""
     shift_mm: float | None
-    """BeltMotion of the material along the travel since the key frame; None without a registration."""
+    """Motion of the material along the travel since the key frame; None without a registration."""
     shift_sigma_mm: float
     """One standard deviation of the shift."""
 

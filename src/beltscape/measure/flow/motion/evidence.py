@@ -1,4 +1,4 @@
-"""What the material's own motion says of the belt's direction and of the encoder, frame pair by frame pair."""
+"""Evidence from the material's motion for the belt's direction and the encoder's scale, counted in frame pairs."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT
 from beltscape.measure.flow.motion.registration import Shift
 
 LEAST_MM = 2.0
-"""A shorter motion shows neither a direction nor a scale: encoders jitter, and registration errs, by tenths of it."""
+"""A shorter motion is no evidence, since encoder jitter and registration errors reach tenths of it."""
 LEAST_PAIRS = 3
-"""Fewer frame pairs contradict nothing: a single wrong registration must not accuse an encoder."""
+"""Least number of frame pairs for a contradiction: one wrong registration must not reject an encoder."""
 _SIGMAS = 4.0
 _REMEMBERED = 64
-"""Pairs whose encoder steps are kept for the median ratio; a meter that runs for days keeps no more."""
+"""Number of latest pairs whose ratios are kept for the median."""
 
 
 @dataclass(slots=True)
@@ -26,17 +26,17 @@ class Ratios:
     _values: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
 
     def add(self, ratio: float) -> None:
-        """Take in a pair's."""
+        """Add a pair's ratio."""
         self._values.append(ratio)
 
     @property
     def median(self) -> float:
-        """NaN where there is none."""
+        """Return the median ratio; NaN without pairs."""
         return float(np.median(self._values)) if self._values else float("nan")
 
     @property
     def spread(self) -> float:
-        """Relative median deviation from the median: small for a wrong unit, large for what is alike by chance."""
+        """Return the relative median deviation: small for a wrong unit, large for accidental matches."""
         median = self.median
         if not self._values or median == 0:
             return float("nan")
@@ -47,7 +47,7 @@ class Ratios:
 class MotionEvidence:
     """Counts of the frame pairs in which the material was recognised and it, or the encoder, moved.
 
-    Only unambiguous registrations count: those that a told direction or an expected motion selected prove nothing.
+    Only unambiguous registrations count, not those selected by a given direction or a predicted motion.
     """
 
     plus: int = 0
@@ -65,20 +65,20 @@ class MotionEvidence:
     other_scale: int = 0
     """Pairs in which both moved the same way by different lengths."""
     apart: int = 0
-    """Pairs that by the encoder have no material in common, and in which some was recognised all the same: it may
-    be other material that looks alike, unless the ratios agree."""
+    """Pairs that by the encoder do not overlap, although their material was registered: it may be similar other
+    material, unless the ratios are consistent."""
     ratios: Ratios = field(default_factory=Ratios)
-    """Of the pairs in which the material moved, but for those ``apart``."""
+    """Ratios of the pairs in which the material moved, except those ``apart``."""
     apart_ratios: Ratios = field(default_factory=Ratios)
-    """Of those."""
+    """Ratios of the pairs ``apart``."""
 
     def add(
         self, shift: Shift, direction: int, encoder_step_mm: float | None, *, apart: bool = False
     ) -> None:
         """Count a frame pair.
 
-        ``encoder_step_mm`` is the raw encoder's, positive along the travel ``direction``; ``apart`` says that by the
-        encoder the two views have no material in common.
+        ``encoder_step_mm`` is the raw encoder's, positive along the travel ``direction``; ``apart`` means that by the
+        encoder the two views do not overlap.
         """
         if not shift.clear:
             return
@@ -95,7 +95,7 @@ class MotionEvidence:
             self._compare(shift.along_mm, direction * encoder_step_mm, least)
 
     def _compare(self, along_mm: float, encoder_mm: float, least_mm: float) -> None:
-        """Count what encoder and material, both positive towards +y, say of each other."""
+        """Compare encoder and material, both positive towards +y, and count the result."""
         moved = abs(along_mm) > least_mm
         if not moved and abs(encoder_mm) <= least_mm:
             return
@@ -114,17 +114,17 @@ class MotionEvidence:
 
     @property
     def moving(self) -> int:
-        """Pairs in which the material moved."""
+        """Return the number of pairs in which the material moved."""
         return self.plus + self.minus
 
     @property
     def compared(self) -> int:
-        """Pairs in which material and encoder were compared."""
+        """Return the number of pairs in which material and encoder were compared."""
         return self.agreeing + self.conflicting
 
     @property
     def conflicting(self) -> int:
-        """Pairs in which the encoder says something else than the material."""
+        """Return the number of pairs in which the encoder contradicts the material."""
         return self.opposite + self.still + self.encoder_still + self.other_scale
 
     def along(self, direction: int) -> int:

@@ -19,15 +19,15 @@ class Density:
     sigma_kg_m3: NDArray[np.float64]
     """(n,) one standard deviation."""
     name: str = ""
-    """Of the product, where it has one."""
+    """Name of the product, where it has one."""
 
     @classmethod
     def constant(cls, density_kg_m3: float, sigma_kg_m3: float = 0.0, name: str = "") -> Density:
-        """One that does not change."""
+        """Return a density that does not change."""
         return cls(np.zeros(1, np.int64), np.array([density_kg_m3]), np.array([sigma_kg_m3]), name)
 
     def at(self, time_ns: int | None) -> tuple[float, float]:
-        """Density and σ at a time, kg/m³; NaN where a table is asked without a time."""
+        """Return density and σ at a time, kg/m³; NaN for a table without a time."""
         if len(self.time_ns) == 1:
             return float(self.density_kg_m3[0]), float(self.sigma_kg_m3[0])
         if time_ns is None:
@@ -37,5 +37,5 @@ class Density:
 
 
 def make_unknown_density() -> Density:
-    """Where nobody told it."""
+    """Return the density of an unknown material: NaN."""
     return Density.constant(float("nan"), float("nan"))

@@ -1,4 +1,4 @@
-"""The load along the belt, row by row, and its integral over any stretch: partial rows count for their part."""
+"""The load along the belt, row by row, and its integral over any stretch, in which partial rows count partly."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from beltscape.measure.flow.fusion.rows import Rows
 
 _HISTORY_MM = 5000.0
 _RIM_MM = 30.0
-"""Length beside a gap whose mean cross-section stands for its rim."""
+"""Length beside a gap over which the cross-section at its end is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """What lies between two places of the belt."""
+    """The load between two positions of the belt."""
 
     length_mm: float
     volume_mm3: float
-    """Measured and bridged."""
+    """Measured and bridged volume."""
     seen_mm: float
     """Length that was in a frame's view."""
     bridged_mm: float
-    """Length that was not, between two that were: interpolated."""
+    """Length that was interpolated between stretches in view."""
     share: float
     """Share of the whole stretch that was measured."""
     single_share: float
-    """Share of it that one frame measures, on average."""
+    """Share of the stretch that one frame measures, on average."""
     apart_mm6: float
-    """Variance of errors that do not go together with those of other stretches."""
+    """Variance of errors that are independent of those of other stretches."""
     edges_mm3: float
-    """σ of what all edges have in common."""
+    """σ of the errors common to all edges."""
     holes_mm3: float
-    """σ of what all holes have in common."""
+    """σ of the errors common to all holes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A stretch that no frame showed."""
+    """A stretch that was in no frame's view."""
 
     start_mm: float
     end_mm: float
@@ -49,12 +49,12 @@ class Gap:
     """σ of the mean cross-section between."""
 
     def overlap(self, start_mm: float, end_mm: float) -> tuple[float, float]:
-        """The part of it between two places; (0, 0) if there is none."""
+        """Return the part of the gap between two positions; (0, 0) if there is none."""
         low, high = max(start_mm, self.start_mm), min(end_mm, self.end_mm)
         return (low, high) if high > low else (0.0, 0.0)
 
     def volume_mm3(self, low_mm: float, high_mm: float) -> float:
-        """Volume between two places within it."""
+        """Return the interpolated volume between two positions within the gap."""
         if self.areas_mm2 is None:
             return 0.0
         middle = (0.5 * (low_mm + high_mm) - self.start_mm) / (self.end_mm - self.start_mm)
@@ -63,7 +63,7 @@ class Gap:
 
 
 class Profile:
-    """Rows in the order of the belt; what is older than some metres and no longer needed is forgotten."""
+    """Rows in the order of the belt; rows older than some metres that are no longer needed are discarded."""
 
     def __init__(self, cell_mm: float, bridge_mm: float) -> None:
         """Gaps up to ``bridge_mm`` are bridged."""
@@ -74,7 +74,7 @@ class Profile:
 
     @property
     def end_mm(self) -> float | None:
-        """Where the known profile ends; None while there is none."""
+        """Return the end of the profile; None while there is none."""
         return float(self._table[-1, 0] + self._cell_mm / 2) if len(self._table) else None
 
     def add(self, rows: Rows) -> None:
@@ -101,13 +101,13 @@ class Profile:
         rim = max(1, round(_RIM_MM / self._cell_mm))
         ends = float(self._table[-rim:, 1].mean()), float(after[:rim, 1].mean())
         known = np.concatenate([self._table[:, 1], after[:, 1]])
-        # how much cross-sections so far apart differ: of a line between two such, a quarter of their variance
+        # the variance of a linear interpolation is a quarter of that between cross-sections this far apart
         lag = min(max(1, round(length / self._cell_mm)), len(known) - 1)
         change = float(np.mean((known[lag:] - known[:-lag]) ** 2)) if lag > 0 else float(known[0] ** 2)
         return Gap(start_mm, end_mm, ends, float(np.sqrt(0.25 * change)))
 
     def integrate(self, start_mm: float, end_mm: float) -> Stretch:
-        """Sums between two places; rows that only reach in count for their part."""
+        """Integrate between two positions; partial rows count partly."""
         half = self._cell_mm / 2
         s = self._table[:, 0]
         near = slice(*np.searchsorted(s, [start_mm - half, end_mm + half]))
@@ -120,7 +120,7 @@ class Profile:
             low, high = gap.overlap(start_mm, end_mm)
             if gap.areas_mm2 is not None and high > low:
                 volume += gap.volume_mm3(low, high)
-                # wrong all along the gap: shared out, so that the parts' variances add up to the whole's
+                # one error along the whole gap: distributed so that the parts' variances add up to the whole's
                 apart += (high - low) * (gap.end_mm - gap.start_mm) * gap.sigma_mm2**2
                 bridged += high - low
         length = end_mm - start_mm if end_mm > start_mm else 0.0
@@ -147,7 +147,7 @@ class Profile:
         return self._table[int(np.argmin(np.abs(self._table[:, 0] - place_mm)))]
 
     def discard_before(self, before_mm: float) -> None:
-        """Drop what lies before a place, but for some metres that tell how much the load varies."""
+        """Discard rows before a position, except some metres that serve to estimate the load's variation."""
         limit = before_mm - _HISTORY_MM
         self._table = self._table[np.searchsorted(self._table[:, 0], limit) :]
         self._gaps = [gap for gap in self._gaps if gap.end_mm > limit]

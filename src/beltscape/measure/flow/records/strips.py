@@ -1,4 +1,4 @@
-"""Strips that wait for their belt to be finished, and the records they become."""
+"""Strips of belt: the queue of those not yet finished, and their flow records."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.records.profile import Profile, Stretch
 from beltscape.measure.flow.records.totals import Sums
 
-_WELL_SEEN = 0.7
-"""Share of a strip that must be measured in some frame for it to count as well measured."""
-_PART = 0.05
-"""A smaller part of a strip does not decide its quality."""
+_MIN_SHARE = 0.7
+"""Least measured share of a strip that counts as fully measured."""
+_MIN_PART = 0.05
+"""Smaller parts of a strip do not affect its quality."""
 
 
 @dataclass(slots=True)
@@ -25,22 +25,22 @@ class Strip:
     frame: str
     time_ns: int | None
     belt_position_mm: float
-    """What the record will say; NaN where nothing tells."""
+    """Position for the record; NaN if unknown."""
     start_mm: float
     end_mm: float
     """In belt coordinates."""
     step_sigma_mm: float
-    """One standard deviation of its length."""
+    """One standard deviation of the strip's length."""
     speed_mm_s: float
-    """NaN where not known."""
+    """NaN if unknown."""
     placed: bool
-    """Whether anything told where the belt was."""
+    """Whether the belt's position was known."""
     reliable: bool
-    """Whether that was the material or the encoder, not the last known speed, and all cameras saw the frame."""
+    """Whether the position came from material or encoder, not from the last known speed, with all images present."""
 
 
 class Strips:
-    """In the order of the frames; each becomes a record when the profile below it is complete."""
+    """A queue of strips in the order of the frames; each becomes a record when its profile is complete."""
 
     def __init__(self, sums: Sums, density: Density) -> None:
         """Records are also counted in ``sums``."""
@@ -48,22 +48,22 @@ class Strips:
         self._waiting: deque[Strip] = deque()
 
     def add(self, strip: Strip) -> None:
-        """The next frame's strip."""
+        """Append the next frame's strip."""
         self._waiting.append(strip)
 
     @property
     def first(self) -> Strip | None:
-        """The strip that waits longest."""
+        """Return the strip that waits longest."""
         return self._waiting[0] if self._waiting else None
 
     def pop_finished(self, profile: Profile, until_mm: float) -> list[FlowRecord]:
-        """Records of the strips that end at or before ``until_mm``, up to where the profile is complete."""
+        """Remove the strips that end at or before ``until_mm`` and return their records."""
         out: list[FlowRecord] = []
         while self._waiting and self._waiting[0].end_mm <= until_mm:
-            out.append(self._record(self._waiting.popleft(), profile))
+            out.append(self._make_record(self._waiting.popleft(), profile))
         return out
 
-    def _record(self, strip: Strip, profile: Profile) -> FlowRecord:
+    def _make_record(self, strip: Strip, profile: Profile) -> FlowRecord:
         stretch = profile.integrate(strip.start_mm, strip.end_mm)
         area = stretch.volume_mm3 / stretch.length_mm if stretch.length_mm > 0 else float("nan")
         if stretch.length_mm == 0 and strip.placed:
@@ -83,17 +83,17 @@ class Strips:
             density_kg_m3=density[0],
             coverage=stretch.share,
             single_coverage=stretch.single_share,
-            quality=_quality(strip, stretch),
+            quality=_classify_quality(strip, stretch),
         )
 
 
-def _quality(strip: Strip, stretch: Stretch) -> Quality:
+def _classify_quality(strip: Strip, stretch: Stretch) -> Quality:
     length = stretch.length_mm
     unseen = length - stretch.seen_mm - stretch.bridged_mm
     if not strip.placed or unseen > 0.5 * length:
         return "missing"
-    if stretch.bridged_mm > _PART * length:
+    if stretch.bridged_mm > _MIN_PART * length:
         return "bridged"
-    if not strip.reliable or unseen > _PART * length or stretch.share < _WELL_SEEN:
+    if not strip.reliable or unseen > _MIN_PART * length or stretch.share < _MIN_SHARE:
         return "degraded"
     return "measured"

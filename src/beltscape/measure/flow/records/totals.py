@@ -1,4 +1,4 @@
-"""What has passed in all, and how sure that is."""
+"""The totals of a flow measurement with their standard deviation."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ class FlowTotals:
     volume_mm3: float = 0.0
     sigma_mm3: float = 0.0
     mass_kg: float = 0.0
-    """NaN as soon as one strip's density is not known."""
+    """NaN as soon as one strip's density is unknown."""
     mass_sigma_kg: float = 0.0
     length_mm: float = 0.0
-    """Of belt that is counted."""
+    """Length of belt that is counted."""
     seen_mm: float = 0.0
-    """Of it, what was in a frame's view."""
+    """Part of this length that was in a frame's view."""
     bridged_mm: float = 0.0
-    """Of it, what was interpolated between neighbours."""
+    """Part of this length that was interpolated."""
     unseen_mm: float = 0.0
-    """Belt that passed and is not counted: nothing tells what lay there."""
+    """Length of belt that passed and is not counted, since it was neither in view nor bridged."""
     share: float = 0.0
     """Share of the counted belt that was measured in any frame."""
     single_share: float = 0.0
@@ -39,10 +39,10 @@ class FlowTotals:
 
 
 class Sums:
-    """Adds up strips; what errors have in common is added, what they have not in squares."""
+    """Sums over strips; common errors add linearly, independent errors in squares."""
 
     def __init__(self, drift_mm: float, width_mm: float) -> None:
-        """``drift_mm`` are slow errors of depth, common to all the belt of this width."""
+        """``drift_mm`` are slow errors of depth, common to the whole belt of this width."""
         self._own_mm, self._systematic_mm, self._width_mm = drift_mm, 0.0, width_mm
         self._volume = self._apart = self._edges = self._holes = 0.0
         self._mass = self._mass_common = 0.0
@@ -52,22 +52,22 @@ class Sums:
         self._last: Strip | None = None
 
     def add_systematic(self, systematic_mm: float) -> None:
-        """Count an error that all of a depth map's pixels share: the greatest so far holds for the whole belt."""
+        """Account for a systematic error of a depth map; the largest so far applies to the whole belt."""
         self._systematic_mm = max(self._systematic_mm, systematic_mm)
 
     @property
     def _drift_mm2(self) -> float:
-        """Slow errors of depth over the belt's width."""
+        """Return the cross-section of slow depth errors over the belt's width."""
         return float(np.hypot(self._own_mm, self._systematic_mm)) * self._width_mm
 
     def compute_sigma(self, stretch: Stretch, moved_mm3: float) -> float:
-        """σ of one strip's volume; ``moved_mm3`` is what the position's uncertainty makes of it."""
+        """Return σ of one strip's volume; ``moved_mm3`` is the part due to the position's uncertainty."""
         apart = stretch.apart_mm6 + moved_mm3**2
         drift = self._drift_mm2 * stretch.length_mm
         return float((apart + stretch.edges_mm3**2 + stretch.holes_mm3**2 + drift**2) ** 0.5)
 
     def add(self, strip: Strip, stretch: Stretch, moved_mm3: float, density: tuple[float, float]) -> None:
-        """Count a strip; density and its σ in kg/m³ (NaN: not known)."""
+        """Add a strip; density and its σ in kg/m³ (NaN if unknown)."""
         counted = stretch.seen_mm + stretch.bridged_mm
         self._volume += stretch.volume_mm3
         self._apart += stretch.apart_mm6 + moved_mm3**2
@@ -87,7 +87,7 @@ class Sums:
 
     @property
     def totals(self) -> FlowTotals:
-        """As it stands."""
+        """Return the totals so far."""
         drift = self._drift_mm2 * self._length
         sigma = float((self._apart + self._edges**2 + self._holes**2 + drift**2) ** 0.5)
         relative = sigma / self._volume if self._volume else 0.0

@@ -115,7 +115,7 @@ def test_repeated_write_has_no_effect(tmp_path_factory, ranges):
         (lambda r: replace(r, belt_mm=(r.belt_mm[0] + 1e-9, r.belt_mm[1])), "they must meet"),
         (lambda r: replace(r, belt_mm=(r.belt_mm[0], r.belt_mm[0] - 1)), "goes forward"),
         (lambda r: replace(r, belt_mm=(r.belt_mm[0], math.nan)), "goes forward"),
-        (lambda r: replace(r, number=3), "already kept"),
+        (lambda r: replace(r, number=3), "already stored"),
     ],
 )
 def test_a_ledger_with_a_gap_is_refused_whole(historian, change, message):

@@ -19,7 +19,7 @@ from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.module import read_module
 from synthetic.demo import DEMO, TRUE_RIG
-from synthetic.modules import DepthCameraView, module_pose, module, rig
+from synthetic.modules import DepthCameraView, module, module_pose, rig
 
 LIMITS_MM = {
     "length": 0.8, "width": 0.8, "edge": 1.2, "diameter": 3.0, "height": 0.05,

@@ -10,7 +10,6 @@ import numpy as np
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.cut import StripCutter
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
@@ -26,12 +25,13 @@ from beltscape.measure.flow.motion.evidence import MotionEvidence
 from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
 from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.measure.flow.motion.registration import Shift, register
+from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.records.profile import Profile
 from beltscape.measure.flow.records.strips import Strips
 from beltscape.measure.flow.records.totals import FlowTotals, Sums
-from beltscape.measure.flow.seen import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.flow.strip_cutter import StripCutter
 
 _COARSE_CELLS = 2
 """Cells of the registration are coarser by this factor."""

@@ -12,6 +12,7 @@ from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.measure.holes.fill import Filled
+from beltscape.measure.reliable_pixels import reliable_mask
 from beltscape.measure.surface import (
     Grid,
     average_blocks,
@@ -19,7 +20,6 @@ from beltscape.measure.surface import (
     compute_height_map,
     compute_sampling,
 )
-from beltscape.measure.trust import reliable_mask
 
 _FULL_CONFIDENCE = 0.999
 """A depth map whose confidence is this high everywhere does not rate its pixels."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
+from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.strips import Strip
-from beltscape.measure.flow.seen import PushedFrame
 
 
 class StripCutter:

@@ -42,7 +42,7 @@ class Sample:
     mm_per_px: np.ndarray
     interior: np.ndarray
     """Of pixels away from true steps."""
-    unseen: np.ndarray
+    occluded: np.ndarray
     """Of pixels that no auxiliary truly sees."""
     scale: float
     """Of the grid."""
@@ -56,7 +56,7 @@ class Truth:
     scene: np.ndarray
     beside: np.ndarray
     interior: np.ndarray
-    unseen: np.ndarray
+    occluded: np.ndarray
 
 
 def pixel_samples(folders: list[Path], network: str) -> Iterator[Sample]:

@@ -49,7 +49,7 @@ class Tile(NamedTuple):
     mm_per_px: np.ndarray
     weight: np.ndarray
     """0 in the margin, where no auxiliary sees the matched surface, and outside the projector's light."""
-    unseen: np.ndarray
+    occluded: np.ndarray
     """Pixels that no auxiliary truly sees."""
 
 

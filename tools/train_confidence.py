@@ -2,12 +2,13 @@
 
     python tools/train_confidence.py NETWORK CAPTURE…
 
-NETWORK is initial_confidence, candidates, pairwise_ranking, confidence, sigma or fast_confidence. Each CAPTURE is what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with
-and without speckle, of several rigs, image sizes and seeds, with rough stones and with even ones. Every capture is
-matched as it is and with augmentations (tools/augmentation.py); one named twice counts twice, with other augmentations.
-The first four depend on each other in this order, and train_refinement.py on them. ``sigma`` trains only the sigma of
-``confidence`` again; ``fast_confidence`` is for the preset ``fast``. Each is written to a file of its name in data/.
-Assess the result on captures that are not among them.
+NETWORK is initial_confidence, candidates, pairwise_ranking, confidence, sigma or fast_confidence. Each CAPTURE is
+what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with and without
+speckle, of several rigs, image sizes and seeds, with rough stones and with even ones. Every capture is matched as
+it is and with augmentations (tools/augmentation.py); one named twice counts twice, with other augmentations. The
+first four depend on each other in this order, and train_refinement.py on them. ``sigma`` trains only the sigma of
+``confidence`` again; ``fast_confidence`` is for the preset ``fast``. Each is written to a file of its name in
+data/. Assess the result on captures that are not among them.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Plan(NamedTuple):
     hidden: tuple[int, ...]
     epochs: int = 16
     batch: int = 8192
-    unseen: float = 4.0
+    occluded: float = 4.0
     """Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
 
 
@@ -171,9 +172,9 @@ def train_pixels(found: list[Sample], network: str) -> None:
     x = np.concatenate([sample.features for sample in found])
     dz = np.abs(np.concatenate([sample.dz_mm for sample in found]))
     limits = limits_of(x)
-    unseen = np.concatenate([s.unseen for s in found])
-    right = ((dz <= GROSS_MM) & ~unseen).astype(np.float32)
-    weight = np.where(unseen, PLANS[network].unseen, 1).astype(np.float32)
+    occluded = np.concatenate([s.occluded for s in found])
+    right = ((dz <= GROSS_MM) & ~occluded).astype(np.float32)
+    weight = np.where(occluded, PLANS[network].occluded, 1).astype(np.float32)
     confidence = fit(x, limits, cross_entropy_slopes(right[:, None], weight[:, None]), 1, PLANS[network])
     if network == "initial_confidence":
         write(network, names, limits, confidence)

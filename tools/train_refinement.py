@@ -40,7 +40,7 @@ MESSAGE, OWN = 16, 32
 ROUNDS, ROUND_UNITS = 3, 48
 """Number of rounds, and the hidden units of each."""
 EPOCHS, BATCH, RATE, DECAY = 20, 36_000, 3e-3, 1e-4
-UNSEEN = 6.0
+OCCLUDED = 6.0
 """Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
 SHIFT_WEIGHT, SIGMA_WEIGHT = 3.0, 0.2
 """Weights of the losses of shift and sigma relative to that of the confidence."""
@@ -63,7 +63,7 @@ class RefinementNetwork(nn.Module):
         self.fixed_messages = nn.ParameterList(torch.zeros(2, MESSAGE) for _ in self.rounds)
 
     def forward(self, features: Tensor, neighbours: Tensor) -> Tensor:
-        """Return (N, 3) logit, log sigma and shift of pixels with features (N, n) and neighbours' addresses (9, N)."""
+        """Return (N, 3) logit, log sigma and shift for features (N, n) and neighbours' addresses (9, N)."""
         state = self.state_layers((features.clamp(*self.limits) - self.mean) / self.spread)
         for i, (fixed, layers) in enumerate(zip(self.fixed_messages, self.rounds, strict=True)):
             messages = torch.cat([fixed, state[:, :MESSAGE]])
@@ -81,11 +81,11 @@ def layered(*sizes: int) -> nn.Sequential:
 
 def loss(prediction: Tensor, tile: Tile) -> Tensor:
     """Return the weighted mean loss of confidence, sigma and shift."""
-    error, mm_per_px, weight, unseen = map(torch.from_numpy, tile[2:])
+    error, mm_per_px, weight, occluded = map(torch.from_numpy, tile[2:])
     logit, log_sigma, shift = prediction.T
     left = error + shift
     with torch.no_grad():
-        seen = error.isfinite() & ~unseen
+        seen = error.isfinite() & ~occluded
         right = seen & (left.abs() * mm_per_px <= GROSS_MM)
         near = seen & (left.abs() * mm_per_px <= MOST_MM)
         log_size = torch.log(MAD * torch.where(near, left.abs(), 1.0).clamp(min=1e-4))
@@ -95,7 +95,7 @@ def loss(prediction: Tensor, tile: Tile) -> Tensor:
     confidence = functional.binary_cross_entropy_with_logits(logit, right.float(), reduction="none")
     sigma = torch.where(measured, huber(log_sigma - log_size, ROUND), zero)
     moves = torch.where(movable, huber(torch.where(movable, left, zero), NEAREST_PX), zero)
-    each = torch.where(unseen, UNSEEN, 1.0) * confidence + SIGMA_WEIGHT * sigma + SHIFT_WEIGHT * moves
+    each = torch.where(occluded, OCCLUDED, 1.0) * confidence + SIGMA_WEIGHT * sigma + SHIFT_WEIGHT * moves
     return (weight * each).sum() / weight.sum()
 
 
@@ -174,7 +174,8 @@ def main() -> None:
 def write_rounds(model: RefinementNetwork) -> None:
     """Write message_passing.json."""
     rounds = [
-        f'{{"fixed_messages": {format_rows(fixed.detach().numpy())},\n"layers": [{", ".join(map(format_rows, weights(layers)))}]}}'
+        f'{{"fixed_messages": {format_rows(fixed.detach().numpy())},\n'
+        f'"layers": [{", ".join(map(format_rows, weights(layers)))}]}}'
         for fixed, layers in zip(model.fixed_messages, model.rounds, strict=True)
     ]
     write_text("message_passing", '{"rounds": [\n' + ",\n".join(rounds) + "\n]}\n")

@@ -21,7 +21,7 @@ def test_fast_does_less_and_fine_does_more():
     fast, standard, fine = (MultiviewSettings.preset(name) for name in ("fast", "standard", "fine"))
     assert fast.grid_step > standard.grid_step == fine.grid_step == 1
     assert fast.rounds <= standard.rounds <= fine.rounds
-    assert len(fast.final_px) <= len(standard.final_px) <= len(fine.final_px)
+    assert len(fast.final_tolerances_px) <= len(standard.final_tolerances_px) <= len(fine.final_tolerances_px)
 
 
 @pytest.mark.parametrize(
@@ -34,8 +34,8 @@ def test_fast_does_less_and_fine_does_more():
         {"rounds": 9},
         {"distances_px": ()},
         {"distances_px": tuple(range(1, 10))},
-        {"between_px": ()},
-        {"final_px": ()},
+        {"round_tolerances_px": ()},
+        {"final_tolerances_px": ()},
         {"least_confidence": 1.0},
         {"least_confidence": -0.1},
         {"sweep_width_px": 63},
@@ -50,7 +50,12 @@ def test_settings_that_cannot_be_are_refused(wrong):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"between_px": (0.0,)}, {"final_px": (-0.5,)}, {"distances_px": (0,)}, {"distances_px": (40_000,)}],
+    [
+        {"round_tolerances_px": (0.0,)},
+        {"final_tolerances_px": (-0.5,)},
+        {"distances_px": (0,)},
+        {"distances_px": (40_000,)},
+    ],
 )
 def test_numbers_no_kernel_takes_are_refused_beforehand(wrong):
     with pytest.raises(SettingsError):

@@ -1,4 +1,4 @@
-"""Which cameras of a rig one frame can be measured with."""
+"""The cameras of a rig that can measure a frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from beltscape.core.rig import Rig
 
 
 def check_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ...]:
-    """The wanted auxiliaries, all of the rig by default, or ReconstructionError when one is not in it."""
+    """Return the wanted auxiliaries, all of the rig by default; raise ReconstructionError when one is not in it."""
     for name in wanted or ():
         if name not in rig.auxiliaries:
             raise ReconstructionError(
@@ -20,7 +20,7 @@ def check_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ..
 def usable_auxiliaries(
     rig: Rig, frame_set: FrameSet, wanted: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
-    """The auxiliaries that have an image in this frame, or ReconstructionError when no pair is left.
+    """Return the auxiliaries that have an image in this frame; raise ReconstructionError when there is none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Settings that Python callers make: what does not fit is a SettingsError in one line."""
+"""Settings made by Python callers; an invalid value raises a SettingsError of one line."""
 
 from __future__ import annotations
 

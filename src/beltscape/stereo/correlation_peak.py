@@ -1,4 +1,4 @@
-"""The place of a correlation's peak, to a fraction of a pixel."""
+"""The position of a correlation's peak, to a fraction of a pixel."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.stereo.pairwise.sgbm import sample, unbiased
+from beltscape.stereo.pairwise.sgbm import correct_bias, sample_values
 
 
 def opencv_fixed_point(whole: int, offset: np.ndarray) -> np.ndarray:
@@ -16,20 +16,20 @@ def test_opencv_rounds_upwards_and_unbiased_takes_it_back():
     offset = np.random.default_rng(0).uniform(-0.5, 0.5, 200_000)
     raw = opencv_fixed_point(20, offset)
     assert np.mean(raw / 16 - 20 - offset) > 0.014  # what there is to mend
-    assert abs(np.mean(unbiased(raw) - 20 - offset)) < 0.001
+    assert abs(np.mean(correct_bias(raw) - 20 - offset)) < 0.001
     for half in (offset < -0.05, offset > 0.05):
-        assert abs(np.mean((unbiased(raw) - 20 - offset)[half])) < 0.004
+        assert abs(np.mean((correct_bias(raw) - 20 - offset)[half])) < 0.004
 
 
 def test_negative_disparities_are_not_measured():
-    assert np.isnan(unbiased(np.array([-16, -1], np.int16))).all()
+    assert np.isnan(correct_bias(np.array([-16, -1], np.int16))).all()
 
 
 def test_sampling_does_not_let_pixels_fly_across_steps():
     values = np.tile(np.float32([10, 10, 10, 30, 30, 30]), (4, 1))
     u = np.linspace(0.5, 4.5, 41, dtype=np.float32)
     source = np.stack([u, np.full_like(u, 1.5)], axis=-1)[None]
-    assert set(np.unique(sample(values, source))) == {10, 30}
+    assert set(np.unique(sample_values(values, source))) == {10, 30}
 
 
 def test_sampling_is_bilinear_on_a_slope_and_keeps_gaps():
@@ -37,6 +37,6 @@ def test_sampling_is_bilinear_on_a_slope_and_keeps_gaps():
     values[:, 6] = np.nan
     u = np.float32([0.25, 2.5, 4.75, 6.1])
     source = np.stack([u, np.full_like(u, 2.0)], axis=-1)[None]
-    got = sample(values, source)[0]
+    got = sample_values(values, source)[0]
     np.testing.assert_allclose(got[:3], u[:3] / 4, atol=0.01)
     assert np.isnan(got[3])

@@ -8,7 +8,7 @@ from raycast import camera
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.stereo.pointcloud.cloud import CloudBuilder, cloud_from_depth, undistorted
+from beltscape.stereo.pointcloud.cloud import CloudBuilder, cloud_from_depth, undistort_image
 
 CAMERA = camera("cam0", (120, 90))
 
@@ -98,7 +98,7 @@ def test_strips_give_what_the_definition_gives(size_px, kind):
     there = depth.measured
     np.testing.assert_allclose(cloud.points_mm, depth.points_mm(own)[there], rtol=3e-7)
     np.testing.assert_allclose(cloud.normals, defined_normals(depth.depth_mm, own)[there], atol=3e-5)
-    straight = undistorted(image[kind], own)
+    straight = undistort_image(image[kind], own)
     shown = np.clip(straight * (255 / np.percentile(straight, 99.5)), 0, 255).astype(int)
     shown = shown if shown.ndim == 3 else shown[..., None].repeat(3, axis=2)
     assert (

@@ -19,7 +19,7 @@ from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.pipeline.measuring.solids import make_solids_document
 from beltscape.report.measuring.features import render_features_page
-from beltscape.stereo.pointcloud.cloud import undistorted
+from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.module import read_module
 
 
@@ -48,7 +48,7 @@ def _read_plain_image(path: Path, frame: FrameResult) -> NDArray[np.float32]:
     """Return a distorted image resampled to the depth map's grid, (H, W) float32."""
     taken: Image = read_image(path)
     try:
-        return to_grey(undistorted(taken, frame.rig.core_camera))
+        return to_grey(undistort_image(taken, frame.rig.core_camera))
     except BeltscapeError as error:
         raise InputError(f"{path}: {error}; give an image of the core camera {frame.rig.core}") from error
 
@@ -83,7 +83,9 @@ def write_features(out: Path, frame: FrameResult, measured: MeasuredModule) -> N
     ensure_output_folder(out)
     write_json(out / "features.json", make_features_document(measured))
     write_text(out / "features.csv", format_features_csv(measured))
-    write_text(out / "report.html", render_features_page(frame.depth, frame.rig.core_camera, frame.image, measured))
+    write_text(
+        out / "report.html", render_features_page(frame.depth, frame.rig.core_camera, frame.image, measured)
+    )
 
 
 def format_features_csv(measured: MeasuredModule) -> str:

@@ -13,9 +13,9 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
-from beltscape.stereo.pairwise.contrast import eight_bit_root
+from beltscape.stereo.pairwise.contrast import quantise_root
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
-from beltscape.stereo.pairwise.row_error import row_matches
+from beltscape.stereo.pairwise.row_error import match_rows
 
 _WIDTH_PX = 420
 """Width of the images searched: at a third of the size a wide search costs a thirtieth."""
@@ -63,10 +63,10 @@ def _search(
     places, _ = pair.core_pixels(rays)
     corners = np.rint(places).astype(np.int64)
     left, right = (
-        eight_bit_root(cv2.remap(image, mapped, None, cv2.INTER_LINEAR))  # pyright: ignore[reportCallIssue, reportArgumentType]
+        quantise_root(cv2.remap(image, mapped, None, cv2.INTER_LINEAR))  # pyright: ignore[reportCallIssue, reportArgumentType]
         for image, mapped in ((core, pair.core_map), (auxiliary, pair.aux_map))
     )
-    matches, inside = row_matches(left, right, corners, pair.disparities, _REACH_ROWS)
+    matches, inside = match_rows(left, right, corners, pair.disparities, _REACH_ROWS)
     # the correspondence of the rounded place, moved by what was rounded off
     at = places + np.stack([-matches[:, 0], matches[:, 1]], axis=1)
     source = _looked_up(pair, at)

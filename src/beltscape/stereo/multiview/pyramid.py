@@ -42,7 +42,7 @@ class PyramidSolver:
 
         The frame is returned with the noise estimated from this surface's residuals.
         """
-        has_coarser = self.settings.halves(prepared.core.shape[1])
+        has_coarser = self.settings.has_coarser_grid(prepared.core.shape[1])
         surface = self._solve_half(prepared) if has_coarser else self._sweep(prepared)
         return surface, replace(prepared, noise=estimate_noise(surface, prepared))
 
@@ -55,7 +55,7 @@ class PyramidSolver:
         for turn in range(settings.rounds):
             alternating = turn if settings.rounds > 1 else None
             propagated = propagate(surface, prepared, distances, alternating)
-            refined = _refine(propagated.surface, prepared, settings.between_px)
+            refined = _refine(propagated.surface, prepared, settings.round_tolerances_px)
             if turn + 1 == settings.rounds or _changed_share(surface, propagated.surface) < _SETTLED:
                 self.on_step()
                 return propagated, refined

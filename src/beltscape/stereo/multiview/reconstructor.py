@@ -125,12 +125,12 @@ class MultiviewReconstructor:
 
     def _select(self, state: MatcherState) -> Selection | None:
         """Return the surface after the candidate selections of uncertain pixels; None without any."""
-        if not self.settings.contests:
+        if not self.settings.selections:
             return None
         context = state.prepared.context
         planes = add_initial_confidence(initial_features(state), context)
         selection = select_candidates(state.refined.surface, planes, state.prepared)
-        for _ in range(self.settings.contests - 1):
+        for _ in range(self.settings.selections - 1):
             planes = planes | dict(initial_confidence_features(selection.initial_confidence, context.scale))
             selection = select_candidates(selection.surface, planes, state.prepared)
         return selection
@@ -138,11 +138,11 @@ class MultiviewReconstructor:
     def _refine_finally(self, surface: Surface, prepared: PreparedFrame) -> RefinementResult:
         """Return the surface after the last iterations."""
         windows = prepared.context.windows
-        *before, last = self.settings.final_px
+        *before, last = self.settings.final_tolerances_px
         if before:
             surface = refine(surface, prepared, tuple(before), windows.firm).surface
         refined = refine(surface, prepared, (last,), windows.wide)
-        if not self.settings.sharpen:
+        if not self.settings.twicing:
             return refined
         return replace(refined, surface=apply_twicing(refined.surface, prepared, last))
 
@@ -179,7 +179,7 @@ def _depth_map(state: MatcherState, estimate: DepthEstimate, least_confidence: f
 
 
 _EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.float32))
-"""Depth, sigma, views and confidence of pixels that are not measured, including a last row or column without a block."""
+"""Depth, sigma, views and confidence of unmeasured pixels, including a last row or column without a block."""
 
 
 def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:

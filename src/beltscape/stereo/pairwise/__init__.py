@@ -1,1 +1,1 @@
-"""The paper's way: every auxiliary with the core as a rectified pair, their depths fused."""
+"""The paper's method: every auxiliary forms a rectified pair with the core, and the pairs' depths are fused."""

@@ -1,4 +1,4 @@
-"""Images made alike before matching: local contrast, not brightness, is what two cameras share."""
+"""Equalisation of images before matching: two cameras share local contrast, not brightness."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _GAIN = 25.0
 """Counts per unit of contrast: as much as SGBM's clip of the gradient lets through unclipped."""
 
 
-def square_root(image: Image) -> NDArray[np.float32]:
+def take_square_root(image: Image) -> NDArray[np.float32]:
     """(H, W) float32 square root of the luminance in 8-bit counts.
 
     The root makes noise alike in dark and bright parts: a belt of a few counts beside a bright module.
@@ -23,7 +23,7 @@ def square_root(image: Image) -> NDArray[np.float32]:
     return np.sqrt(counts + np.float32(1.0))
 
 
-def equal_contrast(root: NDArray[np.float32], radius_px: float) -> NDArray[np.uint8]:
+def equalise_contrast(root: NDArray[np.float32], radius_px: float) -> NDArray[np.uint8]:
     """(H, W) uint8: local mean 128, local contrast equal, over a Gaussian neighbourhood."""
     mean = cv2.GaussianBlur(root, (0, 0), radius_px)
     variance = cv2.GaussianBlur(root * root, (0, 0), radius_px) - mean * mean
@@ -31,7 +31,7 @@ def equal_contrast(root: NDArray[np.float32], radius_px: float) -> NDArray[np.ui
     return np.clip(128.5 + scale * (root - mean), 0, 255).astype(np.uint8)
 
 
-def eight_bit_root(image: Image) -> NDArray[np.uint8]:
+def quantise_root(image: Image) -> NDArray[np.uint8]:
     """(H, W) uint8: the square root of the counts, stretched to the full range."""
-    root = square_root(image)
+    root = take_square_root(image)
     return np.rint(np.clip(root * (255 / max(float(root.max()), 1e-6)), 0, 255)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Depths of several pairs → one: the arithmetic mean over the pairs that agree (the paper's Eq. 24)."""
+"""Fusion of the depths of several pairs: the arithmetic mean over the pairs that agree (the paper's Eq. 24)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fused:
+class FusedDepth:
     """The mean over the pairs, and what they say about its error."""
 
     depth_mm: NDArray[np.float32]
@@ -20,7 +20,7 @@ class Fused:
     """(H, W) float32: sum of their squared deviations from the mean."""
 
 
-def fuse(depths_mm: NDArray[np.float32], agreement: float | None) -> Fused:
+def fuse(depths_mm: NDArray[np.float32], agreement: float | None) -> FusedDepth:
     """Mean over the pairs.
 
     Parameters
@@ -50,7 +50,7 @@ def fuse(depths_mm: NDArray[np.float32], agreement: float | None) -> Fused:
             mean = values.sum(axis=0) / number
         depth[rows], views[rows] = mean, number
         scatter[rows] = np.where(keep, (strip - mean) ** 2, 0.0).sum(axis=0)
-    return Fused(depth, views, scatter)
+    return FusedDepth(depth, views, scatter)
 
 
 _STRIP = 64

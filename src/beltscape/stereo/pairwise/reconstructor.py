@@ -1,4 +1,4 @@
-"""The paper's method: every auxiliary matched with the core by itself, the depths averaged (2.3, Eqs. 21-25)."""
+"""The paper's method: each auxiliary is matched with the core separately, depths are averaged (2.3, Eqs. 21-25)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.stereo.cameras import check_auxiliaries, usable_auxiliaries
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
-from beltscape.stereo.pairwise.contrast import square_root
+from beltscape.stereo.pairwise.contrast import take_square_root
 from beltscape.stereo.pairwise.fusion import fuse
 from beltscape.stereo.pairwise.settings import PairwiseSettings
-from beltscape.stereo.pairwise.sgbm import PairMatcher, pair_matcher
-from beltscape.stereo.pairwise.sigma import depth_sigma
+from beltscape.stereo.pairwise.sgbm import PairMatcher, make_pair_matcher
+from beltscape.stereo.pairwise.sigma import estimate_sigma
 
 
 class PairwiseReconstructor:
@@ -48,7 +48,7 @@ class PairwiseReconstructor:
         self.depth_range_mm = depth_range_mm
         self.settings = settings
         with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1) as pool:
-            matchers = pool.map(lambda name: pair_matcher(rig, name, depth_range_mm, settings), names)
+            matchers = pool.map(lambda name: make_pair_matcher(rig, name, depth_range_mm, settings), names)
             self._matchers: Mapping[str, PairMatcher] = dict(zip(names, matchers, strict=True))
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
@@ -61,10 +61,10 @@ class PairwiseReconstructor:
         """
         core = self.rig.core
         names = usable_auxiliaries(self.rig, frame_set, tuple(self._matchers))
-        core_root = square_root(frame_set.images[core])
+        core_root = take_square_root(frame_set.images[core])
 
         def match(name: str) -> np.ndarray:
-            return self._matchers[name].depth(core_root, square_root(frame_set.images[name]))
+            return self._matchers[name].depth(core_root, take_square_root(frame_set.images[name]))
 
         depths = []
         with ThreadPoolExecutor(self.settings.threads or os.cpu_count() or 1) as pool:
@@ -76,7 +76,7 @@ class PairwiseReconstructor:
         agreement = self.settings.agreement_px
         fused = fuse(np.stack(depths), None if agreement is None else agreement / scale)
         confidence = fused.views / np.float32(len(names))  # the share of pairs that agree
-        return DepthMap(fused.depth_mm, depth_sigma(fused, scale), fused.views, confidence)
+        return DepthMap(fused.depth_mm, estimate_sigma(fused, scale), fused.views, confidence)
 
 
 def reconstruct_pairwise(

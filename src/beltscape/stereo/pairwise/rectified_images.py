@@ -1,4 +1,4 @@
-"""The images of a rectified pair, and how well their rows meet."""
+"""The images of a rectified pair, and the error between their rows."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import cast
 import cv2
 
 from beltscape.core.frames import FrameSet, Image
-from beltscape.stereo.pairwise.contrast import eight_bit_root
+from beltscape.stereo.pairwise.contrast import quantise_root
 from beltscape.stereo.pairwise.rectification import RectifiedPair
-from beltscape.stereo.pairwise.row_error import RowError, row_error
+from beltscape.stereo.pairwise.row_error import RowError, measure_row_error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ def rectify_images(frame_set: FrameSet, pair: RectifiedPair) -> RectifiedImages:
     """Both images of a pair on their common rows, interpolated once from the images as they were taken."""
     core = cv2.remap(frame_set.images[pair.core], pair.core_map, None, cv2.INTER_CUBIC)
     auxiliary = cv2.remap(frame_set.images[pair.auxiliary], pair.aux_map, None, cv2.INTER_CUBIC)
-    left, right = (eight_bit_root(cast(Image, image)) for image in (core, auxiliary))
+    left, right = (quantise_root(cast(Image, image)) for image in (core, auxiliary))
     return RectifiedImages(
-        pair, cast(Image, core), cast(Image, auxiliary), row_error(left, right, pair.disparities)
+        pair, cast(Image, core), cast(Image, auxiliary), measure_row_error(left, right, pair.disparities)
     )

@@ -43,7 +43,7 @@ class RowError:
         return self.points >= LEAST_MATCHES
 
 
-def row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities: int) -> RowError:
+def measure_row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities: int) -> RowError:
     """Row offsets of textured patches between two rectified images (H, W) uint8; NaN when too few match.
 
     The patches are matched by normalised correlation over ``disparities`` columns to the left and a few rows up and
@@ -53,7 +53,7 @@ def row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities
     corners = np.empty((0, 2), np.int64) if found is None else np.rint(found[:, 0]).astype(np.int64)
     rows, searched = np.empty(0), 0
     for reach in REACHES_ROWS:
-        matches, inside = row_matches(core, auxiliary, corners, disparities, reach)
+        matches, inside = match_rows(core, auxiliary, corners, disparities, reach)
         rows, searched = matches[np.isfinite(matches[:, 1]), 1], int(inside.sum())
         if len(rows) >= max(LEAST_MATCHES, 0.3 * searched):
             break
@@ -65,7 +65,7 @@ def row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities
     return RowError(len(rows), searched, median, rms, 1.2533 * scatter / float(np.sqrt(len(rows))))
 
 
-def row_matches(
+def match_rows(
     core: NDArray[np.uint8],
     auxiliary: NDArray[np.uint8],
     corners: NDArray[np.int64],

@@ -1,4 +1,4 @@
-"""What the paper's pairwise method can be told."""
+"""Settings of the paper's pairwise method."""
 
 from __future__ import annotations
 

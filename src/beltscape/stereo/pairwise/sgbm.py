@@ -1,4 +1,4 @@
-"""One rectified pair → depth on the core's grid: OpenCV's semi-global block matching, made unbiased."""
+"""Depth on the core's grid from one rectified pair: OpenCV's semi-global block matching, corrected for bias."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.rig import Rig
-from beltscape.stereo.pairwise.contrast import equal_contrast
+from beltscape.stereo.pairwise.contrast import equalise_contrast
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 
@@ -36,12 +36,12 @@ class PairMatcher:
     def disparity(self, core_root: NDArray[np.float32], aux_root: NDArray[np.float32]) -> NDArray[np.float32]:
         """(H, W) float32 disparity of the rectified core view, px; NaN where not measured."""
         left, right = (
-            equal_contrast(_rectified(root, source), self.settings.contrast_radius_px)
+            equalise_contrast(_rectified(root, source), self.settings.contrast_radius_px)
             for root, source in ((core_root, self.pair.core_map), (aux_root, self.pair.aux_map))
         )
         sixteenths = _sgbm(self.settings, self.pair.disparities).compute(left, right)
-        disparity = unbiased(sixteenths)
-        disparity[featureless(left)] = np.nan
+        disparity = correct_bias(sixteenths)
+        disparity[mask_featureless(left)] = np.nan
         columns = np.arange(disparity.shape[1], dtype=np.float32)
         matched = np.rint(columns - np.nan_to_num(disparity)).astype(np.intp)
         disparity[~np.take_along_axis(self.aux_seen, np.maximum(matched, 0), axis=1)] = np.nan
@@ -52,11 +52,11 @@ class PairMatcher:
 
         The arguments are the square-rooted luminances (`square_root`) of the distorted images.
         """
-        disparity = sample(self.disparity(core_root, aux_root), self.sample_map)
+        disparity = sample_values(self.disparity(core_root, aux_root), self.sample_map)
         return (self.pair.depth_from_disparity(disparity) / self.depth_ratio).astype(np.float32)
 
 
-def pair_matcher(
+def make_pair_matcher(
     rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float], settings: PairwiseSettings
 ) -> PairMatcher:
     """Prepare one pair; see `rectify_pair` for the errors."""
@@ -72,7 +72,7 @@ def pair_matcher(
     )
 
 
-def unbiased(sixteenths: NDArray[np.int16]) -> NDArray[np.float32]:
+def correct_bias(sixteenths: NDArray[np.int16]) -> NDArray[np.float32]:
     """OpenCV's fixed-point disparity → px, without the bias of its rounding; NaN where it is negative.
 
     SGBM adds half a unit to the parabola's offset and lets integer division cut towards zero, which rounds
@@ -85,13 +85,13 @@ def unbiased(sixteenths: NDArray[np.int16]) -> NDArray[np.float32]:
     return disparity
 
 
-def featureless(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def mask_featureless(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """(H, W) bool: all counts about the pixel are one: black, saturated, nothing SGBM could tell apart."""
     window = np.ones((_FLAT_PX, _FLAT_PX), np.uint8)
     return np.asarray(cv2.dilate(image, window)) == np.asarray(cv2.erode(image, window))
 
 
-def sample(values: NDArray[np.float32], source: NDArray[np.float32]) -> NDArray[np.float32]:
+def sample_values(values: NDArray[np.float32], source: NDArray[np.float32]) -> NDArray[np.float32]:
     """Values at sub-pixel positions (h, w, 2): bilinear on a surface, the nearest one at steps and gaps."""
     nearest = _remap(values, source, cv2.INTER_NEAREST)
     smooth = _remap(values, source, cv2.INTER_LINEAR)

@@ -1,6 +1,6 @@
-"""How uncertain the mean over the pairs is, from what the pairs themselves say.
+"""Standard deviation of the mean over the pairs, estimated from the pairs' scatter.
 
-Everything is reckoned in px of rectified disparity, where SGBM's errors are alike at any distance.
+It is computed in px of rectified disparity, in which SGBM's errors are the same at any distance.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.pairwise.fusion import Fused
+from beltscape.stereo.pairwise.fusion import FusedDepth
 
 _WINDOW_PX = 11
 """Edge of the window over which the spread between pairs is pooled."""
@@ -32,7 +32,7 @@ _MEAN_OF_ROOT = (0.798, 0.886, 0.921, 0.940, 0.952, 0.959, 0.965)
 """E[s]/σ of a standard deviation with 1, 2, … degrees of freedom (c4)."""
 
 
-def depth_sigma(fused: Fused, scale_mm_px: float) -> NDArray[np.float32]:
+def estimate_sigma(fused: FusedDepth, scale_mm_px: float) -> NDArray[np.float32]:
     """(H, W) float32 standard deviation of the mean depth, mm; NaN where there is none.
 
     The variance between the pairs (of the neighbourhood and of the pixel) is divided by the number of pairs in

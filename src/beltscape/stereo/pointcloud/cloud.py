@@ -1,4 +1,4 @@
-"""Depth map → points with normals and colour."""
+"""Point clouds with normals and colour from depth maps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
-from beltscape.stereo.pointcloud.normals import surface_normals
+from beltscape.stereo.pointcloud.normals import compute_normals
 
 _SHARE = 0.995
 """Of the values that are not brighter than white."""
@@ -71,7 +71,7 @@ class CloudBuilder:
             start, end = end, end + int(np.count_nonzero(kept))
             lines = cv2.merge([z * self._rays[0], z * self._rays[1][rows, None], z])
             _put(points[start:end], np.asarray(lines, np.float32), kept)
-            leaning = surface_normals(depth.depth_mm, rows, self._rays, self.camera.focal_px)
+            leaning = compute_normals(depth.depth_mm, rows, self._rays, self.camera.focal_px)
             _put(normals[start:end], leaning, kept)
         return PointCloud(points, normals, self._colors(image, measured, count), depth.sigma_mm[measured])
 
@@ -95,8 +95,8 @@ def cloud_from_depth(depth: DepthMap, camera: Camera, image: Image | None) -> Po
     return CloudBuilder(camera).cloud(depth, image)
 
 
-def undistorted(image: Image, camera: Camera) -> Image:
-    """`CloudBuilder.undistorted` of one image."""
+def undistort_image(image: Image, camera: Camera) -> Image:
+    """Return one image undistorted, as `CloudBuilder.undistorted` does."""
     return CloudBuilder(camera).undistorted(image)
 
 

@@ -13,7 +13,7 @@ _REACH_PX = _WINDOW_PX // 2 + 1
 """How many rows beyond its own a normal depends on."""
 
 
-def surface_normals(
+def compute_normals(
     depth_mm: NDArray[np.float32],
     rows: slice,
     rays: tuple[NDArray[np.float32], NDArray[np.float32]],

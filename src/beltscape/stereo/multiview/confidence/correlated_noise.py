@@ -36,8 +36,8 @@ _ALONE = 2.2
 def inflate_sigma(sigma: Array, state: MatcherState) -> Array:
     """Return sigma (H, W), px, with the excess variance of correlated noise added to it.
 
-    The excess is a multiple of the least squares' variance, or of sigma's square where that is less: the part of sigma
-    that is not noise, at edges and on rough material, is not inflated. Without an excess sigma is unchanged.
+    The excess is a multiple of the least squares' variance, or of sigma's square where that is less: the part of
+    sigma that is not noise, at edges and on rough material, is not inflated. Without an excess sigma is unchanged.
     """
     prepared, refined = state.prepared, state.refined
     inflation = estimate_inflation(refined.surface, prepared)

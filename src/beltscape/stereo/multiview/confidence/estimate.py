@@ -154,7 +154,7 @@ def _predict(state: MatcherState) -> tuple[Prediction, NDArray[np.uint8]]:
 
 
 def _measurable_mask(state: MatcherState) -> NDArray[np.bool_]:
-    """Return the mask (H, W) of pixels with texture above the noise or in a filled disc, where some view may agree."""
+    """Return the mask (H, W) of pixels that have texture, or are in a filled disc, and that some view may confirm."""
     prepared = state.prepared
     window_px = scaled_window(TEXTURE_PX, prepared.context.scale)[0]
     texture = texture_over_noise(fill_nan(prepared.core), prepared.noise.levels, window_px)

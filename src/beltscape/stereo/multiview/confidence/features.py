@@ -84,7 +84,7 @@ def _view_features(
 
 
 def _bend_features(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
-    """Yield the logarithm of the mean distance, px, of s from its mean over a window: windows do not smooth planes."""
+    """Yield the logarithm of the mean distance, px, of s from its window mean; it is small on planes."""
     for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
         side = scaled_window(window_px, scale)
         offset = np.minimum(np.abs(s - cv2.blur(s, side)), 1)

@@ -1,8 +1,8 @@
 """Refinement of uncertain pixels: a network shifts their s and estimates confidence and sigma again.
 
-Its features are those of the confidence, the single neighbours, and the photo-consistency a little nearer and farther.
-Message passing then combines neighbouring pixels. Planes fitted over windows cut edges and round flanks; that shows in
-the neighbours.
+Its features are those of the confidence, the single neighbours, and the photo-consistency a little nearer and
+farther. Message passing then combines neighbouring pixels. Planes fitted over windows cut edges and round flanks;
+that shows in the neighbours.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Roughness of the material below the size of the matcher's windows, as features for sigma.
 
-A single pixel does not show it. On rough material the windows of the fit disagree more often than noise explains, over
-a whole stone and over a region of stones.
+A single pixel does not show it. On rough material the windows of the fit disagree more often than noise explains,
+over a whole stone and over a region of stones.
 """
 
 from __future__ import annotations

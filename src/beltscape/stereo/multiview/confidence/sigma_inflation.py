@@ -1,9 +1,9 @@
 """Inflation of a surface's variance by image errors that are correlated between neighbouring pixels.
 
 Least squares add up the information of neighbouring pixels as if their noise was independent. Noise that neighbours
-share (after demosaicing, resampling, denoising, compression) averages out more slowly, and the surface's variance is
-larger than stated. The disagreement of the views shows it: over a tile, every auxiliary by itself would shift the surface
-by pull / information, and with independent noise these shifts differ with the variance 1 / information.
+share (after demosaicing, resampling, denoising, compression) averages out more slowly, and the surface's variance
+is larger than stated. The disagreement of the views shows it: over a tile, every auxiliary by itself would shift
+the surface by pull / information, and with independent noise these shifts differ with the variance 1 / information.
 """
 
 from __future__ import annotations

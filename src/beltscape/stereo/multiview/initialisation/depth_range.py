@@ -67,7 +67,7 @@ def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
 
 
 def _convergence_mm(rig: Rig, name: str) -> float | None:
-    """Return the depth at which the core's axis is closest to the auxiliary's; None for parallel or diverging axes."""
+    """Return the depth at which the core's axis is closest to the auxiliary's; None if parallel or diverging."""
     pose = rig.cam_from_core[name].inverse()
     axis = pose.rotation[:, 2]
     sine2 = 1.0 - axis[2] ** 2

@@ -46,9 +46,9 @@ def sweep_planes(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return (H, W) inverse depth s of the plane of least cost, and (H, W) its margin over the second best.
 
-    Planes lie ``plane_step`` apart within ``s_range`` = (far, near), from the farthest on. The cost is that of the two
-    auxiliaries that match the core best on windows of 3 × 3 pixels; two, because opposite auxiliaries are rarely
-    occluded together.
+    Planes lie ``plane_step`` apart within ``s_range`` = (far, near), from the farthest on. The cost is that of the
+    two auxiliaries that match the core best on windows of 3 × 3 pixels; two, because opposite auxiliaries are
+    rarely occluded together.
     """
     far, near = s_range
     context = prepared.context

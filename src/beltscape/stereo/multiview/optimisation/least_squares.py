@@ -1,8 +1,8 @@
 """Dense least squares over all views, which refines a surface to a hundredth of a pixel.
 
-Every iteration warps the auxiliaries by the current surface, including its slopes, forms the normal equations of every
-pixel (information and pull) from the residuals, and fits a plane around each pixel over the largest window that agrees
-with the smaller ones.
+Every iteration warps the auxiliaries by the current surface, including its slopes, forms the normal equations of
+every pixel (information and pull) from the residuals, and fits a plane around each pixel over the largest window
+that agrees with the smaller ones.
 """
 
 from __future__ import annotations

@@ -31,8 +31,7 @@ _SMOOTH_PX = 0.08
 """Largest robust deviation of the ring from its quadratic."""
 _LEAST_INFORMATION = 0.25
 _QUANTILE = 0.33
-"""A region has texture of its own where this quantile of its information exceeds `_LEAST_INFORMATION` times the median
-of the information around it."""
+"""A region has texture where this quantile of its information exceeds `_LEAST_INFORMATION` times the outer median."""
 _LEAST_RING = 60
 _ROUNDS = 6
 _SETTLED_PX = 1e-3
@@ -101,7 +100,7 @@ def _mask_bright_regions(core: NDArray[np.float32], scale: float) -> NDArray[np.
 def _quadratic(
     s: Array, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
 ) -> tuple[Array, Array, Array] | None:
-    """Return s and its slopes from the quadratic through the ring around ``inside``; None where that is not smooth."""
+    """Return s and its slopes from the quadratic through the ring around ``inside``; None if that is not smooth."""
     size = 2 * int(np.ceil(_RING_PX * scale)) + 1
     near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     ring = near & ~any_disc & np.isfinite(s)

@@ -1,8 +1,8 @@
 """Selection among candidate surfaces: uncertain pixels compare theirs with those of reliable pixels nearby.
 
 Propagation compares candidates by windows of 3 × 3 normalised levels. Here the features of a candidate are also the
-levels themselves, the other candidates and the pixel's neighbourhood. Small networks, trained on simulated frames with
-known truth, rank the candidates (docs/matching.md).
+levels themselves, the other candidates and the pixel's neighbourhood. Small networks, trained on simulated frames
+with known truth, rank the candidates (docs/matching.md).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Selection:
 
     surface: Surface
     initial_confidence: NDArray[np.float32]
-    """(H, W) logit of the probability that the pixel is right; that of the selected candidate where there were any."""
+    """(H, W) logit of the probability of being right; the selected candidate's where there were candidates."""
     gain: PhotometricGain
     """Gain with which the levels were compared."""
 

@@ -1,7 +1,8 @@
 """The photometric gain of each auxiliary relative to the core, pixel by pixel, and the variance of level differences.
 
-At a depth step no window lies on one surface, so levels cannot be normalised within one. The ratio of the core's level
-to an auxiliary's changes slowly (gain, vignetting, angle of the light) and is estimated from the surface around.
+At a depth step no window lies on one surface, so levels cannot be normalised within one. The ratio of the core's
+level to an auxiliary's changes slowly (gain, vignetting, angle of the light) and is estimated from the surface
+around.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ def estimate_gain_maps(
 
 
 def difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
-    """Return the (H, W) variance, levels², of the difference between the core's and an auxiliary's level of a point."""
+    """Return the (H, W) variance, levels², of the difference between the core's and an auxiliary's level."""
     level = fill_nan(core)
     across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)

@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test sanitize check format bench docs lock clean
+.PHONY: help install dev system demo test quick sanitize check format bench docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 NATIVE := CMakeLists.txt pyproject.toml $(wildcard native/*)
@@ -40,6 +40,9 @@ demo: install ## the whole chain on a small rig; writes out/demo/report.html
 
 test: dev ## every test
 	$(BIN)/python -m pytest
+
+quick: dev ## the tests that take no capture, no browser and no cameras: under a minute
+	$(BIN)/python -m pytest -m "not slow and not browser and not cameras and not gpu"
 
 # The sanitized build stands apart: its own folder, found through PYTHONPATH; -S leaves the editable install out.
 SANITIZED := build/sanitize

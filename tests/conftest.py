@@ -19,6 +19,24 @@ cv2.setNumThreads(1)  # xdist already keeps every core busy
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 
 
+SLOW_FOLDERS = {
+    "calibrate", "cli", "deploy", "docs", "evaluate", "measure", "pipeline", "report", "service", "simulate", "sinks",
+    "sources", "stereo",
+}  # fmt: skip
+"""Folders of tests that work on whole captures or with other processes."""
+BROWSER_FIXTURES = {"browser", "page", "chromium"}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests by their folder and by the fixtures that they use."""
+    root = Path(__file__).parent
+    for item in items:
+        if item.path.relative_to(root).parts[0] in SLOW_FOLDERS:
+            item.add_marker("slow")
+        if BROWSER_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker("browser")
+
+
 @pytest.fixture
 def real_data():
     """A function name → folder of recorded data; the test is skipped where there is none."""

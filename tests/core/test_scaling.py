@@ -50,7 +50,7 @@ def test_the_undistorted_grid_of_a_camera_is_its_pinhole():
     "other",
     [
         replace(CAMERA, focal_px=CAMERA.focal_px * 1.004),
-        replace(CAMERA, center_px=CAMERA.center_px + [1.5, 0.0]),
+        replace(CAMERA, center_px=CAMERA.center_px + np.array([1.5, 0.0])),
         replace(CAMERA, size_px=(1224, 900)),
     ],
     ids=["focal length", "principal point", "size"],

@@ -44,7 +44,7 @@ def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json)
     [
         replace(LENS, name="cam3"),
         replace(LENS, focal_px=LENS.focal_px * 1.02),
-        replace(LENS, center_px=LENS.center_px + [3.0, 0.0]),
+        replace(LENS, center_px=LENS.center_px + np.array([3.0, 0.0])),
     ],
     ids=["core", "focal length", "principal point"],
 )

@@ -37,7 +37,9 @@ def add_output_folder(
 
     ``owner``: arguments whose values identify the folder's content, such as a scene's name.
     """
-    parser.add_argument("--out", type=_parse_path, metavar="DIR", required=required, default=default, help=text)
+    parser.add_argument(
+        "--out", type=_parse_path, metavar="DIR", required=required, default=default, help=text
+    )
     parser.set_defaults(output="folder", owner=(parser.prog.removeprefix("beltscape "), *owner))
 
 

@@ -14,20 +14,13 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import BeltscapeError, InputError, ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.files import (
-    belt_json,
-    encoder_csv,
-    exchange,
-    height_tiff,
-    images,
-    ply,
-    ply_points,
-    rig_json,
-    stl,
-)
+from beltscape.files import belt_json, exchange, rig_json
 from beltscape.files.capture import read_capture
+from beltscape.files.meshes import ply, ply_points, stl
+from beltscape.files.rasters import height_tiff, images
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.tables import encoder_csv
 from beltscape.measure.belt.empty_belt import find_belt, learn_belt
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings

@@ -38,7 +38,7 @@ def test_summary_states_the_required_settings():
 
 
 def test_summary_without_cameras_states_the_fix():
-    assert "power, cables" in cameras.summary({"cameras": [], "check": {}})
+    assert "power and cables" in cameras.summary({"cameras": [], "check": {}})
 
 
 def test_project_without_cameras_is_refused(tmp_path, monkeypatch):

@@ -102,7 +102,7 @@ def fit_sphere(
         use = sound & (incidence < _CAP_DEG) & np.isfinite(correction) & (np.abs(z - model) < 0.3 * radius_mm)
         if use.sum() < _MIN_PIXELS:
             return None
-        weight = information[use] / _compute_sigma_by_angle(incidence[use], sigma[use]) ** 2
+        weight = _compute_weight(information[use], incidence[use], sigma[use])
         sphere = _fit_parameters(sphere, rays[use], (z - correction)[use], weight, radius_mm)
         fade = 1 - incidence / _CAP_DEG
         fit = _linearise(
@@ -126,6 +126,15 @@ def fit_sphere(
         fit.points,
         float(np.mean(correction[use])),
     )
+
+
+def _compute_weight(
+    information: NDArray[np.float64], incidence_deg: NDArray[np.float64], sigma_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return weights (N,); on an image without texture on most of the cap, the information of all pixels is alike."""
+    if np.median(information) <= 0:
+        information = np.ones_like(information)
+    return information / _compute_sigma_by_angle(incidence_deg, sigma_mm) ** 2
 
 
 def _project_window(

@@ -117,7 +117,7 @@ def test_the_viewer_draws_what_was_measured(run, frame, tmp_path):
     # rings of four edges: the base's and the cubes', each as long as it was measured
     edges = [np.linalg.norm(np.diff(ring, axis=0), axis=1) for ring in drawn if len(ring) == 5]
     assert len(edges) == 2 * 3
-    assert edges[2] == pytest.approx(cube["size_mm"][:1] * 4, abs=0.001)
+    assert edges[2] == pytest.approx(cube["size_mm"][:1] * 4, abs=0.02)  # the page rounds to 0.01 mm
 
 
 def test_the_same_frame_gives_the_same_bytes(run, frame, tmp_path):

@@ -40,7 +40,17 @@ oversample = 1
 ambient_samples = 1
 """
 NUMERIC = {".tiff", ".ply", ".csv", ".json", ".stl", ".npz"}
-TEXT_KEYS = {"warnings", "message", "messages", "advice", "version", "commit", "duration_s", "created"}
+TEXT_KEYS = {
+    "warnings",
+    "message",
+    "messages",
+    "advice",
+    "version",
+    "commit",
+    "duration_s",
+    "seconds_per_frame",
+    "created",
+}
 """Keys of JSON documents whose values are prose, or differ from run to run."""
 
 

@@ -53,7 +53,8 @@ def test_pattern_without_markers_causes_no_warning(run, capture, tmp_path):
     document = reconstructed(run, folder, tmp_path / "r")
     assert document["regions"] is None and document["warnings"] == []
     assert document["frames"][0]["coverage"] > 0.5
-    assert not (tmp_path / "r" / "regions.png").exists()
+    written = sorted(path.name for path in (tmp_path / "r").iterdir())
+    assert written == [".beltscape.json", "000", "reconstruction.json", "rig.json"]
 
 
 def test_draws_the_first_frame_that_is_measured(run, capture, tmp_path):

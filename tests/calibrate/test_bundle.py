@@ -17,7 +17,7 @@ from beltscape.calibrate.solver.projection import (
 )
 from beltscape.core.camera import Camera
 from beltscape.core.pose import rotation_from_vector
-from synthetic.bundles import make_problem
+from tests.synthetic.bundles import make_problem
 
 NOISE_PX = 0.1
 
@@ -33,7 +33,6 @@ def test_projection_equals_opencv():
 
 
 def test_projection_equals_the_camera_model():
-    """`Camera.project` and the solver evaluate one lens model in different orders of operations."""
     rng = np.random.default_rng(5)
     points = rng.uniform([-200, -200, 500], [200, 200, 900], (50, 3))
     camera = Camera(

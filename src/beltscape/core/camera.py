@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core import lens
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
@@ -36,17 +38,7 @@ class Camera:
 
     def distort(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distort undistorted image-plane coordinates x/z, y/z (..., 2)."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = ideal[..., 0], ideal[..., 1]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return np.stack(
-            [
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-            ],
-            axis=-1,
-        )
+        return np.stack(lens.distort(ideal[..., 0], ideal[..., 1], self.distortion), axis=-1)
 
     def undistort(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return undistorted image-plane coordinates x/z, y/z (..., 2) of distorted pixels (..., 2).
@@ -57,30 +49,17 @@ class Camera:
         ideal = distorted
         with np.errstate(all="ignore"):  # pixels beyond the model's range diverge and end as NaN
             for _ in range(20):
-                xx, xy, yy = self._distort_slope(ideal)
+                xx, xy, yy = lens.differentiate(ideal[..., 0], ideal[..., 1], self.distortion)
                 dx, dy = np.moveaxis(distorted - self.distort(ideal), -1, 0)
                 step = np.stack([yy * dx - xy * dy, xx * dy - xy * dx], axis=-1)
                 step /= (xx * yy - xy * xy)[..., None]
                 ideal = ideal + step
                 if not (np.abs(step) > 1e-15).any():
                     break
-            xx, xy, yy = self._distort_slope(ideal)
+            xx, xy, yy = lens.differentiate(ideal[..., 0], ideal[..., 1], self.distortion)
             error = np.abs(self.distort(ideal) - distorted).max(axis=-1)
             is_valid = (error < 1e-9) & (xx * yy > xy * xy) & (xx + yy > 0)
         return np.where(is_valid[..., None], ideal, np.nan)
-
-    def _distort_slope(self, ideal: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the derivative of `distort`, a symmetric matrix: ∂x/∂x, ∂x/∂y = ∂y/∂x, ∂y/∂y."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = ideal[..., 0], ideal[..., 1]
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # of radial along x, over x
-        return (
-            radial + slope * x * x + 2 * p1 * y + 6 * p2 * x,
-            slope * x * y + 2 * p1 * x + 2 * p2 * y,
-            radial + slope * y * y + 6 * p1 * y + 2 * p2 * x,
-        )
 
     def rays(self) -> NDArray[np.float64]:
         """Return x/z, y/z (H, W, 2) of every pixel of the *undistorted* pinhole grid."""

@@ -1,13 +1,14 @@
 """Projection of points through the lens model, with its Jacobians, for many observations at once.
 
 Returned arrays have the observations last in memory, whatever their shape: sums over them are faster that way.
-`Camera.project` evaluates the same model for one camera in another order of operations; a test compares the two.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from beltscape.core import lens
 
 Array = NDArray[np.float64]
 
@@ -26,46 +27,31 @@ def project_with_jacobians(points: Array, intrinsics: Array) -> tuple[Array, Arr
     -------
     (N, 2) pixels, (N, 2, 3) their derivatives by the point, (N, 2, 9) by the intrinsics.
     """
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics.T
+    fx, fy, cx, cy, *_ = intrinsics.T
+    coefficients = intrinsics.T[4:]
     inverse = 1.0 / points[:, 2]
     x, y = points[:, 0] * inverse, points[:, 1] * inverse
-    xx, xy, yy = x * x, x * y, y * y
-    r2 = xx + yy
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    # 2 · d radial / d r2; times x or y it is d radial / d x or d y
-    slope = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
-    by_p1, by_p2 = (2 * xy, r2 + 2 * yy), (r2 + 2 * xx, 2 * xy)
-    xd = x * radial + p1 * by_p1[0] + p2 * by_p2[0]
-    yd = y * radial + p1 * by_p1[1] + p2 * by_p2[1]
+    xd, yd = lens.distort(x, y, coefficients)
     pixels = np.stack([fx * xd + cx, fy * yd + cy])
 
-    mixed = slope * xy + 2 * (p1 * x + p2 * y)
+    xx, xy, yy = lens.differentiate(x, y, coefficients)
     by_point = np.empty((3, 2, len(points)))
-    by_point[0, 0] = fx * inverse * (radial + slope * xx + 2 * p1 * y + 6 * p2 * x)
-    by_point[1, 1] = fy * inverse * (radial + slope * yy + 6 * p1 * y + 2 * p2 * x)
-    by_point[1, 0], by_point[0, 1] = fx * inverse * mixed, fy * inverse * mixed
+    by_point[0, 0] = fx * inverse * xx
+    by_point[1, 1] = fy * inverse * yy
+    by_point[1, 0], by_point[0, 1] = fx * inverse * xy, fy * inverse * xy
     by_point[2] = -(by_point[0] * x + by_point[1] * y)
 
     by_intrinsics = np.zeros((9, 2, len(points)))
     by_intrinsics[0, 0], by_intrinsics[1, 1] = xd, yd
     by_intrinsics[2, 0] = by_intrinsics[3, 1] = 1.0
-    along_x, along_y = fx * x * r2, fy * y * r2
-    for column in (4, 5, 8):  # k1, k2, k3
-        by_intrinsics[column, 0], by_intrinsics[column, 1] = along_x, along_y
-        along_x, along_y = along_x * r2, along_y * r2
-    for column, (u, v) in {6: by_p1, 7: by_p2}.items():
-        by_intrinsics[column, 0], by_intrinsics[column, 1] = fx * u, fy * v
+    by_intrinsics[4:] = lens.differentiate_by_coefficients(x, y, fx, fy)
     return pixels.T, by_point.T, by_intrinsics.T
 
 
 def project_points(points: Array, intrinsics: Array) -> Array:
     """Return the pixels (N, 2) of `project_with_jacobians` without derivatives."""
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics.T
-    x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-    r2, xy = x * x + y * y, 2 * x * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    u = x * radial + p1 * xy + p2 * (r2 + 2 * x * x)
-    v = y * radial + p1 * (r2 + 2 * y * y) + p2 * xy
+    fx, fy, cx, cy, *_ = intrinsics.T
+    u, v = lens.distort(points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], intrinsics.T[4:])
     return np.stack([fx * u + cx, fy * v + cy]).T
 
 

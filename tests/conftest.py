@@ -9,7 +9,7 @@ import pytest
 from hypothesis import settings
 
 from beltscape.target.board import CharucoBoard
-from synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
+from tests.synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
 
 settings.register_profile("beltscape", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("beltscape")

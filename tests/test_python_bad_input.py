@@ -28,7 +28,7 @@ from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
-from synthetic.boards import row_of_cameras
+from tests.synthetic.boards import row_of_cameras
 
 RIG = row_of_cameras(["a", "b"])
 WIDTH, HEIGHT = RIG.core_camera.size_px

@@ -16,7 +16,7 @@ from beltscape.alarms.settings import AlarmSettings, OversizeLump
 from beltscape.alarms.texts import TEXTS
 from beltscape.core.live import CameraHealth
 from beltscape.files.documents.toml_text import validate
-from strategies import floats
+from tests.strategies import floats
 
 NAN = float("nan")
 SECOND = 1_000_000_000

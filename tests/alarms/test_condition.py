@@ -13,7 +13,7 @@ from beltscape.alarms.condition import (
     condition_from_text,
     select_worst,
 )
-from strategies import floats
+from tests.strategies import floats
 
 RANK = {"off": 0, "between": 1, "on": 2}
 LIMITS = floats(1e-3, 1e6)

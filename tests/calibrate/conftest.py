@@ -6,7 +6,7 @@ import pytest
 
 from beltscape.core.rig import Rig
 from beltscape.target.board import CharucoBoard
-from synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.boards import board_poses, row_of_cameras
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from beltscape.calibrate.solver.se3 import exp
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 COVARIANCE = np.diag(np.repeat([1e-4, 0.1], 3) ** 2)
 

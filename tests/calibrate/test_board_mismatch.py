@@ -6,7 +6,7 @@ import pytest
 
 from beltscape.calibrate.detection.board_mismatch import describe_shown_board
 from beltscape.target.board import Board, CharucoBoard, Chessboard
-from synthetic.boards import Print, board_poses, camera, view
+from tests.synthetic.boards import Print, board_poses, camera, view
 
 TOLD = CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=20, dictionary="DICT_7X7_50")
 

@@ -18,8 +18,8 @@ from beltscape.calibrate.network.synchronisation import find_frame_misfits
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
-from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections, project_corners
+from tests.synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.detections import make_detections, project_corners
 
 ODD = Chessboard(corners=(7, 5), square_mm=40)
 EVEN = Chessboard(corners=(8, 6), square_mm=35)

@@ -22,7 +22,7 @@ from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import calibration_document
 from beltscape.pipeline.calibrating.check import check
 from beltscape.target.board import CharucoBoard, Chessboard
-from synthetic.boards import Print, board_poses, capture, row_of_cameras
+from tests.synthetic.boards import Print, board_poses, capture, row_of_cameras
 
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
 

@@ -12,7 +12,7 @@ from beltscape.calibrate.detection.detector import (
 )
 from beltscape.core.pose import Pose
 from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
-from synthetic.boards import Print, camera, view
+from tests.synthetic.boards import Print, camera, view
 
 CHARUCO = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)

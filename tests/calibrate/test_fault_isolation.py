@@ -16,8 +16,8 @@ from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.target.board import corner_points_mm
-from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections
+from tests.synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.detections import make_detections
 
 SIGMA = np.diag(np.repeat([1e-4, 0.1], 3))
 SHIFT = exp(np.array([0.01, 0.0, 0.0, 5.0, 0.0, 0.0]))

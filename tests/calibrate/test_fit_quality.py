@@ -18,8 +18,8 @@ from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import CharucoBoard
-from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections
+from tests.synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.detections import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 

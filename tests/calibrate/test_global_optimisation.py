@@ -13,7 +13,7 @@ from beltscape.calibrate.network.pairs import Pair
 from beltscape.calibrate.solver.levenberg_marquardt import Damping
 from beltscape.calibrate.solver.se3 import exp, log
 from beltscape.core.rig import Rig
-from synthetic.boards import row_of_cameras
+from tests.synthetic.boards import row_of_cameras
 
 UNITS = np.diag(np.repeat([1e-4, 0.1], 3))
 """Standard deviation of a pair's twist: rad, mm."""

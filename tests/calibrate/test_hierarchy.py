@@ -10,8 +10,8 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections, project_corners
+from tests.synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.detections import make_detections, project_corners
 
 FRAMES = range(12)
 

@@ -9,7 +9,7 @@ from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 NOISE_PX = 0.05
 

@@ -9,7 +9,7 @@ from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.kernels import load
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 NOISE_PX = 0.1
 

@@ -9,7 +9,7 @@ from beltscape.calibrate.assessment.next_best_view import find_next_best_view
 from beltscape.calibrate.bundle_adjustment import adjust_bundle
 from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 NOISE_PX = 0.1
 

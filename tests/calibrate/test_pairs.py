@@ -9,7 +9,7 @@ from beltscape.calibrate.solver.se3 import log
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
-from synthetic.detections import make_detections, project_corners, replace_view
+from tests.synthetic.detections import make_detections, project_corners, replace_view
 
 
 @pytest.fixture(scope="module")

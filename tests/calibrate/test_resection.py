@@ -6,7 +6,7 @@ import pytest
 from beltscape.calibrate.detection.corners import Corners
 from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.target.board import corner_points_mm
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 
 def off(found, true):

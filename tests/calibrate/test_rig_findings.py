@@ -13,7 +13,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 NOISE_PX = 0.05
 

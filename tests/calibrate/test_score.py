@@ -9,7 +9,7 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 NOISE_PX = 0.1
 

@@ -9,8 +9,8 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.network.synchronisation import find_frame_misfits
 from beltscape.target.board import corner_points_mm
-from synthetic.boards import board_poses
-from synthetic.detections import make_detections
+from tests.synthetic.boards import board_poses
+from tests.synthetic.detections import make_detections
 
 FRAMES = 10
 

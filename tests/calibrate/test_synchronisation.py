@@ -6,7 +6,7 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Silent
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 
 def shift_frames(own: BoardDetections, camera: str, by: int) -> BoardDetections:

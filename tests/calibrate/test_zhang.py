@@ -10,8 +10,8 @@ from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.rig import Rig
 from beltscape.target.board import corner_points_mm
-from synthetic.boards import board_poses, row_of_cameras
-from synthetic.detections import make_detections, replace_view
+from tests.synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.detections import make_detections, replace_view
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from beltscape.cli.main import main
 from beltscape.files.rasters.images import write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.target.board import Chessboard
-from synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
+from tests.synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
 
 BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'
 CHESSBOARD = 'kind = "chessboard"\ncorners = [8, 5]\nsquare_mm = 40\n'

@@ -16,7 +16,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from synthetic.packings import camera, make_ellipsoids, render_depth_map
+from tests.synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 FLOW = "measure flow cap --rig rig.json --empty two"
 BOARD = "target board --squares 12 9 --square 30 --marker 22 --dictionary DICT_5X5_100"

@@ -13,7 +13,7 @@ import pytest
 from beltscape.cli.main import main
 from beltscape.files.exchange import FORMATS
 from beltscape.files.rig_json import read_rig, write_rig
-from synthetic.boards import row_of_cameras
+from tests.synthetic.boards import row_of_cameras
 
 
 @pytest.fixture(autouse=True)

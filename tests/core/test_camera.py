@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.camera import Camera
-from strategies import cameras, poses, seeds
+from tests.strategies import cameras, poses, seeds
 
 
 def pixels_in(camera: Camera, seed: int, count: int = 50) -> np.ndarray:

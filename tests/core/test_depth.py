@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from strategies import seeds
+from tests.strategies import seeds
 
 
 def depth_map(depth: np.ndarray) -> DepthMap:

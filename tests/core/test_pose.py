@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 
 from beltscape.core.pose import Pose, rotation_from_vector, vector_from_rotation
-from strategies import ANGLES, poses, rotation_vectors, vectors
+from tests.strategies import ANGLES, poses, rotation_vectors, vectors
 
 
 def same(a: Pose, b: Pose) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 
-from strategies import looking_rigs, rigs, seeds
+from tests.strategies import looking_rigs, rigs, seeds
 
 
 @given(rigs(minimum=3))

@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import ledger
+from tests.sinks.ledgers import ledger
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 SETTINGS = HistorySettings(reserve_mib=1)

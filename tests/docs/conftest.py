@@ -12,12 +12,12 @@ import pytest
 
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from docs.program import call
-from docs.reader import SCENES, Reader
-from docs.system import ROOT
-from docs.tables import recorded_project
-from sinks.ledgers import ledger
-from synthetic.demo import DEMO, TRUE_RIG
+from tests.docs.program import call
+from tests.docs.reader import SCENES, Reader
+from tests.docs.system import ROOT
+from tests.docs.tables import recorded_project
+from tests.sinks.ledgers import ledger
+from tests.synthetic.demo import DEMO, TRUE_RIG
 
 SMALL = "[render]\npasses = 1\nambient_samples = 1\n[heap]\nrocks = 60\n"
 FRAMES = {"calibration": 1, "belt_moving": 2}

@@ -17,10 +17,10 @@ import yaml
 
 from beltscape.cli.main import COMMANDS
 from beltscape.files.tables.encoder_csv import read_encoder
-from docs.blocks import Block, read_blocks, read_spans, split_commands
-from docs.program import call, narrowed, parser_of, unknown_options
-from docs.system import ROOT, RULES, Wrong, demand, run_system
-from docs.tables import check_table
+from tests.docs.blocks import Block, read_blocks, read_spans, split_commands
+from tests.docs.program import call, narrowed, parser_of, unknown_options
+from tests.docs.system import ROOT, RULES, Wrong, demand, run_system
+from tests.docs.tables import check_table
 
 RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py"}
 """Commands that take minutes at any size: parsed here, run by the tests named."""

@@ -14,8 +14,8 @@ from beltscape.pipeline.simulation import read_scenario
 from beltscape.service.project import ProjectSettings
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
-from docs.blocks import Block
-from docs.system import Wrong, demand
+from tests.docs.blocks import Block
+from tests.docs.system import Wrong, demand
 
 
 def check_table(block: Block, folder: Path) -> None:

@@ -6,7 +6,7 @@ import runpy
 
 import pytest
 
-from docs.system import ROOT
+from tests.docs.system import ROOT
 
 FIGURES = ("pyramid.svg", "candidates.svg", "hole.svg")
 

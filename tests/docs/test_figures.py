@@ -6,7 +6,7 @@ import runpy
 
 import pytest
 
-from docs.system import ROOT
+from tests.docs.system import ROOT
 
 TOOL = runpy.run_path(str(ROOT / "tools/write_figures.py"))
 

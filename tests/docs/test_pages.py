@@ -7,11 +7,11 @@ import json
 import pytest
 
 from beltscape.files.rig_json import read_rig
-from docs.blocks import read_blocks, split_commands
-from docs.conftest import page_text
-from docs.program import parser_of
-from docs.reader import RUN_ELSEWHERE, Reader
-from docs.system import ROOT, RULES
+from tests.docs.blocks import read_blocks, split_commands
+from tests.docs.conftest import page_text
+from tests.docs.program import parser_of
+from tests.docs.reader import RUN_ELSEWHERE, Reader
+from tests.docs.system import ROOT, RULES
 
 PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.md"))
 

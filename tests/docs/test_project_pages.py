@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from docs.blocks import read_spans
-from docs.conftest import page_text
-from docs.reader import Reader
-from docs.system import ROOT
+from tests.docs.blocks import read_spans
+from tests.docs.conftest import page_text
+from tests.docs.reader import Reader
+from tests.docs.system import ROOT
 
 PACKAGES = ROOT / "src/beltscape"
 MATCHER = PACKAGES / "stereo/multiview"

@@ -10,7 +10,7 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.files.rig_limits import find_oddities, find_refusal
-from synthetic.demo import TRUE_RIG
+from tests.synthetic.demo import TRUE_RIG
 
 
 def edited(tmp_path, change):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from beltscape.kernels import load
 from beltscape.kernels.bands import bands
 from beltscape.kernels.native import levels
-from kernels.grids import texture, view_of_seed
-from kernels.rounding import fusing_levels
+from tests.kernels.grids import texture, view_of_seed
+from tests.kernels.rounding import fusing_levels
 
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 every_level = pytest.mark.parametrize("level", levels())

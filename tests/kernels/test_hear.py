@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from kernels.rounding import first_alike
-from strategies import seeds
+from tests.kernels.rounding import first_alike
+from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])

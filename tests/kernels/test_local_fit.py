@@ -13,9 +13,9 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.local_fit import MOST_DISAGREEMENT, RADII
 from beltscape.kernels.native import levels
-from kernels.grids import WIDTHS, surface
-from kernels.rounding import first_alike
-from strategies import seeds
+from tests.kernels.grids import WIDTHS, surface
+from tests.kernels.rounding import first_alike
+from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from kernels.grids import WIDTHS
-from strategies import seeds
+from tests.kernels.grids import WIDTHS
+from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from kernels.grids import WIDTHS, texture, view_of_seed
-from kernels.rounding import first_alike
-from strategies import seeds
+from tests.kernels.grids import WIDTHS, texture, view_of_seed
+from tests.kernels.rounding import first_alike
+from tests.strategies import seeds
 
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 widths = st.sampled_from(WIDTHS)

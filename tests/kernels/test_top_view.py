@@ -11,8 +11,8 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.height_rasterisation import RasterisedHeights
 from beltscape.kernels.native import levels
-from kernels.grids import WIDTHS, surface
-from strategies import seeds
+from tests.kernels.grids import WIDTHS, surface
+from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])

@@ -11,7 +11,7 @@ from beltscape.core.errors import KernelError
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from strategies import looking_rigs, seeds
+from tests.strategies import looking_rigs, seeds
 
 COUNTS = (0, 1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 31)
 """Full lanes, none, and every kind of tail for 2, 4 and 8 of them."""

@@ -12,9 +12,9 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.reference.view import project
-from kernels.grids import WIDTHS, surface, texture, view_of_seed
-from kernels.rounding import first_alike
-from strategies import seeds
+from tests.kernels.grids import WIDTHS, surface, texture, view_of_seed
+from tests.kernels.rounding import first_alike
+from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from belt_scenes import Ball, Scene, depth_map, round_trough, trough
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.belt.empty_belt import Belt, find_belt
+from tests.measure.belt_scenes import Ball, Scene, depth_map, round_trough, trough
 
 BELTS = {
     "three rolls": trough(300, (250, 25)),

@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from belt_scenes import Block, Scene, depth_map, trough
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.measure.belt.average import average_depth_maps
 from beltscape.measure.belt.edges import find_belt_edges
 from beltscape.measure.belt.empty_belt import learn_belt
+from tests.measure.belt_scenes import Block, Scene, depth_map, trough
 
 TROUGH = trough(300, (190, 25))
 OPEN = Scene(TROUGH, floor_mm=-60.0)

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from belt_scenes import Block, Cone, Scene, camera_of, depth_map, trough
 
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.volume.capacity import compute_capacity_mm2
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume
+from tests.measure.belt_scenes import Block, Cone, Scene, camera_of, depth_map, trough
 
 TROUGH = trough(300, (250, 25))
 WIDE: dict[str, Any] = {"across_mm": (-200.0, 200.0), "along_mm": (-200.0, 200.0)}

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from belt_scenes import Ball, Block, Cone, HalfCylinder, Scene, camera_of, depth_map, round_trough, trough
 from pydantic import ValidationError
 
 from beltscape.core.depth import DepthMap
@@ -12,6 +11,17 @@ from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import Volume, measure_volume
+from tests.measure.belt_scenes import (
+    Ball,
+    Block,
+    Cone,
+    HalfCylinder,
+    Scene,
+    camera_of,
+    depth_map,
+    round_trough,
+    trough,
+)
 
 TROUGH = trough(300, (250, 25))
 MIDDLE = {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 150.0)}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO, TRUE_RIG
 
 
 @pytest.fixture

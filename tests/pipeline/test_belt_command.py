@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.files.belt_json import read_belt
 from beltscape.files.meshes.stl import read_stl
-from synthetic.demo import parse_json
+from tests.synthetic.demo import parse_json
 
 
 def test_learns_a_belt_that_volume_takes(run, small_frames, tmp_path):

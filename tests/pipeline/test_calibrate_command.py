@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 CAMERAS = ("cam0", "cam1", "cam2")
 

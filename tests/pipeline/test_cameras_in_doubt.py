@@ -17,7 +17,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.motion import moved_rig
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
 

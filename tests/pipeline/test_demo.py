@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from report.layout import browser, layout_faults, needs_browser, text_faults
+from tests.report.layout import browser, layout_faults, needs_browser, text_faults
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from flow.moving_belt import ground
 
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Silent
@@ -18,6 +17,7 @@ from beltscape.pipeline.measuring.flow_checks import (
     require_consistent_motion,
     warn_of_motion_conflicts,
 )
+from tests.measure.flow.moving_belt import ground
 
 ENCODER = Path("encoder.csv")
 STEP_MM = 200.0

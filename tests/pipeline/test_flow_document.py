@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import pytest
-from flow.moving_belt import Heap, depth_map, ground
 
 from beltscape.cli.measure_flow import summary
 from beltscape.core.belt.flow_record import FlowRecord
@@ -16,6 +15,7 @@ from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_files import write_flow_result
+from tests.measure.flow.moving_belt import Heap, depth_map, ground
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
 

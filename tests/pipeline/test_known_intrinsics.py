@@ -18,9 +18,9 @@ from beltscape.files.exchange import FORMATS, export_rig, read_intrinsics
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import CharucoBoard
-from synthetic.boards import board_poses, row_of_cameras
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
-from synthetic.detections import make_detections
+from tests.synthetic.boards import board_poses, row_of_cameras
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.detections import make_detections
 
 BOARD = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 RIG = row_of_cameras(["a", "b", "c"])

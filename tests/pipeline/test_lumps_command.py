@@ -14,8 +14,8 @@ from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from synthetic.demo import parse_json
-from synthetic.packings import Solid, camera, make_ellipsoids, render_depth_map
+from tests.synthetic.demo import parse_json
+from tests.synthetic.packings import Solid, camera, make_ellipsoids, render_depth_map
 
 
 @pytest.fixture(scope="module")

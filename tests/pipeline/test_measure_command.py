@@ -10,7 +10,7 @@ import tifffile
 
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rig_json import read_rig, write_rig
-from synthetic.demo import parse_json
+from tests.synthetic.demo import parse_json
 
 
 def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.progress import Silent
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
@@ -81,7 +82,7 @@ def scatter_mm(measured, method: str) -> float:
     truth, depth = measured
     good = (truth["label"] == 1) & truth["lit"] & (truth["views"] == 3)
     error = (depth[method] - truth["depth_mm"])[good]
-    return 1.4826 * float(np.nanmedian(np.abs(error - np.nanmedian(error))))
+    return MAD_TO_SIGMA * float(np.nanmedian(np.abs(error - np.nanmedian(error))))
 
 
 def promised_mm(planned, precision: PrecisionSettings) -> float:

@@ -13,7 +13,7 @@ import tifffile
 from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 
 def warnings(lines):

@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.pose import Pose
 from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 
 def test_rows_meet_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):

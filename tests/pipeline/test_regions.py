@@ -10,7 +10,7 @@ from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.stereo.markers.grid import find_marker_grid
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 RINGED = (80, 255, 120)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rendered import RENDERED, halved_frames, halved_rig, needs_rendered
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
@@ -18,6 +17,7 @@ from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
+from tests.stereo.rendered import RENDERED, halved_frames, halved_rig, needs_rendered
 
 FRAMES = ("008", "009", "010")
 

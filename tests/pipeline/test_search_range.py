@@ -9,7 +9,7 @@ from beltscape.core.progress import Silent
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, require_depth_range
-from synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO, TRUE_RIG
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.target.board import CharucoBoard, corner_points_mm, read_board
 from beltscape.target.module import read_module
-from simulate.tiny import tiny
+from tests.simulate.tiny import tiny
 
 CAMERAS = ("cam0", "cam1", "cam2")
 TOF = {"camera": {"size_px": (64, 48), "multipath": False}}

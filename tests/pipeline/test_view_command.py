@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from synthetic.packings import camera, make_ellipsoids, render_depth_map
+from tests.synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 BELT = {
     "belt_from_core": {"rotation": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "translation_mm": [0, 0, 700]},

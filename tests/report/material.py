@@ -21,8 +21,8 @@ from beltscape.report.measuring.belt import render_belt_page
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
 from beltscape.report.measuring.lumps import render_lumps_page
 from beltscape.report.planning.plan import render_plan_page
-from evaluate.test_page import paper
-from synthetic.packings import camera, make_ellipsoids, render_depth_map
+from tests.evaluate.test_page import paper
+from tests.synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 LIMIT_MM = 62.0
 

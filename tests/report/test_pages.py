@@ -26,8 +26,8 @@ from beltscape.report.measuring.lumps_pictures import (
 )
 from beltscape.report.page import Section, Table, Tile, Tiles, render
 from beltscape.report.planning.plan_drawing import draw_side_view, make_side_charts, make_top_chart
-from report.layout import browser, layout_faults, needs_browser, text_faults
-from report.material import belt, flow, lumps, pages, plan
+from tests.report.layout import browser, layout_faults, needs_browser, text_faults
+from tests.report.material import belt, flow, lumps, pages, plan
 
 
 @pytest.fixture(scope="module")

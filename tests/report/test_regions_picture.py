@@ -8,7 +8,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.report.drawing.pictures import PANEL_PX
 from beltscape.report.regions import draw_camera_regions, draw_regions
 from beltscape.stereo.markers.grid import find_marker_grid
-from stereo.projected import picture, view
+from tests.stereo.projected import picture, view
 
 
 def test_found_and_expected_markers_are_drawn_apart():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beltscape.report.drawing.scene import Scene, make_rig_scene
-from synthetic.boards import row_of_cameras
+from tests.synthetic.boards import row_of_cameras
 
 
 def test_a_rig_is_frusta_and_names():

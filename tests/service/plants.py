@@ -13,8 +13,8 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from service.access.sample_app import CHEAP, PASSWORD, Browser
-from service.feeder import SimulatedPlant
+from tests.service.access.sample_app import CHEAP, PASSWORD, Browser
+from tests.service.feeder import SimulatedPlant
 
 BEGIN_NS = 1_790_000_000_000_000_000
 STEP_NS = 200_000_000

@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from beltscape.core.live import Alarm
-from service.feeder import make_heights
-from service.plants import BEGIN_NS, OPEN, STEP_NS, make_service
+from tests.service.feeder import make_heights
+from tests.service.plants import BEGIN_NS, OPEN, STEP_NS, make_service
 
 MS = BEGIN_NS // 1_000_000
 LATER = MS + 60_000

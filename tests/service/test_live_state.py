@@ -12,7 +12,7 @@ from beltscape.core.live import CameraHealth, FrameEvent
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.picture import convert_to_8_bit, encode_thumbnail
-from service.feeder import CAMERAS, SimulatedPlant, SummingLedger
+from tests.service.feeder import CAMERAS, SimulatedPlant, SummingLedger
 
 
 class Clock:

@@ -13,8 +13,8 @@ from beltscape.service.live_stream import SentState, collect_messages
 from beltscape.service.server import serve
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.belt import UNKNOWN, decode_heights
-from service.feeder import SimulatedPlant, SummingLedger, make_heights
-from service.plants import make_service
+from tests.service.feeder import SimulatedPlant, SummingLedger, make_heights
+from tests.service.plants import make_service
 
 
 def parse_message(message: str | bytes) -> dict:

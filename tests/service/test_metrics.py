@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.core.live import Alarm, CameraHealth
 from beltscape.service.metrics import MEDIA_TYPE, format_metrics
-from service.plants import OPEN, make_service
+from tests.service.plants import OPEN, make_service
 
 SAMPLE = re.compile(r"([a-z_:][a-z0-9_:]*)(?:\{(.*)\})? (\S+)")
 LABEL = re.compile(r'([a-z_]+)="((?:[^"\\]|\\.)*)"(?:,|$)')

@@ -14,8 +14,8 @@ from beltscape.core.live import Alarm
 from beltscape.service.access.identity.roles import User
 from beltscape.service.app import create_app
 from beltscape.service.server import serve
-from service.feeder import PlantThread
-from service.plants import PASSWORD, make_service
+from tests.service.feeder import PlantThread
+from tests.service.plants import PASSWORD, make_service
 
 CHROMIUM = Path("/usr/bin/chromium")
 pytestmark = pytest.mark.skipif(

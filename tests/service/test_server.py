@@ -20,8 +20,8 @@ from websockets.sync.client import connect
 from beltscape.core.errors import OutputError, SettingsError
 from beltscape.service.access import Access, AccessSettings, LimitSettings
 from beltscape.service.server import serve
-from service.access.certificates import make_certificate
-from service.access.sample_app import CHEAP, PASSWORD, make_application
+from tests.service.access.certificates import make_certificate
+from tests.service.access.sample_app import CHEAP, PASSWORD, make_application
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from websockets.sync.client import connect
 
 from beltscape.service.access import Access, LimitSettings
 from beltscape.service.server import serve
-from service.access import attack
-from service.access.sample_app import CHEAP, PASSWORD, make_application
-from service.test_server import Web, get_host_and_port, make_cookie_header, open_session, send_raw
+from tests.service.access import attack
+from tests.service.access.sample_app import CHEAP, PASSWORD, make_application
+from tests.service.test_server import Web, get_host_and_port, make_cookie_header, open_session, send_raw
 
 HZ, QUEUED, SECONDS = 20, 2, 4.0
 

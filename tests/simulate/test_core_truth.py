@@ -14,7 +14,7 @@ from beltscape.simulate.truth.core_truth import (
     trace_core_view,
 )
 from beltscape.simulate.truth.load_truth import compute_true_area_mm2, compute_true_load
-from simulate.scenes import BELT, SIZE_PX, load, station, world
+from tests.simulate.scenes import BELT, SIZE_PX, load, station, world
 
 
 def test_pinhole_grid_and_the_image_show_the_same_surface():

@@ -7,7 +7,7 @@ from beltscape.core.pose import Pose
 from beltscape.simulate.faults import DeadProjector, Dirt, MissingFrames, MovedCamera, OverExposure
 from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rendering.sensor import Sensor, expose
-from synthetic.light import DOWN, camera, plane, projector, station
+from tests.synthetic.light import DOWN, camera, plane, projector, station
 
 ASIDE = Pose.of([0.1, 0.2, 0], [100, 0, 20]) @ DOWN
 

@@ -21,7 +21,7 @@ from beltscape.simulate.solids.fines import (
 from beltscape.simulate.solids.heap import HeapSettings, make_heap, shift_solids
 from beltscape.simulate.solids.rock_sizes import SizeSettings
 from beltscape.simulate.solids.rocks import Rock
-from strategies import seeds
+from tests.strategies import seeds
 
 BELT = BeltSettings(length_mm=600)
 SETTINGS = HeapSettings(

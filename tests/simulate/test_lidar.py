@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.simulate.geometry.shapes import make_box
 from beltscape.simulate.sensors.lidar import LidarSettings, scan_lidar
-from simulate import scenes
+from tests.simulate import scenes
 
 WORLD = scenes.world(scenes.load(make_box((100.0, 400.0, 50.0))), lit=False)
 COARSE = LidarSettings(step_deg=0.5, range_noise_mm=0.0)

@@ -7,7 +7,7 @@ from beltscape.simulate.geometry.world import Label, World
 from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure, shift_labelled
 from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings
-from synthetic.light import camera, plane, station
+from tests.synthetic.light import camera, plane, station
 
 
 @pytest.fixture

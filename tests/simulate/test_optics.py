@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from beltscape.simulate.rendering.optics import Lens, Optics
 from beltscape.simulate.rendering.pinhole import make_pinholes
-from synthetic.light import camera
+from tests.synthetic.light import camera
 
 
 def painted(pinhole, scene):

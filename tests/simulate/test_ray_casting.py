@@ -16,7 +16,7 @@ from beltscape.simulate.geometry.shapes import (
 )
 from beltscape.simulate.geometry.world import Solid
 from beltscape.simulate.truth.visibility import compute_pixel_rays, is_in_image
-from strategies import cameras, poses, seeds
+from tests.strategies import cameras, poses, seeds
 
 LENS = Camera(
     "cam0", (200, 160), np.array([190.0, 191.0]), np.array([101.3, 78.8]),

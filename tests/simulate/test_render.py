@@ -12,7 +12,7 @@ from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rendering.engine import resolve_engine
 from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings, render
-from synthetic.light import DOWN, camera, plane, projector, station
+from tests.synthetic.light import DOWN, camera, plane, projector, station
 
 SCALAR = RenderSettings(engine="scalar")
 FINE = RenderSettings(engine="scalar", oversample=4, passes=5)

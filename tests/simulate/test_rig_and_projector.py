@@ -14,7 +14,7 @@ from beltscape.simulate.rig_and_projector import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.target.speckle.pattern import PatternSettings, make_pattern
 from beltscape.target.speckle.pattern_json import write_pattern
-from strategies import cameras
+from tests.strategies import cameras
 
 DRAWN = RigSpec(scatter=0.0, scale=1.0)
 

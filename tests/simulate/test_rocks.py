@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from beltscape.simulate.geometry.shapes import make_box, make_cylinder
 from beltscape.simulate.solids.rock_sizes import SizeSettings, draw_sizes
 from beltscape.simulate.solids.rocks import ShapeSettings, compute_centroid, make_rock
-from strategies import seeds
+from tests.strategies import seeds
 
 LAWS = [
     SizeSettings(),

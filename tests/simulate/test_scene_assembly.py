@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import InputError
 from beltscape.core.frames import saturated_fraction
 from beltscape.simulate.scene_assembly import SimulatedScene
-from simulate.tiny import tiny
+from tests.simulate.tiny import tiny
 
 CAMERAS = ("cam0", "cam1", "cam2")
 DARK = {"speckle": False}

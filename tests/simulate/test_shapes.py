@@ -16,7 +16,7 @@ from beltscape.simulate.geometry.shapes import (
     subdivide,
     triangulate_height_field,
 )
-from strategies import poses
+from tests.strategies import poses
 
 SHAPES = {
     "box": (make_box([30.0, 20.0, 7.0]), 30 * 20 * 7),

@@ -11,7 +11,7 @@ from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.source import SimulatedSource
-from simulate.tiny import tiny
+from tests.simulate.tiny import tiny
 
 SCENE = tiny("belt_moving", frames=2, speckle=False, motion={"start_mm": 0.0, "speed_mm_s": 400.0})
 

@@ -12,7 +12,7 @@ from beltscape.simulate.solids.module import make_module_solids, place_module
 from beltscape.simulate.truth.truth_files import SceneDetails, write_boards, write_truth
 from beltscape.target.board import Chessboard, corner_points_mm
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
-from simulate.scenes import BELT, station, world
+from tests.simulate.scenes import BELT, station, world
 
 MODULE = Module(
     base=Base(size_mm=(200, 150, 10)),

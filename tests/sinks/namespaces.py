@@ -1,4 +1,4 @@
-"""Scripts that mount a disk of their own."""
+"""Modules of the tests that mount a disk of their own, run as programs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from typing import Any
 
 import pytest
 
+_ROOT = Path(__file__).parents[2]
 _NAMESPACE = ["unshare", "--mount", "--map-root-user"]
 
 
-def seen_by(script: Path, folder: Path) -> dict[str, Any]:
-    """Return the output of a script that may mount at ``folder``; the test is skipped without that right."""
+def seen_by(module: str, folder: Path) -> dict[str, Any]:
+    """Return the output of a module that may mount at ``folder``; the test is skipped without that right."""
     if not shutil.which("unshare") or _run([*_NAMESPACE, "true"]).returncode:
         pytest.skip("no mount namespace: unshare --mount is not allowed here")
-    done = _run([*_NAMESPACE, sys.executable, str(script), str(folder)])
+    done = _run([*_NAMESPACE, sys.executable, "-m", module, str(folder)])
     if "mount:" in done.stderr:
         pytest.skip(f"no tmpfs here: {done.stderr.splitlines()[0]}")
     assert done.returncode == 0, done.stderr
@@ -26,4 +27,4 @@ def seen_by(script: Path, folder: Path) -> dict[str, Any]:
 
 
 def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=100)
+    return subprocess.run(command, cwd=_ROOT, check=False, capture_output=True, text=True, timeout=100)

@@ -14,7 +14,7 @@ from beltscape.files.tables.flow_csv import HEADER as FLOW_HEADER
 from beltscape.files.tables.flow_csv import format_flow_row
 from beltscape.sinks.csv_sink import HEADER, CsvSink
 from beltscape.sinks.settings import CsvSettings
-from sinks.ledgers import START_NS, ledger
+from tests.sinks.ledgers import START_NS, ledger
 
 DAY_NS = 86_400_000_000_000
 SETTINGS = CsvSettings(enabled=True)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import shutil
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from beltscape.sinks import recorder as recorder_module
 from beltscape.sinks.recorder import Recorder
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.settings import RecordingSettings
-from sinks.namespaces import seen_by
+from tests.sinks.namespaces import seen_by
 
 CAMERAS = ("cam0", "cam1")
 
@@ -210,7 +209,7 @@ def test_an_error_while_writing_pauses_too(tmp_path, clock, monkeypatch):
 
 
 def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
-    seen = seen_by(Path(__file__).parent / "recording" / "small_disk.py", tmp_path / "disk")
+    seen = seen_by("tests.sinks.recording.small_disk", tmp_path / "disk")
     assert "No space left on device" in seen["trouble"]
     assert 5 < seen["paused_at"] < 100
     assert seen["goes_on_at"] < 10_000

@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import ledger
+from tests.sinks.ledgers import ledger
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)

@@ -10,7 +10,7 @@ from beltscape.core.errors import InputError
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian.storage.day_files import read_day, read_summary
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import START_NS, ledger, same, same_section
+from tests.sinks.ledgers import START_NS, ledger, same, same_section
 
 ALWAYS = (0, 1 << 62)
 HOUR_NS = 3_600_000_000_000

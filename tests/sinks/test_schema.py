@@ -12,7 +12,7 @@ from beltscape.sinks.historian.storage.day_files import read_day
 from beltscape.sinks.historian.storage.rows import COLUMNS, to_row
 from beltscape.sinks.historian.writing.sums import Sums
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import ledger, same
+from tests.sinks.ledgers import ledger, same
 
 ALWAYS = (0, 1 << 62)
 

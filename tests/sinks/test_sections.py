@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from beltscape.sinks.historian.storage.sections import STEP_MM, pack_heights, round_heights, unpack_heights
-from sinks.ledgers import section
+from tests.sinks.ledgers import section
 
 heights = arrays(
     np.float32,

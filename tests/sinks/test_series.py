@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import START_NS, ledger
+from tests.sinks.ledgers import START_NS, ledger
 
 HOUR_NS = 3_600_000_000_000
 SETTINGS = HistorySettings(reserve_mib=1)

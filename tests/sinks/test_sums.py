@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.sinks.historian.writing.sums import Sums, add_compensated, read_sums
-from sinks.ledgers import ledger
+from tests.sinks.ledgers import ledger
 
 values = st.lists(st.floats(-1e12, 1e12), max_size=200)
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from raycast import camera, looking, speckle
 
 from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
@@ -21,6 +20,7 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from tests.stereo.raycast import camera, looking, speckle
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Origin (3,) and rays (H, W, 3) → (H, W) how many rays' lengths away it is hit; inf where it is not."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import Scene, at_scale, inner, patch, plane, scene, with_context
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.features import image_features
@@ -20,6 +19,7 @@ from beltscape.stereo.multiview.selection.candidates import (
     Selection,
     select_candidates,
 )
+from tests.stereo.scenes import Scene, at_scale, inner, patch, plane, scene, with_context
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 FAR_OFF_PX = 12.0

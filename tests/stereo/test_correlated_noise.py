@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scenes import depth_mm, in_bits, pictures, plane, ring
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
@@ -14,6 +13,7 @@ from beltscape.evaluate.scores.depth import compute_robust_sigma
 from beltscape.stereo.multiview.confidence import estimate as judge
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
+from tests.stereo.scenes import depth_mm, in_bits, pictures, plane, ring
 
 SOLID = plane(700, 0.2, 0.1)
 RANGE = (620.0, 800.0)

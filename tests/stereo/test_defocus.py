@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.stereo.multiview.frame.defocus import estimate_defocus, match_defocus
-from strategies import seeds
+from tests.strategies import seeds
 
 
 def dots(seed: int, noise: float = 1.5) -> np.ndarray:

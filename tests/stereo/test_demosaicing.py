@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scenes import in_bits, pictures, plane, prepare, ring, scene
 
 from beltscape.core.frames import FrameSet
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, phase_ratio
 from beltscape.stereo.multiview.frame.photometry import compute_grey_levels
+from tests.stereo.scenes import in_bits, pictures, plane, prepare, ring, scene
 
 METHODS = {
     "bilinear": cv2.COLOR_BayerRGGB2RGB,

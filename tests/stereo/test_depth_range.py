@@ -2,14 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import raycast
-from raycast import render, true_depth, world_rig
-from rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from tests.stereo import raycast
+from tests.stereo.raycast import render, true_depth, world_rig
+from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 
 RIGS = {
     "five": {},

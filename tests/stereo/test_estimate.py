@@ -7,7 +7,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import at_scale, away_from_steps, cast, depth_mm, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.estimate import (
@@ -24,11 +23,23 @@ from beltscape.stereo.multiview.confidence.features import (
 )
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from beltscape.stereo.multiview.networks import load_network
-from beltscape.stereo.multiview.optimisation.least_squares import refine
+from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
 from beltscape.stereo.multiview.optimisation.propagation import propagate
 from beltscape.stereo.multiview.selection.candidates import CandidateSelector, Selection
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
+from tests.stereo.scenes import (
+    at_scale,
+    away_from_steps,
+    cast,
+    depth_mm,
+    inner,
+    patch,
+    plane,
+    ring,
+    scene,
+    sphere,
+)
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
@@ -37,17 +48,17 @@ def stages(made, s: np.ndarray) -> MatcherState:
     """One propagation and refinement, as the matcher's last round."""
     prepared = made.prepared
     propagated = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5))
-    refined = refine(propagated.surface, prepared, (0.7, 0.4), prepared.context.windows.wide)
+    solution = solve_least_squares(propagated.surface, prepared, (0.7, 0.4), prepared.context.windows.wide)
     features, none = dict(image_features(prepared)), np.zeros(s.shape, bool)
-    return MatcherState(prepared, propagated, refined, features, none, None)
+    return MatcherState(prepared, propagated, solution, features, none, None)
 
 
 def with_selection(state: MatcherState) -> MatcherState:
     """Return the state with a selection that changes no pixel."""
     planes = add_initial_confidence(initial_features(state), state.prepared.context)
-    selector = CandidateSelector.from_surface(state.refined.surface, planes, state.prepared)
+    selector = CandidateSelector.from_surface(state.solution.surface, planes, state.prepared)
     confidence, gain = planes["initial confidence"], selector.consistency.gain
-    return replace(state, selection=Selection(state.refined.surface, confidence, gain))
+    return replace(state, selection=Selection(state.solution.surface, confidence, gain))
 
 
 SELECTIONS = pytest.mark.parametrize("selects", [False, True], ids=["initial features", "refined features"])
@@ -58,14 +69,14 @@ def estimate(made, s: np.ndarray, selects: bool) -> tuple[DepthEstimate, np.ndar
     state = stages(made, s)
     if selects:
         state = with_selection(state)
-    return estimate_depth(state), state.refined.surface.s
+    return estimate_depth(state), state.solution.surface.s
 
 
 def surface_planes(state: MatcherState, scale: float) -> dict[str, np.ndarray]:
     """Return the features of a surface that every auxiliary sees."""
     seen = np.ones(state.prepared.core.shape, np.uint8)
-    agreement = agreement_features(state.propagated, state.refined, seen, 4)
-    return dict(agreement) | dict(shape_features(state.propagated, state.refined, scale))
+    agreement = agreement_features(state.propagated, state.solution, seen, 4)
+    return dict(agreement) | dict(shape_features(state.propagated, state.solution, scale))
 
 
 def views_by_rays(made, solids) -> np.ndarray:
@@ -142,7 +153,7 @@ def test_relief_and_brightness_features_have_the_named_values():
         < np.median(found["relative contrast within 11"][rest]) - 0.5
     )
     for side in (5, 11, 21):
-        s = state.refined.surface.s
+        s = state.solution.surface.s
         nearer, farther = found[f"nearer within {side}"], found[f"farther within {side}"]
         window = np.ones((side, side), np.uint8)
         span = cv2.dilate(s, window) - cv2.erode(s, window)
@@ -164,7 +175,7 @@ def test_slopes_deviate_on_round_flanks_and_an_unchanged_surface_has_no_update()
     found = []
     for made in (flat, round_):
         state = stages(made, made.s)
-        still = replace(state, propagated=replace(state.propagated, surface=state.refined.surface))
+        still = replace(state, propagated=replace(state.propagated, surface=state.solution.surface))
         moved, left = (surface_planes(one, 1.0) for one in (state, still))
         assert (left["last update"] <= moved["last update"] + 1e-5).all()
         assert np.ptp(left["last update"]) < 1e-5

@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import (
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.pose import Pose
+from beltscape.kernels import load
+from beltscape.stereo.multiview.frame.frame import Noise, downsample
+from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from tests.stereo.scenes import (
     DEPTH_MM,
     DOT_PX,
     brightness,
@@ -19,12 +25,6 @@ from scenes import (
     prepare,
     ring,
 )
-
-from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
-from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import Noise, downsample
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 
 SLANTED = (plane(DEPTH_MM, 0.25, -0.15),)
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import Scene, at_scale, inner, patch, plane, scene
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
 from beltscape.stereo.multiview.selection.gain import difference_variance, estimate_gain_maps
+from tests.stereo.scenes import Scene, at_scale, inner, patch, plane, scene
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import Scene, inner, patch, plane, ring, scene
 
 from beltscape.stereo.multiview.initialisation import initialise
 from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
+from tests.stereo.scenes import Scene, inner, patch, plane, ring, scene
 
 RIG = ring(size_px=(360, 300))
 SOLIDS = plane(740), patch(640, (-150, 60), (-120, 120))

@@ -13,7 +13,7 @@ from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.kernels.reference.view import project
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale, packed_projection
-from strategies import looking_rigs, seeds
+from tests.strategies import looking_rigs, seeds
 
 steps = st.sampled_from([1, 2, 4])
 

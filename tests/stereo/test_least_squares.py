@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
+from tests.stereo.scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene, sphere
 
 SHAPES = {
     "plane": (plane(),),
@@ -27,14 +27,14 @@ RIGS = {
 
 def refined_from(
     made, s: np.ndarray, tolerances=(2.0, 2.0, 1.0, 0.5), noise: Noise | None = None
-) -> RefinementResult:
+) -> LeastSquaresResult:
     prepared = made.prepared if noise is None else replace(made.prepared, noise=noise)
     start = fit_slopes(s.astype(np.float32), load(), 1)
-    return refine(start, prepared, tolerances, prepared.context.windows.wide)
+    return solve_least_squares(start, prepared, tolerances, prepared.context.windows.wide)
 
 
-def seen_by_all(made, refined: RefinementResult, margin_px: int = 8) -> np.ndarray:
-    return (refined.used == len(made.auxiliaries)) & inner(made.s.shape, margin_px)
+def seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.ndarray:
+    return (solution.used == len(made.auxiliaries)) & inner(made.s.shape, margin_px)
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -44,7 +44,7 @@ def test_a_surface_off_by_most_of_a_pixel_comes_to_the_truth(rig, shape, wrong_p
     made = scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
     refined = refined_from(made, made.s + np.float32(wrong_px))
     where = seen_by_all(made, refined)
-    error = (refined.surface.s - made.s)[where]
+    error = (solution.surface.s - made.s)[where]
     assert where.mean() > 0.25
     assert np.median(np.abs(error)) < 0.02
     assert abs(np.median(error)) < (0.02 if shape == "sphere" else 0.005)  # a window flattens a bend a little
@@ -56,18 +56,18 @@ def test_its_slopes_are_the_planes():
     refined = refined_from(made, made.s + np.float32(0.7))
     where = seen_by_all(made, refined)
     true_v, true_u = np.gradient(made.s.astype(float))
-    assert np.abs(refined.surface.slope_u - true_u)[where].max() < 0.1
-    assert np.median(np.abs(refined.surface.slope_u - true_u)[where]) < 0.015
-    assert np.median(np.abs(refined.surface.slope_v - true_v)[where]) < 0.015
+    assert np.abs(solution.surface.slope_u - true_u)[where].max() < 0.1
+    assert np.median(np.abs(solution.surface.slope_u - true_u)[where]) < 0.015
+    assert np.median(np.abs(solution.surface.slope_v - true_v)[where]) < 0.015
 
 
 def test_a_step_stays_a_step():
     made = scene(plane(740), patch(660, (-150, 60), (-120, 120)), noise=0.5)
     refined = refined_from(made, made.s)
     middle = (made.s.min() + made.s.max()) / 2
-    assert np.array_equal(refined.surface.s > middle, made.s > middle)
+    assert np.array_equal(solution.surface.s > middle, made.s > middle)
     along = ~away_from_steps(made.s, 2) & inner(made.s.shape, 8)
-    error = np.abs(refined.surface.s - made.s)
+    error = np.abs(solution.surface.s - made.s)
     assert along.sum() > 400
     assert np.median(error[along]) < 0.1
     assert (error[away_from_steps(made.s, 6) & seen_by_all(made, refined)] < 0.1).mean() > 0.98
@@ -92,7 +92,7 @@ def test_more_views_and_less_noise_determine_it_better():
     def median_variance(rig, noise):
         made = scene(plane(), rig=rig, noise=noise)
         refined = refined_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
-        return np.median(refined.variance[seen_by_all(made, refined)])
+        return np.median(solution.variance[seen_by_all(made, refined)])
 
     four = median_variance(ring(), 2.0)
     assert median_variance(ring(), 6.0) > 4 * four
@@ -105,10 +105,10 @@ def test_nan_stays_and_does_not_spread():
     hole[40:60, 50:70] = True
     hole |= np.random.default_rng(4).random(hole.shape) < 0.02
     refined = refined_from(made, np.where(hole, np.nan, made.s + 0.3))
-    assert np.array_equal(np.isnan(refined.surface.s), hole)
-    assert not refined.used[hole].any()
+    assert np.array_equal(np.isnan(solution.surface.s), hole)
+    assert not solution.used[hole].any()
     where = seen_by_all(made, refined) & ~hole
-    assert (np.abs(refined.surface.s - made.s)[where] < 0.1).mean() > 0.98
+    assert (np.abs(solution.surface.s - made.s)[where] < 0.1).mean() > 0.98
 
 
 def test_no_iteration_is_no_refinement():

@@ -20,7 +20,7 @@ from beltscape.stereo.multiview.confidence.message_passing import (
     pass_messages,
 )
 from beltscape.stereo.multiview.networks import load_network
-from strategies import seeds
+from tests.strategies import seeds
 
 SAID, KEPT = 3, 2
 steps = st.sampled_from([1, 2])

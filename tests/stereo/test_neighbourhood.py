@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import ring
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
+from tests.stereo.scenes import ring
 
 SHAPE = (20, 30)
 AT = (np.array([9, 10, 0]), np.array([12, 15, 29]))

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, plane, ring, scene
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.optimisation.noise import estimate_noise
+from tests.stereo.scenes import DEPTH_MM, plane, ring, scene
 
 SLANTED = plane(DEPTH_MM, 0.2, 0.1)
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from raycast import speckle
 
 from beltscape.stereo.multiview.frame.photometry import (
     WINDOW_PX,
@@ -17,6 +16,7 @@ from beltscape.stereo.multiview.frame.photometry import (
     noise_variance,
     texture_over_noise,
 )
+from tests.stereo.raycast import speckle
 
 PATTERN = np.rint(speckle()[:160, :200]).astype(np.uint8)
 """Counts 2 to about 200."""

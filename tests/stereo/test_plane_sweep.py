@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
 
 from beltscape.stereo.multiview.initialisation.plane_sweep import (
     crop_frame,
@@ -12,6 +11,7 @@ from beltscape.stereo.multiview.initialisation.plane_sweep import (
     shrink_frame,
     sweep_planes,
 )
+from tests.stereo.scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
 
 PLANE_STEP_PX = 0.5
 

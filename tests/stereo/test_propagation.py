@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, inner, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import fit_slopes
@@ -14,6 +13,7 @@ from beltscape.stereo.multiview.optimisation.propagation import (
     propagate,
     propagation_offsets,
 )
+from tests.stereo.scenes import DEPTH_MM, inner, patch, plane, ring, scene, sphere
 
 DISTANCES = (2, 5)
 

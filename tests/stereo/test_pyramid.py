@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import DEPTH_MM, away_from_steps, in_bits, inner, patch, pictures, plane, prepare, ring, scene
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
@@ -19,7 +18,19 @@ from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.pyramid import PyramidSolver, _changed_share, _double_surface
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from strategies import seeds
+from tests.stereo.scenes import (
+    DEPTH_MM,
+    away_from_steps,
+    in_bits,
+    inner,
+    patch,
+    pictures,
+    plane,
+    prepare,
+    ring,
+    scene,
+)
+from tests.strategies import seeds
 
 STEP = plane(), patch(DEPTH_MM - 60, (-25, 25))
 SETTINGS = MultiviewSettings(threads=1)
@@ -91,11 +102,11 @@ def test_a_step_is_found_through_a_coarser_grid():
     surface, prepared = solver(lambda: steps.append(1)).initialise(made.prepared)
     assert len(steps) == 2  # the sweep, and the coarse grid
     assert prepared.noise != made.prepared.noise
-    _, refined = solver().propagate(surface, prepared)
-    off = np.abs(refined.surface.s - made.s)[inner(made.s.shape, 8)]
+    _, solution = solver().propagate(surface, prepared)
+    off = np.abs(solution.surface.s - made.s)[inner(made.s.shape, 8)]
     assert (off < 1).mean() > 0.99
     smooth = away_from_steps(made.s, 6) & inner(made.s.shape, 8)
-    assert np.median(np.abs(refined.surface.s - made.s)[smooth]) < 0.03
+    assert np.median(np.abs(solution.surface.s - made.s)[smooth]) < 0.03
     assert np.median(np.abs(surface.s - made.s)[smooth]) < 0.1
 
 

@@ -6,8 +6,6 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from raycast import camera, render, true_depth, world_rig
-from scenes import depth_mm, in_bits, patch, pictures, plane, ring
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
@@ -19,7 +17,9 @@ from beltscape.kernels.native import levels
 from beltscape.stereo.multiview import settings as multiview_settings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from kernels.rounding import first_alike
+from tests.kernels.rounding import first_alike
+from tests.stereo.raycast import camera, render, true_depth, world_rig
+from tests.stereo.scenes import depth_mm, in_bits, patch, pictures, plane, ring
 
 RANGE = (600.0, 780.0)
 ONE_THREAD = MultiviewSettings(threads=1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from raycast import render, true_depth, world_rig
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
@@ -14,6 +13,7 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import GROSS_MM, score_depth
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
+from tests.stereo.raycast import render, true_depth, world_rig
 
 AUXILIARIES = ("cam1", "cam2", "cam3", "cam4")
 STRIP = slice(150, 230)

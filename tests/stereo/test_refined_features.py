@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import Scene, at_scale, away_from_steps, inner, patch, plane, scene
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.refined_features import (
@@ -17,6 +16,7 @@ from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
 from beltscape.stereo.multiview.selection.gain import estimate_gain
 from beltscape.stereo.multiview.selection.photoconsistency import PhotoConsistencyModel
+from tests.stereo.scenes import Scene, at_scale, away_from_steps, inner, patch, plane, scene
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import Scene, at_scale, away_from_steps, inner, scene, with_context
-from test_estimate import STEP, stages, with_selection
 
 import beltscape
 from beltscape.core.frames import FrameSet
@@ -30,6 +28,8 @@ from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
+from tests.stereo.scenes import Scene, at_scale, away_from_steps, inner, scene, with_context
+from tests.stereo.test_estimate import STEP, stages, with_selection
 
 
 def predict(state: MatcherState) -> tuple[RefinementInputs, Prediction]:
@@ -37,7 +37,7 @@ def predict(state: MatcherState) -> tuple[RefinementInputs, Prediction]:
     assert state.selection is not None
     features, inputs = refined_features(state, state.selection)
     outputs = load_network("confidence").evaluate(features.planes, load(), 1)
-    return inputs, Prediction(state.refined.surface.s, *outputs)
+    return inputs, Prediction(state.solution.surface.s, *outputs)
 
 
 def full_scale(made: Scene, s: np.ndarray) -> MatcherState:

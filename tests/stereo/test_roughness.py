@@ -6,31 +6,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import plane, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.roughness import roughness_features
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.windows import windows_for
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
+from tests.stereo.scenes import plane, scene, sphere
 
 SHAPE = (120, 160)
 
 
-def even(s: np.ndarray | None = None, **fields: np.ndarray) -> RefinementResult:
+def even(s: np.ndarray | None = None, **fields: np.ndarray) -> LeastSquaresResult:
     """A surface whose windows agree, with one variance."""
     s = np.full(SHAPE, 200, np.float32) if s is None else s.astype(np.float32)
     none = np.zeros(s.shape, np.float32)
-    made = RefinementResult(
+    made = LeastSquaresResult(
         Surface(s, none, none), none + 1e-4, none, np.full(s.shape, 4, np.uint8), none + 50
     )
     return replace(made, **fields)
 
 
 def compute_features(
-    refined: RefinementResult, turn: np.ndarray | None = None, scale: float = 1.0
+    solution: LeastSquaresResult, turn: np.ndarray | None = None, scale: float = 1.0
 ) -> dict[str, np.ndarray]:
-    turn = np.full(refined.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
+    turn = np.full(solution.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
     return dict(roughness_features(refined, turn, scale))
 
 
@@ -83,7 +83,7 @@ def test_a_surface_rounder_than_the_windows_shows():
         made = scene(*solids, noise=1.0)
         size = windows_for(made.s.shape[1])
         surface = fit_slopes(made.s.astype(np.float32), load(), 1)
-        refined = refine(surface, made.prepared, (0.7, 0.4), size.wide)
+        solution = solve_least_squares(surface, made.prepared, (0.7, 0.4), size.wide)
         middle = tuple(side // 2 for side in made.s.shape)
         shown.append(compute_features(refined, scale=size.scale)["window disagreement within 15"][middle])
     assert shown[1] > shown[0] + 0.5

@@ -7,7 +7,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from scenes import Scene, depth_mm, in_bits, pictures, plane, prepare, ring, with_context
 
 from beltscape.core.frames import FrameSet
 from beltscape.kernels import load
@@ -15,6 +14,7 @@ from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, est
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 from beltscape.stereo.multiview.frame.surface import fit_slopes
+from tests.stereo.scenes import Scene, depth_mm, in_bits, pictures, plane, prepare, ring, with_context
 
 NOISE = 4.0
 SOLID = plane(700, 0.2, 0.1)

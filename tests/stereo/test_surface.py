@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsample_surface
-from strategies import seeds
+from tests.strategies import seeds
 
 slopes = st.floats(-0.25, 0.25)
 V, U = np.indices((30, 40)).astype(np.float32)

@@ -7,7 +7,15 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from scenes import (
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
+from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.multiview.settings import MultiviewSettings
+from tests.stereo.scenes import (
     Scene,
     Solid,
     away_from_steps,
@@ -22,14 +30,6 @@ from scenes import (
     scene,
     sphere,
 )
-
-from beltscape.core.depth import DepthMap
-from beltscape.core.frames import FrameSet
-from beltscape.core.progress import Silent
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
-from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
-from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
 
 SIZE_PX = (240, 200)
 RIG = ring(size_px=SIZE_PX)

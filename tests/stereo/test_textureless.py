@@ -6,12 +6,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scenes import DEPTH_MM, Scene, at_scale, patch, plane, ring, scene, sphere
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
+from tests.stereo.scenes import DEPTH_MM, Scene, at_scale, patch, plane, ring, scene, sphere
 
 SIZE_PX = (160, 140)
 MIDDLE_PX = (80, 70)

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import Scene, away_from_steps, inner, plane, scene, sphere, with_context
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.windows import windows_for
-from beltscape.stereo.multiview.optimisation.least_squares import refine
+from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
 from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
+from tests.stereo.scenes import Scene, away_from_steps, inner, plane, scene, sphere, with_context
 
 SIZE = replace(windows_for(1224), levels_px=4)
 """Windows that flatten the small scenes."""
@@ -22,7 +22,7 @@ BALL = (sphere(660, 250), plane(900))
 def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface, Surface]:
     surface = fit_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
     prepared = with_context(made.prepared, windows=SIZE)
-    refined = refine(surface, prepared, (0.7, 0.4), SIZE.firm).surface
+    solution = solve_least_squares(surface, prepared, (0.7, 0.4), SIZE.firm).surface
     return refined, apply_twicing(refined, prepared, 0.4)
 
 

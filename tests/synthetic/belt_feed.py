@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from flow.moving_belt import CAMERA, Heap, depth_map, ground
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
@@ -18,6 +17,7 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
+from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, ground
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)
 CAMERAS = ("cam0", "cam1")

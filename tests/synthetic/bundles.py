@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.target.board import corner_points_mm
-from synthetic.detections import make_detections
+from tests.synthetic.detections import make_detections
 
 
 def make_problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, points_sigma_mm=0.0):

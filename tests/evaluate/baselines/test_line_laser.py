@@ -19,7 +19,7 @@ from beltscape.simulate.sensors.line_laser import (
     speckle_sigma_px,
 )
 from beltscape.simulate.truth.core_truth import trace_core_view
-from simulate import scenes
+from tests.simulate import scenes
 
 
 def line(middle: float, sigma: float = 0.9, height: float = 200.0, rows: int = 40) -> np.ndarray:

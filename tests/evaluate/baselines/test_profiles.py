@@ -6,7 +6,7 @@ import numpy as np
 
 from beltscape.evaluate.baselines.profiles import rasterise_profiles
 from beltscape.simulate.sensors.profile_scan import ProfileScan
-from simulate import scenes
+from tests.simulate import scenes
 
 
 def scan(height) -> ProfileScan:

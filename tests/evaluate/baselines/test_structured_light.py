@@ -16,7 +16,7 @@ from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
 from beltscape.simulate.sensors.sequence import render_sequence
 from beltscape.simulate.truth.core_truth import trace_core_truth
-from simulate.tiny import tiny
+from tests.simulate.tiny import tiny
 
 CORE = Camera("cam0", (160, 120), np.array([150.0, 151.0]), np.array([79.0, 60.5]), np.zeros(5))
 LIGHT = Camera("projector", (640, 400), np.full(2, 560.0), np.array([319.5, 199.5]), np.zeros(5))

@@ -14,7 +14,7 @@ from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.files.exchange import FORMATS, detect_format, export_rig, import_rig, read_intrinsics
 from beltscape.files.rig_json import read_rig, write_rig
-from strategies import rigs
+from tests.strategies import rigs
 
 NAMES = ["Förderband links", "cam-1", "0815", "yes"]
 """Names that YAML, COLMAP prefixes and ROS topics could stumble over."""

@@ -18,8 +18,8 @@ from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.files.exchange import export_rig
 from beltscape.files.exchange.radtan import fit_without_k3
-from strategies import cameras as some_cameras
-from strategies import rigs
+from tests.strategies import cameras as some_cameras
+from tests.strategies import rigs
 
 TURN = Pose.of([0.3, -0.2, 0.1], [100.0, -20.0, 5.0])
 FAR = Pose.of([0.0, 0.0, 0.5], [-250.0, 0.0, 0.0])

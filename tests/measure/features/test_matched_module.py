@@ -18,8 +18,8 @@ from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pointcloud.cloud import undistort_image
 from beltscape.target.module import read_module
-from synthetic.demo import DEMO, TRUE_RIG
-from synthetic.modules import DepthCameraView, module, module_pose, rig
+from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.modules import DepthCameraView, module, module_pose, rig
 
 LIMITS_MM = {
     "length": 0.8, "width": 0.8, "edge": 1.2, "diameter": 3.0, "height": 0.05,

@@ -17,7 +17,7 @@ from beltscape.measure.features.face import fit_face
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.pose.nominal import render_nominal_view
 from beltscape.measure.features.result import MeasuredModule
-from synthetic.modules import DepthCameraView, module, module_pose, rig
+from tests.synthetic.modules import DepthCameraView, module, module_pose, rig
 
 FLAT = ("height", "height_difference")
 

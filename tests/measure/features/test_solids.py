@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.measure.features.pose.solids import build_solids
-from synthetic.modules import module
+from tests.synthetic.modules import module
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)

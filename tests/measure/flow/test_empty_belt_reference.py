@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flow.moving_belt import Heap, depth_map, ground
 
 from beltscape.core.depth import DepthMap
 from beltscape.measure.flow.meter import FlowMeter
+from tests.measure.flow.moving_belt import Heap, depth_map, ground
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
 FALSE_MM = 25.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from flow.moving_belt import Heap, depth_map, ground
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.evidence import MotionEvidence
 from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
+from tests.measure.flow.moving_belt import Heap, depth_map, ground
 
 STEP_MM = 110.0
 HEAP = Heap(start_mm=-900, end_mm=500)

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flow.moving_belt import Heap, depth_map, ground
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
@@ -17,6 +16,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
+from tests.measure.flow.moving_belt import Heap, depth_map, ground
 
 HEAP = Heap(start_mm=-1150, end_mm=-450)
 """Comes in from -y."""

@@ -2,12 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from belt_scenes import Ball, Scene, depth_map, trough
 
 from beltscape.core.errors import InputError
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.flow.periodic_checks import measure_belt_offset, measure_largest_lump
 from beltscape.measure.lumps.settings import LumpSettings
+from tests.measure.belt_scenes import Ball, Scene, depth_map, trough
 
 TROUGH = trough(300, (190, 25))
 EMPTY = Scene(TROUGH, floor_mm=-60.0)

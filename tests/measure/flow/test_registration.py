@@ -5,13 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from flow.moving_belt import CAMERA, Heap, depth_map, ground
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
 from beltscape.measure.flow.motion.registration import register
+from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, ground
 
 HEAP = Heap(start_mm=-1500, end_mm=1500)
 GROUND = ground()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from flow.moving_belt import ground
 from numpy.typing import NDArray
 
 from beltscape.measure.flow.fusion.fuse import fuse
 from beltscape.measure.flow.fusion.layer import Layer
 from beltscape.measure.flow.fusion.rows import BeltPiece, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
+from tests.measure.flow.moving_belt import ground
 
 
 def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from beltscape.core.errors import InputError
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.lumps.lumps import FINES, assess_oversize, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
-from synthetic.packings import FLOOR_MM, Solid, camera, depth_map, make_ellipsoids, render_depth_map
+from tests.synthetic.packings import FLOOR_MM, Solid, camera, depth_map, make_ellipsoids, render_depth_map
 
 DEFAULT = LumpSettings()
 

@@ -27,7 +27,7 @@ from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context
+from tests.synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context
 
 STEP_MM = 60.0
 

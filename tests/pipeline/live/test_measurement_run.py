@@ -16,7 +16,7 @@ from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
-from synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
+from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 
 STEP_MM = 60.0
 

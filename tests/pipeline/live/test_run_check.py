@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 PROJECT = """rig = "rig.json"
 empty = "belt.json"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from synthetic.demo import DEMO, parse_json
+from tests.synthetic.demo import DEMO, parse_json
 
 PROJECT = """rig = "rig.json"
 empty = "empty"

@@ -10,7 +10,7 @@ import pytest
 from fastapi import FastAPI
 
 from beltscape.service.access import Access, AccessSettings
-from service.access.sample_app import CHEAP, PASSWORD, make_application
+from tests.service.access.sample_app import CHEAP, PASSWORD, make_application
 
 
 @pytest.fixture

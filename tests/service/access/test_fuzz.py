@@ -23,8 +23,8 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from service.access.sample_app import CHEAP, PASSWORD
-from service.feeder import SimulatedPlant
+from tests.service.access.sample_app import CHEAP, PASSWORD
+from tests.service.feeder import SimulatedPlant
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

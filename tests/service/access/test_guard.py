@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from service.access.sample_app import PASSWORD, Browser, make_application
+from tests.service.access.sample_app import PASSWORD, Browser, make_application
 
 
 def test_every_path_requires_login(app):

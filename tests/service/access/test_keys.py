@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from beltscape.core.errors import InputError
-from service.access.sample_app import Browser, make_application
+from tests.service.access.sample_app import Browser, make_application
 
 
 def make_header(key: str) -> dict[str, str]:

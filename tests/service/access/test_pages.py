@@ -15,8 +15,8 @@ import beltscape.service.access as access_package
 from beltscape.service.access import Access, install_access
 from beltscape.service.server import serve
 from beltscape.service.static import FOLDER, make_static_files
-from service.access.sample_app import CHEAP, PASSWORD
-from service.test_server import Web
+from tests.service.access.sample_app import CHEAP, PASSWORD
+from tests.service.test_server import Web
 
 CHROMIUM = shutil.which("chromium")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from service.access.sample_app import PASSWORD, Browser, make_application
+from tests.service.access.sample_app import PASSWORD, Browser, make_application
 
 
 def set_up(browser: Browser, token: str | None, name: str = "Anna", password: str = PASSWORD):

@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.service.access.tls import create_tls_context, describe_expiry, read_expiry
-from service.access.certificates import make_certificate, make_expired_certificate
+from tests.service.access.certificates import make_certificate, make_expired_certificate
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Starts writers and kills them, over and over; prints what it found as JSON. Run by test_kill.py.
+"""Starts writers and kills them, over and over; prints what it found as JSON. Run by test_kill.py with ``python -m``.
 
 One process that has everything loaded forks the writers: a kill every few hundredths of a second.
 """
@@ -15,12 +15,10 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian.storage.day_files import read_day
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import START_NS, record, same
+from tests.sinks.ledgers import START_NS, record, same
 
 SETTINGS = HistorySettings(reserve_mib=1, database_days=2)
 HOUR_NS = 3_600_000_000_000

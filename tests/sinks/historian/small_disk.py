@@ -13,12 +13,10 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
 from beltscape.core.errors import OutputError
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import record, same
+from tests.sinks.ledgers import record, same
 
 SETTINGS = HistorySettings(reserve_mib=1)
 BATCH = 50

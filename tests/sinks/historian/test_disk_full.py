@@ -2,15 +2,14 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from pathlib import Path
 
 import pytest
 
 from beltscape.core.errors import OutputError
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import ledger, same
-from sinks.namespaces import seen_by
+from tests.sinks.ledgers import ledger, same
+from tests.sinks.namespaces import seen_by
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -129,7 +128,7 @@ def test_a_locked_database_is_no_full_disk(historian, tmp_path):
 
 
 def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
-    seen = seen_by(Path(__file__).with_name("small_disk.py"), tmp_path / "disk")
+    seen = seen_by("tests.sinks.historian.small_disk", tmp_path / "disk")
     assert seen["well"] == ["", 200]
     trouble, full = seen["full"]
     assert "disk is full" in trouble

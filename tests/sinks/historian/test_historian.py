@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError, SettingsError
 from beltscape.sinks.historian import Historian, LedgerEnd
 from beltscape.sinks.historian.storage import schema
 from beltscape.sinks.settings import HistorySettings
-from sinks.ledgers import START_NS, ledger, same, same_section
+from tests.sinks.ledgers import START_NS, ledger, same, same_section
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)

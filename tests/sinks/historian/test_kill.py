@@ -8,11 +8,13 @@ from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[3]
+
 
 def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
-    script = Path(__file__).with_name("killed_writer.py")
     done = subprocess.run(
-        [sys.executable, str(script), str(tmp_path), "36"],
+        [sys.executable, "-m", "tests.sinks.historian.killed_writer", str(tmp_path), "36"],
+        cwd=ROOT,
         check=False,
         capture_output=True,
         text=True,

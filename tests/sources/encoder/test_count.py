@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from beltscape.sources.encoder.count import CountUnwrapper
 from beltscape.sources.encoder.settings import EncoderSettings
-from strategies import floats
+from tests.strategies import floats
 
 STEP_NS = 10_000_000
 SPEEDS = st.lists(floats(-200, 8000), min_size=1, max_size=60)

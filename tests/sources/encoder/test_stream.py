@@ -11,7 +11,7 @@ from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.stream import ReadingStream
 from beltscape.sources.encoder.text import parse_reading
-from strategies import floats
+from tests.strategies import floats
 
 SETTINGS = EncoderSettings(kind="udp", wait_s=0)
 MS = 1_000_000

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from beltscape.sources.encoder.device_clock import DeviceClock
 from beltscape.sources.encoder.track import PositionTrack
-from strategies import floats
+from tests.strategies import floats
 
 MS = 1_000_000
 GAPS = st.lists(st.integers(1, 90), min_size=1, max_size=40)

@@ -19,7 +19,7 @@ from beltscape.stereo.consistency.texts import doubts_of
 from beltscape.stereo.consistency.trend import trend_of
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO, TRUE_RIG
 
 RANGE_MM = 570.0, 750.0
 

@@ -9,8 +9,8 @@ import pytest
 from beltscape.files.rasters.images import read_image
 from beltscape.stereo.markers.grid import find_marker_grid
 from beltscape.stereo.markers.markers import find_markers
-from stereo.projected import MARKERS, luminance, picture, seen, view
-from stereo.rendered import RENDERED, needs_rendered
+from tests.stereo.projected import MARKERS, luminance, picture, seen, view
+from tests.stereo.rendered import RENDERED, needs_rendered
 
 
 def _distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from beltscape.kernels import load
 from beltscape.stereo.markers.agreement import agree, seen_in_place
 from beltscape.stereo.markers.grid import MarkerGrid, find_marker_grid
 from beltscape.stereo.markers.prior import depth_prior, find_grids
-from stereo.raycast import world_rig
-from stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
+from tests.stereo.raycast import world_rig
+from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 
 RNG = np.random.default_rng(8)
 HEIGHTS_MM = RNG.uniform(0, 60, (4, 4))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.stereo.markers.grid import find_marker_grid, grid_of
 from beltscape.stereo.markers.markers import Markers
 from beltscape.stereo.markers.regions import region_labels
-from stereo.projected import MARKERS, luminance, picture, seen, view
+from tests.stereo.projected import MARKERS, luminance, picture, seen, view
 
 SIZE = (816, 680)
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.stereo.pairwise.fusion import fuse
-from strategies import seeds
+from tests.strategies import seeds
 
 
 def at(*depths: float) -> np.ndarray:

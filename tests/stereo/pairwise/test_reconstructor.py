@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from raycast import render, true_depth, world_rig
-from rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 
 from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
@@ -16,6 +14,8 @@ from beltscape.stereo.pairwise.reconstructor import (
     reconstruct_pairwise,
 )
 from beltscape.stereo.pairwise.settings import PairwiseSettings
+from tests.stereo.raycast import render, true_depth, world_rig
+from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 
 SETTINGS = PairwiseSettings()
 RANGE = (600.0, 780.0)

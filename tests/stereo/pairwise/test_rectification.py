@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from raycast import camera, world_rig
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair, upright_turns
-from strategies import seeds
+from tests.stereo.raycast import camera, world_rig
+from tests.strategies import seeds
 
 SMALL = (64, 52)
 

@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
-from raycast import camera
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.stereo.pointcloud.cloud import CloudBuilder, cloud_from_depth, undistort_image
+from tests.stereo.raycast import camera
 
 CAMERA = camera("cam0", (120, 90))
 

@@ -24,6 +24,7 @@ from scipy.linalg import block_diag
 
 import beltscape
 from adam import Schedule, Slopes, fitted
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.multiview.networks import load_network
 from pixel_samples import Sample, pixel_samples, selection_samples
 
@@ -39,8 +40,6 @@ ACCEPTED = 0.75
 """Sigma is fitted to pixels of at least this confidence ..."""
 MOST_MM = 5.0
 """... and at most this error; false surfaces are left to the confidence."""
-MAD = 1.4826
-"""Sigma over the median error, of a normal distribution."""
 ROUND = 0.1
 """Half width of the parabola that rounds the corner of the absolute deviation."""
 
@@ -202,7 +201,7 @@ def train_sigma(found: list[Sample], x: np.ndarray, limits: np.ndarray, confiden
         np.abs(np.concatenate(part)) for part in ([s.dz_mm for s in found], [*map(centred_errors, found)])
     )
     used = (dz <= MOST_MM) & (evaluate(x, limits, confidence) > np.log(ACCEPTED / (1 - ACCEPTED)))
-    sizes = np.log(MAD * np.maximum(ds[used], 1e-6)).astype(np.float32)
+    sizes = np.log(MAD_TO_SIGMA * np.maximum(ds[used], 1e-6)).astype(np.float32)
     weight = np.where(np.concatenate([s.interior for s in found])[used], 1, NEAR).astype(np.float32)
     size = found[0].names.index("log grid scale")  # with it, sigma would fit single captures of that size
     units, output = fit(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import Geometry, Observations
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 Array = NDArray[np.float64]
 
@@ -16,8 +17,6 @@ MAX_DEVIATION = 4.5
 """Corners with larger errors, in standard deviations, are left out of the final adjustment."""
 MIN_SHARE = 0.5
 """A view with a smaller share of accepted corners is left out as a whole."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute value of a normal distribution."""
 
 
 def estimate_robust_sigma(values: Array) -> float:

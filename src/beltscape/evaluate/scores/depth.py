@@ -10,12 +10,12 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 INTERIOR_PX = 6
 """A pixel is interior when it is farther than this from a step of the true depth."""
 GROSS_MM = 5.0
 """A larger error is a false surface, not noise."""
-_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ def interior_mask(
 
 def compute_robust_sigma(values: NDArray[np.floating]) -> float:
     """Return 1.4826 times the median absolute deviation from the median, a robust standard deviation."""
-    return _MAD * _median(np.abs(values - np.median(values))) if values.size else np.nan
+    return MAD_TO_SIGMA * _median(np.abs(values - np.median(values))) if values.size else np.nan
 
 
 def _median(values: NDArray[np.floating]) -> float:

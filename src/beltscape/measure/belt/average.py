@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 _BAND_ROWS = 64
 """Rows processed at a time, so that any number of frames fits into memory."""
@@ -51,7 +52,7 @@ def _inlier_mask(z: NDArray[np.float64]) -> NDArray[np.bool_]:
     ranked = np.sort(np.where(measured, z, np.inf), axis=0)
     median = _median_of_ranked(ranked, measured.sum(axis=0))
     off = np.abs(np.where(measured, z, np.inf) - np.where(np.isfinite(median), median, 0.0))
-    spread = 1.4826 * _median_of_ranked(np.sort(off, axis=0), measured.sum(axis=0))
+    spread = MAD_TO_SIGMA * _median_of_ranked(np.sort(off, axis=0), measured.sum(axis=0))
     # the scatter of few values is uncertain: it counts as at least the band's typical scatter
     usual = float(np.median(spread[np.isfinite(spread)])) if np.isfinite(spread).any() else 0.0
     return measured & (off <= 4 * np.maximum(np.where(np.isfinite(spread), spread, 0.0), usual) + 1e-9)

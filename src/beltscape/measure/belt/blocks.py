@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 _MIN_SHARE = 0.5
 """A block with a smaller share of measured pixels gets no plane."""
@@ -55,7 +56,7 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
         normal_matrix += 1e-12 * np.trace(normal_matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         plane = np.linalg.solve(normal_matrix, weighted.transpose(0, 2, 1) @ filled[..., None])[..., 0]
         residual = np.where(np.isfinite(inverse), inverse - (local @ plane[..., None])[..., 0], np.nan)
-        scale = 1.4826 * np.nanmedian(np.abs(residual), axis=1) + 1e-12
+        scale = MAD_TO_SIGMA * np.nanmedian(np.abs(residual), axis=1) + 1e-12
         ratio = np.nan_to_num(residual / (4.685 * scale[:, None]), nan=1.0)
         weight = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
     # w = a·x/z + b·y/z + c is the plane a·X + b·Y + c·Z = 1

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
+from beltscape.core.statistics import MAD_TO_SIGMA
+
 _NODES = 160
 _MAX_SLOPE = 2.0
 """Steeper slopes are steps to the floor or a frame, not the belt: they do not count towards the yaw."""
@@ -87,7 +89,7 @@ class _GaussNewtonStep:
         answer = np.zeros(2)
         covariance, noise = np.full((2, 2), np.inf), 0.0
         for _ in range(3):
-            noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+            noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-9
             weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
             slope = (np.diff(height) / np.diff(nodes))[hats.left]
             lever = np.where(np.abs(slope) < _MAX_SLOPE, slope, 0.0) * -y * turn_yaw

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.core.belt.empty_belt import BeltDeviation
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 _NODES_ACROSS = 24
 """Nodes over the belt's width; the same spacing holds along the belt."""
@@ -45,7 +46,7 @@ def fit_deviation(
         total = np.bincount(cell, weight, shape[0] * shape[1]).reshape(shape)
         mean = np.bincount(cell, weight * off, shape[0] * shape[1]).reshape(shape) / np.maximum(total, 1e-9)
         left = off - mean.ravel()[cell]
-        scale = 1.4826 * float(np.median(np.abs(left))) + 1e-9
+        scale = MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
         weight = np.clip(1 - (left / (4.685 * scale)) ** 2, 0, None) ** 2
     full = count >= 0.1 * np.median(count[count > 0])
     sigma = scale * np.sqrt(np.minimum(patch_px / np.maximum(count, 1), 1.0))
@@ -63,4 +64,6 @@ def fit_deviation(
 def _inlier_limit_mm(residual_mm: NDArray[np.float64]) -> float:
     """Return the limit of residuals that excludes gross errors and steps, but no sag."""
     measured = residual_mm[np.isfinite(residual_mm)]
-    return 6 * 1.4826 * float(np.median(np.abs(measured - np.median(measured)))) if len(measured) else 0.0
+    return (
+        6 * MAD_TO_SIGMA * float(np.median(np.abs(measured - np.median(measured)))) if len(measured) else 0.0
+    )

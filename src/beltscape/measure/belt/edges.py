@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from beltscape.core.belt.empty_belt import Belt, BeltEdges
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 _STRIPS = 48
 _MIN_STRIPS = 12
@@ -122,7 +123,7 @@ def _fit_line(transitions: NDArray[np.float64], side: int, step_mm: float) -> tu
         normal = design.T @ (design * weight[:, None])
         answer = np.linalg.solve(normal, design.T @ (weight * transitions[:, 1]))
         residual = transitions[:, 1] - design @ answer
-        noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-6
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-6
         weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2 + 1e-9
     # an edge is located to a fraction of a pixel at best, however many strips it crosses
     sigma = float(np.hypot(noise * np.sqrt(np.linalg.inv(normal)[0, 0]), 0.3 * step_mm))

@@ -14,6 +14,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.core.pose import Pose
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.average import average_depth_maps
 from beltscape.measure.belt.cross_section import CrossSection, fit_cross_section
 from beltscape.measure.belt.deviation import fit_deviation
@@ -192,7 +193,7 @@ def _assemble_belt(
     deviation = fit_deviation(points, residual, noise, correlation.area_px)
     if deviation is not None:
         residual = residual - deviation.interpolate(points[..., 0], points[..., 1])
-        noise = 1.4826 * float(np.nanmedian(np.abs(residual)))
+        noise = MAD_TO_SIGMA * float(np.nanmedian(np.abs(residual)))
         correlation = estimate_correlation(residual, noise)
     # correlated errors of neighbouring pixels reduce the number of independent samples
     factor = float(np.sqrt(max(1.0, correlation.area_px * len(section.residual_mm) / depth.measured.sum())))

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.core.statistics import MAD_TO_SIGMA
+
 
 @dataclass(frozen=True, slots=True)
 class EdgeYaw:
@@ -102,7 +104,7 @@ def _fit_line(
         weighted = design * weight[:, None]
         offset, slope = np.linalg.solve(weighted.T @ design, weighted.T @ across)
         residual = across - offset - design[:, 1] * slope
-        noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-6
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-6
         weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
     # errors of neighbouring border pixels are correlated: ten of them count as one; an edge along the rows or
     # columns of pixels is located only to a fraction of a pixel over its whole length

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.blocks import BlockPlanes, fit_block_planes
 from beltscape.measure.belt.flat_edges import EdgeYaw, fit_edge_yaw
 
@@ -37,7 +38,7 @@ def find_initial_frame(depth: DepthMap, camera: Camera, points_mm: NDArray[np.fl
     along = _fit_belt_direction(planes.normals)
     rotation = build_frame(along, np.array([0.0, 0.0, -1.0]))
     angle = np.arctan2(planes.normals @ rotation[0], planes.normals @ rotation[2])
-    scatter = 1.4826 * float(np.median(np.abs(planes.normals @ along)))
+    scatter = MAD_TO_SIGMA * float(np.median(np.abs(planes.normals @ along)))
     on_wing = np.abs(angle - np.median(angle)) > max(_WING_ANGLE_RAD, 4 * scatter)
     if on_wing.mean() > _MIN_WING_SHARE:
         return InitialFrame(rotation, True, None)
@@ -96,7 +97,7 @@ def _find_flat_frame(
         normal = np.linalg.eigh((near - middle).T @ (near - middle))[1][:, 0]
         normal *= -np.sign(normal[2])
         offset = float(middle @ normal)
-        noise = max(1.4826 * float(np.median(np.abs((near - middle) @ normal))), 1e-4)
+        noise = max(MAD_TO_SIGMA * float(np.median(np.abs((near - middle) @ normal))), 1e-4)
     x_axis = np.array([1.0, 0.0, 0.0])
     rotation = build_frame(np.cross(normal, x_axis), normal)
     pixels = depth.points_mm(camera) @ rotation.T

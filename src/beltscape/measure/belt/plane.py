@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import MAD_TO_SIGMA
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
@@ -33,7 +35,7 @@ def fit_plane(points_mm: NDArray[np.float64]) -> Plane:
         normal_matrix = (design * weight[:, None]).T @ design
         answer = np.linalg.solve(normal_matrix, design.T @ (weight * local[:, 2]))
         residual = local[:, 2] - design @ answer
-        noise = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-9
         weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
     normal = np.array([-answer[1], -answer[2], 1.0])
     normal /= np.linalg.norm(normal)

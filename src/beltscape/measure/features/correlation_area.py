@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from beltscape.core.statistics import MAD_TO_SIGMA
+
 _FARTHEST_PX = 24
 _VANISHED = 0.05
 """An autocorrelation below this counts as noise."""
@@ -50,7 +52,7 @@ def _correlate_residuals(
     window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     there, values = there[window], residual[window].astype(np.float64)
     middle = np.median(values[there])
-    spread = 1.4826 * np.median(np.abs(values[there] - middle)) + 1e-12
+    spread = MAD_TO_SIGMA * np.median(np.abs(values[there] - middle)) + 1e-12
     values = np.where(there, np.clip((np.nan_to_num(values) - middle) / spread, -3, 3), 0)
     shape = [int(fft.next_fast_len(n + 2 * side, real=True)) for n in there.shape]
     sums = [

@@ -10,6 +10,7 @@ from scipy import ndimage, optimize
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.features.face import compute_rays
 from beltscape.measure.features.matcher_scale import compute_camera_scale
 from beltscape.measure.features.smoothing import Smoothing
@@ -54,6 +55,48 @@ class FittedSphere:
     """Mean correction of the depth for the matcher's smoothing."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cap:
+    """A window (h, w) of the depth map around a sphere."""
+
+    window: tuple[slice, slice]
+    rays: NDArray[np.float64]
+    """(h, w, 3)."""
+    depth_mm: NDArray[np.float64]
+    sigma_mm: NDArray[np.float64]
+    information: NDArray[np.float64]
+    """Information of each pixel about its own depth; 1 without an image."""
+    on_sphere: NDArray[np.bool_]
+    """Pixels of the sphere's nominal view."""
+    valid: NDArray[np.bool_]
+    """Those of them that are measured, away from missing ones."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _DepthBias:
+    """What the matcher's smoothing adds to the depth (h, w) mm of the cap."""
+
+    corrected_mm: NDArray[np.float64]
+    """The part that is subtracted."""
+    flattening_mm: NDArray[np.float64]
+    """The full flattening by the windows, without twicing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CapFit:
+    """A sphere fitted to a cap."""
+
+    sphere: NDArray[np.float64]
+    """(4,) centre and radius, mm."""
+    bias: _DepthBias
+    incidence_deg: NDArray[np.float64]
+    """(h, w) angles of incidence."""
+    used: NDArray[np.bool_]
+    """(h, w) pixels of the fit."""
+    weight: NDArray[np.float64]
+    """(N,) weights of the used pixels."""
+
+
 def fit_sphere(
     depth: DepthMap,
     camera: Camera,
@@ -69,63 +112,83 @@ def fit_sphere(
     σ are those that the largest windows have smoothed. The matcher flattens a cap: its ``smoothing`` is applied to
     the fitted sphere and the difference subtracted, unless the residuals are too small for a matched depth map.
     """
-    step = 1 if smoothing is None else smoothing.step
-    window, pixel = (
-        _project_window(camera, center_mm, radius_mm, step),
-        center_mm[2] / float(camera.focal_px.mean()),
-    )
-    rays = compute_rays(camera, *np.mgrid[window])
-    z, sigma, on = (a[window].astype(np.float64) for a in (depth.depth_mm, depth.sigma_mm, sphere_mask))
-    information = np.ones_like(z) if smoothing is None else smoothing.expand_information(window)
-    sound = (on > 0) & (np.asarray(ndimage.distance_transform_edt(np.isfinite(z))) > 2)
-    sphere = np.append(center_mm, radius_mm)
-    there = on > 0
-    if (
-        np.mean(np.abs(z - _compute_depth(sphere, rays))[there] < _OFF_MM if there.any() else [False])
-        < _MIN_SHARE
-    ):
+    cap = _crop_cap(depth, camera, sphere_mask, center_mm, radius_mm, smoothing)
+    nominal = np.append(center_mm, radius_mm)
+    if not _is_present(cap, nominal):
         return None
-    incidence = np.full_like(z, 90.0)
-    correction, fit = np.zeros_like(z), _LinearisedFit(np.eye(4), np.zeros((4, 2)), 0)
-    flattening, use, patches = np.zeros_like(z), sound, _number_patches(z.shape, compute_camera_scale(camera))
-    for turn in range(_ROUNDS):
-        model = _compute_depth(sphere, rays)
-        incidence = _compute_incidence_deg(sphere, rays, model)
-        if smoothing is not None and turn:
-            correction = (
-                smoothing.smooth(model, window) - model if smoothing.passes.twicing else np.zeros_like(z)
-            )
-            flattening = smoothing.without_twicing().smooth(model, window) - model
-            there = sound & np.isfinite(flattening) & (incidence < _CAP_DEG)
-            if not _is_smoothed((z - model)[there], flattening[there]):
-                correction, flattening = np.zeros_like(z), np.zeros_like(z)
-        use = sound & (incidence < _CAP_DEG) & np.isfinite(correction) & (np.abs(z - model) < 0.3 * radius_mm)
-        if use.sum() < _MIN_PIXELS:
-            return None
-        weight = _compute_weight(information[use], incidence[use], sigma[use])
-        sphere = _fit_parameters(sphere, rays[use], (z - correction)[use], weight, radius_mm)
-        fade = 1 - incidence / _CAP_DEG
-        fit = _linearise(
-            sphere,
-            rays[use],
-            (z - correction)[use],
-            np.stack([flattening, fade], -1)[use],
-            weight,
-            patches[use],
-        )
-    top = sound & (incidence < _TOP_DEG) & np.isfinite(flattening)
-    fading = _compute_fading_error_mm(sigma[top], flattening[top], smoothing)
-    systematic = float(np.hypot(_MODEL_ERROR * fit.change[3, 0], fading * fit.change[3, 1]))
+    fit = _fit_cap(cap, nominal, smoothing)
+    if fit is None:
+        return None
+    scale = compute_camera_scale(camera)
+    linear = _linearise(cap, fit, _number_patches(cap.depth_mm.shape, scale))
     if smoothing is None:
-        systematic = (_SMOOTHED_PX * compute_camera_scale(camera) * pixel) ** 2 / radius_mm
-    total = float(np.sqrt(_FEW_PATCHES**2 * fit.covariance[3, 3] + systematic**2 + _MIN_RADIUS_SIGMA_MM**2))
+        pixel_mm = center_mm[2] / float(camera.focal_px.mean())
+        systematic_mm = (_SMOOTHED_PX * scale * pixel_mm) ** 2 / radius_mm
+    else:
+        fading_mm = _compute_fading_error_mm(cap, fit, smoothing)
+        systematic_mm = float(np.hypot(_MODEL_ERROR * linear.change[3, 0], fading_mm * linear.change[3, 1]))
+    variance = _FEW_PATCHES**2 * linear.covariance[3, 3] + systematic_mm**2 + _MIN_RADIUS_SIGMA_MM**2
+    corrected_mm = float(np.mean(fit.bias.corrected_mm[fit.used]))
     return FittedSphere(
-        sphere[:3],
-        float(sphere[3]),
-        total,
-        fit.points,
-        float(np.mean(correction[use])),
+        fit.sphere[:3], float(fit.sphere[3]), float(np.sqrt(variance)), linear.points, corrected_mm
     )
+
+
+def _crop_cap(
+    depth: DepthMap,
+    camera: Camera,
+    sphere_mask: NDArray[np.bool_],
+    center_mm: NDArray[np.float64],
+    radius_mm: float,
+    smoothing: Smoothing | None,
+) -> _Cap:
+    """Return the window of the depth map around a nominal sphere."""
+    window = _project_window(camera, center_mm, radius_mm, 1 if smoothing is None else smoothing.step)
+    z, sigma = (values[window].astype(np.float64) for values in (depth.depth_mm, depth.sigma_mm))
+    information = np.ones_like(z) if smoothing is None else smoothing.expand_information(window)
+    on_sphere = sphere_mask[window].astype(np.float64) > 0
+    valid = on_sphere & (np.asarray(ndimage.distance_transform_edt(np.isfinite(z))) > 2)
+    return _Cap(window, compute_rays(camera, *np.mgrid[window]), z, sigma, information, on_sphere, valid)
+
+
+def _is_present(cap: _Cap, nominal: NDArray[np.float64]) -> bool:
+    """Decide whether enough pixels of a sphere's nominal view lie near the nominal sphere (centre, radius)."""
+    if not cap.on_sphere.any():
+        return False
+    near = np.abs(cap.depth_mm - _compute_depth(nominal, cap.rays))[cap.on_sphere] < _OFF_MM
+    return bool(np.mean(near) >= _MIN_SHARE)
+
+
+def _fit_cap(cap: _Cap, nominal: NDArray[np.float64], smoothing: Smoothing | None) -> _CapFit | None:
+    """Fit sphere and depth bias in turns, from the nominal sphere; return None where too few pixels are usable."""
+    z, sphere, radius_mm = cap.depth_mm, nominal, float(nominal[3])
+    bias, fit = _DepthBias(np.zeros_like(z), np.zeros_like(z)), None
+    for round_number in range(_ROUNDS):
+        model = _compute_depth(sphere, cap.rays)
+        incidence = _compute_incidence_deg(sphere, cap.rays, model)
+        if smoothing is not None and round_number:
+            bias = _compute_bias(cap, model, incidence, smoothing)
+        used = cap.valid & (incidence < _CAP_DEG) & np.isfinite(bias.corrected_mm)
+        used &= np.abs(z - model) < 0.3 * radius_mm
+        if used.sum() < _MIN_PIXELS:
+            return None
+        weight = _compute_weight(cap.information[used], incidence[used], cap.sigma_mm[used])
+        sphere = _fit_parameters(sphere, cap.rays[used], (z - bias.corrected_mm)[used], weight, radius_mm)
+        fit = _CapFit(sphere, bias, incidence, used, weight)
+    return fit
+
+
+def _compute_bias(
+    cap: _Cap, model: NDArray[np.float64], incidence_deg: NDArray[np.float64], smoothing: Smoothing
+) -> _DepthBias:
+    """Return the bias by the smoothing of a sphere's depth ``model`` (h, w); zero where the map is not smoothed."""
+    zero = np.zeros_like(model)
+    corrected = smoothing.smooth(model, cap.window) - model if smoothing.passes.twicing else zero
+    flattening = smoothing.without_twicing().smooth(model, cap.window) - model
+    compared = cap.valid & np.isfinite(flattening) & (incidence_deg < _CAP_DEG)
+    if not _is_smoothed((cap.depth_mm - model)[compared], flattening[compared]):
+        return _DepthBias(zero, zero)
+    return _DepthBias(corrected, flattening)
 
 
 def _compute_weight(
@@ -165,17 +228,17 @@ def _compute_incidence_deg(
     return np.rad2deg(np.arccos(np.clip(np.nan_to_num(cosine), 0, 1)))
 
 
-def _compute_fading_error_mm(
-    sigma: NDArray[np.float64], flattened: NDArray[np.float64], smoothing: Smoothing | None
-) -> float:
-    """Return the error of the sphere's top, mm, that may fade towards the limb, from pixels (N,) around the top.
+def _compute_fading_error_mm(cap: _Cap, fit: _CapFit, smoothing: Smoothing) -> float:
+    """Return the error of the sphere's top, mm, that may fade towards the limb.
 
     A map without twicing, or one whose σ exceeds the flattening, comes from ``fast``, which flattens tops and fattens
     limbs by amounts that the model of its windows does not give: there σ and the flattening count fully.
     """
-    if smoothing is None or not sigma.size:
+    flattening_mm = fit.bias.flattening_mm
+    top = cap.valid & (fit.incidence_deg < _TOP_DEG) & np.isfinite(flattening_mm)
+    if not top.any():
         return 0.0
-    noise, flat = float(np.median(sigma)), float(np.median(flattened))
+    noise, flat = float(np.median(cap.sigma_mm[top])), float(np.median(flattening_mm[top]))
     if smoothing.passes.twicing:
         return noise if noise > _UNTWICED * flat else max(noise - flat, 0.0)
     return max(noise, flat)
@@ -195,7 +258,7 @@ def _fit_parameters(
 ) -> NDArray[np.float64]:
     """Return the sphere that minimises soft-L1 depth residuals over their robust spread."""
     root = np.sqrt(weight / np.median(weight))
-    spread = 1.4826 * float(np.median(np.abs((z - _compute_depth(start, rays)) * root))) + 1e-4
+    spread = MAD_TO_SIGMA * float(np.median(np.abs((z - _compute_depth(start, rays)) * root))) + 1e-4
 
     def residual(sphere: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.nan_to_num(z - _compute_depth(sphere, rays), nan=nominal_mm) * root / spread
@@ -216,39 +279,36 @@ class _LinearisedFit:
     covariance: NDArray[np.float64]
     """(4, 4) mm²."""
     change: NDArray[np.float64]
-    """(4, K) mm change of the parameters by the given depth errors."""
+    """(4, 2) mm change of the parameters by a depth error as large as the flattening, and by one that fades."""
     points: int
     """Pixels that the fit did not reject."""
 
 
-def _linearise(
-    sphere: NDArray[np.float64],
-    rays: NDArray[np.float64],
-    z: NDArray[np.float64],
-    error: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    patches: NDArray[np.intp],
-) -> _LinearisedFit:
-    """Linearise the fit at its solution; ``error`` (N, K) mm are depth errors to be propagated.
+def _linearise(cap: _Cap, fit: _CapFit, patches: NDArray[np.intp]) -> _LinearisedFit:
+    """Linearise a fit at its solution, for errors as large as the flattening, and ones that fade towards the limb.
 
-    The covariance is that of errors which are correlated within ``patches`` (N,) in any way (cluster-robust: Liang &
-    Zeger, Biometrika 73(1), 1986, doi:10.1093/biomet/73.1.13).
+    The covariance is that of errors which are correlated within ``patches`` (h, w) in any way (cluster-robust: Liang
+    & Zeger, Biometrika 73(1), 1986, doi:10.1093/biomet/73.1.13).
     """
-    root = np.sqrt(weight / np.median(weight))
-    left = (z - _compute_depth(sphere, rays)) * root
-    limit = 4 * 1.4826 * float(np.nanmedian(np.abs(left))) + 1e-6
+    sphere, rays, patches = fit.sphere, cap.rays[fit.used], patches[fit.used]
+    error = np.stack([fit.bias.flattening_mm, 1 - fit.incidence_deg / _CAP_DEG], -1)[fit.used]
+    root = np.sqrt(fit.weight / np.median(fit.weight))
+    residual = ((cap.depth_mm - fit.bias.corrected_mm)[fit.used] - _compute_depth(sphere, rays)) * root
+    limit = 4 * 1.4826 * float(np.nanmedian(np.abs(residual))) + 1e-6
     steps = 1e-4 * np.eye(4)
     slopes = np.stack(
         [(_compute_depth(sphere + d, rays) - _compute_depth(sphere - d, rays)) / 2e-4 for d in steps], axis=-1
     )
-    kept = np.isfinite(left) & np.isfinite(slopes).all(axis=1) & np.isfinite(error).all(axis=1)
-    slopes, left, error = (slopes * root[:, None])[kept], left[kept], (error * root[:, None])[kept]
+    finite = np.isfinite(residual) & np.isfinite(slopes).all(axis=1) & np.isfinite(error).all(axis=1)
+    slopes, residual, error = (
+        (slopes * root[:, None])[finite], residual[finite], (error * root[:, None])[finite],
+    )  # fmt: skip
     inverse = np.linalg.inv(slopes.T @ slopes + 1e-12 * np.eye(4))
     scores = np.zeros((int(patches.max()) + 1, 4))
-    np.add.at(scores, patches[kept], slopes * np.clip(left, -limit, limit)[:, None])
+    np.add.at(scores, patches[finite], slopes * np.clip(residual, -limit, limit)[:, None])
     count = int(scores.any(axis=1).sum())
     covariance = count / max(count - 4, 1) * inverse @ (scores.T @ scores) @ inverse
-    return _LinearisedFit(covariance, inverse @ (slopes.T @ error), int((np.abs(left) < limit).sum()))
+    return _LinearisedFit(covariance, inverse @ (slopes.T @ error), int((np.abs(residual) < limit).sum()))
 
 
 def _number_patches(shape: tuple[int, ...], scale: float) -> NDArray[np.intp]:
@@ -262,6 +322,6 @@ def _compute_sigma_by_angle(
     incidence_deg: NDArray[np.float64], sigma: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the median σ (N,), mm, of the pixels with about the same angle of incidence (N,)."""
-    of = np.clip(incidence_deg // _ANGLE_DEG, 0, _CAP_DEG // _ANGLE_DEG).astype(np.intp)
-    medians = [np.median(sigma[of == k]) if (of == k).any() else 1.0 for k in range(int(of.max()) + 1)]
-    return np.hypot(np.array(medians)[of], _MIN_DEPTH_SIGMA_MM)
+    bins = np.clip(incidence_deg // _ANGLE_DEG, 0, _CAP_DEG // _ANGLE_DEG).astype(np.intp)
+    medians = [np.median(sigma[bins == k]) if (bins == k).any() else 1.0 for k in range(int(bins.max()) + 1)]
+    return np.hypot(np.array(medians)[bins], _MIN_DEPTH_SIGMA_MM)

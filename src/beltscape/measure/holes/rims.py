@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.kernels import load
 from beltscape.kernels.arrays import CellIndices
 from beltscape.kernels.ray_march import FirstHits
@@ -83,7 +84,7 @@ def estimate_structure_function(value_mm: NDArray[np.float64], cell_mm: float) -
         if len(values := np.concatenate(off)) < 200:
             break
         apart.append(2 * half * cell_mm)
-        rms.append(max(rms[-1], 1.4826 * float(np.median(values, overwrite_input=True))))
+        rms.append(max(rms[-1], MAD_TO_SIGMA * float(np.median(values, overwrite_input=True))))
         half *= 2
     return StructureFunction(np.array(apart), np.array(rms))
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 
 _LEAST_SCORE = 0.45
@@ -172,7 +173,7 @@ def _solve_robustly(design: NDArray[np.float64], residual: NDArray[np.float64]) 
     solved: _Solution | None = None
     left = residual - np.median(residual)
     for _ in range(3):
-        reach = 4.7 * 1.4826 * float(np.median(np.abs(left))) + 1e-9
+        reach = 4.7 * MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
         weight = np.clip(1 - (left / reach) ** 2, 0, None) ** 2
         normal = (design * weight) @ design.T
         if np.linalg.cond(normal) > _WORST_CONDITION:

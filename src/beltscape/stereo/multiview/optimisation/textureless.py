@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
@@ -117,7 +118,7 @@ def _quadratic(
         moments[np.diag_indices(6)] += _RIDGE * np.trace(moments)
         previous, coefficients = coefficients, np.linalg.solve(moments, pull)
         off = np.abs(target - ring_terms @ coefficients)
-        spread = 1.4826 * _quantile(off, 0.5)
+        spread = MAD_TO_SIGMA * _quantile(off, 0.5)
         if np.abs(coefficients - previous).max() < _SETTLED_PX:
             break
         weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)

@@ -76,7 +76,7 @@ def pixel_samples(folders: list[Path], network: str) -> Iterator[Sample]:
 
 def _sample(match: MatcherState, training: TrainingFrame, settings: MultiviewSettings) -> Sample:
     step = settings.step(training.rig.core_camera.size_px[0])
-    truth, surface = read_truth(training, step), match.refined.surface
+    truth, surface = read_truth(training, step), match.solution.surface
     context = match.prepared.context
     at, features = _select_features(match, truth)
     # the pixel whose truth is taken lies off its block's centre
@@ -102,7 +102,7 @@ def _select_features(match: MatcherState, truth: Truth) -> tuple[Pixels, dict[st
         found = initial_features(match)
     else:
         found, _ = refined_features(match, match.selection)
-    at = _draw_pixels(truth, np.isfinite(match.refined.surface.s) & (found.visible > 0))
+    at = _draw_pixels(truth, np.isfinite(match.solution.surface.s) & (found.visible > 0))
     return at, {name: plane[at] for name, plane in found.planes.items()}
 
 
@@ -152,7 +152,7 @@ def selection_samples(folders: list[Path]) -> Iterator[SelectionSamples]:
             share = UNCERTAIN_SAMPLES / max(
                 1, int((truth.scene & (planes["initial confidence"] < UNCERTAIN)).sum())
             )
-            selector = CandidateSelector.from_surface(match.refined.surface, planes, match.prepared)
+            selector = CandidateSelector.from_surface(match.solution.surface, planes, match.prepared)
             yield SelectionSamples(training, selector, truth, context.inverse_depth_scale, share)
         print(folder, file=sys.stderr, flush=True)
 

@@ -65,7 +65,7 @@ SELECTIONS = pytest.mark.parametrize("selects", [False, True], ids=["initial fea
 
 
 def estimate(made, s: np.ndarray, selects: bool) -> tuple[DepthEstimate, np.ndarray]:
-    """Return the estimate of a surface, and the refined surface."""
+    """Return the estimate of a surface, and the solved surface."""
     state = stages(made, s)
     if selects:
         state = with_selection(state)

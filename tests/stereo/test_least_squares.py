@@ -25,7 +25,7 @@ RIGS = {
 }
 
 
-def refined_from(
+def solve_from(
     made, s: np.ndarray, tolerances=(2.0, 2.0, 1.0, 0.5), noise: Noise | None = None
 ) -> LeastSquaresResult:
     prepared = made.prepared if noise is None else replace(made.prepared, noise=noise)
@@ -42,8 +42,8 @@ def seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.nd
 @pytest.mark.parametrize("wrong_px", [0.7, -0.7])
 def test_a_surface_off_by_most_of_a_pixel_comes_to_the_truth(rig, shape, wrong_px):
     made = scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
-    refined = refined_from(made, made.s + np.float32(wrong_px))
-    where = seen_by_all(made, refined)
+    solution = solve_from(made, made.s + np.float32(wrong_px))
+    where = seen_by_all(made, solution)
     error = (solution.surface.s - made.s)[where]
     assert where.mean() > 0.25
     assert np.median(np.abs(error)) < 0.02
@@ -53,8 +53,8 @@ def test_a_surface_off_by_most_of_a_pixel_comes_to_the_truth(rig, shape, wrong_p
 
 def test_its_slopes_are_the_planes():
     made = scene(plane(DEPTH_MM, 0.3, -0.2), noise=0.5)
-    refined = refined_from(made, made.s + np.float32(0.7))
-    where = seen_by_all(made, refined)
+    solution = solve_from(made, made.s + np.float32(0.7))
+    where = seen_by_all(made, solution)
     true_v, true_u = np.gradient(made.s.astype(float))
     assert np.abs(solution.surface.slope_u - true_u)[where].max() < 0.1
     assert np.median(np.abs(solution.surface.slope_u - true_u)[where]) < 0.015
@@ -63,14 +63,14 @@ def test_its_slopes_are_the_planes():
 
 def test_a_step_stays_a_step():
     made = scene(plane(740), patch(660, (-150, 60), (-120, 120)), noise=0.5)
-    refined = refined_from(made, made.s)
+    solution = solve_from(made, made.s)
     middle = (made.s.min() + made.s.max()) / 2
     assert np.array_equal(solution.surface.s > middle, made.s > middle)
     along = ~away_from_steps(made.s, 2) & inner(made.s.shape, 8)
     error = np.abs(solution.surface.s - made.s)
     assert along.sum() > 400
     assert np.median(error[along]) < 0.1
-    assert (error[away_from_steps(made.s, 6) & seen_by_all(made, refined)] < 0.1).mean() > 0.98
+    assert (error[away_from_steps(made.s, 6) & seen_by_all(made, solution)] < 0.1).mean() > 0.98
 
 
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270), (0, 20, 40, 60)])
@@ -79,7 +79,7 @@ def test_its_variance_is_that_of_repeated_noise(angles, noise):
     """Views count as independent, but share the core's noise: it cancels between opposite ones (ratio 0.7)."""
     known = Noise(noise**2, 1e-4, 0.0)
     made = [scene(plane(), rig=ring(angles), noise=noise, seed=seed) for seed in range(8)]
-    runs = [refined_from(one, one.s, (0.5, 0.5), known) for one in made]
+    runs = [solve_from(one, one.s, (0.5, 0.5), known) for one in made]
     everywhere = np.logical_and.reduce([seen_by_all(made[0], run) for run in runs])
     assert everywhere.mean() > 0.4
     actual = np.var([run.surface.s[everywhere] for run in runs], axis=0, ddof=1)
@@ -91,8 +91,8 @@ def test_its_variance_is_that_of_repeated_noise(angles, noise):
 def test_more_views_and_less_noise_determine_it_better():
     def median_variance(rig, noise):
         made = scene(plane(), rig=rig, noise=noise)
-        refined = refined_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
-        return np.median(solution.variance[seen_by_all(made, refined)])
+        solution = solve_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
+        return np.median(solution.variance[seen_by_all(made, solution)])
 
     four = median_variance(ring(), 2.0)
     assert median_variance(ring(), 6.0) > 4 * four
@@ -104,14 +104,14 @@ def test_nan_stays_and_does_not_spread():
     hole = ~np.array(away_from_steps(made.s, 1))
     hole[40:60, 50:70] = True
     hole |= np.random.default_rng(4).random(hole.shape) < 0.02
-    refined = refined_from(made, np.where(hole, np.nan, made.s + 0.3))
+    solution = solve_from(made, np.where(hole, np.nan, made.s + 0.3))
     assert np.array_equal(np.isnan(solution.surface.s), hole)
     assert not solution.used[hole].any()
-    where = seen_by_all(made, refined) & ~hole
+    where = seen_by_all(made, solution) & ~hole
     assert (np.abs(solution.surface.s - made.s)[where] < 0.1).mean() > 0.98
 
 
 def test_no_iteration_is_no_refinement():
     made = scene(plane())
     with pytest.raises(ValueError, match="at least one tolerance"):
-        refined_from(made, made.s, ())
+        solve_from(made, made.s, ())

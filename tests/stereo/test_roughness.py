@@ -31,7 +31,7 @@ def compute_features(
     solution: LeastSquaresResult, turn: np.ndarray | None = None, scale: float = 1.0
 ) -> dict[str, np.ndarray]:
     turn = np.full(solution.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
-    return dict(roughness_features(refined, turn, scale))
+    return dict(roughness_features(solution, turn, scale))
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
@@ -85,5 +85,5 @@ def test_a_surface_rounder_than_the_windows_shows():
         surface = fit_slopes(made.s.astype(np.float32), load(), 1)
         solution = solve_least_squares(surface, made.prepared, (0.7, 0.4), size.wide)
         middle = tuple(side // 2 for side in made.s.shape)
-        shown.append(compute_features(refined, scale=size.scale)["window disagreement within 15"][middle])
+        shown.append(compute_features(solution, scale=size.scale)["window disagreement within 15"][middle])
     assert shown[1] > shown[0] + 0.5

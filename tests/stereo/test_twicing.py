@@ -22,8 +22,8 @@ BALL = (sphere(660, 250), plane(900))
 def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface, Surface]:
     surface = fit_slopes((made.s if s is None else s).astype(np.float32), load(), 1)
     prepared = with_context(made.prepared, windows=SIZE)
-    solution = solve_least_squares(surface, prepared, (0.7, 0.4), SIZE.firm).surface
-    return refined, apply_twicing(refined, prepared, 0.4)
+    solved = solve_least_squares(surface, prepared, (0.7, 0.4), SIZE.firm).surface
+    return solved, apply_twicing(solved, prepared, 0.4)
 
 
 def on_top(made: Scene) -> np.ndarray:

@@ -16,7 +16,7 @@ from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsamp
 from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
 from beltscape.stereo.multiview.initialisation.plane_sweep import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.noise import estimate_noise
 from beltscape.stereo.multiview.optimisation.propagation import PropagationResult, propagate
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -48,27 +48,27 @@ class PyramidSolver:
 
     def propagate(
         self, surface: Surface, prepared: PreparedFrame
-    ) -> tuple[PropagationResult, RefinementResult]:
-        """Return the last of the rounds of propagation and refinement, which end when hardly a pixel changes."""
+    ) -> tuple[PropagationResult, LeastSquaresResult]:
+        """Return the last of the rounds of propagation and least squares, which end when hardly a pixel changes."""
         settings = self.settings
         distances = settings.offsets_px(prepared.context.scale)
         for turn in range(settings.rounds):
             alternating = turn if settings.rounds > 1 else None
             propagated = propagate(surface, prepared, distances, alternating)
-            refined = _refine(propagated.surface, prepared, settings.round_tolerances_px)
+            solution = _optimise(propagated.surface, prepared, settings.round_tolerances_px)
             if turn + 1 == settings.rounds or _changed_share(surface, propagated.surface) < _SETTLED:
                 self.on_step()
-                return propagated, refined
-            surface = refined.surface
+                return propagated, solution
+            surface = solution.surface
         raise ValueError("propagation needs at least one round")
 
     def _solve_half(self, prepared: PreparedFrame) -> Surface:
         """Return the surface of the grid of half the resolution, enlarged."""
-        _, refined = self.propagate(*self.initialise(halve_frame(prepared)))
-        return _double_surface(refined.surface, prepared.core.shape)
+        _, solution = self.propagate(*self.initialise(halve_frame(prepared)))
+        return _double_surface(solution.surface, prepared.core.shape)
 
     def _sweep(self, prepared: PreparedFrame) -> Surface:
-        """Return the refined surface of a sweep, or of the frame before where that fits."""
+        """Return the optimised surface of a sweep, or of the frame before where that fits."""
         settings, context = self.settings, prepared.context
         unit = context.inverse_depth_scale
         near, far = self.depth_range_mm
@@ -77,11 +77,11 @@ class PyramidSolver:
         s_range = 1 / (far * unit), 1 / (near * unit)
         s = initialise_inverse_depth(predicted, prepared, s_range, resolution)
         self.on_step()
-        return _refine(fit_slopes(s, context.kernels, context.threads), prepared, _FIRST_PX).surface
+        return _optimise(fit_slopes(s, context.kernels, context.threads), prepared, _FIRST_PX).surface
 
 
-def _refine(surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]) -> RefinementResult:
-    return refine(surface, prepared, tolerances, prepared.context.windows.narrow)
+def _optimise(surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]) -> LeastSquaresResult:
+    return solve_least_squares(surface, prepared, tolerances, prepared.context.windows.narrow)
 
 
 def _changed_share(before: Surface, after: Surface) -> float:

@@ -30,7 +30,7 @@ from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.parallel import run_pair
 from beltscape.stereo.multiview.frame.surface import Surface, upsample_surface
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult, refine
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
 from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
 from beltscape.stereo.multiview.pyramid import PyramidSolver
@@ -91,19 +91,19 @@ class MultiviewReconstructor:
         grids = self.settings.grids(self.rig.core_camera.size_px[0])
         on_step = _StepCounter(reporter, frame_set.frame, grids + 3)
         state = self.solve_pyramid(frame_set, names, on_step, prior)
-        refined, prepared = state.refined, state.prepared
+        solution, prepared = state.solution, state.prepared
         selection, discs = run_pair(
             lambda: self._select(state),
-            lambda: fill_textureless_discs(refined.surface, refined.information, prepared),
+            lambda: fill_textureless_discs(solution.surface, solution.information, prepared),
             self.settings.threads,
         )
         on_step()
         surface = discs.surface
         if selection is not None:
             surface = selection.surface.replace_where(discs.mask, discs.surface)
-        refined = self._refine_finally(surface, prepared)
+        solution = self._solve_finally(surface, prepared)
         on_step()
-        return replace(state, refined=refined, filled=discs.mask, selection=selection)
+        return replace(state, solution=solution, filled=discs.mask, selection=selection)
 
     def solve_pyramid(
         self,
@@ -117,11 +117,11 @@ class MultiviewReconstructor:
         context = MatchContext.for_grid(self.rig, names, self._step, self._kernels, threads)
         solver = PyramidSolver(self.depth_range_mm, self.settings, prior, on_step)
         surface, prepared = solver.initialise(prepare_frame(frame_set, context))
-        (propagated, refined), features = run_pair(
+        (propagated, solution), features = run_pair(
             lambda: solver.propagate(surface, prepared), lambda: dict(image_features(prepared)), threads
         )
         unfilled = np.zeros(surface.s.shape, bool)
-        return MatcherState(prepared, propagated, refined, features, unfilled, None)
+        return MatcherState(prepared, propagated, solution, features, unfilled, None)
 
     def _select(self, state: MatcherState) -> Selection | None:
         """Return the surface after the candidate selections of uncertain pixels; None without any."""
@@ -129,22 +129,22 @@ class MultiviewReconstructor:
             return None
         context = state.prepared.context
         planes = add_initial_confidence(initial_features(state), context)
-        selection = select_candidates(state.refined.surface, planes, state.prepared)
+        selection = select_candidates(state.solution.surface, planes, state.prepared)
         for _ in range(self.settings.selections - 1):
             planes = planes | dict(initial_confidence_features(selection.initial_confidence, context.scale))
             selection = select_candidates(selection.surface, planes, state.prepared)
         return selection
 
-    def _refine_finally(self, surface: Surface, prepared: PreparedFrame) -> RefinementResult:
+    def _solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
         """Return the surface after the last iterations."""
         windows = prepared.context.windows
         *before, last = self.settings.final_tolerances_px
         if before:
-            surface = refine(surface, prepared, tuple(before), windows.firm).surface
-        refined = refine(surface, prepared, (last,), windows.wide)
+            surface = solve_least_squares(surface, prepared, tuple(before), windows.firm).surface
+        solution = solve_least_squares(surface, prepared, (last,), windows.wide)
         if not self.settings.twicing:
-            return refined
-        return replace(refined, surface=apply_twicing(refined.surface, prepared, last))
+            return solution
+        return replace(solution, surface=apply_twicing(solution.surface, prepared, last))
 
 
 class _StepCounter:
@@ -162,7 +162,7 @@ def _depth_map(state: MatcherState, estimate: DepthEstimate, least_confidence: f
     """Return the depth of sufficiently confident pixels on the core's full grid."""
     context = state.prepared.context
     unit, step = context.inverse_depth_scale, context.step
-    s = upsample_surface(replace(state.refined.surface, s=estimate.s), step)
+    s = upsample_surface(replace(state.solution.surface, s=estimate.s), step)
     sigma, confidence, views = (
         _repeat_blocks(x, step) for x in (estimate.sigma, estimate.confidence, estimate.views)
     )

@@ -32,7 +32,7 @@ class MultiviewSettings(CheckedSettings):
         1.0, gt=0, le=2, description="distance of the sweep's planes, px of its images"
     )
     rounds: int = Field(
-        2, ge=1, le=8, description="largest number of rounds of propagation and refinement on each grid"
+        2, ge=1, le=8, description="largest number of rounds of propagation and least squares on each grid"
     )
     selections: int = Field(
         1, ge=0, le=4, description="number of candidate selections for uncertain pixels near reliable ones"

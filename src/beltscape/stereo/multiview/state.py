@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
 from beltscape.stereo.multiview.optimisation.propagation import PropagationResult
 from beltscape.stereo.multiview.selection.candidates import Selection
 
@@ -20,7 +20,7 @@ class MatcherState:
     prepared: PreparedFrame
     propagated: PropagationResult
     """Result of the last round of propagation."""
-    refined: RefinementResult
+    solution: LeastSquaresResult
     image_features: dict[str, NDArray[np.floating]]
     """(H, W) by name: the features of the core's image."""
     filled: NDArray[np.bool_]

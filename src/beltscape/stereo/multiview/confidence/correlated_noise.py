@@ -39,14 +39,14 @@ def inflate_sigma(sigma: Array, state: MatcherState) -> Array:
     The excess is a multiple of the least squares' variance, or of sigma's square where that is less: the part of
     sigma that is not noise, at edges and on rough material, is not inflated. Without an excess sigma is unchanged.
     """
-    prepared, refined = state.prepared, state.refined
-    inflation = estimate_inflation(refined.surface, prepared)
+    prepared, solution = state.prepared, state.solution
+    inflation = estimate_inflation(solution.surface, prepared)
     excess, log_information = _excess(inflation, demosaiced=prepared.noise.demosaiced)
     if not excess.any():
         return sigma
     side = tile_side(prepared.context.scale)
-    pixel_excess = _by_information(excess, log_information, refined.information, side)
-    share = np.minimum(fill_nan(refined.variance) / np.square(sigma), 1)
+    pixel_excess = _by_information(excess, log_information, solution.information, side)
+    share = np.minimum(fill_nan(solution.variance) / np.square(sigma), 1)
     return np.asarray(sigma * np.sqrt(1 + pixel_excess * share), np.float32)
 
 

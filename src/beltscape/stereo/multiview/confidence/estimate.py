@@ -76,7 +76,7 @@ Features = Callable[[], Iterator[tuple[str, Array]]]
 
 def initial_features(state: MatcherState) -> PixelFeatures:
     """Return the features of the matching itself."""
-    visible, _ = compute_visibility(state.refined.surface.s, state.prepared)
+    visible, _ = compute_visibility(state.solution.surface.s, state.prepared)
     planes = _compute_planes(_surface_features(state, visible), state.prepared.context)
     return PixelFeatures(planes | state.image_features, visible)
 
@@ -90,7 +90,7 @@ def add_initial_confidence(features: PixelFeatures, context: MatchContext) -> di
 
 def refined_features(state: MatcherState, selection: Selection) -> tuple[PixelFeatures, RefinementInputs]:
     """Return the features of the surface after candidate selection, and the inputs of the refinement network."""
-    surface, confidence = state.refined.surface, selection.initial_confidence
+    surface, confidence = state.solution.surface, selection.initial_confidence
     context = state.prepared.context
     visible, buffers = compute_visibility(surface.s, state.prepared)
     consistency = PhotoConsistencyModel(state.prepared, selection.gain, buffers)
@@ -100,16 +100,16 @@ def refined_features(state: MatcherState, selection: Selection) -> tuple[PixelFe
         lambda: initial_confidence_features(confidence, context.scale),
     ]
     planes = _compute_planes([*_surface_features(state, visible), *parts], context) | state.image_features
-    planes |= dict(roughness_features(state.refined, planes["slope deviation"], context.scale))
+    planes |= dict(roughness_features(state.solution, planes["slope deviation"], context.scale))
     return PixelFeatures(planes, visible), RefinementInputs.from_surface(planes, surface, consistency)
 
 
 def _surface_features(state: MatcherState, visible: NDArray[np.uint8]) -> list[Features]:
     auxiliaries, scale = len(state.prepared.images), state.prepared.context.scale
     return [
-        lambda: shape_features(state.propagated, state.refined, scale),
-        lambda: agreement_features(state.propagated, state.refined, visible, auxiliaries),
-        lambda: information_features(state.refined, scale),
+        lambda: shape_features(state.propagated, state.solution, scale),
+        lambda: agreement_features(state.propagated, state.solution, visible, auxiliaries),
+        lambda: information_features(state.solution, scale),
     ]
 
 
@@ -142,7 +142,7 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
 
 def _predict(state: MatcherState) -> tuple[Prediction, NDArray[np.uint8]]:
     """Return the networks' prediction for all pixels, and (H, W) the number of auxiliaries that see them."""
-    s, context = state.refined.surface.s, state.prepared.context
+    s, context = state.solution.surface.s, state.prepared.context
     if state.selection is None:
         features, network = initial_features(state), load_network("fast_confidence")
         outputs = network.evaluate(features.planes, context.kernels, context.threads)
@@ -159,7 +159,7 @@ def _measurable_mask(state: MatcherState) -> NDArray[np.bool_]:
     window_px = scaled_window(TEXTURE_PX, prepared.context.scale)[0]
     texture = texture_over_noise(fill_nan(prepared.core), prepared.noise.levels, window_px)
     textured = cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE
-    contradicted = (state.refined.used == 0) & (
+    contradicted = (state.solution.used == 0) & (
         cv2.blur(fill_nan(state.propagated.cost, 1.0), (7, 7)) > CONTRADICTION
     )
     return np.isfinite(prepared.core) & (textured | state.filled) & ~contradicted

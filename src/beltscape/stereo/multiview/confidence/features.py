@@ -13,7 +13,7 @@ from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.photometry import local_variance
 from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
 from beltscape.stereo.multiview.frame.windows import scaled_window
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
 from beltscape.stereo.multiview.optimisation.propagation import PropagationResult
 
 Array = NDArray[np.floating]
@@ -27,14 +27,14 @@ _MOST_OFFSET_PX = 5.0
 
 
 def agreement_features(
-    propagated: PropagationResult, refined: RefinementResult, visible: NDArray[np.uint8], auxiliaries: int
+    propagated: PropagationResult, solution: LeastSquaresResult, visible: NDArray[np.uint8], auxiliaries: int
 ) -> Iterator[tuple[str, Array]]:
     """Yield how well the images agree on the surface, planes (H, W) by name.
 
     ``visible`` (H, W) is the number of the ``auxiliaries`` that see the surface.
     """
-    yield "log sigma", 0.5 * np.log(np.clip(refined.variance, 1e-6, 4.0))
-    yield from _view_features(refined, visible, auxiliaries)
+    yield "log sigma", 0.5 * np.log(np.clip(solution.variance, 1e-6, 4.0))
+    yield from _view_features(solution, visible, auxiliaries)
     cost, margin = fill_nan(propagated.cost, 1.0), fill_nan(propagated.margin)
     yield "cost", cost
     yield "mean cost", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
@@ -42,22 +42,22 @@ def agreement_features(
     yield "small margin", np.minimum(margin, 0.15)
 
 
-def information_features(refined: RefinementResult, scale: float) -> Iterator[tuple[str, Array]]:
+def information_features(solution: LeastSquaresResult, scale: float) -> Iterator[tuple[str, Array]]:
     """Yield the scale of the grid, and the information of the least squares around each pixel (H, W), by name."""
-    information = cv2.blur(fill_nan(refined.information), scaled_window(5, scale))
+    information = cv2.blur(fill_nan(solution.information), scaled_window(5, scale))
     yield "log grid scale", np.full(information.shape, np.log(scale), np.float32)
     yield "log mean information", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
 
 def shape_features(
-    propagated: PropagationResult, refined: RefinementResult, scale: float
+    propagated: PropagationResult, solution: LeastSquaresResult, scale: float
 ) -> Iterator[tuple[str, Array]]:
     """Yield the shape of the surface, planes (H, W) by name; NaN of the surface counts as 0.
 
     Steps and distances in px grow with the images. They are given in px of a grid of scale 1, so that the same shape
     has the same features at any size.
     """
-    surface = refined.surface
+    surface = solution.surface
     s = fill_nan(surface.s)
     px = np.float32(1 / scale)
     yield "offset from median", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFFSET_PX)
@@ -72,15 +72,15 @@ def shape_features(
 
 
 def _view_features(
-    refined: RefinementResult, visible: NDArray[np.uint8], auxiliaries: int
+    solution: LeastSquaresResult, visible: NDArray[np.uint8], auxiliaries: int
 ) -> Iterator[tuple[str, Array]]:
     number = visible.astype(np.float32)
     yield "one view", (visible == 1).astype(np.float32)
     yield "two views", (visible == 2).astype(np.float32)
     yield "share of views", number / auxiliaries
     yield "mean views", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
-    yield "no agreeing view", (refined.used == 0).astype(np.float32)
-    yield "share of disagreeing views", np.maximum(number - refined.used, 0) / auxiliaries
+    yield "no agreeing view", (solution.used == 0).astype(np.float32)
+    yield "share of disagreeing views", np.maximum(number - solution.used, 0) / auxiliaries
 
 
 def _bend_features(s: Array, scale: float) -> Iterator[tuple[str, Array]]:

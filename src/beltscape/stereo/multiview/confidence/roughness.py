@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import detect_depth_steps
 from beltscape.stereo.multiview.frame.windows import scaled_window
-from beltscape.stereo.multiview.optimisation.least_squares import RefinementResult
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
 
 Array = NDArray[np.floating]
 
@@ -28,7 +28,7 @@ _LEAST_SHARE, _LEAST = 1e-3, 0.01
 
 
 def roughness_features(
-    refined: RefinementResult, slope_deviation: Array, scale: float
+    solution: LeastSquaresResult, slope_deviation: Array, scale: float
 ) -> Iterator[tuple[str, Array]]:
     """Yield means (H, W) by name over the pixels away from depth steps at which a view agrees.
 
@@ -36,16 +36,16 @@ def roughness_features(
     `features.shape_features`, and the logarithm of sigma. Windows grow with ``scale``.
     """
     step = cv2.dilate(
-        detect_depth_steps(fill_nan(refined.surface.s)).astype(np.uint8),
+        detect_depth_steps(fill_nan(solution.surface.s)).astype(np.uint8),
         np.ones(scaled_window(_STEP_PX, scale), np.uint8),
     )
-    used = ((refined.used > 0) & (step == 0)).astype(np.float32)
-    disagreement = used * fill_nan(refined.disagreement)
+    used = ((solution.used > 0) & (step == 0)).astype(np.float32)
+    disagreement = used * fill_nan(solution.disagreement)
     for window_px in _NEAR_PX:
         side = scaled_window(window_px, scale)
         mean = _mean(cv2.blur(disagreement, side), cv2.blur(used, side))
         yield f"window disagreement within {window_px}", np.log(mean + np.float32(_LEAST))
-    log_sigma = 0.5 * np.log(np.clip(fill_nan(refined.variance, 1.0), 1e-8, 4.0))
+    log_sigma = 0.5 * np.log(np.clip(fill_nan(solution.variance, 1.0), 1e-8, 4.0))
     tiles = [
         _average_tiles(plane, scale)
         for plane in (used, disagreement, used * slope_deviation, used * log_sigma)

@@ -1,4 +1,4 @@
-"""Dense least squares over all views, which refines a surface to a hundredth of a pixel.
+"""Dense least squares over all views, which determines a surface to a hundredth of a pixel.
 
 Every iteration warps the auxiliaries by the current surface, including its slopes, forms the normal equations of
 every pixel (information and pull) from the residuals, and fits a plane around each pixel over the largest window
@@ -19,8 +19,8 @@ from beltscape.stereo.multiview.frame.windows import Radii
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RefinementResult:
-    """A refined surface and how well the images determine it."""
+class LeastSquaresResult:
+    """An optimised surface and how well the images determine it."""
 
     surface: Surface
     variance: NDArray[np.float32]
@@ -47,9 +47,9 @@ def form_normal_equations(
     )  # fmt: skip
 
 
-def refine(
+def solve_least_squares(
     surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...], radii: Radii
-) -> RefinementResult:
+) -> LeastSquaresResult:
     """Return the surface after one iteration per tolerance, with windows of ``radii``.
 
     A tolerance (px) is the distance from a pixel's plane up to which a neighbour counts.
@@ -66,5 +66,5 @@ def refine(
         )  # fmt: skip
         surface = Surface(fit.s, fit.slope_u, fit.slope_v)
     if fit is None or used is None or information is None:
-        raise ValueError("refine needs at least one tolerance")
-    return RefinementResult(surface, fit.variance, fit.disagreement, used, information)
+        raise ValueError("the least squares need at least one tolerance")
+    return LeastSquaresResult(surface, fit.variance, fit.disagreement, used, information)

@@ -23,9 +23,9 @@ _MOST_PX = 0.1
 
 
 def apply_twicing(surface: Surface, prepared: PreparedFrame, tolerance: float) -> Surface:
-    """Return the refined surface with the flattening of its windows corrected; NaN stays.
+    """Return the surface with the flattening of its windows corrected; NaN stays.
 
-    ``tolerance`` (px) is that of `least_squares.refine`.
+    ``tolerance`` (px) is that of `least_squares.solve_least_squares`.
     """
     context = prepared.context
     information, pull, _ = form_normal_equations(

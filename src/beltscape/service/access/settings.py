@@ -16,25 +16,25 @@ class AccessSettings(BaseModel):
     """Role without login; None: login is required. "viewer" suits a wall display."""
     allowed_hosts: tuple[str, ...] = ()
     """Names by which browsers may call the service, beside IP addresses, localhost and the machine's own name."""
-    session_idle_hours: float = Field(12, gt=0, le=24 * 30)
+    session_idle_hours: float = Field(default=12, gt=0, le=24 * 30)
     """A session ends after this time without a request."""
-    session_days: float = Field(7, gt=0, le=90)
+    session_days: float = Field(default=7, gt=0, le=90)
     """A session ends this long after the login in any case."""
-    requests_per_s: float = Field(50, gt=0, le=100_000)
+    requests_per_s: float = Field(default=50, gt=0, le=100_000)
     """Sustained request rate of one address, and of one user."""
-    requests_burst: int = Field(300, ge=1, le=1_000_000)
+    requests_burst: int = Field(default=300, ge=1, le=1_000_000)
     """Requests allowed at once."""
-    body_max_bytes: int = Field(65_536, ge=1024, le=64 * 2**20)
+    body_max_bytes: int = Field(default=65_536, ge=1024, le=64 * 2**20)
     """Longest request body."""
-    body_timeout_s: float = Field(10, gt=0, le=300)
+    body_timeout_s: float = Field(default=10, gt=0, le=300)
     """A request's body must have arrived within this time."""
-    sockets_max: int = Field(64, ge=1, le=4096)
+    sockets_max: int = Field(default=64, ge=1, le=4096)
     """WebSockets open at the same time."""
-    sockets_per_address: int = Field(16, ge=1, le=4096)
+    sockets_per_address: int = Field(default=16, ge=1, le=4096)
     """Of those, from one address."""
-    audit_file_mb: float = Field(10, gt=0, le=1000)
+    audit_file_mb: float = Field(default=10, gt=0, le=1000)
     """The audit log is rotated at this size."""
-    audit_files: int = Field(10, ge=1, le=1000)
+    audit_files: int = Field(default=10, ge=1, le=1000)
     """Number of rotated audit logs that are kept."""
 
 
@@ -47,21 +47,21 @@ class LimitSettings(BaseModel):
     """Listen beyond this machine without TLS: passwords and figures can then be read on the way."""
     trusted_proxies: tuple[str, ...] = ()
     """Addresses of proxies whose X-Forwarded-For and X-Forwarded-Proto are trusted."""
-    connections_max: int = Field(256, ge=8, le=65_536)
+    connections_max: int = Field(default=256, ge=8, le=65_536)
     """Connections open at the same time; further ones are closed at once."""
-    connections_per_address: int = Field(64, ge=1, le=65_536)
+    connections_per_address: int = Field(default=64, ge=1, le=65_536)
     """Of those, from one address."""
-    reads_per_s: float = Field(400, gt=0, le=1e6)
+    reads_per_s: float = Field(default=400, gt=0, le=1e6)
     """Reads of 4 KiB from all connections; faster senders wait, so that the measurement is not slowed."""
-    reads_per_s_per_address: float = Field(150, gt=0, le=1e6)
+    reads_per_s_per_address: float = Field(default=150, gt=0, le=1e6)
     """Of those, from one address."""
-    header_max_bytes: int = Field(16_384, ge=4096, le=262_144)
+    header_max_bytes: int = Field(default=16_384, ge=4096, le=262_144)
     """Longest request line and headers together."""
-    socket_max_bytes: int = Field(65_536, ge=1024, le=16 * 2**20)
+    socket_max_bytes: int = Field(default=65_536, ge=1024, le=16 * 2**20)
     """Longest message a page may send over its WebSocket."""
-    header_timeout_s: float = Field(10, gt=0, le=300)
+    header_timeout_s: float = Field(default=10, gt=0, le=300)
     """A TLS handshake, and a request's headers, must have arrived within this time."""
-    write_timeout_s: float = Field(20, gt=0, le=600)
+    write_timeout_s: float = Field(default=20, gt=0, le=600)
     """A client that reads nothing for this time is disconnected."""
-    keep_alive_s: int = Field(15, ge=1, le=600)
+    keep_alive_s: int = Field(default=15, ge=1, le=600)
     """An idle connection is closed after this time."""

@@ -25,9 +25,9 @@ class CameraOverrides(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    exposure_us: float | None = Field(None, gt=0, le=1e7)
+    exposure_us: float | None = Field(default=None, gt=0, le=1e7)
     """Exposure time."""
-    gain_db: float | None = Field(None, ge=-24, le=60)
+    gain_db: float | None = Field(default=None, ge=-24, le=60)
     """Gain."""
     pixel_format: PixelFormat | None = None
     """Pixel format that it sends."""
@@ -46,7 +46,7 @@ class CameraEncoderSettings(BaseModel):
     """Chunk sent with every image, such as "CounterValue": the count when that image was taken."""
     feature: Name | None = None
     """Feature read right after every image, such as "CounterValue": late by some milliseconds of travel."""
-    bits: int = Field(32, ge=8, le=64)
+    bits: int = Field(default=32, ge=8, le=64)
     """Width of the counter in bits."""
 
     @model_validator(mode="after")
@@ -67,15 +67,15 @@ class CamerasSettings(BaseModel):
     """Name of the camera in the rig → its device id, address or serial number."""
     own: dict[Name, CameraOverrides] = {}
     """Name of the camera in the rig → its own settings."""
-    exposure_us: float | None = Field(None, gt=0, le=1e7)
+    exposure_us: float | None = Field(default=None, gt=0, le=1e7)
     """Exposure time; not given: the camera's present one."""
-    gain_db: float | None = Field(None, ge=-24, le=60)
+    gain_db: float | None = Field(default=None, ge=-24, le=60)
     """Gain; not given: the camera's present one."""
     pixel_format: PixelFormat = "Mono8"
     """Pixel format that the cameras send."""
     trigger: Literal["software", "line", "free"] = "software"
     """software: this program triggers each camera; line: a pulse on a wire to all; free: each by its own clock."""
-    frames_per_s: float = Field(10.0, gt=0, le=1000)
+    frames_per_s: float = Field(default=10.0, gt=0, le=1000)
     """software, free: frames per second; line: the highest rate of the pulses."""
     trigger_line: Name = "Line1"
     """Input of the trigger pulse."""
@@ -85,17 +85,17 @@ class CamerasSettings(BaseModel):
     """Part of the pulse that triggers."""
     clocks: Literal["own", "ptp"] = "own"
     """own: each camera's clock is estimated from its images' arrival; ptp: the cameras share one (IEEE 1588)."""
-    allowed_skew_ms: float = Field(2.0, gt=0)
+    allowed_skew_ms: float = Field(default=2.0, gt=0)
     """An image farther from the others of its instant is skipped."""
-    frame_timeout_ms: float = Field(300.0, ge=20, le=1000)
+    frame_timeout_ms: float = Field(default=300.0, ge=20, le=1000)
     """An instant waits this long for its last image; a camera that misses it is not waited for until it returns."""
-    packet_size: int | None = Field(None, ge=576, le=65535)
+    packet_size: int | None = Field(default=None, ge=576, le=65535)
     """Bytes of a network packet; not given: the largest that the network transmits."""
-    packet_delay_ns: int = Field(0, ge=0)
+    packet_delay_ns: int = Field(default=0, ge=0)
     """Pause of a camera between packets, which prevents packet loss between cameras on one cable."""
-    buffers: int = Field(12, ge=3, le=200)
+    buffers: int = Field(default=12, ge=3, le=200)
     """Number of image buffers of each camera."""
-    socket_buffer_bytes: int | None = Field(None, ge=65536)
+    socket_buffer_bytes: int | None = Field(default=None, ge=65536)
     """Buffer of each camera's socket; not given: as large as an image, as far as the system allows."""
     encoder: CameraEncoderSettings | None = None
     """The belt's encoder, if the core camera counts it."""

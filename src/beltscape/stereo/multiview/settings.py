@@ -19,35 +19,46 @@ class MultiviewSettings(CheckedSettings):
     """Settings of sweep, propagation and least squares; the defaults are the preset ``standard``."""
 
     grid_step: int = Field(
-        1, ge=1, le=4, description="side of a grid pixel in image pixels, for large images"
+        default=1, ge=1, le=4, description="side of a grid pixel in image pixels, for large images"
     )
-    sweep_width_px: int = Field(612, ge=64, le=4096, description="approximate width of the sweep's images")
+    sweep_width_px: int = Field(
+        default=612, ge=64, le=4096, description="approximate width of the sweep's images"
+    )
     distances_px: tuple[Distance, ...] = Field(
-        (3.0, 10.0),
+        default=(3.0, 10.0),
         min_length=1,
         max_length=8,
         description="distances from which candidates come, in eight directions",
     )
     plane_step_px: float = Field(
-        1.0, gt=0, le=2, description="distance of the sweep's planes, px of its images"
+        default=1.0, gt=0, le=2, description="distance of the sweep's planes, px of its images"
     )
     rounds: int = Field(
-        2, ge=1, le=8, description="largest number of rounds of propagation and least squares on each grid"
+        default=2,
+        ge=1,
+        le=8,
+        description="largest number of rounds of propagation and least squares on each grid",
     )
     selections: int = Field(
-        1, ge=0, le=4, description="number of candidate selections for uncertain pixels near reliable ones"
+        default=1,
+        ge=0,
+        le=4,
+        description="number of candidate selections for uncertain pixels near reliable ones",
     )
     round_tolerances_px: tuple[Tolerance, ...] = Field(
-        (1.0,), min_length=1, max_length=8, description="tolerances of the iterations after each round"
+        default=(1.0,),
+        min_length=1,
+        max_length=8,
+        description="tolerances of the iterations after each round",
     )
     final_tolerances_px: tuple[Tolerance, ...] = Field(
-        (0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
+        default=(0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
     )
-    twicing: bool = Field(True, description="correct the flattening by the last fit's windows")
+    twicing: bool = Field(default=True, description="correct the flattening by the last fit's windows")
     least_confidence: float = Field(
-        0.75, ge=0, lt=1, description="confidence below which a pixel is not measured"
+        default=0.75, ge=0, lt=1, description="confidence below which a pixel is not measured"
     )
-    threads: int = Field(0, ge=0, le=256, description="number of threads; 0: one per processor core")
+    threads: int = Field(default=0, ge=0, le=256, description="number of threads; 0: one per processor core")
 
     @classmethod
     def preset(cls, name: str) -> MultiviewSettings:

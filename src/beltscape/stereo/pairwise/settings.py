@@ -14,34 +14,43 @@ _MOST_OVERSAMPLING = 1.5
 class PairwiseSettings(CheckedSettings):
     """Semi-global matching of each rectified pair, and the mean over the pairs."""
 
-    block_px: int = Field(3, ge=1, le=9, description="edge of the matching block, odd")
+    block_px: int = Field(default=3, ge=1, le=9, description="edge of the matching block, odd")
     step_penalty: float = Field(
-        5, ge=0, le=200, description="SGBM's P1 per pixel of the block: a step of 1 px"
+        default=5, ge=0, le=200, description="SGBM's P1 per pixel of the block: a step of 1 px"
     )
     jump_penalty: float = Field(
-        40, ge=1, le=200, description="SGBM's P2 per pixel of the block: a larger step"
+        default=40, ge=1, le=200, description="SGBM's P2 per pixel of the block: a larger step"
     )
     gradient_cap: int = Field(
-        127, ge=15, le=127, description="SGBM's clip of the horizontal gradient, counts"
+        default=127, ge=15, le=127, description="SGBM's clip of the horizontal gradient, counts"
     )
-    uniqueness_percent: int = Field(10, ge=0, le=50, description="margin by which the best match must win")
-    left_right_px: int = Field(1, ge=1, le=16, description="allowed left-right difference")
-    speckle_area_px: int = Field(100, ge=0, le=10_000, description="smaller islands of disparity are removed")
-    speckle_step_px: int = Field(2, ge=1, le=16, description="an island ends where disparity steps by more")
+    uniqueness_percent: int = Field(
+        default=10, ge=0, le=50, description="margin by which the best match must win"
+    )
+    left_right_px: int = Field(default=1, ge=1, le=16, description="allowed left-right difference")
+    speckle_area_px: int = Field(
+        default=100, ge=0, le=10_000, description="smaller islands of disparity are removed"
+    )
+    speckle_step_px: int = Field(
+        default=2, ge=1, le=16, description="an island ends where disparity steps by more"
+    )
     contrast_radius_px: float = Field(
-        16, ge=1, le=64, description="sigma of the neighbourhood whose contrast is made equal"
+        default=16, ge=1, le=64, description="sigma of the neighbourhood whose contrast is made equal"
     )
     oversampling: float | None = Field(
-        None, ge=0.5, le=3, description="rectified over original sampling; null: finer for small images"
+        default=None,
+        ge=0.5,
+        le=3,
+        description="rectified over original sampling; null: finer for small images",
     )
     agreement_px: float | None = Field(
-        4.0,
+        default=4.0,
         gt=0,
         le=64,
         description="rectified px; pairs farther apart are not averaged; null: Eq. 24 as it stands",
     )
     threads: int = Field(
-        0, ge=0, le=256, description="pairs matched at a time; 0: as many as there are cores"
+        default=0, ge=0, le=256, description="pairs matched at a time; 0: as many as there are cores"
     )
 
     def sampling(self, width_px: int) -> float:

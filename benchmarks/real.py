@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from beltscape.core.depth import DepthMap
 from beltscape.core.errors import BeltscapeError
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs.read_pairs import METHODS, read_dice_auto, read_dice_gt4, read_motorcycle
@@ -55,42 +57,46 @@ def real_pairs(folder: Path) -> list[str]:
     return [*points, "", *shares, "", *notes]
 
 
-def _correspondence_rows(pair: SpecklePair) -> list[str]:
+def _method_rows(
+    pair: SpecklePair | DisparityPair, make_rows: Callable[[DepthMap], list[str]], empty_cells: int
+) -> list[str]:
+    """Return the rows of every method: its name, the cells of ``make_rows`` and the seconds it took."""
     rows = []
     for method, reconstruct in METHODS.items():
         start = time.perf_counter()
         try:
             depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
         except BeltscapeError as error:
-            rows.append(f"| {pair.name} | {method} | {error} |" + " |" * 7)
+            rows.append(f"| {pair.name} | {method} | {error} |" + " |" * empty_cells)
             continue
         took = time.perf_counter() - start
-        for edge in SUBSETS_PX:
-            a = pair.compare(depth, subset_px=edge)
-            rows.append(
-                f"| {pair.name} | {method} | {edge}×{edge} px | {a.points} | {a.measured:.1%} | "
-                f"{a.median_px:+.4f} | {a.robust_sigma_px:.4f} | {a.p95_px:.3f} | {a.gross:.2%} | {took:.2f} |"
-            )
+        rows += [f"| {pair.name} | {method} | {cells} | {took:.2f} |" for cells in make_rows(depth)]
     return rows
+
+
+def _correspondence_rows(pair: SpecklePair) -> list[str]:
+    def make_rows(depth: DepthMap) -> list[str]:
+        compared = [(edge, pair.compare(depth, subset_px=edge)) for edge in SUBSETS_PX]
+        return [
+            f"{edge}×{edge} px | {a.points} | {a.measured:.1%} | "
+            f"{a.median_px:+.4f} | {a.robust_sigma_px:.4f} | {a.p95_px:.3f} | {a.gross:.2%}"
+            for edge, a in compared
+        ]
+
+    return _method_rows(pair, make_rows, empty_cells=7)
 
 
 def _disparity_rows(pair: DisparityPair) -> list[str]:
-    rows = []
-    for method, reconstruct in METHODS.items():
-        start = time.perf_counter()
-        try:
-            depth = reconstruct(pair.rig, pair.frame_set, pair.depth_range_mm)
-        except BeltscapeError as error:
-            rows.append(f"| {pair.name} | {method} | {error} |" + " |" * 8)
-            continue
-        took = time.perf_counter() - start
-        for label, region in (("all", None), ("seen by both", pair.covisible_mask())):
-            s = pair.score(depth, region)
-            rows.append(
-                f"| {pair.name} | {method} | {label} | {s.pixels} | {s.coverage:.1%} | {s.within_half_px:.1%} | "
-                f"{s.within_1px:.1%} | {s.within_2px:.1%} | {s.median_px:.3f} | {s.gross:.2%} | {took:.2f} |"
-            )
-    return rows
+    def make_rows(depth: DepthMap) -> list[str]:
+        regions = (("all", None), ("seen by both", pair.covisible_mask()))
+        scored = [(label, pair.score(depth, region)) for label, region in regions]
+        return [
+            f"{label} | {s.pixels} | {s.coverage:.1%} | {s.within_half_px:.1%} | "
+            f"{s.within_1px:.1%} | {s.within_2px:.1%} | {s.median_px:.3f} | {s.gross:.2%}"
+            for label, s in scored
+        ]
+
+    return _method_rows(pair, make_rows, empty_cells=8)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,16 @@ def add_output_folder(
     parser.set_defaults(output="folder", owner=(parser.prog.removeprefix("beltscape "), *owner))
 
 
+def add_empty_belt(parser: ArgumentParser) -> None:
+    """Declare ``--empty PATH``, the reference against which a load is measured."""
+    parser.add_argument(
+        "--empty",
+        type=Path,
+        required=True,
+        help="the empty belt: a frame folder, a reconstruction (all its frames), or a belt.json",
+    )
+
+
 def add_output_file(parser: ArgumentParser, text: str, example: str, *, required: bool = False) -> None:
     """Declare ``--out FILE``; ``example`` is an example of the file's name."""
     parser.add_argument("--out", type=_parse_path, metavar="FILE", required=required, help=text)

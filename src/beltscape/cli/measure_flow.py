@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltscape.cli.arguments import add_output_folder, make_settings
+from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
@@ -21,12 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of a moving belt")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of beltscape calibrate")
-    parser.add_argument(
-        "--empty",
-        type=Path,
-        required=True,
-        help="the empty belt: a frame folder, a reconstruction (all its frames), or a belt.json",
-    )
+    add_empty_belt(parser)
     parser.add_argument(
         "--encoder", type=Path, help="encoder.csv: frame,timestamp_s,belt_position_mm (default: the material)"
     )

@@ -7,19 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, make_settings, require_ordered_range
+from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings, require_ordered_range
 from beltscape.core.progress import Reporter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("loaded", type=Path, help="frame folder DIR/<frame> of the loaded belt")
-    parser.add_argument(
-        "--empty",
-        type=Path,
-        required=True,
-        help="the empty belt: a frame folder, a reconstruction (all its frames), or a belt.json",
-    )
+    add_empty_belt(parser)
     parser.add_argument("--across", nargs=2, type=float, metavar=("A", "B"), help="box across the belt, mm")
     parser.add_argument("--along", nargs=2, type=float, metavar=("A", "B"), help="box along the belt, mm")
     parser.add_argument(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from beltscape.core.errors import InputError
@@ -9,11 +11,18 @@ from beltscape.core.errors import InputError
 
 def read_text(path: Path) -> str:
     """Read a UTF-8 file, with or without a byte order mark; InputError with the reason if it is unreadable."""
-    try:
+    with named_read_errors(path):
         return path.read_text(encoding="utf-8-sig")
+
+
+@contextmanager
+def named_read_errors(path: Path, fix: str = "") -> Iterator[None]:
+    """Turn errors of reading and decoding into InputError with the reason; ``fix`` follows "not UTF-8 text"."""
+    try:
+        yield
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text") from error
+        raise InputError(f"{path}: not UTF-8 text{fix and f'; {fix}'}") from error

@@ -95,18 +95,7 @@ def _read_camera(name: str, document: Any, place: str) -> Camera:
     values.require_known(
         model, f"{place}.distortion_model", ("plumb_bob",), "calibrate with cv2.calibrateCamera"
     )
-    k = values.require_matrix(
-        values.require_value(entry, "camera_matrix", place), f"{place}.camera_matrix", 3, 3
-    )
-    where = f"{place}.distortion_coefficients"
-    coefficients = values.require_matrix(
-        values.require_value(entry, "distortion_coefficients", place), where, -1
-    )
-    size = [values.require_value(entry, key, place) for key in ("image_width", "image_height")]
-    focal, center = values.split_camera_matrix(k, f"{place}.camera_matrix")
-    return values.make_camera(
-        name, place, size, focal, center, values.require_distortion(coefficients, where)
-    )
+    return values.require_camera(name, entry, place)
 
 
 def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:

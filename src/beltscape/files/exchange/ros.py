@@ -92,25 +92,14 @@ def _camera_info(camera: Camera) -> dict[str, Any]:
 
 def _camera(file: Path, document: Any) -> Camera:
     place = file.name
-    k = values.require_matrix(
-        values.require_value(document, "camera_matrix", place), f"{place}.camera_matrix", 3, 3
-    )
+    values.require_value(document, "camera_matrix", place)
     values.require_known(
         document.get("distortion_model", "plumb_bob"),
         f"{place}.distortion_model",
         ("plumb_bob", "rational_polynomial"),
         "calibrate with plumb_bob",
     )
-    where = f"{place}.distortion_coefficients"
-    coefficients = values.require_matrix(
-        values.require_value(document, "distortion_coefficients", place), where, -1
-    )
-    size = [values.require_value(document, key, place) for key in ("image_width", "image_height")]
-    focal, center = values.split_camera_matrix(k, f"{place}.camera_matrix")
-    name = str(document.get("camera_name") or file.stem)
-    return values.make_camera(
-        name, place, size, focal, center, values.require_distortion(coefficients, where)
-    )
+    return values.require_camera(str(document.get("camera_name") or file.stem), document, place)
 
 
 def _transform(rig: Rig, name: str) -> dict[str, Any]:

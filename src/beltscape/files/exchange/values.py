@@ -73,6 +73,16 @@ def require_distortion(coefficients: NDArray[np.float64], place: str) -> NDArray
     return np.concatenate([coefficients[:5], np.zeros(5 - coefficients[:5].size)])
 
 
+def require_camera(name: str, entry: Any, place: str) -> Camera:
+    """Return the camera of a table with the keys that OpenCV's samples and ROS share."""
+    k = require_matrix(require_value(entry, "camera_matrix", place), f"{place}.camera_matrix", 3, 3)
+    where = f"{place}.distortion_coefficients"
+    coefficients = require_matrix(require_value(entry, "distortion_coefficients", place), where, -1)
+    size = [require_value(entry, key, place) for key in ("image_width", "image_height")]
+    focal, center = split_camera_matrix(k, f"{place}.camera_matrix")
+    return make_camera(name, place, size, focal, center, require_distortion(coefficients, where))
+
+
 def make_camera(name: str, place: str, size: Any, focal: Any, center: Any, coefficients: Any) -> Camera:
     """Return a camera of checked size (width, height), focal length, principal point (px) and distortion (5,)."""
     size_px = require_numbers(size, f"{place}: image width and height", 2)

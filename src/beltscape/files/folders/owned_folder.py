@@ -44,24 +44,18 @@ def owned_folder(out: Path, command: str) -> Iterator[Path]:
         When ``out`` holds what ``command`` did not write, cannot be written to, or is being written by another run.
     """
     refuse_foreign(out, command)
-    made = _missing_folders(out)
     staging = out / STAGING
-    lock = None
-    try:
+    with _locked_folder(out):
         try:
-            out.mkdir(parents=True, exist_ok=True)
-            lock = _lock(out)
             shutil.rmtree(staging, ignore_errors=True)
-            staging.mkdir()
-        except OSError as error:
-            raise output_error(out, error) from error
-        yield staging
-        _swap(staging, out, command)
-    finally:
-        if lock is not None:
+            try:
+                staging.mkdir()
+            except OSError as error:
+                raise output_error(out, error) from error
+            yield staging
+            _swap(staging, out, command)
+        finally:
             shutil.rmtree(staging, ignore_errors=True)
-            os.close(lock)
-        _remove_empty(made)
 
 
 @contextmanager
@@ -74,25 +68,17 @@ def continued_folder(out: Path, command: str) -> Iterator[Path]:
         As :func:`owned_folder`.
     """
     refuse_foreign(out, command)
-    made, foreign = _missing_folders(out), set(files_below(out)) - set(_own_files(out))
-    lock = None
-    try:
+    foreign = set(files_below(out)) - set(_own_files(out))
+    with _locked_folder(out):
         try:
-            out.mkdir(parents=True, exist_ok=True)
-            lock = _lock(out)
-        except OSError as error:
-            raise output_error(out, error) from error
-        write_manifest(out, Manifest(command, __version__, complete=True, files=_own_files(out)))
-        yield out
-    finally:
-        if lock is not None:
+            write_manifest(out, Manifest(command, __version__, complete=True, files=_own_files(out)))
+            yield out
+        finally:
             own = tuple(name for name in files_below(out) if name not in foreign)
             if own:
                 write_manifest(out, Manifest(command, __version__, complete=True, files=own))
             else:
                 (out / MANIFEST).unlink(missing_ok=True)
-            os.close(lock)
-        _remove_empty(made)
 
 
 def refuse_foreign(out: Path, command: str) -> None:
@@ -125,6 +111,24 @@ def refuse_foreign(out: Path, command: str) -> None:
 def _own_files(out: Path) -> tuple[str, ...]:
     manifest = read_manifest(out)
     return () if manifest is None else manifest.files
+
+
+@contextmanager
+def _locked_folder(out: Path) -> Iterator[None]:
+    """Create ``out`` and lock it; folders created for it that stay empty are removed afterwards."""
+    made = _missing_folders(out)
+    lock = None
+    try:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            lock = _lock(out)
+        except OSError as error:
+            raise output_error(out, error) from error
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+        _remove_empty(made)
 
 
 def _missing_folders(out: Path) -> list[Path]:

@@ -7,7 +7,24 @@ from pathlib import Path
 from beltscape.files.tables.encoder_csv import read_encoder
 
 
-class TableEncoder:
+class _CompleteEncoder:
+    """The part that encoders without readings have in common: nothing can fall silent or fail."""
+
+    @property
+    def silent_s(self) -> float:
+        """NaN: it cannot fall silent."""
+        return float("nan")
+
+    @property
+    def trouble(self) -> str:
+        """Empty: a table is checked as a whole when it is read, and a speed has no readings."""
+        return ""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class TableEncoder(_CompleteEncoder):
     """Positions of a capture's encoder.csv, by frame name."""
 
     def __init__(self, path: Path) -> None:
@@ -18,21 +35,8 @@ class TableEncoder:
         """Return the position in that frame; None for a frame that is not in the table."""
         return self._positions_mm.get(frame)
 
-    @property
-    def silent_s(self) -> float:
-        """NaN: it cannot fall silent."""
-        return float("nan")
 
-    @property
-    def trouble(self) -> str:
-        """Empty: the table is checked as a whole when it is read."""
-        return ""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class ConstantEncoder:
+class ConstantEncoder(_CompleteEncoder):
     """A belt that runs at one speed from the first frame on; travel before that frame is unknown."""
 
     def __init__(self, speed_mm_s: float, start_mm: float = 0.0) -> None:
@@ -47,16 +51,3 @@ class ConstantEncoder:
         if self._first_ns is None:
             self._first_ns = time_ns
         return self._start_mm + self._speed_mm_s * ((time_ns - self._first_ns) * 1e-9)
-
-    @property
-    def silent_s(self) -> float:
-        """NaN: it cannot fall silent."""
-        return float("nan")
-
-    @property
-    def trouble(self) -> str:
-        """Empty: it has no readings."""
-        return ""
-
-    def close(self) -> None:
-        """Do nothing."""

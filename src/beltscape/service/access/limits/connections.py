@@ -68,13 +68,33 @@ class ConnectionCounter:
                 del self._per_address[address]
 
 
-class LimitedHttpProtocol(H11Protocol):
-    """uvicorn's HTTP with limits. TLS starts inside, so that handshakes count as connections."""
+class _WriteTimeLimit(asyncio.Protocol):
+    """Disconnects a client that does not read what is written to it."""
 
     counter: ClassVar[ConnectionCounter]
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
+    _write_timer: asyncio.TimerHandle | None = None
+
+    def pause_writing(self) -> None:
+        """Start the time limit of a client that does not read."""
+        super().pause_writing()
+        self._write_timer = self.loop.call_later(self.counter.limits.write_timeout_s, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """Stop that time limit."""
+        self._stop_write_timer()
+        super().resume_writing()
+
+    def _stop_write_timer(self) -> None:
+        self._write_timer = _cancel(self._write_timer)
+
+
+class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
+    """uvicorn's HTTP with limits. TLS starts inside, so that handshakes count as connections."""
+
     tls: ClassVar[ssl.SSLContext | None]
     _header_timer: asyncio.TimerHandle | None = None
-    _write_timer: asyncio.TimerHandle | None = None
     _handshake: asyncio.Task[None] | None = None
     _early_data = b""  # received between the handshake and the switch to it
 
@@ -133,16 +153,6 @@ class LimitedHttpProtocol(H11Protocol):
         else:
             self._stop_header_timer()
 
-    def pause_writing(self) -> None:
-        """Start the time limit of a client that does not read."""
-        super().pause_writing()
-        self._write_timer = self.loop.call_later(self.counter.limits.write_timeout_s, self.transport.abort)
-
-    def resume_writing(self) -> None:
-        """Stop that time limit."""
-        self._write_timer = _cancel(self._write_timer)
-        super().resume_writing()
-
     def _throttle_reading(self, size: int) -> None:
         wait_s = self.counter.count_read(self.transport, size)
         if wait_s:
@@ -167,11 +177,8 @@ class LimitedHttpProtocol(H11Protocol):
         self._header_timer = _cancel(self._header_timer)
 
 
-class LimitedWebSocketProtocol(WebSocketsSansIOProtocol):
+class LimitedWebSocketProtocol(_WriteTimeLimit, WebSocketsSansIOProtocol):
     """uvicorn's WebSockets with limits; a client that does not read is disconnected."""
-
-    counter: ClassVar[ConnectionCounter]
-    _write_timer: asyncio.TimerHandle | None = None
 
     def data_received(self, data: bytes) -> None:
         """Process data, no faster than the limits allow."""
@@ -188,18 +195,8 @@ class LimitedWebSocketProtocol(WebSocketsSansIOProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop counting the connection."""
         self.counter.remove(self.transport)
-        self._write_timer = _cancel(self._write_timer)
+        self._stop_write_timer()
         super().connection_lost(exc)
-
-    def pause_writing(self) -> None:
-        """Start the time limit of a client that does not read."""
-        super().pause_writing()
-        self._write_timer = self.loop.call_later(self.counter.limits.write_timeout_s, self.transport.abort)
-
-    def resume_writing(self) -> None:
-        """Stop that time limit."""
-        self._write_timer = _cancel(self._write_timer)
-        super().resume_writing()
 
 
 def make_protocols(

@@ -12,19 +12,11 @@ from beltscape.calibrate.detection.detector import (
 )
 from beltscape.core.pose import Pose
 from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
-from tests.synthetic.boards import Print, camera, view
+from tests.synthetic.boards import Print, camera, facing, view
 
 CHARUCO = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
 LENS = camera("a")
-
-
-def facing(board: Board, roll: float = 0.0, tilt: float = 0.3, distance_mm: float = 600.0) -> Pose:
-    """cam_from_board with the board's middle on the optical axis."""
-    columns, rows = board.grid
-    middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
-    turn = Pose.of([0, 0, roll], [0, 0, 0]) @ Pose.of([tilt, tilt / 2, 0], [0, 0, 0])
-    return Pose(turn.rotation, np.array([0, 0, distance_mm]) - turn.rotation @ middle)
 
 
 def truth(board: Board, pose: Pose) -> np.ndarray:

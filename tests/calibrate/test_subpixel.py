@@ -6,20 +6,12 @@ import pytest
 
 from beltscape.calibrate.detection.corners import Corners
 from beltscape.calibrate.detection.subpixel import refine_corners
-from beltscape.core.pose import Pose
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
-from tests.synthetic.boards import Print, camera, view
+from tests.synthetic.boards import Print, camera, facing, view
 
 CHARUCO = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
 LENS = camera("a")
-
-
-def pose(board, roll=0.1, tilt=0.4):
-    columns, rows = board.grid
-    middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
-    turn = Pose.of([0, 0, roll], [0, 0, 0]) @ Pose.of([tilt, tilt / 2, 0], [0, 0, 0])
-    return Pose(turn.rotation, np.array([0, 0, 600.0]) - turn.rotation @ middle)
 
 
 def errors(image, board, at, seed=0, gap=None):
@@ -37,7 +29,7 @@ def errors(image, board, at, seed=0, gap=None):
 @pytest.mark.parametrize("blur_px", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("roll", [0.1, 0.8])
 def test_corners_are_refined_to_a_hundredth_of_a_pixel_at_any_focus(board, blur_px, roll):
-    at = pose(board, roll)
+    at = facing(board, roll, 0.4)
     error, ids = errors(view(LENS, at, board, Print(blur_px=blur_px)), board, at)
     assert len(ids) == len(corner_points_mm(board))
     assert np.sqrt((error**2).mean()) < 0.02
@@ -45,7 +37,7 @@ def test_corners_are_refined_to_a_hundredth_of_a_pixel_at_any_focus(board, blur_
 
 
 def test_bleeding_ink_does_not_displace_corners():
-    at = pose(CHESSBOARD)
+    at = facing(CHESSBOARD, 0.1, 0.4)
     image = view(LENS, at, CHESSBOARD, Print(noise=0.0))
     bled = cv2.GaussianBlur(cv2.erode(image, np.ones((3, 3), np.uint8)), (0, 0), 0.7)  # dark grows by a pixel
     error, ids = errors(bled, CHESSBOARD, at)
@@ -55,7 +47,7 @@ def test_bleeding_ink_does_not_displace_corners():
 
 
 def test_gamma_does_not_displace_corners():
-    at = pose(CHARUCO)
+    at = facing(CHARUCO, 0.1, 0.4)
     image = 255 * (view(LENS, at, CHARUCO, Print(noise=0.3)) / 255.0) ** 0.45
     error, _ = errors(image, CHARUCO, at)
     assert np.abs(error.mean(axis=0)).max() < 0.01
@@ -63,7 +55,7 @@ def test_gamma_does_not_displace_corners():
 
 
 def test_a_covered_corner_is_dropped():
-    at = pose(CHARUCO)
+    at = facing(CHARUCO, 0.1, 0.4)
     image = view(LENS, at, CHARUCO)
     u, v = np.rint(LENS.project(at.apply(corner_points_mm(CHARUCO)))[17]).astype(int)
     image[v - 12 : v + 4, u - 12 : u + 9] = 200
@@ -74,5 +66,5 @@ def test_a_covered_corner_is_dropped():
 
 
 def test_an_empty_image_gives_no_corners():
-    _, ids = errors(np.full((400, 480), 128.0), CHARUCO, pose(CHARUCO))
+    _, ids = errors(np.full((400, 480), 128.0), CHARUCO, facing(CHARUCO, 0.1, 0.4))
     assert len(ids) == 0

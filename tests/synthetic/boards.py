@@ -35,6 +35,14 @@ class Print:
     seed: int = 1
 
 
+def facing(board: Board, roll: float = 0.0, tilt: float = 0.3, distance_mm: float = 600.0) -> Pose:
+    """Return cam_from_board with the board's middle on the optical axis."""
+    columns, rows = board.grid
+    middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
+    turn = Pose.of([0, 0, roll], [0, 0, 0]) @ Pose.of([tilt, tilt / 2, 0], [0, 0, 0])
+    return Pose(turn.rotation, np.array([0, 0, distance_mm]) - turn.rotation @ middle)
+
+
 def camera(
     name: str, focal_px: float = 520.0, k1: float = -0.12, size_px: tuple[int, int] = SIZE_PX
 ) -> Camera:

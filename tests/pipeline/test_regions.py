@@ -9,7 +9,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.regions import write_regions
-from beltscape.stereo.markers.grid import find_marker_grid
+from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 RINGED = (80, 255, 120)
@@ -17,7 +17,7 @@ RINGED = (80, 255, 120)
 
 def covered(image: np.ndarray) -> np.ndarray:
     """The image with dots from beside every marker copied over it, a few pixels beyond its rim."""
-    grid = find_marker_grid(image)
+    grid = detect_marker_grid(image)
     assert grid is not None
     rich, (height, width) = image.copy(), image.shape[:2]
     half = int(np.nanmax(grid.radius_px)) + 5

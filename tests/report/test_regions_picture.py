@@ -7,15 +7,15 @@ import numpy as np
 from beltscape.core.frames import FrameSet
 from beltscape.report.drawing.pictures import PANEL_PX
 from beltscape.report.regions import draw_camera_regions, draw_regions
-from beltscape.stereo.markers.grid import find_marker_grid
+from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.stereo.projected import picture, view
 
 
-def test_found_and_expected_markers_are_drawn_apart():
+def test_detected_and_predicted_markers_have_different_colours():
     hidden = np.zeros((4, 4), bool)
     hidden[1, 1] = True
     image = picture(view(), hidden=hidden)
-    grid = find_marker_grid(image)
+    grid = detect_marker_grid(image)
     assert grid is not None
     drawn = draw_camera_regions(image, grid)
     assert drawn.shape == (750, 900, 3) and drawn.dtype == np.uint8
@@ -27,7 +27,7 @@ def test_found_and_expected_markers_are_drawn_apart():
 
 def test_cameras_without_markers_are_shown_too():
     image = picture(view())
-    grid = find_marker_grid(image)
+    grid = detect_marker_grid(image)
     assert grid is not None
     frames = FrameSet("000", {"cam0": image, "cam1": image, "cam2": image, "cam3": np.zeros_like(image)})
     shown = draw_regions(frames, {"cam0": grid, "cam1": grid, "cam2": grid})

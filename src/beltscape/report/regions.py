@@ -12,9 +12,9 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.report.drawing.legend import Rgb
 from beltscape.report.drawing.pictures import Panel, arrange_panels, to_rgb
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
-from beltscape.stereo.markers.regions import region_outline
+from beltscape.stereo.markers.regions import compute_region_outline
 
-_FOUND, _EXPECTED = (80, 255, 120), (255, 160, 60)
+_DETECTED, _PREDICTED = (80, 255, 120), (255, 160, 60)
 _BOUNDARY = (90, 190, 255)
 _DRAWN_WIDTH_PX = 900
 _FARTHEST_PX = 30_000.0
@@ -33,26 +33,26 @@ def draw_regions(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: 
 
 
 def draw_camera_regions(image: Image, grid: MarkerGrid) -> Rgb:
-    """Return an image with its regions, (H', W', 3) RGB; detected markers in green, expected ones in orange."""
+    """Return an image with its regions, (H', W', 3) RGB; detected markers in green, predicted ones in orange."""
     factor = _DRAWN_WIDTH_PX / image.shape[1]
     size = (_DRAWN_WIDTH_PX, round(image.shape[0] * factor))
     interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
     rgb = np.ascontiguousarray(cv2.resize(to_rgb(image), size, interpolation=interpolation), np.uint8)
     for row in range(SIDE):
         for column in range(SIDE):
-            outline = _to_drawing(region_outline(grid.center_px, row, column), factor)
+            outline = _to_drawing(compute_region_outline(grid.center_px, row, column), factor)
             cv2.polylines(rgb, [outline], True, _BOUNDARY, 2, cv2.LINE_AA)
     typical = float(np.nanmedian(grid.radius_px))
     for row in range(SIDE):
         for column in range(SIDE):
             u, v = (int(n) for n in _to_drawing(grid.center_px[row, column], factor))
-            if grid.found[row, column]:
+            if grid.detected[row, column]:
                 cv2.circle(
-                    rgb, (u, v), round(factor * (grid.radius_px[row, column] + 3)), _FOUND, 2, cv2.LINE_AA
+                    rgb, (u, v), round(factor * (grid.radius_px[row, column] + 3)), _DETECTED, 2, cv2.LINE_AA
                 )
             else:
-                cv2.drawMarker(rgb, (u, v), _EXPECTED, cv2.MARKER_TILTED_CROSS, round(factor * typical), 2)
-            color = _FOUND if grid.found[row, column] else _EXPECTED
+                cv2.drawMarker(rgb, (u, v), _PREDICTED, cv2.MARKER_TILTED_CROSS, round(factor * typical), 2)
+            color = _DETECTED if grid.detected[row, column] else _PREDICTED
             _write(rgb, str(SIDE * row + column), (u + round(1.2 * factor * typical) + 8, v), color)
     return rgb
 

@@ -1,4 +1,4 @@
-"""Markers found in drawn speckle, whatever exposure, white balance and view, and none where there is none."""
+"""MarkerDetections found in drawn speckle, whatever exposure, white balance and view, and none where there is none."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beltscape.files.rasters.images import read_image
-from beltscape.stereo.markers.grid import find_marker_grid
-from beltscape.stereo.markers.markers import find_markers
+from beltscape.stereo.markers.grid import detect_marker_grid
+from beltscape.stereo.markers.detection import detect_markers
 from tests.stereo.projected import MARKERS, luminance, picture, seen, view
 from tests.stereo.rendered import RENDERED, needs_rendered
 
@@ -30,7 +30,7 @@ def _distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
 )
 def test_exposure_and_white_balance_do_not_matter(exposure, cast):
     image_from_pattern = view(slant=0.15)
-    markers = find_markers(picture(image_from_pattern, exposure=exposure, cast=cast))
+    markers = detect_markers(picture(image_from_pattern, exposure=exposure, cast=cast))
     assert len(markers) == 16
     assert _distances(markers.center_px, seen(MARKERS, image_from_pattern)).max() < 0.35
     assert markers.confidence.min() > 0.5
@@ -39,7 +39,7 @@ def test_exposure_and_white_balance_do_not_matter(exposure, cast):
 def test_sixteen_bits_are_as_good_as_eight():
     image = picture(view())
     deep = image.astype(np.uint16) * 16  # 12 bits in 16
-    eight, sixteen = find_marker_grid(image), find_marker_grid(deep)
+    eight, sixteen = detect_marker_grid(image), detect_marker_grid(deep)
     assert eight is not None and sixteen is not None
     assert eight.count == sixteen.count == 16
     np.testing.assert_allclose(sixteen.center_px, eight.center_px, atol=0.05)
@@ -49,7 +49,7 @@ def test_sixteen_bits_are_as_good_as_eight():
 @pytest.mark.parametrize("size_px", [(816, 680), (1224, 1024)])
 def test_in_grey_images_they_are_found_by_size(exposure, size_px):
     image_from_pattern = view(size_px)
-    markers = find_markers(luminance(picture(image_from_pattern, size_px, exposure=exposure)))
+    markers = detect_markers(luminance(picture(image_from_pattern, size_px, exposure=exposure)))
     assert len(markers) == 16
     assert (
         _distances(markers.center_px, seen(MARKERS, image_from_pattern)).max() < 1.2 * size_px[0] / 1224 + 0.3
@@ -58,15 +58,15 @@ def test_in_grey_images_they_are_found_by_size(exposure, size_px):
 
 def test_a_grey_image_stored_as_rgb_is_a_grey_image():
     grey = luminance(picture(view()))
-    one, three = find_markers(grey), find_markers(np.repeat(grey[..., None], 3, axis=2))
+    one, three = detect_markers(grey), detect_markers(np.repeat(grey[..., None], 3, axis=2))
     np.testing.assert_array_equal(one.center_px, three.center_px)
     assert len(one) == 16
 
 
 def test_no_projector_no_markers():
     image = picture(view(), speckle=False, ambient=60.0, noise=2.0)
-    assert find_marker_grid(image) is None
-    assert find_marker_grid(luminance(image)) is None
+    assert detect_marker_grid(image) is None
+    assert detect_marker_grid(luminance(image)) is None
 
 
 def test_stones_without_speckle_are_no_markers():
@@ -76,7 +76,7 @@ def test_stones_without_speckle_are_no_markers():
         u, v = rng.uniform(0, (816, 680)).astype(int)
         cv2.circle(stones, (int(u), int(v)), int(rng.integers(6, 26)), int(rng.integers(15, 90)), -1)
     noisy = np.clip(stones + rng.normal(0, 1.5, stones.shape), 0, 255).astype(np.uint8)
-    assert find_marker_grid(noisy) is None
+    assert detect_marker_grid(noisy) is None
 
 
 def test_a_dark_half_counts_as_much_as_a_bright_one():
@@ -85,7 +85,7 @@ def test_a_dark_half_counts_as_much_as_a_bright_one():
     image = picture(image_from_pattern, noise=0.5).astype(float)
     center = seen(MARKERS, image_from_pattern)[1, 1]
     image[:, : int(center[0])] *= 0.15
-    markers = find_markers(np.rint(image).astype(np.uint8))
+    markers = detect_markers(np.rint(image).astype(np.uint8))
     assert _distances(markers.center_px, center).max() < 1.2
 
 
@@ -94,7 +94,7 @@ def test_half_a_disc_is_less_sure_than_a_whole_one():
     image = picture(image_from_pattern)
     u, v = seen(MARKERS, image_from_pattern)[2, 1].astype(int)
     image[v - 20 : v + 20, u : u + 20] = 6  # hidden from the light by what stands beside it
-    markers = find_markers(image)
+    markers = detect_markers(image)
     nearest = int(np.argmin(np.linalg.norm(markers.center_px - [u, v], axis=1)))
     assert markers.confidence[nearest] < 0.7 * np.median(markers.confidence)
     assert markers.radius_px[nearest] < 0.85 * np.median(markers.radius_px)
@@ -104,4 +104,4 @@ def test_half_a_disc_is_less_sure_than_a_whole_one():
 @pytest.mark.parametrize("scene", ["module_nospeckle", "belt_loaded_nospeckle"])
 def test_rendered_scenes_without_speckle_show_no_grid(scene):
     for camera in range(5):
-        assert find_marker_grid(read_image(RENDERED / scene / f"cam{camera}/000.png")) is None
+        assert detect_marker_grid(read_image(RENDERED / scene / f"cam{camera}/000.png")) is None

@@ -12,9 +12,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from beltscape.stereo.markers.agreement import agree, seen_in_place
-from beltscape.stereo.markers.grid import MarkerGrid, find_marker_grid
-from beltscape.stereo.markers.prior import depth_prior, find_grids
+from beltscape.stereo.markers.correspondence import align_grids, triangulate_markers
+from beltscape.stereo.markers.grid import MarkerGrid, detect_marker_grid
+from beltscape.stereo.markers.region_depths import bound_region_depths, detect_marker_grids
 from tests.stereo.raycast import world_rig
 from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
 
@@ -46,10 +46,10 @@ def _scene() -> tuple[Rig, np.ndarray, dict[str, MarkerGrid]]:
 
 
 def _without(grid: MarkerGrid, *cells: tuple[int, int]) -> MarkerGrid:
-    found = grid.found.copy()
+    found = grid.detected.copy()
     for cell in cells:
         found[cell] = False
-    return replace(grid, found=found)
+    return replace(grid, detected=found)
 
 
 @pytest.mark.parametrize("turn", [1, 2, 3])
@@ -57,11 +57,11 @@ def test_turned_cameras_get_the_labels_of_the_others(turn):
     rig, points, grids = _scene()
     turned = grids["cam2"]
     grids["cam2"] = next(
-        g for g in turned.placements() if np.allclose(g.center_px, np.rot90(turned.center_px, turn))
+        g for g in turned.list_numberings() if np.allclose(g.center_px, np.rot90(turned.center_px, turn))
     )
-    agreed = agree(grids, rig)
+    agreed = align_grids(grids, rig)
     assert list(agreed) == list(rig.cameras)
-    found, _ = seen_in_place(agreed, rig, load())
+    found, _ = triangulate_markers(agreed, rig, load())
     np.testing.assert_allclose(found.reshape(4, 4, 3), points, atol=1e-6)
 
 
@@ -69,17 +69,17 @@ def test_a_grid_that_does_not_meet_the_others_is_left_out():
     rig, _, grids = _scene()
     away = np.random.default_rng(2).uniform(-25, 25, (4, 4, 2))
     grids["cam3"] = replace(grids["cam3"], center_px=grids["cam3"].center_px + away)
-    assert "cam3" not in agree(grids, rig)
+    assert "cam3" not in align_grids(grids, rig)
 
 
 def test_the_prior_holds_the_markers_and_their_neighbours():
     rig, points, grids = _scene()
-    prior = depth_prior(grids, rig, relief_mm=20.0)
+    prior = bound_region_depths(grids, rig, relief_mm=20.0)
     np.testing.assert_allclose(prior.marker_mm, points[..., 2].reshape(-1), atol=1e-6)
     depth = points[..., 2]
     assert prior.near_mm[5] == pytest.approx(depth[:3, :3].min() - 20)
     assert prior.far_mm[0] == pytest.approx(depth[:2, :2].max() + 20)
-    near, far = prior.interval_mm()
+    near, far = prior.rasterise()
     height, width = rig.core_camera.size_px[::-1]
     assert near.shape == far.shape == prior.labels.shape == (height, width)
     assert np.isnan(near[prior.labels < 0]).all() and (near < far)[prior.labels >= 0].all()
@@ -91,7 +91,7 @@ def test_a_marker_one_camera_sees_elsewhere_is_measured_from_the_others():
     center = grids["cam1"].center_px.copy()
     center[2, 2] += (9.0, 7.0)
     grids["cam1"] = replace(grids["cam1"], center_px=center)
-    found, used = seen_in_place(grids, rig, load())
+    found, used = triangulate_markers(grids, rig, load())
     assert not used["cam1"][10] and used["cam0"][10]
     np.testing.assert_allclose(found[10], points[2, 2], atol=1e-6)
 
@@ -99,23 +99,23 @@ def test_a_marker_one_camera_sees_elsewhere_is_measured_from_the_others():
 def test_a_marker_only_the_core_sees_takes_its_neighbours_depths():
     rig, _, grids = _scene()
     alone = {name: grid if name == "cam0" else _without(grid, (0, 0)) for name, grid in grids.items()}
-    prior = depth_prior(alone, rig)
+    prior = bound_region_depths(alone, rig)
     assert np.isnan(prior.marker_mm[0]) and np.isfinite([prior.near_mm[0], prior.far_mm[0]]).all()
 
 
 def test_without_core_or_with_too_few_markers_there_is_no_prior():
     rig, _, grids = _scene()
     with pytest.raises(ReconstructionError, match="core camera cam0"):
-        depth_prior({"cam1": grids["cam1"]}, rig)
+        bound_region_depths({"cam1": grids["cam1"]}, rig)
     with pytest.raises(ReconstructionError, match="only 0 of 16"):
-        depth_prior({"cam0": grids["cam0"]}, rig)
+        bound_region_depths({"cam0": grids["cam0"]}, rig)
 
 
 def test_cameras_without_speckle_are_named():
     rig, _ = world_rig()
     dark = np.zeros((320, 400), np.uint8)
     reporter = Silent()
-    assert find_grids(FrameSet("007", {"cam0": dark, "cam1": dark}), rig, reporter) == {}
+    assert detect_marker_grids(FrameSet("007", {"cam0": dark, "cam1": dark}), rig, reporter) == {}
     assert reporter.warnings == [f"frame 007: no speckle markers in the image of cam{i}" for i in (0, 1)]
 
 
@@ -123,10 +123,10 @@ def test_cameras_without_speckle_are_named():
 @pytest.mark.parametrize("scene", ["belt_empty", "belt_loaded", "module"])
 def test_rendered_scenes_lie_within_their_prior(scene):
     rig, frames = halved_rig(), halved_frames(scene)
-    assert find_marker_grid(frames.images["cam0"]) is not None
-    prior = depth_prior(find_grids(frames, rig, Silent()), rig)
+    assert detect_marker_grid(frames.images["cam0"]) is not None
+    prior = bound_region_depths(detect_marker_grids(frames, rig, Silent()), rig)
     depth, _ = halved_truth(scene)
-    near, far = prior.interval_mm()
+    near, far = prior.rasterise()
     known = np.isfinite(depth) & (prior.labels >= 0)
     assert known.sum() > 0.95 * np.isfinite(depth).sum()
     assert ((depth >= near) & (depth <= far))[known].mean() > 0.995

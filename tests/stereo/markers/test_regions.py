@@ -9,23 +9,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.stereo.markers.grid import find_marker_grid, grid_of
-from beltscape.stereo.markers.markers import Markers
-from beltscape.stereo.markers.regions import region_labels
+from beltscape.stereo.markers.grid import detect_marker_grid, arrange_in_grid
+from beltscape.stereo.markers.detection import MarkerDetections
+from beltscape.stereo.markers.regions import label_regions
 from tests.stereo.projected import MARKERS, luminance, picture, seen, view
 
 SIZE = (816, 680)
 
 
-def _markers(points: np.ndarray, radius: float = 10.0, confidence: float = 0.9) -> Markers:
-    return Markers(
+def _markers(points: np.ndarray, radius: float = 10.0, confidence: float = 0.9) -> MarkerDetections:
+    return MarkerDetections(
         points.reshape(-1, 2), np.full(points.size // 2, radius), np.full(points.size // 2, confidence)
     )
 
 
-def _joined(a: Markers, b: Markers) -> Markers:
+def _joined(a: MarkerDetections, b: MarkerDetections) -> MarkerDetections:
     parts = ((a.center_px, b.center_px), (a.radius_px, b.radius_px), (a.confidence, b.confidence))
-    return Markers(*(np.concatenate(pair) for pair in parts))
+    return MarkerDetections(*(np.concatenate(pair) for pair in parts))
 
 
 @pytest.mark.parametrize(("hidden", "share"), [(0, 0.9), (3, 0.8), (6, 0.6)])
@@ -41,11 +41,11 @@ def test_labels_are_right_with_markers_hidden_displaced_and_false_ones(hidden, s
         gone[rng.choice(16, hidden, replace=False)] = True
         gone = gone.reshape(4, 4)
         false = _markers(rng.uniform((60, 60), (750, 620), (2, 2)), radius=7.0, confidence=0.4)
-        grid = grid_of(_joined(_markers(moved[~gone]), false), SIZE)
+        grid = arrange_in_grid(_joined(_markers(moved[~gone]), false), SIZE)
         assert grid is not None
         off = np.linalg.norm(grid.center_px - moved, axis=-1)
-        right += bool((grid.found == ~gone).all() and (off[grid.found] < 1e-6).all())
-        mislabelled += bool((grid.found & (off > 1)).sum() > 2)
+        right += bool((grid.detected == ~gone).all() and (off[grid.detected] < 1e-6).all())
+        mislabelled += bool((grid.detected & (off > 1)).sum() > 2)
     assert right >= 10 * share
     assert mislabelled <= 1
 
@@ -58,9 +58,9 @@ def test_a_hidden_marker_is_expected_where_it_would_be(hidden):
     gone[hidden] = True
     gone = gone.reshape(4, 4)
     true = seen(MARKERS, view(SIZE, 8.0, 0.15))
-    grid = find_marker_grid(picture(view(SIZE, 8.0, 0.15), hidden=gone))
+    grid = detect_marker_grid(picture(view(SIZE, 8.0, 0.15), hidden=gone))
     assert grid is not None
-    np.testing.assert_array_equal(grid.found, ~gone)
+    np.testing.assert_array_equal(grid.detected, ~gone)
     assert np.isnan(grid.radius_px[gone]).all() and (grid.confidence[gone] == 0).all()
     assert np.linalg.norm(grid.center_px - true, axis=-1)[gone].max() < 5.0
 
@@ -69,16 +69,16 @@ def test_a_grid_in_grey_has_the_same_labels():
     gone = np.zeros((4, 4), bool)
     gone[1, 2] = gone[3, 0] = True
     image = picture(view((1224, 1024), -12.0, 0.1), (1224, 1024), hidden=gone)
-    color, grey = find_marker_grid(image), find_marker_grid(luminance(image))
+    color, grey = detect_marker_grid(image), detect_marker_grid(luminance(image))
     assert color is not None and grey is not None
-    np.testing.assert_array_equal(color.found, grey.found)
+    np.testing.assert_array_equal(color.detected, grey.detected)
     assert np.abs(color.center_px - grey.center_px).max() < 1.5
 
 
 @pytest.mark.parametrize("turn", [90.0, 180.0, 270.0])
 def test_turned_cameras_have_the_longer_steps_along_the_rows(turn):
     true = seen(MARKERS, view(SIZE, turn))
-    grid = grid_of(_markers(true), SIZE)
+    grid = arrange_in_grid(_markers(true), SIZE)
     assert grid is not None and grid.count == 16
     same = [np.abs(np.rot90(grid.center_px, k) - true).max() < 1e-9 for k in (0, 2)]  # up or upside down
     assert sum(same) == 1
@@ -86,27 +86,27 @@ def test_turned_cameras_have_the_longer_steps_along_the_rows(turn):
 
 def test_too_few_in_place_are_no_grid():
     true = seen(MARKERS, view(SIZE))
-    assert grid_of(_markers(true[:2, :2]), SIZE) is None
-    assert grid_of(_markers(np.empty((0, 2))), SIZE) is None
+    assert arrange_in_grid(_markers(true[:2, :2]), SIZE) is None
+    assert arrange_in_grid(_markers(np.empty((0, 2))), SIZE) is None
 
 
 def test_placements_hold_the_same_markers():
     true = seen(MARKERS, view(SIZE))
-    grid = grid_of(_markers(true[:3]), SIZE)  # a row is missing: where it belongs is not known
+    grid = arrange_in_grid(_markers(true[:3]), SIZE)  # a row is missing: where it belongs is not known
     assert grid is not None
-    options = grid.placements()
+    options = grid.list_numberings()
     assert len(options) == 4 * 2
     for option in options:
-        places = {tuple(p) for p in option.center_px[option.found].round(6)}
-        assert places == {tuple(p) for p in grid.center_px[grid.found].round(6)}
+        places = {tuple(p) for p in option.center_px[option.detected].round(6)}
+        assert places == {tuple(p) for p in grid.center_px[grid.detected].round(6)}
 
 
 @given(turn=st.floats(-20, 20), slant=st.floats(-0.2, 0.2))
 def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
     true = seen(MARKERS, view(SIZE, turn, slant))
-    grid = grid_of(_markers(true), SIZE)
+    grid = arrange_in_grid(_markers(true), SIZE)
     assert grid is not None
-    labels = region_labels(grid)
+    labels = label_regions(grid)
     assert labels.shape == (680, 816) and labels.dtype == np.int8
     columns, rows = np.rint(true).astype(int).reshape(-1, 2).T
     np.testing.assert_array_equal(labels[rows, columns], np.arange(16))
@@ -120,17 +120,17 @@ def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
 
 
 def test_regions_leave_no_gap_between_them():
-    grid = grid_of(_markers(seen(MARKERS, view(SIZE, 13.0, 0.2))), SIZE)
+    grid = arrange_in_grid(_markers(seen(MARKERS, view(SIZE, 13.0, 0.2))), SIZE)
     assert grid is not None
-    inside = region_labels(grid) >= 0
+    inside = label_regions(grid) >= 0
     for line in inside:
         filled = np.flatnonzero(line)
         assert filled.size == 0 or filled.size == filled[-1] - filled[0] + 1
 
 
 def test_regions_may_reach_far_out_of_the_image():
-    grid = grid_of(_markers(seen(MARKERS, view(SIZE))), SIZE)
+    grid = arrange_in_grid(_markers(seen(MARKERS, view(SIZE))), SIZE)
     assert grid is not None
     far = grid.center_px.copy()
     far[0, 0] = -1e7
-    assert (region_labels(replace(grid, center_px=far)) >= -1).all()
+    assert (label_regions(replace(grid, center_px=far)) >= -1).all()

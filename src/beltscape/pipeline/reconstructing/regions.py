@@ -13,14 +13,14 @@ from beltscape.core.progress import Silent
 from beltscape.core.rig import Rig
 from beltscape.files.rasters.images import write_image
 from beltscape.report.regions import draw_regions
-from beltscape.stereo.markers.prior import find_grids
+from beltscape.stereo.markers.region_depths import detect_marker_grids
 
 _WIDEST_PX = 1600
 """Widest picture; three cameras beside each other stay legible at this width."""
 
 
 def write_regions(path: Path, frame_set: FrameSet, rig: Rig, cameras: Sequence[str]) -> Path | None:
-    """Draw the marker grids that `find_grids` detects in these cameras; write nothing and return None without any.
+    """Draw the marker grids of these cameras, as `detect_marker_grids` gives them; without any, return None.
 
     Markers count as detected when the core and another camera see them consistently with the rig. A pattern without
     markers, or no pattern, causes no warning.
@@ -32,7 +32,7 @@ def write_regions(path: Path, frame_set: FrameSet, rig: Rig, cameras: Sequence[s
     """
     images = {name: frame_set.images[name] for name in cameras if name in frame_set.images}
     shown = FrameSet(frame_set.frame, images)
-    grids = find_grids(shown, rig, Silent())
+    grids = detect_marker_grids(shown, rig, Silent())
     if rig.core not in grids or len(grids) < 2:
         return None
     picture = draw_regions(shown, grids)

@@ -1,1 +1,1 @@
-"""The projected markers: found, told apart, and what they say of the depths between them."""
+"""Projected markers of the speckle pattern (the paper's Section 2.1): detection, numbering, regions, depth bounds."""

@@ -1,4 +1,4 @@
-"""Which candidates stand side by side: rows and columns found by interval thresholds, hidden ones left out."""
+"""Search for rows and columns among marker detections by interval thresholds (the paper's Section 2.1)."""
 
 from __future__ import annotations
 
@@ -7,69 +7,68 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.markers.markers import Markers
+from beltscape.stereo.markers.detection import MarkerDetections
 
-_NEAR, _NEAR_DISC = 0.2, 0.25
-"""Interval threshold: how far from its expected place a neighbour may lie, in steps along and across: the first, and
-the second for a perfect disc. Relief shifts it, and so does the perspective that few neighbours do not show yet; half
-a step would be the next place."""
-_STRAY = 1.5
-"""Of the interval threshold: farther from the fitted grid than this is let go again."""
+_INTERVAL, _INTERVAL_OF_DISC = 0.2, 0.25
+"""Interval threshold: largest distance of a neighbour from its predicted position, in steps; the second is added for a perfect disc. Relief shifts markers, as does perspective that few neighbours do not determine; the next
+position begins at half a step."""
+_MAX_DEVIATION = 1.5
+"""Largest deviation of a marker from the fitted grid, in interval thresholds."""
 _STEP_RADII = (5.0, 32.0)
-"""Distance of neighbours in radii: 11.5 and 18.5 in the pattern, foreshortened or half hidden."""
-_LONGER = 3.0
-"""Steps along and across differ by less than this factor: 1.6 in the pattern, more under a slanting view."""
-_RADII = (0.3, 1.7)
-"""Radius over the median of those in place: torn by relief, or nearer to the camera."""
+"""Range of the distance of neighbours in radii: 11.5 and 18.5 in the pattern, unless foreshortened or half hidden."""
+_MAX_STEP_RATIO = 3.0
+"""Largest ratio of the steps along and across: 1.6 in the pattern, more in a slanting view."""
+_RADIUS_RATIOS = (0.3, 1.7)
+"""Range of a radius over the median of the grid's: torn by relief, or nearer to the camera."""
 _TURN_DEG = 50.0
-"""Columns are sought within this angle of the image's u axis; which way is up is decided afterwards."""
-_PARTNERS = 4
-"""Nearest candidates to either side that are tried as neighbours."""
-_TRIED = 16
-"""Best seeds that are grown."""
-_LEAST = 6
-"""Fewer than this in place can be chance."""
+"""Largest angle of the steps with the image's axes; the orientation is decided afterwards."""
+_MAX_NEIGHBOURS = 4
+"""Number of nearest detections on either side that are tried as neighbours."""
+_MAX_SEEDS = 16
+"""Number of best seeds that are grown."""
+_MIN_MARKERS = 6
+"""Least number of markers in a grid; fewer can be chance."""
 _STIFFNESS = 0.5
-"""Weight against perspective, per step of the grid: three points give an affine map, sixteen a homography."""
+"""Weight against perspective, per step of the grid: three points determine an affine map, sixteen a homography."""
 
 Cells = dict[int, tuple[int, int]]
-"""Candidate → column, row."""
+"""Detection → column, row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """Candidates in rows and columns; cell (0, 0) is the first row and column that holds one."""
+    """Detections in rows and columns, of which the first ones have number 0."""
 
     index: NDArray[np.int64]
-    """(n,) which candidates."""
+    """(n,) indices of the detections."""
     cell: NDArray[np.int64]
     """(n, 2) column, row, from 0."""
     score: float
-    """Sum of the candidates' confidence, less the more they stand off their place."""
+    """Sum of the detections' confidence, weighted less with their deviation from the fitted grid."""
 
 
-def find_lattice(markers: Markers, columns: int = 4, rows: int = 4) -> Lattice | None:
-    """The best part of a grid of at most so many columns and rows (or turned) among candidates, or None.
+def find_lattice(markers: MarkerDetections, columns: int = 4, rows: int = 4) -> Lattice | None:
+    """Return the best part of a grid of at most ``columns`` × ``rows`` (or turned) among the detections, or None.
 
-    Every candidate with a neighbour along and one across is a seed (RANSAC, exhaustive); the best ones are grown
-    neighbour by neighbour. A place is expected from the neighbours already known plus the step that a projective
-    model, fitted to all of them, takes there; so the grid may be seen under perspective and be shifted by relief.
+    Every detection with a neighbour along and one across is a seed (exhaustive RANSAC); the best ones are grown
+    neighbour by neighbour. A position is predicted from the known neighbours and the step of a homography fitted to
+    all of them, so perspective and shifts by relief are allowed.
     """
     best: Lattice | None = None
-    for seed in _seeds(markers):
+    for seed in _find_seeds(markers):
         if best is not None and len(best.index) == columns * rows:
             break
-        grown = _grown(markers, seed, (columns, rows))
-        if len(grown.index) >= _LEAST and (best is None or grown.score > best.score):
+        grown = _grow_lattice(markers, seed, (columns, rows))
+        if len(grown.index) >= _MIN_MARKERS and (best is None or grown.score > best.score):
             best = grown
     return best
 
 
-def projective(cells: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) homography cells (n, 2) → points (n, 2), n ≥ 3 not on a line; as affine as few points demand.
+def fit_homography(cells: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (3, 3) homography cells (n, 2) → points (n, 2), for n ≥ 3 that are not collinear.
 
-    Linear least squares of u (1 + g c + h r) = a c + b r + d about the means, in steps of the grid, with g and h
-    held towards zero.
+    It is the linear least squares of u (1 + g c + h r) = a c + b r + d about the means, in steps of the grid, with g
+    and h regularised towards zero, so few points determine an affine map.
     """
     middle, mean = cells.mean(axis=0), points_px.mean(axis=0)
     scale = max(float(np.abs(points_px - mean).max()), 1e-9) / max(float(np.abs(cells - middle).max()), 1e-9)
@@ -88,32 +87,34 @@ def projective(cells: NDArray[np.floating], points_px: NDArray[np.float64]) -> N
     return from_mean @ h.reshape(3, 3) @ to_middle
 
 
-def placed(homography: NDArray[np.float64], cells: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(..., 2) points of cells (..., 2)."""
+def apply_homography(homography: NDArray[np.float64], cells: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the points (..., 2) of cells (..., 2)."""
     mapped = cells @ homography[:, :2].T + homography[:, 2]
-    return mapped[..., :2] / np.maximum(mapped[..., 2:], 1e-6)  # cells behind the horizon go far away
+    return mapped[..., :2] / np.maximum(
+        mapped[..., 2:], 1e-6
+    )  # cells behind the horizon become distant points
 
 
-def _seeds(markers: Markers) -> list[Cells]:
-    """A corner with its neighbours along and across, the most promising first."""
-    seeds = _corners(markers)
+def _find_seeds(markers: MarkerDetections) -> list[Cells]:
+    """Return corners with their neighbours along and across, those that most detections fit first."""
+    seeds = _list_corners(markers)
     if not seeds:
         return []
     at = markers.center_px
     members = np.array([list(seed) for seed in seeds])
     signs = np.array([[seed[i][k] for i, k in zip(list(seed)[1:], (0, 1), strict=True)] for seed in seeds])
     along, across = np.moveaxis((at[members[:, 1:]] - at[members[:, :1]]) * signs[..., None], 1, 0)
-    # farther out than two steps an affine guess is off by more than the threshold
+    # beyond two steps the error of an affine prediction exceeds the threshold
     steps = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
     cells = np.linalg.inv(np.stack([along, across], axis=-1)) @ np.swapaxes(at - at[members[:, :1]], 1, 2)
-    off = np.linalg.norm(np.swapaxes(cells, 1, 2)[:, None] - steps[:, None], axis=-1)
-    hits = np.clip(1 - (off / _reach(markers)) ** 2, 0, None) * (0.5 + markers.confidence)
-    order = np.argsort(-hits.max(axis=2).sum(axis=1), kind="stable")[:_TRIED]
+    deviation = np.linalg.norm(np.swapaxes(cells, 1, 2)[:, None] - steps[:, None], axis=-1)
+    hits = np.clip(1 - (deviation / _interval_thresholds(markers)) ** 2, 0, None) * (0.5 + markers.confidence)
+    order = np.argsort(-hits.max(axis=2).sum(axis=1), kind="stable")[:_MAX_SEEDS]
     return [seeds[i] for i in order]
 
 
-def _corners(markers: Markers) -> list[Cells]:
-    """Every candidate with a possible neighbour along (about ±u) and one across (about ±v)."""
+def _list_corners(markers: MarkerDetections) -> list[Cells]:
+    """Return every detection with a possible neighbour along (about ±u) and one across (about ±v)."""
     at, radius = markers.center_px, markers.radius_px
     step = at[None] - at[:, None]
     distance = np.linalg.norm(step, axis=-1)
@@ -122,50 +123,51 @@ def _corners(markers: Markers) -> list[Cells]:
     along, across = (np.abs(step[..., k]) > np.cos(np.deg2rad(_TURN_DEG)) * distance for k in (0, 1))
     seeds = []
     for corner in range(len(at)):
-        for a in _nearest(distance[corner], near[corner] & along[corner]):
-            for b in _nearest(distance[corner], near[corner] & across[corner]):
+        for a in _list_nearest(distance[corner], near[corner] & along[corner]):
+            for b in _list_nearest(distance[corner], near[corner] & across[corner]):
                 (au, av), (bu, bv) = step[corner, a], step[corner, b]
                 right, down = int(np.sign(au)), int(np.sign(bv))
-                turned = (au * bv - av * bu) * right * down / (distance[corner, a] * distance[corner, b])
+                sine = (au * bv - av * bu) * right * down / (distance[corner, a] * distance[corner, b])
                 if (
                     a != b
-                    and turned > 0.5
-                    and 1 / _LONGER < distance[corner, a] / distance[corner, b] < _LONGER
+                    and sine > 0.5
+                    and 1 / _MAX_STEP_RATIO < distance[corner, a] / distance[corner, b] < _MAX_STEP_RATIO
                 ):
                     seeds.append({corner: (0, 0), int(a): (right, 0), int(b): (0, down)})
     return seeds
 
 
-def _nearest(distance: NDArray[np.float64], allowed: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _list_nearest(distance: NDArray[np.float64], allowed: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the indices of the nearest allowed detections."""
     index = np.flatnonzero(allowed)
-    return index[np.argsort(distance[index], kind="stable")[: 2 * _PARTNERS]]
+    return index[np.argsort(distance[index], kind="stable")[: 2 * _MAX_NEIGHBOURS]]
 
 
-def _grown(markers: Markers, seed: Cells, size: tuple[int, int]) -> Lattice:
-    """A seed and all that stands in its rows and columns."""
-    cells = _grow(markers, seed, size)
-    off = _off(markers, cells)
-    kept = {i: cell for (i, cell), stray in zip(cells.items(), off, strict=True) if stray < _STRAY}
-    if _LEAST <= len(kept) < len(cells) and _plane(kept):
-        cells = _grow(markers, kept, size)
-        off = _off(markers, cells)
+def _grow_lattice(markers: MarkerDetections, seed: Cells, size: tuple[int, int]) -> Lattice:
+    """Return the seed with all detections in its rows and columns."""
+    cells = _grow_cells(markers, seed, size)
+    deviation = _measure_deviations(markers, cells)
+    kept = {i: cell for (i, cell), d in zip(cells.items(), deviation, strict=True) if d < _MAX_DEVIATION}
+    if _MIN_MARKERS <= len(kept) < len(cells) and _spans_plane(kept):
+        cells = _grow_cells(markers, kept, size)
+        deviation = _measure_deviations(markers, cells)
     index = np.array(list(cells), np.int64)
     cell = np.array(list(cells.values()), np.int64)
-    weight = np.clip(1 - off**2, 0, None)
+    weight = np.clip(1 - deviation**2, 0, None)
     return Lattice(index, cell - cell.min(axis=0), float((weight * (0.5 + markers.confidence[index])).sum()))
 
 
-def _grow(markers: Markers, cells: Cells, size: tuple[int, int]) -> Cells:
+def _grow_cells(markers: MarkerDetections, cells: Cells, size: tuple[int, int]) -> Cells:
     cells = dict(cells)
     span = max(size)
     while True:
         added = False
-        for gap in range(1, span):  # the nearer the neighbour, the surer the place
-            for _, index, cell in sorted(_offers(markers, cells, size, gap)):
+        for gap in range(1, span):  # near neighbours predict a position best
+            for _, index, cell in sorted(_predict_cells(markers, cells, size, gap)):
                 if (
                     index not in cells
                     and cell not in cells.values()
-                    and _within({*cells.values(), cell}, size)
+                    and _fits_into({*cells.values(), cell}, size)
                 ):
                     cells[index] = cell
                     added = True
@@ -175,72 +177,73 @@ def _grow(markers: Markers, cells: Cells, size: tuple[int, int]) -> Cells:
             return cells
 
 
-def _offers(
-    markers: Markers, cells: Cells, size: tuple[int, int], gap: int
+def _predict_cells(
+    markers: MarkerDetections, cells: Cells, size: tuple[int, int], gap: int
 ) -> list[tuple[float, int, tuple[int, int]]]:
-    """Candidates near the expected place of a free cell ``gap`` from taken ones: how far off (0..1), which, cell."""
+    """Return deviation (0..1), index and cell of detections near free cells that are ``gap`` from occupied ones."""
     index = np.array(list(cells))
-    taken = np.array(list(cells.values()))
-    model, at = projective(taken, markers.center_px[index]), markers.center_px
-    reach = _reach(markers)
+    occupied = np.array(list(cells.values()))
+    model, at = fit_homography(occupied, markers.center_px[index]), markers.center_px
+    threshold = _interval_thresholds(markers)
     relative = markers.radius_px / np.median(markers.radius_px[index])
-    free = (relative > _RADII[0]) & (relative < _RADII[1])
+    free = (relative > _RADIUS_RATIOS[0]) & (relative < _RADIUS_RATIOS[1])
     free[index] = False
     if not free.any():
         return []
-    offers = []
-    for cell in _beside(cells, size, gap):
-        beside = np.abs(taken - cell).max(axis=1) == gap
-        known = taken[beside]
-        steps = placed(model, np.array(cell, float)) - placed(model, known)
+    predicted = []
+    for cell in _list_free_cells(cells, size, gap):
+        beside = np.abs(occupied - cell).max(axis=1) == gap
+        known = occupied[beside]
+        steps = apply_homography(model, np.array(cell, float)) - apply_homography(model, known)
         expected = (at[index[beside]] + steps).mean(axis=0)
-        off = np.where(free, _steps(model, np.array(cell, float), at - expected) / reach, np.inf)
-        best = int(np.argmin(off))
-        if off[best] < 1:
-            offers.append((float(off[best]), best, cell))
-    return offers
+        deviation = np.where(free, _to_steps(model, np.array(cell, float), at - expected) / threshold, np.inf)
+        best = int(np.argmin(deviation))
+        if deviation[best] < 1:
+            predicted.append((float(deviation[best]), best, cell))
+    return predicted
 
 
-def _beside(cells: Cells, size: tuple[int, int], gap: int) -> list[tuple[int, int]]:
-    """Free cells ``gap`` from the nearest taken one that keep the grid small enough, in a fixed order."""
-    taken = np.array(list(cells.values()))
-    low, high = taken.min(axis=0) - gap, taken.max(axis=0) + gap
+def _list_free_cells(cells: Cells, size: tuple[int, int], gap: int) -> list[tuple[int, int]]:
+    """Return the free cells ``gap`` from the nearest occupied one that keep the grid within ``size``, in order."""
+    occupied = np.array(list(cells.values()))
+    low, high = occupied.min(axis=0) - gap, occupied.max(axis=0) + gap
     around = [(c, r) for c in range(low[0], high[0] + 1) for r in range(low[1], high[1] + 1)]
-    near = [cell for cell in around if np.abs(taken - cell).max(axis=1).min() == gap]
-    return [cell for cell in near if _within({*cells.values(), cell}, size)]
+    near = [cell for cell in around if np.abs(occupied - cell).max(axis=1).min() == gap]
+    return [cell for cell in near if _fits_into({*cells.values(), cell}, size)]
 
 
-def _within(cells: set[tuple[int, int]], size: tuple[int, int]) -> bool:
+def _fits_into(cells: set[tuple[int, int]], size: tuple[int, int]) -> bool:
+    """Return whether the cells span at most ``size`` columns and rows, or turned."""
     columns, rows = (max(c[k] for c in cells) - min(c[k] for c in cells) + 1 for k in (0, 1))
     return (columns <= size[0] and rows <= size[1]) or (columns <= size[1] and rows <= size[0])
 
 
-def _plane(cells: Cells) -> bool:
-    """Whether cells span both directions."""
-    taken = np.array(list(cells.values()), float)
-    return bool(np.linalg.matrix_rank(taken - taken.mean(axis=0)) == 2)
+def _spans_plane(cells: Cells) -> bool:
+    """Return whether the cells span both directions."""
+    occupied = np.array(list(cells.values()), float)
+    return bool(np.linalg.matrix_rank(occupied - occupied.mean(axis=0)) == 2)
 
 
-def _off(markers: Markers, cells: Cells) -> NDArray[np.float64]:
-    """(n,) distance of each from the model fitted to all, in interval thresholds."""
-    index, taken = np.array(list(cells)), np.array(list(cells.values()))
-    model = projective(taken, markers.center_px[index])
-    taken = taken.astype(float)
-    away = markers.center_px[index] - placed(model, taken)
-    return _steps(model, taken.mean(axis=0), away) / _reach(markers)[index]
+def _measure_deviations(markers: MarkerDetections, cells: Cells) -> NDArray[np.float64]:
+    """Return the (n,) distance of each detection from the homography fitted to all, in interval thresholds."""
+    index, occupied = np.array(list(cells)), np.array(list(cells.values()))
+    model = fit_homography(occupied, markers.center_px[index])
+    occupied = occupied.astype(float)
+    offset = markers.center_px[index] - apply_homography(model, occupied)
+    return _to_steps(model, occupied.mean(axis=0), offset) / _interval_thresholds(markers)[index]
 
 
-def _reach(markers: Markers) -> NDArray[np.float64]:
-    """(N,) interval threshold of each candidate, in steps."""
-    return _NEAR + _NEAR_DISC * markers.confidence
+def _interval_thresholds(markers: MarkerDetections) -> NDArray[np.float64]:
+    """Return the (N,) interval threshold of each detection, in steps."""
+    return _INTERVAL + _INTERVAL_OF_DISC * markers.confidence
 
 
-def _steps(
-    model: NDArray[np.float64], cell: NDArray[np.float64], away_px: NDArray[np.float64]
+def _to_steps(
+    model: NDArray[np.float64], cell: NDArray[np.float64], offsets_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n,) lengths of offsets (n, 2) px about a cell, in steps along and across."""
-    ends = placed(model, cell + np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]]))
+    """Return the (n,) lengths of offsets (n, 2) px around a cell, in steps along and across."""
+    ends = apply_homography(model, cell + np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]]))
     steps = np.stack([ends[0] - ends[1], ends[2] - ends[3]], axis=1)
     if abs(np.linalg.det(steps)) < 1e-6:
-        return np.full(len(away_px), np.inf)
-    return np.linalg.norm(np.linalg.solve(steps, away_px.T), axis=0)
+        return np.full(len(offsets_px), np.inf)
+    return np.linalg.norm(np.linalg.solve(steps, offsets_px.T), axis=0)

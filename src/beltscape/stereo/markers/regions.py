@@ -1,4 +1,4 @@
-"""Region pre-segmentation: the image divided at the mean between neighbouring markers (section 2.1)."""
+"""Regions of the pattern: the image divided half way between neighbouring markers (the paper's Section 2.1)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 
 _FRACTION_BITS = 4
-"""Polygons are filled with this many binary places of a pixel."""
+"""Binary places of a pixel in the corners of polygons."""
 _FARTHEST_PX = 30_000.0
-"""Corners beyond the image are kept within what OpenCV's fixed point can hold."""
+"""Largest coordinate of a corner, within the range of OpenCV's fixed-point numbers."""
 
 
-def region_corners(center_px: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(9, 9, 2) lattice of a region's corners (even, even), boundary midpoints and markers (odd, odd).
+def compute_region_corners(center_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (9, 9, 2) lattice of the regions' corners (even, even), boundary midpoints and markers (odd, odd).
 
-    Between two neighbouring markers the boundary passes through their mean, between four through the mean of the
-    four; beyond the outermost markers it lies half a step out.
+    The boundary passes through the mean of two neighbouring markers, corners are the mean of four; the outer
+    boundary lies half a step beyond the outermost markers.
     """
     padded = np.pad(center_px, ((1, 1), (1, 1), (0, 0)))
     padded[0], padded[-1] = 2 * padded[1] - padded[2], 2 * padded[-2] - padded[-3]
@@ -31,20 +31,22 @@ def region_corners(center_px: NDArray[np.float64]) -> NDArray[np.float64]:
     return lattice
 
 
-def region_outline(center_px: NDArray[np.float64], row: int, column: int) -> NDArray[np.float64]:
-    """(8, 2) outline of one region, u, v."""
-    lattice = region_corners(center_px)
+def compute_region_outline(center_px: NDArray[np.float64], row: int, column: int) -> NDArray[np.float64]:
+    """Return the (8, 2) outline of one region, u, v."""
+    lattice = compute_region_corners(center_px)
     around = [(0, 0), (0, 1), (0, 2), (1, 2), (2, 2), (2, 1), (2, 0), (1, 0)]
     return np.array([lattice[2 * row + r, 2 * column + c] for r, c in around])
 
 
-def region_labels(grid: MarkerGrid) -> NDArray[np.int8]:
-    """(H, W) int8: 4·row + column of the region each pixel lies in, −1 outside the pattern."""
+def label_regions(grid: MarkerGrid) -> NDArray[np.int8]:
+    """Return (H, W) int8 labels: 4·row + column of each pixel's region, −1 outside the pattern."""
     width, height = grid.size_px
     labels = np.full((height, width), -1, np.int16)  # OpenCV fills no int8 polygons below zero
     for row in range(SIDE):
         for column in range(SIDE):
-            outline = np.clip(region_outline(grid.center_px, row, column), -_FARTHEST_PX, _FARTHEST_PX)
+            outline = np.clip(
+                compute_region_outline(grid.center_px, row, column), -_FARTHEST_PX, _FARTHEST_PX
+            )
             corners = np.rint(outline * 2**_FRACTION_BITS).astype(np.int32)
             cv2.fillPoly(labels, [corners], float(SIDE * row + column), shift=_FRACTION_BITS)
     return labels.astype(np.int8)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from beltscape.stereo.markers.detection import MarkerDetections
 
 _INTERVAL, _INTERVAL_OF_DISC = 0.2, 0.25
-"""Interval threshold: largest distance of a neighbour from its predicted position, in steps; the second is added for a perfect disc. Relief shifts markers, as does perspective that few neighbours do not determine; the next
+"""Interval threshold: largest distance of a neighbour from its predicted position, in steps; the second is
+added for a perfect disc. Relief shifts markers, as does perspective that few neighbours do not determine; the next
 position begins at half a step."""
 _MAX_DEVIATION = 1.5
 """Largest deviation of a marker from the fitted grid, in interval thresholds."""

@@ -100,8 +100,8 @@ def bound_region_depths(
     measured = np.isfinite(depth)
     if measured.sum() < _MIN_MARKERS:
         raise ReconstructionError(
-            f"only {int(measured.sum())} of {SIDE * SIDE} markers are seen consistently by the core and another camera; depths "
-            f"of regions need {_MIN_MARKERS}"
+            f"only {int(measured.sum())} of {SIDE * SIDE} markers are seen consistently by the core and another "
+            f"camera; depths of regions need {_MIN_MARKERS}"
         )
     near, far = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
     for row in range(SIDE):

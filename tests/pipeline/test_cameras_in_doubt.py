@@ -16,7 +16,7 @@ from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.stereo.consistency.motion import moved_rig
+from beltscape.stereo.consistency.pose_change import apply_pose_change
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
@@ -25,7 +25,7 @@ TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
 def knocked(tmp_path, *knocks):
     rig = read_rig(TRUE_RIG)
     for camera, degrees in knocks:
-        rig = moved_rig(rig, camera, np.concatenate([np.deg2rad(degrees), np.zeros(3)]))
+        rig = apply_pose_change(rig, camera, np.concatenate([np.deg2rad(degrees), np.zeros(3)]))
     write_rig(tmp_path / "off.json", rig)
     return tmp_path / "off.json"
 

@@ -36,8 +36,8 @@ class FrameResult:
     depth: DepthMap
     image: Image | None = None
     """The core camera's image (H, W) or (H, W, 3) on the same grid; None if it was not stored."""
-    doubts: tuple[str, ...] = ()
-    """Findings of the frame against the cameras, a line each."""
+    findings: tuple[str, ...] = ()
+    """Findings of the camera consistency check, one line each (``doubts`` in reconstruction.json)."""
 
 
 def write_frame(
@@ -126,8 +126,8 @@ def read_frame(folder: AnyPath) -> FrameResult:
                 f"has {width}×{height}; the rig.json beside the frame is another rig's"
             )
     views, image = _views(folder / "views.png", depth), _image(folder / "image.png", depth)
-    systematic_mm, doubts = _read_findings(folder)
-    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence, systematic_mm), image, doubts)
+    systematic_mm, findings = _read_findings(folder)
+    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence, systematic_mm), image, findings)
 
 
 def _read_findings(folder: Path) -> tuple[float, tuple[str, ...]]:

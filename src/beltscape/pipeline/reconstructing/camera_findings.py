@@ -8,5 +8,5 @@ from beltscape.files.reconstruction import FrameResult
 
 def warn_of_findings(frame: FrameResult, reporter: Reporter) -> None:
     """Warn of a frame's camera faults; their systematic error is included in its depth map's σ."""
-    for line in frame.doubts:
+    for line in frame.findings:
         reporter.warn(f"{frame.folder}: {line}")

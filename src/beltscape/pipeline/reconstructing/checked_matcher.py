@@ -1,4 +1,4 @@
-"""A matcher with a consistency check: cameras that contradict the rig are excluded, or σ of the depth is raised."""
+"""A matcher with a consistency check: inconsistent cameras are excluded, or σ of the depth is raised."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.stereo.cameras import usable_auxiliaries
-from beltscape.stereo.consistency.allowance import Allowance, allowance_of
-from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, camera_consistency
-from beltscape.stereo.consistency.exchange import exchange_in_doubt
-from beltscape.stereo.consistency.sparse import sparse_cause
-from beltscape.stereo.consistency.texts import doubts_of
+from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, check_consistency
+from beltscape.stereo.consistency.exchange import find_exchange
+from beltscape.stereo.consistency.findings import describe_findings
+from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
+from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 GROSS_PX = 2.0
 """If no set of cameras is consistent and residuals exceed this, the depth map is refused as chance matches."""
-_MEAN_OF = 4
-"""From this number of auxiliaries their errors cancel; with fewer σ is raised (2 and a moved core: z 1.5)."""
+_AVERAGING_AUXILIARIES = 4
+"""The errors of this number of auxiliaries average out; with fewer, σ is raised (2 and a moved core: z 1.5)."""
 CHECK_EVERY = 50
-"""Frames of a moving belt between checks: a check costs a few percent of a frame, divided by 50."""
+"""Number of frames of a moving belt per check; a check takes a few percent of the time of one frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +39,8 @@ class CheckedDepth:
     """None: the frame was not checked."""
     auxiliaries: tuple[str, ...]
     """The auxiliaries used for the depth."""
-    doubts: tuple[str, ...]
-    """One line per contradiction."""
+    findings: tuple[str, ...]
+    """One line per inconsistency."""
 
 
 class CheckedMatcher:
@@ -58,13 +58,13 @@ class CheckedMatcher:
         """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked."""
         self.rig = rig
         self.excluded: tuple[str, ...] = ()
-        """Auxiliaries that contradicted the rig in a frame and are no longer used."""
+        """Auxiliaries that were inconsistent in a frame and are no longer used."""
         self.is_inconsistent = False
-        """Whether the last checked frame contradicted the rig."""
+        """Whether the last checked frame was inconsistent with the rig."""
         self._auxiliaries, self._near_far, self._every = auxiliaries, depth_range_mm, every
-        self._matcher_of = make_matcher
+        self._make_matcher = make_matcher
         self._matchers: dict[tuple[str, ...], Any] = {}
-        self._allowance: Allowance | None = None
+        self._tolerance: Tolerance | None = None
         self._exchanged: dict[tuple[str, ...], tuple[str, str] | None] = {}
         self._systematic_px = 0.0
         self._frames = 0
@@ -72,12 +72,12 @@ class CheckedMatcher:
         self._reported: tuple[tuple[str, ...], bool] = (), False
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
-        """Return the depth of a frame; contradictions are reported when they are new."""
+        """Return the depth of a frame; report its findings when they are new."""
         checked = self.measure(frame_set, reporter, prior)
         if checked.consistency is not None:
-            state = checked.consistency.doubtful, checked.consistency.core_moved
+            state = checked.consistency.inconsistent, checked.consistency.core_moved
             if state != self._reported:
-                for line in checked.doubts:
+                for line in checked.findings:
                     reporter.warn(line)
             self._reported = state
         return checked.depth
@@ -106,7 +106,7 @@ class CheckedMatcher:
             names = consistent
             depth = self._match(names, frame_set, reporter, None)
             consistency = self._check(frame_set, depth, usable)
-        self.excluded = tuple(n for n in usable if n in consistency.doubtful and n not in names)
+        self.excluded = tuple(n for n in usable if n in consistency.inconsistent and n not in names)
         return self._assess(frame_set, depth, consistency, names)
 
     def _assess(
@@ -114,29 +114,32 @@ class CheckedMatcher:
     ) -> CheckedDepth:
         """Return the depth, with raised σ if it was measured with inconsistent cameras."""
         self.is_inconsistent = not consistency.is_sound
-        doubts = doubts_of(consistency, self.rig, self._find_exchange(frame_set, consistency))
-        used = consistency.core_moved or not set(names).isdisjoint(consistency.doubtful)
-        # with an inconsistent camera and low coverage, the remaining pixels match by chance
-        if doubts and (depth.coverage < LEAST_COVERAGE or (used and consistency.misfit_px > GROSS_PX)):
+        findings = describe_findings(consistency, self.rig, self._find_exchange(frame_set, consistency))
+        uses_inconsistent = consistency.core_moved or not set(names).isdisjoint(consistency.inconsistent)
+        # at low coverage or with gross residuals, an inconsistent camera's pixels match by chance
+        is_gross = uses_inconsistent and consistency.misfit_px > GROSS_PX
+        if findings and (depth.coverage < LEAST_COVERAGE or is_gross):
             self._refused = True
-            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(doubts)}")
-        self._systematic_px = consistency.misfit_px * max(1.0, float(np.sqrt(_MEAN_OF / len(names))))
+            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(findings)}")
+        self._systematic_px = consistency.misfit_px * max(
+            1.0, float(np.sqrt(_AVERAGING_AUXILIARIES / len(names)))
+        )
         depth = self._add_systematic(depth)
-        if used and doubts:
-            end = f"σ of depth holds an error of {depth.systematic_mm:.2f} mm common to all pixels"
+        if uses_inconsistent and findings:
+            end = f"σ of the depth includes an error of {depth.systematic_mm:.2f} mm common to all pixels"
         else:
-            end = f"depth is measured without {', '.join(self.excluded)}"
-        doubts = [f"{line}; {end}" for line in doubts]
+            end = f"the depth is measured without {', '.join(self.excluded)}"
+        findings = [f"{line}; {end}" for line in findings]
         if depth.coverage < LEAST_COVERAGE:
-            cause, is_unreliable = sparse_cause(
+            cause, is_unreliable = diagnose_low_coverage(
                 frame_set, self.rig, consistency, self._near_far, depth.coverage
             )
-            doubts = [cause]
+            findings = [cause]
             if is_unreliable:
                 depth = add_systematic_error(
                     depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12))
                 )
-        return CheckedDepth(depth, consistency, names, tuple(doubts))
+        return CheckedDepth(depth, consistency, names, tuple(findings))
 
     def _select_auxiliaries(self, frame_set: FrameSet) -> tuple[str, ...]:
         """Return the auxiliaries with an image, without the excluded ones unless none remains."""
@@ -147,24 +150,24 @@ class CheckedMatcher:
         key = tuple(n for n in self._auxiliaries if n not in self.excluded or n in names)
         key = key if set(names) == set(key) & set(frame_set.images) else names
         if key not in self._matchers:
-            self._matchers[key] = self._matcher_of(key)
+            self._matchers[key] = self._make_matcher(key)
         matcher = self._matchers[key]
         if prior is None:
             return matcher.reconstruct(frame_set, reporter)
         return matcher.reconstruct(frame_set, reporter, prior=prior)
 
     def _check(self, frame_set: FrameSet, depth: DepthMap, names: tuple[str, ...]) -> RigConsistency:
-        if self._allowance is None:
+        if self._tolerance is None:
             middle = 2 / (1 / self._near_far[0] + 1 / self._near_far[1])
-            self._allowance = allowance_of(self.rig, middle)
-        return camera_consistency(frame_set, self.rig, depth, names, self._allowance)
+            self._tolerance = compute_tolerance(self.rig, middle)
+        return check_consistency(frame_set, self.rig, depth, names, self._tolerance)
 
     def _find_exchange(self, frame_set: FrameSet, consistency: RigConsistency) -> tuple[str, str] | None:
         """Return the two cameras that were exchanged, or None; searched once per set of inconsistent cameras."""
-        doubtful = consistency.doubtful
-        if doubtful not in self._exchanged:
-            self._exchanged[doubtful] = exchange_in_doubt(frame_set, self.rig, consistency)
-        return self._exchanged[doubtful]
+        inconsistent = consistency.inconsistent
+        if inconsistent not in self._exchanged:
+            self._exchanged[inconsistent] = find_exchange(frame_set, self.rig, consistency)
+        return self._exchanged[inconsistent]
 
     def _add_systematic(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():
@@ -186,9 +189,9 @@ def sequence_matcher(
 
 def _consistent_auxiliaries(consistency: RigConsistency) -> tuple[str, ...]:
     """Return the auxiliaries to measure with; none if the frame is ambiguous."""
-    if consistency.core_moved or consistency.ambiguous or not consistency.named("sound"):
+    if consistency.core_moved or consistency.ambiguous or not consistency.find_auxiliaries("sound"):
         return ()
-    return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.doubtful)
+    return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.inconsistent)
 
 
 def depth_error_per_px(rig: Rig, depth: DepthMap) -> float:

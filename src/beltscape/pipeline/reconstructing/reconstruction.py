@@ -24,10 +24,10 @@ from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.consistency.check import camera_consistency, consistency_document
-from beltscape.stereo.consistency.exchange import exchange_in_doubt
-from beltscape.stereo.consistency.sparse import sparse_cause
-from beltscape.stereo.consistency.texts import doubts_of
+from beltscape.stereo.consistency.check import check_consistency, make_consistency_document
+from beltscape.stereo.consistency.exchange import find_exchange
+from beltscape.stereo.consistency.findings import describe_findings
+from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range, search_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
@@ -125,8 +125,8 @@ def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, An
         "median_sigma_mm": float(np.nanmedian(depth.sigma_mm)) if measured else float("nan"),
         "auxiliaries": checked.auxiliaries,
         "systematic_mm": depth.systematic_mm,
-        "doubts": checked.doubts,
-        "consistency": checked.consistency and consistency_document(checked.consistency),
+        "doubts": checked.findings,
+        "consistency": checked.consistency and make_consistency_document(checked.consistency),
     }
 
 
@@ -182,7 +182,7 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
         except ReconstructionError as error:
             failure = error
     if not ranges:
-        _raise_cause(source, rig, min(chosen))
+        _raise_diagnosis(source, rig, min(chosen))
         raise failure or ReconstructionError(f"{source.folder}: no frame in it")
     near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
     if far < LEAST_DEPTH_MM:
@@ -193,21 +193,21 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
     return near, far
 
 
-def _raise_cause(source: FolderSource, rig: Rig, frame: str) -> None:
+def _raise_diagnosis(source: FolderSource, rig: Rig, frame: str) -> None:
     """Raise a ReconstructionError with the most likely reason why a frame shows no surface."""
     for frame_set in source.select_frames({frame}):
         if rig.core in frame_set.images and len(frame_set.images) > 1:
-            raise ReconstructionError(_no_surface(frame_set, rig))
+            raise ReconstructionError(_diagnose_missing_surface(frame_set, rig))
 
 
-def _no_surface(frame_set: FrameSet, rig: Rig) -> str:
+def _diagnose_missing_surface(frame_set: FrameSet, rig: Rig) -> str:
     """Return the most likely reason why a frame shows no surface."""
-    consistency = camera_consistency(frame_set, rig, None)
+    consistency = check_consistency(frame_set, rig, None)
     names = tuple(each.camera for each in consistency.cameras)
-    doubts = doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency))
-    if doubts:
-        return f"frame {frame_set.frame}: {'; '.join(doubts)}"
-    return sparse_cause(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
+    findings = describe_findings(consistency, rig, find_exchange(frame_set, rig, consistency))
+    if findings:
+        return f"frame {frame_set.frame}: {'; '.join(findings)}"
+    return diagnose_low_coverage(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
 
 
 def _make_matcher(
@@ -222,7 +222,7 @@ def _make_matcher(
 
 
 def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:
-    """Yield every frame that can be measured; warn of the others and of cameras that contradict the rig.
+    """Yield every frame that can be measured; warn of the others and of inconsistent cameras.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporte
                 reporter.warn(f"{error}; going on without this frame")
             continue
         done += 1
-        for line in checked.doubts:
+        for line in checked.findings:
             reporter.warn(line)
         yield Frame(frame_set, checked)
     if not done:

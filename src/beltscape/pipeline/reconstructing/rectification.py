@@ -18,9 +18,13 @@ from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cameras import usable_auxiliaries
-from beltscape.stereo.consistency.check import RigConsistency, camera_consistency, consistency_document
-from beltscape.stereo.consistency.exchange import exchange_in_doubt
-from beltscape.stereo.consistency.texts import doubts_of
+from beltscape.stereo.consistency.check import (
+    RigConsistency,
+    check_consistency,
+    make_consistency_document,
+)
+from beltscape.stereo.consistency.exchange import find_exchange
+from beltscape.stereo.consistency.findings import describe_findings
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
 from beltscape.stereo.pairwise.row_error import LEAST_MATCHES
@@ -50,17 +54,17 @@ def rectify_capture(
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []
-    for frame_set, pairs, consistency, doubts in rectify(source, rig, near_far, reporter):
+    for frame_set, pairs, consistency, findings in rectify(source, rig, near_far, reporter):
         folder = out / frame_set.frame
         for images in pairs:
             write_image(folder / images.pair.auxiliary / "core.png", images.core)
             write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
-        write_image(folder / "rectification.png", draw_rectification(rig, frame_set, pairs, doubts))
+        write_image(folder / "rectification.png", draw_rectification(rig, frame_set, pairs, findings))
         document = {
             "frame": frame_set.frame,
             "pairs": [_document(images) for images in pairs],
-            "doubts": doubts,
-            "consistency": consistency_document(consistency),
+            "doubts": findings,
+            "consistency": make_consistency_document(consistency),
         }
         write_json(folder / "rectification.json", document)
         frames.append({**document, "folder": folder})
@@ -104,15 +108,15 @@ def rectify(
             reporter.warn(f"{error}; going on without this frame")
             continue
         images = [rectify_images(frame_set, pairs[name]) for name in names]
-        consistency = camera_consistency(frame_set, rig, None, names)
-        doubts = [
-            *doubts_of(consistency, rig, exchange_in_doubt(frame_set, rig, consistency)),
+        consistency = check_consistency(frame_set, rig, None, names)
+        findings = [
+            *describe_findings(consistency, rig, find_exchange(frame_set, rig, consistency)),
             *_describe_row_errors(images, consistency),
         ]
-        for line in doubts:
+        for line in findings:
             reporter.warn(f"frame {frame_set.frame}: {line}")
         reporter.step("rectifying", done, len(source))
-        yield frame_set, images, consistency, doubts
+        yield frame_set, images, consistency, findings
 
 
 def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
@@ -120,7 +124,7 @@ def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsisten
     lines = []
     for each in pairs:
         core, name, rows = each.pair.core, each.pair.auxiliary, each.rows
-        if name in consistency.doubtful:
+        if name in consistency.inconsistent:
             continue
         if rows.rms_px > WARN_ROWS_PX:
             lines.append(

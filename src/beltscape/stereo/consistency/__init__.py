@@ -1,9 +1,15 @@
-"""Camera consistency: whether the images of one frame agree with the rig, camera by camera.
+"""Camera consistency check: whether the images of one frame agree with the rig, camera by camera.
 
-`tie_points` chooses textured points of the core image; `guided` (by a depth map) or `unguided` (by rectified pairs)
-finds them in the auxiliary images, each at its correlation's `peak`; `residuals` splits what is found into the
-component across the epipolar line and the inverse depth along it; `trend` extracts what is systematic in either;
-`allowance` is what the rig's covariance permits; `isolation` names the cameras at fault; `motion` fits the movement
-of one camera; `exchange` finds two that changed places; `check` is all of it; `texts` are its lines, `sparse` those
-of a frame that is measured in few places.
+`check` runs these stages:
+
+1. `tie_points` detects textured points in the core image.
+2. `guided_matching` (with a depth map) or `unguided_matching` (in rectified pairs) finds them in the auxiliaries.
+3. `residuals` computes the epipolar residual and the inverse depth of each match.
+4. `systematic_residual` estimates what the residuals of an image have in common.
+5. `tolerance` computes the systematic residuals that the rig's covariance permits.
+6. `fault_isolation` finds the cameras whose residuals exceed the tolerance.
+7. `pose_change` fits the movement of one camera that explains the residuals.
+
+`exchange` finds two cameras whose images were exchanged. `findings` describes the result in lines of text.
+`low_coverage` diagnoses why few pixels of a frame are measured.
 """

@@ -1,4 +1,4 @@
-"""Two cameras whose images were exchanged: the frame fits the rig when they change places."""
+"""Search for two cameras whose images were exchanged: the frame fits the rig when they are exchanged back."""
 
 from __future__ import annotations
 
@@ -10,77 +10,81 @@ import numpy as np
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.stereo.consistency.check import RigConsistency
-from beltscape.stereo.consistency.isolation import residuals_of
-from beltscape.stereo.consistency.tie_points import Array, textured_points
-from beltscape.stereo.consistency.unguided import unguided_points
+from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals
+from beltscape.stereo.consistency.tie_points import Array, detect_textured_points
+from beltscape.stereo.consistency.unguided_matching import match_unguided
 from beltscape.stereo.multiview.initialisation.depth_range import search_range
 
 _FITS_PX = 1.0
-"""Systematic residual of a camera that fits, px of the small images."""
+"""Greatest systematic residual of a camera that fits, px of the small images."""
+_LEAST_INLIERS = 0.6
+"""Least share of inliers of a camera that fits."""
 _POINTS = 150
-"""Enough to tell a camera that fits from one that does not."""
-_CLEARLY = 1.3
-"""Points that fit, over those that fit as the images are now."""
+"""Number of points that distinguishes a camera that fits from one that does not."""
+_GAIN = 1.3
+"""Least ratio of the points that fit after the exchange to those that fit before."""
 _KNOCK = 2.0, 20.0
-"""A knock turns a camera by less (°) and shifts it by less (mm): a greater movement that explains a frame is found by
+"""A knock turns a camera by less (°) and shifts it by less (mm); a larger pose change that explains a frame arises by
 chance among images of other cameras."""
 
 
-def exchange_in_doubt(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> tuple[str, str] | None:
-    """Return the two cameras exchanged, where cameras are in doubt and the knock of one does not explain it."""
-    doubtful, motion = consistency.doubtful, consistency.motion
-    if len(consistency.cameras) < 2 or not doubtful:
+def find_exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> tuple[str, str] | None:
+    """Return the two exchanged cameras; None if none is inconsistent or a knock of one camera explains the frame."""
+    inconsistent, pose_change = consistency.inconsistent, consistency.pose_change
+    has_sound = bool(consistency.find_auxiliaries("sound"))
+    if len(consistency.cameras) < 2 or not inconsistent:
         return None
-    if motion is None and len(doubtful) < 2 and consistency.named("sound"):
+    if pose_change is None and len(inconsistent) < 2 and has_sound:
         return None
-    if motion is not None and motion.angle_deg < _KNOCK[0] and motion.shift_mm < _KNOCK[1]:
+    if pose_change is not None and pose_change.angle_deg < _KNOCK[0] and pose_change.shift_mm < _KNOCK[1]:
         return None
-    enough = len(doubtful) > 1 and consistency.named("sound")
-    names = tuple(name for name in rig.auxiliaries if name in frame_set.images)
-    return exchange_of_frame(frame_set, rig, doubtful if enough else names)
+    if len(inconsistent) > 1 and has_sound:
+        return search_exchange(frame_set, rig, inconsistent)
+    return search_exchange(frame_set, rig, _list_auxiliaries(frame_set, rig))
 
 
-def exchange_of_frame(frame_set: FrameSet, rig: Rig, doubtful: tuple[str, ...]) -> tuple[str, str] | None:
-    """Return the two cameras whose exchange makes a frame's images fit; the core is tried where all are in doubt."""
-    names = tuple(name for name in rig.auxiliaries if name in frame_set.images)
-    points = textured_points(frame_set.images[rig.core], rig.core_camera, most=_POINTS)
-    return exchanged_cameras(frame_set, rig, names, points, doubtful)
+def search_exchange(frame_set: FrameSet, rig: Rig, suspects: tuple[str, ...]) -> tuple[str, str] | None:
+    """Return the two of the suspected cameras whose exchange makes the images fit the rig best, or None.
 
-
-def exchanged_cameras(
-    frame_set: FrameSet, rig: Rig, names: tuple[str, ...], points_px: Array, doubtful: tuple[str, ...]
-) -> tuple[str, str] | None:
-    """Return the two cameras whose exchange makes the images fit the rig; None where none does."""
-    now = _fits(frame_set, rig, names, points_px)
+    The core is suspected as well if all auxiliaries are.
+    """
+    names = _list_auxiliaries(frame_set, rig)
+    points_px = detect_textured_points(frame_set.images[rig.core], rig.core_camera, max_points=_POINTS)
+    before = _count_fitting_points(frame_set, rig, names, points_px)
     best: tuple[str, str] | None = None
-    most = _CLEARLY * sum(now.values()) + 1
-    with_core = len(doubtful) == len(names)
-    for pair in combinations((rig.core, *doubtful) if with_core else doubtful, 2):
+    most = _GAIN * sum(before.values()) + 1
+    cameras = (rig.core, *suspects) if len(suspects) == len(names) else suspects
+    for pair in combinations(cameras, 2):
         images = dict(frame_set.images)
         images[pair[0]], images[pair[1]] = images[pair[1]], images[pair[0]]
         if any(images[n].shape[1::-1] != tuple(rig.cameras[n].size_px) for n in pair):
             continue
-        own = (
-            textured_points(images[rig.core], rig.core_camera, most=_POINTS)
-            if rig.core in pair
-            else points_px
-        )
-        own_names = names if rig.core in pair else pair
-        fits = {**now, **_fits(replace(frame_set, images=images), rig, own_names, own)}
-        total = sum(fits.values())
-        both = all(fits[name] for name in own_names)
-        if both and total >= most:
+        affected, affected_px = pair, points_px
+        if rig.core in pair:
+            affected = names
+            affected_px = detect_textured_points(images[rig.core], rig.core_camera, max_points=_POINTS)
+        after = _count_fitting_points(replace(frame_set, images=images), rig, affected, affected_px)
+        total = sum({**before, **after}.values())
+        if all(after[name] for name in affected) and total >= most:
             best, most = pair, total
     return best
 
 
-def _fits(frame_set: FrameSet, rig: Rig, names: tuple[str, ...], points_px: Array) -> dict[str, int]:
-    """By auxiliary: how many points it shows on their epipolar lines; 0 where it does not fit."""
-    tie = unguided_points(frame_set, rig, names, search_range(rig, names), points_px)
-    across = residuals_of(tie, rig, names).across
+def _list_auxiliaries(frame_set: FrameSet, rig: Rig) -> tuple[str, ...]:
+    return tuple(name for name in rig.auxiliaries if name in frame_set.images)
+
+
+def _count_fitting_points(
+    frame_set: FrameSet, rig: Rig, names: tuple[str, ...], points_px: Array
+) -> dict[str, int]:
+    """Return by auxiliary the number of points on their epipolar lines; 0 for one that does not fit."""
+    tie_points = match_unguided(frame_set, rig, names, search_range(rig, names), points_px)
+    epipolar = compute_frame_residuals(tie_points, rig, names).epipolar
     return {
-        name: trend.points
-        if np.isfinite(trend.rms_px) and trend.concentration > 0.6 and trend.rms_px < _FITS_PX * tie.pixel
+        name: residual.points
+        if np.isfinite(residual.rms_px)
+        and residual.inlier_share > _LEAST_INLIERS
+        and residual.rms_px < _FITS_PX * tie_points.pixel_scale
         else 0
-        for name, trend in across.items()
+        for name, residual in epipolar.items()
     }

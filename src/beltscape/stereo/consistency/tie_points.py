@@ -1,4 +1,4 @@
-"""Tie points: textured points of the core image, and where the auxiliary images show them."""
+"""Tie points: textured points of the core image and their positions in the auxiliary images."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from beltscape.stereo.multiview.frame.photometry import noise_variance, texture_
 Array = NDArray[np.float64]
 
 MAX_POINTS = 300
-"""More points cost time and change the medians by less than the matching's own bias."""
+"""More points take longer and change the medians by less than the matching's own bias."""
 _DETECTION_WIDTH_PX = 620
 """Corners are detected in an image of about this width: four times as fast as in one of 1224 px."""
 _QUALITY = 0.01
-"""Least corner strength over the strongest one's (OpenCV's ``goodFeaturesToTrack``)."""
+"""Least corner strength as a share of the greatest (OpenCV's ``goodFeaturesToTrack``)."""
 _TEXTURE = 6.0
-"""Least variance of a patch over the noise's: below it, one match in five was wrong on dark belts."""
+"""Least variance of a patch over that of the noise; below it one match in five was wrong on dark belts."""
 _TEXTURE_PX = 9
 """Side of the window in which the texture is compared with the noise."""
 
@@ -35,45 +35,41 @@ class TiePoints:
     """(N, 2) on the core's undistorted grid."""
     inverse_depth: Array
     """(N,) 1/mm at which the search began; the residuals do not depend on it."""
-    found_px: Mapping[str, Array]
-    """By auxiliary: (N, 2) where its image, distorted as it was taken, shows the point; NaN: not found."""
+    observed_px: Mapping[str, Array]
+    """By auxiliary: (N, 2) position in its distorted image; NaN: not found."""
     searched: Mapping[str, NDArray[np.bool_]]
     """By auxiliary: (N,) whether the point was searched in its image."""
-    pixel: float = 1.0
-    """Pixel of the images in which the points were found, in px of the rig's images."""
-
-    def matched(self, name: str) -> NDArray[np.bool_]:
-        """(N,) whether the auxiliary's image shows the point."""
-        return np.isfinite(self.found_px[name][:, 0])
+    pixel_scale: float = 1.0
+    """Pixel of the images in which the points were matched, in px of the rig's images."""
 
 
-def textured_points(image: Image, camera: Camera, *, most: int = MAX_POINTS) -> Array:
-    """Return (N, 2) px on the core's undistorted grid: corners that stand out of the noise, strongest first."""
+def detect_textured_points(image: Image, camera: Camera, *, max_points: int = MAX_POINTS) -> Array:
+    """Return (N, 2) px on the core's undistorted grid: corners stronger than the noise, the strongest first."""
     level = to_grey(image) if image.dtype == np.uint8 else to_grey(image) / np.float32(257.0)
     shrink = max(1, round(level.shape[1] / _DETECTION_WIDTH_PX))
     size = (level.shape[1] // shrink, level.shape[0] // shrink)
     small = cv2.resize(level[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
     small = np.asarray(small, np.float32)
     texture = texture_over_noise(small, noise_variance(small), _TEXTURE_PX)
-    distance = max(5.0, 0.5 * float(np.sqrt(size[0] * size[1] / most)))
-    # dark parts count like bright ones: corners of the root of the levels
+    distance = max(5.0, 0.5 * float(np.sqrt(size[0] * size[1] / max_points)))
+    # the square root of the levels gives dark regions the same weight as bright ones
     root = np.sqrt(np.maximum(small, 0) + np.float32(1.0))
     mask = (texture >= _TEXTURE).astype(np.uint8)
-    corners = cv2.goodFeaturesToTrack(root, 4 * most, _QUALITY, distance, mask=mask)
+    corners = cv2.goodFeaturesToTrack(root, 4 * max_points, _QUALITY, distance, mask=mask)
     if corners is None:
         return np.empty((0, 2))
-    pixels = _spread(corners[:, 0].astype(np.float64), size, most) * shrink + (shrink - 1) / 2
-    ideal = camera.undistort(pixels) * camera.focal_px + camera.center_px
-    inside = ((ideal >= 0) & (ideal <= np.array(camera.size_px) - 1)).all(axis=1)
-    return ideal[inside]
+    pixels = _select_evenly(corners[:, 0].astype(np.float64), size, max_points) * shrink + (shrink - 1) / 2
+    undistorted = camera.undistort(pixels) * camera.focal_px + camera.center_px
+    inside = ((undistorted >= 0) & (undistorted <= np.array(camera.size_px) - 1)).all(axis=1)
+    return undistorted[inside]
 
 
-def _spread(corners: Array, size_px: tuple[int, int], most: int) -> Array:
-    """Return at most so many corners, none of the image's 8 × 6 cells giving much more than its share."""
+def _select_evenly(corners: Array, size_px: tuple[int, int], max_points: int) -> Array:
+    """Return at most ``max_points`` corners, with about the same number from each of the image's 8 × 6 cells."""
     cell = (corners / size_px * (8, 6)).astype(int)
     number = cell[:, 0] + 8 * cell[:, 1]
     order = np.argsort(number, kind="stable")
     start = np.searchsorted(number[order], number[order])
     rank = np.empty(len(corners), int)
     rank[order] = np.arange(len(corners)) - start
-    return corners[np.argsort(rank, kind="stable")[:most]]
+    return corners[np.argsort(rank, kind="stable")[:max_points]]

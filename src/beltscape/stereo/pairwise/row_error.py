@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.correlation_peak import refined_peak
+from beltscape.stereo.correlation_peak import refine_peak
 
 HALF_PX = 8
 """Half the side of a patch."""
@@ -84,7 +84,7 @@ def match_rows(
             continue
         inside[i] = True
         patch = core[v - HALF_PX : v + HALF_PX + 1, u - HALF_PX : u + HALF_PX + 1]
-        peak = refined_peak(
+        peak = refine_peak(
             cv2.matchTemplate(auxiliary[top:bottom, left:right], patch, cv2.TM_CCOEFF_NORMED), _CORRELATION
         )
         if peak is not None:

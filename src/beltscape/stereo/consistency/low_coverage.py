@@ -1,4 +1,4 @@
-"""Why a frame is measured in few places: the likeliest cause, by its images."""
+"""Diagnosis of a frame with low coverage: the most likely cause according to its images."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
-from beltscape.stereo.consistency.check import LEAST_POINTS, RigConsistency
+from beltscape.stereo.consistency.check import LEAST_TIE_POINTS, RigConsistency
 
 _DARK = 12.0
-"""Levels of 255 below which 99 % of a dark image's pixels are."""
+"""An image is dark if 99 % of its pixels are below this level of 255."""
 _FEW_TEXTURED = 100
-"""Fewer textured points in the core's image: the scene has hardly any texture."""
+"""With fewer textured points in the core's image, the scene has hardly any texture."""
 
 
-def sparse_cause(
+def diagnose_low_coverage(
     frame_set: FrameSet,
     rig: Rig,
     consistency: RigConsistency,
     depth_range_mm: tuple[float, float],
     coverage: float,
 ) -> tuple[str, bool]:
-    """Return a line about the cause, and whether the images fit the rig nowhere."""
+    """Return a line about the cause, and whether no image fits the rig, so that the depth is unreliable."""
     start = f"frame {frame_set.frame}: only {coverage:.0%} of the pixels are measured"
     if not coverage:
         start = f"frame {frame_set.frame}: no surface found"
@@ -32,21 +32,22 @@ def sparse_cause(
             f"{start}: {rig.core}'s image is dark (99 % of it below {bright:.0f} of 255); expose longer",
             False,
         )
-    if consistency.textured < _FEW_TEXTURED:
+    if consistency.textured_points < _FEW_TEXTURED:
         return (
-            f"{start}: {rig.core}'s image has hardly any texture ({consistency.textured} textured points); is the "
-            "speckle projector on and in focus, and the exposure long enough?"
+            f"{start}: {rig.core}'s image has hardly any texture ({consistency.textured_points} textured points); "
+            "is the speckle projector on and in focus, and the exposure long enough?"
         ), False
-    near, far = consistency.depths_mm
+    near, far = consistency.found_depth_range_mm
     if near < 0.98 * depth_range_mm[0] or far > 1.02 * depth_range_mm[1]:
         return (
             f"{start}: its points lie {near:.0f} to {far:.0f} mm away, the depth range is {depth_range_mm[0]:.0f} to "
             f"{depth_range_mm[1]:.0f} mm; give a --depth-range that holds them"
         ), False
-    searched = [each for each in consistency.cameras if each.searched >= LEAST_POINTS]
+    searched = [each for each in consistency.cameras if each.searched >= LEAST_TIE_POINTS]
     if searched and not np.isfinite(near) and not any(each.state == "sound" for each in searched):
         return (
-            f"{start}, and no auxiliary image shows {rig.core}'s {consistency.textured} textured points where the "
-            "rig says: cameras moved or exchanged, another rig, images of different instants, or too much noise"
+            f"{start}, and no auxiliary image shows {rig.core}'s {consistency.textured_points} textured points where "
+            "the rig predicts them: the cameras moved or were exchanged, the rig is another's, the images are of "
+            "different instants, or there is too much noise"
         ), True
     return f"{start}; is the speckle projector on, and the exposure long enough?", False

@@ -1,0 +1,3 @@
+"""OpenCV's utilities, as far as this project uses them."""
+
+from . import logging as logging

@@ -1,0 +1,3 @@
+"""Types of PyGObject, as far as this project uses it; it is an optional dependency."""
+
+def require_version(namespace: str, version: str) -> None: ...

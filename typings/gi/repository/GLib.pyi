@@ -1,0 +1,3 @@
+"""GLib's errors."""
+
+class Error(Exception): ...

@@ -1,0 +1,4 @@
+"""Fonts."""
+
+class FontProperties:
+    def __init__(self, family: str) -> None: ...

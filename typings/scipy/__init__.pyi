@@ -1,0 +1,1 @@
+"""Types of the SciPy functions that this project calls; SciPy itself has none."""

@@ -19,7 +19,7 @@ from beltscape.evaluate.scores.reliability import (
 )
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, find_horizontal_auxiliary
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 from captures import Scene
@@ -73,7 +73,7 @@ def make_matcher(method: str, scene: Scene, near_far: Range, threads: int) -> Ca
         settings = MultiviewSettings.preset(method).model_copy(update={"threads": threads})
         made = MultiviewReconstructor(scene.rig, near_far, settings)
     else:
-        names = scene.rig.auxiliaries if method == "pairwise" else (horizontal_auxiliary(scene.rig),)
+        names = scene.rig.auxiliaries if method == "pairwise" else (find_horizontal_auxiliary(scene.rig),)
         made = PairwiseReconstructor(
             scene.rig, near_far, PairwiseSettings(threads=threads), auxiliaries=names
         )
@@ -126,11 +126,11 @@ def _disparity_px(
     method: str, scene: Scene, near_far: Range, depth_mm: np.ndarray, where: np.ndarray
 ) -> np.ndarray:
     """Return the disparities (N,) of the most horizontal pair in the matched (for pairwise, rectified) images."""
-    rig, name = scene.rig, horizontal_auxiliary(scene.rig)
+    rig, name = scene.rig, find_horizontal_auxiliary(scene.rig)
     rays, z = rig.core_camera.rays()[where], depth_mm[where]
     if method in MULTIVIEW:
         points = np.concatenate([rays * z[:, None], z[:, None]], axis=-1)
         return rig.cameras[name].project(rig.cam_from_core[name].apply(points))[:, 0]
-    sampling = PairwiseSettings().sampling(rig.core_camera.size_px[0])
+    sampling = PairwiseSettings().choose_oversampling(rig.core_camera.size_px[0])
     pair = rectify_pair(rig, name, near_far, oversampling=sampling)
-    return pair.disparity_from_depth(z * pair.core_pixels(rays)[1])
+    return pair.disparity_from_depth(z * pair.project_core_rays(rays)[1])

@@ -12,7 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.rig import Rig
 from beltscape.report.drawing.legend import PAPER, Rgb, draw_text, measure_text
 from beltscape.report.drawing.pictures import Panel, arrange_panels, to_rgb
-from beltscape.stereo.pairwise.rectification import upright_turns
+from beltscape.stereo.pairwise.rectification import count_upright_turns
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages
 
 LINES = 9
@@ -72,7 +72,7 @@ def make_rectification_panels(rig: Rig, frame_set: FrameSet, pairs: list[Rectifi
 
 
 def _draw_after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
-    turns = upright_turns(images.pair)
+    turns = count_upright_turns(images.pair)
     width, height = images.pair.size_px
     shown = []
     for image in (images.core, images.auxiliary):

@@ -17,7 +17,7 @@ def check_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ..
     return rig.auxiliaries if wanted is None else wanted
 
 
-def usable_auxiliaries(
+def list_usable_auxiliaries(
     rig: Rig, frame_set: FrameSet, wanted: tuple[str, ...] | None = None
 ) -> tuple[str, ...]:
     """Return the auxiliaries that have an image in this frame; raise ReconstructionError when there is none.

@@ -26,7 +26,7 @@ class CheckedSettings(BaseModel):
         except ValidationError as error:
             raise SettingsError(f"{cls.__name__}: {describe_first_error(cls, error)}") from error
 
-    def checked(self) -> Self:
+    def revalidate(self) -> Self:
         """Return the same settings, validated anew: ``model_copy(update=…)`` does not validate."""
         return type(self).model_validate(dict(self.__dict__))
 

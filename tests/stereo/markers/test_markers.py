@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beltscape.files.rasters.images import read_image
-from beltscape.stereo.markers.grid import detect_marker_grid
 from beltscape.stereo.markers.detection import detect_markers
+from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.stereo.projected import MARKERS, luminance, picture, seen, view
 from tests.stereo.rendered import RENDERED, needs_rendered
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.stereo.markers.grid import detect_marker_grid, arrange_in_grid
 from beltscape.stereo.markers.detection import MarkerDetections
+from beltscape.stereo.markers.grid import arrange_in_grid, detect_marker_grid
 from beltscape.stereo.markers.regions import label_regions
 from tests.stereo.projected import MARKERS, luminance, picture, seen, view
 

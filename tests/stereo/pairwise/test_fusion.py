@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.stereo.pairwise.fusion import fuse
+from beltscape.stereo.pairwise.fusion import fuse_depths
 from tests.strategies import seeds
 
 
@@ -32,13 +32,13 @@ AGREE = 2.0 / 700**2
     ],
 )
 def test_the_largest_agreeing_group_is_averaged(depths, mean, views):
-    fused = fuse(at(*depths), AGREE)
+    fused = fuse_depths(at(*depths), AGREE)
     np.testing.assert_allclose(fused.depth_mm[0, 0], mean, atol=1e-3)
     assert fused.views[0, 0] == views
 
 
 def test_without_agreement_it_is_the_paper_s_mean():
-    fused = fuse(at(700, 710, NAN, 730), None)
+    fused = fuse_depths(at(700, 710, NAN, 730), None)
     assert fused.depth_mm[0, 0] == pytest.approx(713.3333, abs=1e-3)
     assert fused.views[0, 0] == 3
     assert fused.scatter_mm2[0, 0] == pytest.approx(466.667, rel=1e-5)
@@ -49,11 +49,11 @@ def test_the_order_of_the_pairs_does_not_matter(seed, count):
     rng = np.random.default_rng(seed)
     depths = rng.normal(700, 1.5, (count, 5, 70)).astype(np.float32)
     depths[rng.random(depths.shape) < 0.3] = np.nan
-    one, other = fuse(depths, AGREE), fuse(depths[rng.permutation(count)], AGREE)
+    one, other = fuse_depths(depths, AGREE), fuse_depths(depths[rng.permutation(count)], AGREE)
     np.testing.assert_array_equal(one.depth_mm, other.depth_mm)
     np.testing.assert_array_equal(one.views, other.views)
 
 
 def test_strips_are_joined_without_a_seam():
     depths = np.full((2, 131, 3), 700, np.float32) + np.arange(131, dtype=np.float32)[:, None]
-    np.testing.assert_array_equal(fuse(depths, AGREE).depth_mm, depths[0])
+    np.testing.assert_array_equal(fuse_depths(depths, AGREE).depth_mm, depths[0])

@@ -10,7 +10,7 @@ from beltscape.core.rig import Rig
 from beltscape.evaluate.scores.depth import score_depth
 from beltscape.stereo.pairwise.reconstructor import (
     PairwiseReconstructor,
-    horizontal_auxiliary,
+    find_horizontal_auxiliary,
     reconstruct_pairwise,
 )
 from beltscape.stereo.pairwise.settings import PairwiseSettings
@@ -119,13 +119,13 @@ def test_an_unknown_auxiliary_is_named(belt):
 
 @pytest.mark.parametrize(("angles", "expected"), [((0, 90), "cam1"), ((80, 170, 250), "cam2")])
 def test_the_binocular_pair_is_the_one_along_the_image_rows(angles, expected):
-    assert horizontal_auxiliary(world_rig(angles_deg=angles)[0]) == expected
+    assert find_horizontal_auxiliary(world_rig(angles_deg=angles)[0]) == expected
 
 
 def test_one_camera_alone_has_no_binocular_pair():
     rig, _ = world_rig(angles_deg=())
     with pytest.raises(ReconstructionError, match="only its core camera cam0"):
-        horizontal_auxiliary(Rig("cam0", rig.cameras, rig.cam_from_core))
+        find_horizontal_auxiliary(Rig("cam0", rig.cameras, rig.cam_from_core))
 
 
 @pytest.mark.parametrize(

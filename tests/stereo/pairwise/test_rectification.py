@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
-from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair, upright_turns
+from beltscape.stereo.pairwise.rectification import RectifiedPair, count_upright_turns, rectify_pair
 from tests.stereo.raycast import camera, world_rig
 from tests.strategies import seeds
 
@@ -52,7 +52,7 @@ def test_the_disparity_range_covers_the_depth_range_and_starts_near_zero(seed, a
     rig = random_rig(seed, angle)
     pair = rectify_pair(rig, "cam1", (600, 800))
     rays = rig.core_camera.rays().reshape(-1, 2)[::7]
-    _, ratio = pair.core_pixels(rays)
+    _, ratio = pair.project_core_rays(rays)
     far, near = pair.disparity_from_depth(800 * ratio), pair.disparity_from_depth(600 * ratio)
     assert 0 <= far.min() <= 2
     assert pair.disparities - 18 <= near.max() <= pair.disparities
@@ -83,7 +83,7 @@ def test_core_pixels_agree_with_projection():
     rig, _ = world_rig()
     pair = rectify_pair(rig, "cam2", (600, 800))
     points = np.random.default_rng(0).uniform([-200, -150, 600], [200, 150, 800], (50, 3))
-    pixels, ratio = pair.core_pixels(points[:, :2] / points[:, 2:])
+    pixels, ratio = pair.project_core_rays(points[:, :2] / points[:, 2:])
     expected, depth = project_core(pair, points)
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
     np.testing.assert_allclose(ratio * points[:, 2], depth, atol=1e-9)
@@ -103,8 +103,8 @@ def test_the_core_keeps_its_optical_axis_as_far_as_the_baseline_allows(degrees):
 def test_turned_pictures_stand_upright(degrees):
     rig, _ = world_rig(angles_deg=(degrees,))
     pair = rectify_pair(rig, "cam1", (600, 800))
-    u = np.rot90(pair.core_map[..., 0], upright_turns(pair))
-    v = np.rot90(pair.core_map[..., 1], upright_turns(pair))
+    u = np.rot90(pair.core_map[..., 0], count_upright_turns(pair))
+    v = np.rot90(pair.core_map[..., 1], count_upright_turns(pair))
     middle = u.shape[0] // 2, u.shape[1] // 2
     assert u[middle[0], middle[1] + 20] - u[middle] > 10
     assert v[middle[0] + 20, middle[1]] - v[middle] > 10

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.pairwise.fusion import fuse
+from beltscape.stereo.pairwise.fusion import fuse_depths
 from beltscape.stereo.pairwise.sigma import estimate_sigma
 
 SCALE = 700.0**2
@@ -15,7 +15,7 @@ SCALE = 700.0**2
 def test_independent_errors_are_predicted_from_their_spread(noise_px, count):
     rng = np.random.default_rng(5)
     depths = (700 + rng.normal(0, noise_px, (count, 80, 90))).astype(np.float32)
-    fused = fuse(depths, None)
+    fused = fuse_depths(depths, None)
     actual = np.std(fused.depth_mm - 700)
     assert 0.8 < actual / np.median(estimate_sigma(fused, SCALE)) < 1.25
 
@@ -23,13 +23,13 @@ def test_independent_errors_are_predicted_from_their_spread(noise_px, count):
 def test_a_pixel_where_the_pairs_differ_is_less_certain():
     depths = np.random.default_rng(5).normal(700, 0.1, (4, 40, 40)).astype(np.float32)
     depths[:, 20, 20] = [699, 700, 700.5, 701]
-    sigma = estimate_sigma(fuse(depths, None), SCALE)
+    sigma = estimate_sigma(fuse_depths(depths, None), SCALE)
     assert sigma[20, 20] > 4 * np.median(sigma)
 
 
 def test_unmeasured_pixels_have_no_sigma_and_one_pair_alone_has_one():
     depths = np.full((1, 30, 30), 700, np.float32)
     depths[0, 5:10, 5:10] = np.nan
-    sigma = estimate_sigma(fuse(depths, None), SCALE)
+    sigma = estimate_sigma(fuse_depths(depths, None), SCALE)
     assert np.array_equal(np.isnan(sigma), np.isnan(depths[0]))
     assert sigma[20, 20] == pytest.approx(0.09, rel=0.05)

@@ -73,14 +73,14 @@ def test_a_builder_serves_every_frame_of_its_camera():
     builder = CloudBuilder(CAMERA)
     for seed in (1, 2):
         depth, image = rough(CAMERA, seed)
-        kept, fresh = builder.cloud(depth, image), cloud_from_depth(depth, CAMERA, image)
+        kept, fresh = builder.build(depth, image), cloud_from_depth(depth, CAMERA, image)
         for name in ("points_mm", "normals", "colors", "sigma_mm"):
             np.testing.assert_array_equal(getattr(kept, name), getattr(fresh, name))
 
 
 def test_a_depth_map_of_another_size_is_refused():
     with pytest.raises(InputError, match="the depth map is 60×45 px, but cam0 has 120×90"):
-        CloudBuilder(CAMERA).cloud(measured(np.full((45, 60), 700, np.float32)), None)
+        CloudBuilder(CAMERA).build(measured(np.full((45, 60), 700, np.float32)), None)
 
 
 # wide and high beyond a strip: what is worked on at a time must not show

@@ -168,7 +168,7 @@ def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> Scor
     rig = scene.truth.rig
     write_rig(folder / "rig.json", rig)
     image = read_image(scene.capture / rig.core / f"{FRAME}.png")
-    cloud = CloudBuilder(rig.core_camera).cloud(depth, image)
+    cloud = CloudBuilder(rig.core_camera).build(depth, image)
     write_frame(folder / FRAME, depth, cloud, draw_depth_map(depth))
     return score_surface(scene, name, folder / FRAME, depth, rig)
 

@@ -18,7 +18,7 @@ from beltscape.evaluate.scores.reliability import (
     compute_sigma_ratios,
 )
 from beltscape.evaluate.truth.simulated import WITHIN_MM, Truth
-from beltscape.stereo.pairwise.reconstructor import horizontal_auxiliary
+from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
 
 _LOCKED_LEAST = 10_000
 """Smallest number of pixels for which pixel locking is distinguished from noise."""
@@ -75,7 +75,7 @@ def _region(depth: DepthMap, rig: Rig, true: Truth, region: NDArray[np.bool_]) -
 def _locking(depth: DepthMap, rig: Rig, true: Truth, inside: NDArray[np.bool_]) -> float:
     if inside.sum() < _LOCKED_LEAST or not rig.auxiliaries:
         return np.nan
-    name = horizontal_auxiliary(rig)
+    name = find_horizontal_auxiliary(rig)
     rays = rig.core_camera.rays()[inside]
     measured, truth = (
         rig.cameras[name].project(rig.cam_from_core[name].apply(np.column_stack([rays * z[:, None], z])))[

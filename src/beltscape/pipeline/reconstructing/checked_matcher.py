@@ -13,7 +13,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.stereo.cameras import usable_auxiliaries
+from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, check_consistency
 from beltscape.stereo.consistency.exchange import find_exchange
 from beltscape.stereo.consistency.findings import describe_findings
@@ -97,7 +97,7 @@ class CheckedMatcher:
         depth = self._match(names, frame_set, reporter, prior)
         if not due:
             return CheckedDepth(self._add_systematic(depth), None, names, ())
-        usable = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         consistency = self._check(frame_set, depth, usable)
         for _ in usable:
             consistent = _consistent_auxiliaries(consistency)
@@ -143,7 +143,7 @@ class CheckedMatcher:
 
     def _select_auxiliaries(self, frame_set: FrameSet) -> tuple[str, ...]:
         """Return the auxiliaries with an image, without the excluded ones unless none remains."""
-        usable = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         return tuple(n for n in usable if n not in self.excluded) or usable
 
     def _match(self, names: tuple[str, ...], frame_set: FrameSet, reporter: Reporter, prior: Any) -> DepthMap:

@@ -31,7 +31,7 @@ from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range, search_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
-from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, horizontal_auxiliary
+from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, find_horizontal_auxiliary
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 from beltscape.stereo.pointcloud.cloud import CloudBuilder
 
@@ -115,7 +115,7 @@ def reconstruct_capture(
 def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
     checked, image = frame.checked, frame.frame_set.images[builder.camera.name]
     depth = checked.depth
-    write_frame(folder, depth, builder.cloud(depth, image), draw_depth_map(depth), builder.undistorted(image))
+    write_frame(folder, depth, builder.build(depth, image), draw_depth_map(depth), builder.undistort(image))
     measured = depth.measured.any()
     return {
         "frame": frame.frame_set.frame,
@@ -168,7 +168,7 @@ def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ..
         raise SettingsError(
             f"pair {pair}: --method binocular pairs {rig.core} with one of {', '.join(rig.auxiliaries)}"
         )
-    return (pair or horizontal_auxiliary(rig),) if method == "binocular" else rig.auxiliaries
+    return (pair or find_horizontal_auxiliary(rig),) if method == "binocular" else rig.auxiliaries
 
 
 def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.cameras import usable_auxiliaries
+from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import (
     RigConsistency,
     check_consistency,
@@ -27,7 +27,7 @@ from beltscape.stereo.consistency.exchange import find_exchange
 from beltscape.stereo.consistency.findings import describe_findings
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
-from beltscape.stereo.pairwise.row_error import LEAST_MATCHES
+from beltscape.stereo.pairwise.row_error import MIN_MATCHES
 
 WARN_ROWS_PX = 0.5
 """A larger RMS row error of matches means that the rig does not belong to the images."""
@@ -103,7 +103,7 @@ def rectify(
     }
     for done, frame_set in enumerate(source, start=1):
         try:
-            names = usable_auxiliaries(rig, frame_set, tuple(pairs))
+            names = list_usable_auxiliaries(rig, frame_set, tuple(pairs))
         except ReconstructionError as error:
             reporter.warn(f"{error}; going on without this frame")
             continue
@@ -131,7 +131,7 @@ def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsisten
                 f"{core} and {name} are {rows.rms_px:.2f} px off their common rows; the camera moved or the rig is "
                 "another's: calibrate again"
             )
-        elif not rows.found and rows.searched >= 4 * LEAST_MATCHES:
+        elif not rows.is_measured and rows.searched >= 4 * MIN_MATCHES:
             lines.append(
                 f"{core} and {name}: no correspondence found ({rows.points} of {rows.searched} points); the images "
                 "have no texture in common, or the rig is another's"

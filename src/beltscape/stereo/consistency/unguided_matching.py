@@ -60,7 +60,7 @@ def _search(
     if max(pair.size_px) > 4 * _WIDTH_PX:
         return nothing
     rays = (points_px - rig.core_camera.center_px) / rig.core_camera.focal_px
-    rectified_px, _ = pair.core_pixels(rays)
+    rectified_px, _ = pair.project_core_rays(rays)
     corners = np.rint(rectified_px).astype(np.int64)
     left, right = (
         quantise_root(cv2.remap(image, mapped, None, cv2.INTER_LINEAR))  # pyright: ignore[reportCallIssue, reportArgumentType]

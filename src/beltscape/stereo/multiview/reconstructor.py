@@ -16,7 +16,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.cameras import check_auxiliaries, usable_auxiliaries
+from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.confidence.estimate import (
     DepthEstimate,
     add_initial_confidence,
@@ -62,7 +62,7 @@ class MultiviewReconstructor:
         """
         require_depth_range(depth_range_mm)
         names = check_auxiliaries(rig, auxiliaries)
-        settings = settings.checked()
+        settings = settings.revalidate()
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings
@@ -80,7 +80,7 @@ class MultiviewReconstructor:
         ReconstructionError
             When the core's image or every auxiliary's is missing.
         """
-        names = usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        names = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         state = self.match(frame_set, names, reporter, prior)
         return _depth_map(state, estimate_depth(state), self.settings.least_confidence)
 

@@ -20,7 +20,7 @@ class FusedDepth:
     """(H, W) float32: sum of their squared deviations from the mean."""
 
 
-def fuse(depths_mm: NDArray[np.float32], agreement: float | None) -> FusedDepth:
+def fuse_depths(depths_mm: NDArray[np.float32], agreement: float | None) -> FusedDepth:
     """Mean over the pairs.
 
     Parameters

@@ -14,10 +14,10 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
-from beltscape.stereo.cameras import check_auxiliaries, usable_auxiliaries
+from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.pairwise.contrast import take_square_root
-from beltscape.stereo.pairwise.fusion import fuse
+from beltscape.stereo.pairwise.fusion import fuse_depths
 from beltscape.stereo.pairwise.settings import PairwiseSettings
 from beltscape.stereo.pairwise.sgbm import PairMatcher, make_pair_matcher
 from beltscape.stereo.pairwise.sigma import estimate_sigma
@@ -43,7 +43,7 @@ class PairwiseReconstructor:
         """
         require_depth_range(depth_range_mm)
         names = check_auxiliaries(rig, auxiliaries)
-        settings = settings.checked()
+        settings = settings.revalidate()
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings
@@ -60,7 +60,7 @@ class PairwiseReconstructor:
             When the core's image or every auxiliary's is missing.
         """
         core = self.rig.core
-        names = usable_auxiliaries(self.rig, frame_set, tuple(self._matchers))
+        names = list_usable_auxiliaries(self.rig, frame_set, tuple(self._matchers))
         core_root = take_square_root(frame_set.images[core])
 
         def match(name: str) -> np.ndarray:
@@ -74,7 +74,7 @@ class PairwiseReconstructor:
         pairs = [self._matchers[name].pair for name in names]
         scale = float(np.mean([pair.focal_px * pair.baseline_mm for pair in pairs]))
         agreement = self.settings.agreement_px
-        fused = fuse(np.stack(depths), None if agreement is None else agreement / scale)
+        fused = fuse_depths(np.stack(depths), None if agreement is None else agreement / scale)
         confidence = fused.views / np.float32(len(names))  # the share of pairs that agree
         return DepthMap(fused.depth_mm, estimate_sigma(fused, scale), fused.views, confidence)
 
@@ -114,14 +114,14 @@ def reconstruct_pairwise(
     ----------
     Hou, Kang & Qiao, Sensors 2025, 25(7), 2111, doi:10.3390/s25072111, section 2.3, Eqs. 21-25.
     """
-    names = usable_auxiliaries(rig, frame_set, auxiliaries)
+    names = list_usable_auxiliaries(rig, frame_set, auxiliaries)
     if depth_range_mm is None:
         depth_range_mm = find_depth_range(rig, frame_set, reporter, settings.threads)
     matcher = PairwiseReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
     return matcher.reconstruct(frame_set, reporter)
 
 
-def horizontal_auxiliary(rig: Rig) -> str:
+def find_horizontal_auxiliary(rig: Rig) -> str:
     """The auxiliary whose baseline is nearest to the core image's u axis: the paper's binocular set-up.
 
     Raises

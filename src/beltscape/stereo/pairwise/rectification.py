@@ -62,7 +62,7 @@ class RectifiedPair:
         """Disparity, px → depth along the rectified axis, mm (Eq. 23)."""
         return self.focal_px * self.baseline_mm / (np.asarray(disparity_px, np.float64) + self.offset_px)
 
-    def core_pixels(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def project_core_rays(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Core rays x/z, y/z (..., 2) → rectified pixels (..., 2) and rectified depth per core depth (...)."""
         turned = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ _turn(
             self.rectified_from_core
@@ -125,7 +125,7 @@ def rectify_pair(
     )
 
 
-def upright_turns(pair: RectifiedPair) -> int:
+def count_upright_turns(pair: RectifiedPair) -> int:
     """Quarter turns, counter-clockwise (as `numpy.rot90` counts), that show the pair's images upright.
 
     0, 1, 2 or 3; a pair rectified along a vertical baseline lies on its side until it is turned.

@@ -12,9 +12,9 @@ from beltscape.stereo.correlation_peak import refine_peak
 
 HALF_PX = 8
 """Half the side of a patch."""
-REACHES_ROWS = (6, 24)
+SEARCH_RADII_ROWS = (6, 24)
 """Rows searched above and below; the wider reach where the narrow one finds too few matches."""
-LEAST_MATCHES = 10
+MIN_MATCHES = 10
 """Fewer matches are no measurement."""
 _CORRELATION = 0.65
 """Correlation from which a match counts."""
@@ -38,9 +38,9 @@ class RowError:
     """One standard deviation of the median."""
 
     @property
-    def found(self) -> bool:
+    def is_measured(self) -> bool:
         """Whether enough matches were found to measure the offset."""
-        return self.points >= LEAST_MATCHES
+        return self.points >= MIN_MATCHES
 
 
 def measure_row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities: int) -> RowError:
@@ -52,12 +52,12 @@ def measure_row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], dis
     found = cv2.goodFeaturesToTrack(core, maxCorners=_MOST, qualityLevel=0.02, minDistance=2 * HALF_PX)
     corners = np.empty((0, 2), np.int64) if found is None else np.rint(found[:, 0]).astype(np.int64)
     rows, searched = np.empty(0), 0
-    for reach in REACHES_ROWS:
+    for reach in SEARCH_RADII_ROWS:
         matches, inside = match_rows(core, auxiliary, corners, disparities, reach)
         rows, searched = matches[np.isfinite(matches[:, 1]), 1], int(inside.sum())
-        if len(rows) >= max(LEAST_MATCHES, 0.3 * searched):
+        if len(rows) >= max(MIN_MATCHES, 0.3 * searched):
             break
-    if len(rows) < LEAST_MATCHES:
+    if len(rows) < MIN_MATCHES:
         return RowError(len(rows), searched, np.nan, np.nan, np.nan)
     median = float(np.median(rows))
     scatter = 1.4826 * float(np.median(np.abs(rows - median)))

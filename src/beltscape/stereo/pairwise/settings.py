@@ -53,7 +53,7 @@ class PairwiseSettings(CheckedSettings):
         default=0, ge=0, le=256, description="pairs matched at a time; 0: as many as there are cores"
     )
 
-    def sampling(self, width_px: int) -> float:
+    def choose_oversampling(self, width_px: int) -> float:
         """Oversampling for images of this width: dots of one or two pixels are matched better on a finer grid."""
         if self.oversampling is not None:
             return self.oversampling

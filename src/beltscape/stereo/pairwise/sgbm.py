@@ -60,9 +60,9 @@ def make_pair_matcher(
     rig: Rig, auxiliary: str, depth_range_mm: tuple[float, float], settings: PairwiseSettings
 ) -> PairMatcher:
     """Prepare one pair; see `rectify_pair` for the errors."""
-    sampling = settings.sampling(rig.core_camera.size_px[0])
+    sampling = settings.choose_oversampling(rig.core_camera.size_px[0])
     pair = rectify_pair(rig, auxiliary, depth_range_mm, oversampling=sampling)
-    pixels, ratio = pair.core_pixels(rig.core_camera.rays())
+    pixels, ratio = pair.project_core_rays(rig.core_camera.rays())
     return PairMatcher(
         pair=pair,
         settings=settings,

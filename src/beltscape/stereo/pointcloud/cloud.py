@@ -34,7 +34,7 @@ class CloudBuilder:
             ideal = np.stack(np.meshgrid(x, y[rows]), axis=-1)
             self._distorted_px[rows] = camera.distort(ideal) * camera.focal_px + camera.center_px
 
-    def undistorted(self, image: Image) -> Image:
+    def undistort(self, image: Image) -> Image:
         """The image on the camera's pinhole grid; black where the camera did not look.
 
         Raises
@@ -46,7 +46,7 @@ class CloudBuilder:
         border = cv2.BORDER_CONSTANT
         return np.asarray(cv2.remap(image, self._distorted_px, None, cv2.INTER_LINEAR, borderMode=border))
 
-    def cloud(self, depth: DepthMap, image: Image | None) -> PointCloud:
+    def build(self, depth: DepthMap, image: Image | None) -> PointCloud:
         """Points of the measured pixels, row by row, in the core camera's frame (the paper's Eq. 25).
 
         Parameters
@@ -79,7 +79,7 @@ class CloudBuilder:
         """(N, 3) uint8 RGB of the measured pixels, stretched so that the image's bright parts are white."""
         if image is None:
             return np.full((count, 3), 128, np.uint8)
-        straight = self.undistorted(image)
+        straight = self.undistort(image)
         eight = _stretch(straight)
         colors = np.empty((count, 3), np.uint8)
         end = 0
@@ -91,13 +91,13 @@ class CloudBuilder:
 
 
 def cloud_from_depth(depth: DepthMap, camera: Camera, image: Image | None) -> PointCloud:
-    """`CloudBuilder.cloud` of one frame; for many frames keep the builder."""
-    return CloudBuilder(camera).cloud(depth, image)
+    """`CloudBuilder.build` of one frame; for many frames keep the builder."""
+    return CloudBuilder(camera).build(depth, image)
 
 
 def undistort_image(image: Image, camera: Camera) -> Image:
-    """Return one image undistorted, as `CloudBuilder.undistorted` does."""
-    return CloudBuilder(camera).undistorted(image)
+    """Return one image undistorted, as `CloudBuilder.undistort` does."""
+    return CloudBuilder(camera).undistort(image)
 
 
 def _fits(values: NDArray[np.generic], what: str, camera: Camera) -> None:

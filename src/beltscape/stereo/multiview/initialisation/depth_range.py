@@ -9,7 +9,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
-from beltscape.stereo.cameras import usable_auxiliaries
+from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import prepare_frame
 from beltscape.stereo.multiview.initialisation.reliable_matches import find_reliable_matches, robust_range
@@ -39,7 +39,7 @@ def find_depth_range(
     ReconstructionError
         When no pair is left, or coarse matching finds no surface.
     """
-    names = usable_auxiliaries(rig, frame_set)
+    names = list_usable_auxiliaries(rig, frame_set)
     near, far = search_range(rig, names)
     step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
     context = MatchContext.for_grid(rig, names, step, load(), threads)

@@ -86,18 +86,7 @@ def measure_module(
         _FLAT_MM / compute_camera_scale(camera) ** 3,
     )
     spheres = _fit_spheres(depth, rig, module, view, pose, pattern)
-    quantities, edges = _measure_base(scene, module, faces["base"])
-    for label, feature in enumerate(module.features, start=1):
-        top = faces.get(feature.name)
-        if isinstance(feature, Sphere):
-            quantities.append(_make_radius(feature, spheres.get(feature.name)))
-            continue
-        if isinstance(feature, Cube):
-            found, lines = _measure_edge(scene, feature, label, top)
-        else:
-            found, lines = _measure_diameter(scene, feature, label, top)
-        quantities += [found, _measure_height(feature, top, faces["base"], errors)]
-        edges += lines
+    quantities, edges = _measure_quantities(scene, module, faces, spheres, errors)
     _require_features(module, len(spheres) + len(faces) - 1)
     quantities += _measure_steps(module, faces, errors)
     # a systematic error of all pixels changes every dimension by up to its size
@@ -108,6 +97,29 @@ def measure_module(
     return MeasuredModule(
         module, pose, match.agreement, view, faces, spheres, tuple(edges), tuple(quantities), warnings
     )
+
+
+def _measure_quantities(
+    scene: EdgeScene,
+    module: Module,
+    faces: dict[str, Face],
+    spheres: dict[str, FittedSphere],
+    errors: FaceErrors,
+) -> tuple[list[Quantity], list[EdgeLine]]:
+    """Measure the base and every feature; return their quantities and the edges they were measured by."""
+    quantities, edges = _measure_base(scene, module, faces["base"])
+    for label, feature in enumerate(module.features, start=1):
+        top = faces.get(feature.name)
+        if isinstance(feature, Sphere):
+            quantities.append(_make_radius(feature, spheres.get(feature.name)))
+            continue
+        if isinstance(feature, Cube):
+            width, lines = _measure_edge(scene, feature, label, top)
+        else:
+            width, lines = _measure_diameter(scene, feature, label, top)
+        quantities += [width, _measure_height(feature, top, faces["base"], errors)]
+        edges += lines
+    return quantities, edges
 
 
 def _require_features(module: Module, found: int) -> None:
@@ -169,12 +181,12 @@ def _measure_edge(
         return _make_quantity(cube.name, "edge", cube.edge_mm, None), []
     place = np.array([*cube.center_mm, cube.edge_mm])
     (x, y), lines = measure_rectangle(scene, cube.name, label, face, place, (cube.edge_mm, cube.edge_mm))
-    both = [extent for extent in (x, y) if extent]
-    if not both:
+    extents = [extent for extent in (x, y) if extent]
+    if not extents:
         return _make_quantity(cube.name, "edge", cube.edge_mm, None), lines
-    sigma = float(np.sqrt(sum(extent.sigma_mm**2 for extent in both)) / len(both))
-    mean = sum(extent.length_mm for extent in both) / len(both)
-    extent = Extent(mean, sigma, sum(extent.points for extent in both))
+    sigma = float(np.sqrt(sum(extent.sigma_mm**2 for extent in extents)) / len(extents))
+    mean = sum(extent.length_mm for extent in extents) / len(extents)
+    extent = Extent(mean, sigma, sum(extent.points for extent in extents))
     return _make_quantity(cube.name, "edge", cube.edge_mm, extent), lines
 
 

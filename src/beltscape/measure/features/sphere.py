@@ -6,20 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize
+from scipy import optimize
 
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.measure.features.face import compute_rays
+from beltscape.measure.features.cap import (
+    Cap,
+    compute_incidence_deg,
+    compute_sphere_depth_mm,
+    crop_cap,
+    is_present,
+)
 from beltscape.measure.features.matcher_scale import compute_camera_scale
 from beltscape.measure.features.smoothing import Smoothing
 
 _CAP_DEG = 58.0
 """Largest angle of incidence: beyond it a surface is measured badly, and at the limb not at all."""
 _MIN_PIXELS = 60
-_OFF_MM, _MIN_SHARE = 4.0, 0.3
-"""A sphere counts as absent if less than this share of its pixels lies within this distance of the nominal one."""
 _MIN_DEPTH_SIGMA_MM, _MIN_RADIUS_SIGMA_MM = 0.02, 0.002
 """Lower limits of σ of a depth and of a radius."""
 _PATCH_PX = 12.0
@@ -53,23 +57,6 @@ class FittedSphere:
     points: int
     corrected_mm: float
     """Mean correction of the depth for the matcher's smoothing."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Cap:
-    """A window (h, w) of the depth map around a sphere."""
-
-    window: tuple[slice, slice]
-    rays: NDArray[np.float64]
-    """(h, w, 3)."""
-    depth_mm: NDArray[np.float64]
-    sigma_mm: NDArray[np.float64]
-    information: NDArray[np.float64]
-    """Information of each pixel about its own depth; 1 without an image."""
-    on_sphere: NDArray[np.bool_]
-    """Pixels of the sphere's nominal view."""
-    valid: NDArray[np.bool_]
-    """Those of them that are measured, away from missing ones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,9 +99,9 @@ def fit_sphere(
     σ are those that the largest windows have smoothed. The matcher flattens a cap: its ``smoothing`` is applied to
     the fitted sphere and the difference subtracted, unless the residuals are too small for a matched depth map.
     """
-    cap = _crop_cap(depth, camera, sphere_mask, center_mm, radius_mm, smoothing)
+    cap = crop_cap(depth, camera, sphere_mask, center_mm, radius_mm, smoothing)
     nominal = np.append(center_mm, radius_mm)
-    if not _is_present(cap, nominal):
+    if not is_present(cap, nominal):
         return None
     fit = _fit_cap(cap, nominal, smoothing)
     if fit is None:
@@ -134,38 +121,13 @@ def fit_sphere(
     )
 
 
-def _crop_cap(
-    depth: DepthMap,
-    camera: Camera,
-    sphere_mask: NDArray[np.bool_],
-    center_mm: NDArray[np.float64],
-    radius_mm: float,
-    smoothing: Smoothing | None,
-) -> _Cap:
-    """Return the window of the depth map around a nominal sphere."""
-    window = _project_window(camera, center_mm, radius_mm, 1 if smoothing is None else smoothing.step)
-    z, sigma = (values[window].astype(np.float64) for values in (depth.depth_mm, depth.sigma_mm))
-    information = np.ones_like(z) if smoothing is None else smoothing.expand_information(window)
-    on_sphere = sphere_mask[window].astype(np.float64) > 0
-    valid = on_sphere & (np.asarray(ndimage.distance_transform_edt(np.isfinite(z))) > 2)
-    return _Cap(window, compute_rays(camera, *np.mgrid[window]), z, sigma, information, on_sphere, valid)
-
-
-def _is_present(cap: _Cap, nominal: NDArray[np.float64]) -> bool:
-    """Decide whether enough pixels of a sphere's nominal view lie near the nominal sphere (centre, radius)."""
-    if not cap.on_sphere.any():
-        return False
-    near = np.abs(cap.depth_mm - _compute_depth(nominal, cap.rays))[cap.on_sphere] < _OFF_MM
-    return bool(np.mean(near) >= _MIN_SHARE)
-
-
-def _fit_cap(cap: _Cap, nominal: NDArray[np.float64], smoothing: Smoothing | None) -> _CapFit | None:
+def _fit_cap(cap: Cap, nominal: NDArray[np.float64], smoothing: Smoothing | None) -> _CapFit | None:
     """Fit sphere and depth bias in turns, from the nominal sphere; return None where too few pixels are usable."""
     z, sphere, radius_mm = cap.depth_mm, nominal, float(nominal[3])
     bias, fit = _DepthBias(np.zeros_like(z), np.zeros_like(z)), None
     for round_number in range(_ROUNDS):
-        model = _compute_depth(sphere, cap.rays)
-        incidence = _compute_incidence_deg(sphere, cap.rays, model)
+        model = compute_sphere_depth_mm(sphere, cap.rays)
+        incidence = compute_incidence_deg(sphere, cap.rays, model)
         if smoothing is not None and round_number:
             bias = _compute_bias(cap, model, incidence, smoothing)
         used = cap.valid & (incidence < _CAP_DEG) & np.isfinite(bias.corrected_mm)
@@ -179,7 +141,7 @@ def _fit_cap(cap: _Cap, nominal: NDArray[np.float64], smoothing: Smoothing | Non
 
 
 def _compute_bias(
-    cap: _Cap, model: NDArray[np.float64], incidence_deg: NDArray[np.float64], smoothing: Smoothing
+    cap: Cap, model: NDArray[np.float64], incidence_deg: NDArray[np.float64], smoothing: Smoothing
 ) -> _DepthBias:
     """Return the bias by the smoothing of a sphere's depth ``model`` (h, w); zero where the map is not smoothed."""
     zero = np.zeros_like(model)
@@ -200,35 +162,7 @@ def _compute_weight(
     return information / _compute_sigma_by_angle(incidence_deg, sigma_mm) ** 2
 
 
-def _project_window(
-    camera: Camera, center_mm: NDArray[np.float64], radius_mm: float, step: int
-) -> tuple[slice, slice]:
-    """Return the rows and columns around a sphere, in whole blocks of ``step`` pixels."""
-    reach = 1.3 * radius_mm * float(camera.focal_px.max()) / center_mm[2] + 8
-    middle = center_mm[:2] / center_mm[2] * camera.focal_px + camera.center_px
-    low, high = np.maximum(middle - reach, 0).astype(int), np.minimum(middle + reach + 1, camera.size_px)
-    low, high = low // step * step, np.maximum(high.astype(int), low) // step * step
-    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
-
-
-def _compute_depth(sphere: NDArray[np.float64], rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the depth (...) of the near side of a sphere (centre, radius) on rays (..., 3); NaN beside it."""
-    center, radius = sphere[:3], sphere[3]
-    a, b = np.sum(rays**2, axis=-1), rays @ center
-    with np.errstate(invalid="ignore"):
-        return (b - np.sqrt(b * b - a * (center @ center - radius**2))) / a
-
-
-def _compute_incidence_deg(
-    sphere: NDArray[np.float64], rays: NDArray[np.float64], depth: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the angle of incidence (...), degrees; 90 beside the sphere."""
-    normal = (rays * depth[..., None] - sphere[:3]) / sphere[3]
-    cosine = -np.sum(normal * rays, axis=-1) / np.linalg.norm(rays, axis=-1)
-    return np.rad2deg(np.arccos(np.clip(np.nan_to_num(cosine), 0, 1)))
-
-
-def _compute_fading_error_mm(cap: _Cap, fit: _CapFit, smoothing: Smoothing) -> float:
+def _compute_fading_error_mm(cap: Cap, fit: _CapFit, smoothing: Smoothing) -> float:
     """Return the error of the sphere's top, mm, that may fade towards the limb.
 
     A map without twicing, or one whose σ exceeds the flattening, comes from ``fast``, which flattens tops and fattens
@@ -258,10 +192,10 @@ def _fit_parameters(
 ) -> NDArray[np.float64]:
     """Return the sphere that minimises soft-L1 depth residuals over their robust spread."""
     root = np.sqrt(weight / np.median(weight))
-    spread = MAD_TO_SIGMA * float(np.median(np.abs((z - _compute_depth(start, rays)) * root))) + 1e-4
+    spread = MAD_TO_SIGMA * float(np.median(np.abs((z - compute_sphere_depth_mm(start, rays)) * root))) + 1e-4
 
     def residual(sphere: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.nan_to_num(z - _compute_depth(sphere, rays), nan=nominal_mm) * root / spread
+        return np.nan_to_num(z - compute_sphere_depth_mm(sphere, rays), nan=nominal_mm) * root / spread
 
     reach = np.array([nominal_mm] * 3 + [_MAX_DEVIATION * nominal_mm])
     middle = np.append(start[:3], nominal_mm)
@@ -284,7 +218,7 @@ class _LinearisedFit:
     """Pixels that the fit did not reject."""
 
 
-def _linearise(cap: _Cap, fit: _CapFit, patches: NDArray[np.intp]) -> _LinearisedFit:
+def _linearise(cap: Cap, fit: _CapFit, patches: NDArray[np.intp]) -> _LinearisedFit:
     """Linearise a fit at its solution, for errors as large as the flattening, and ones that fade towards the limb.
 
     The covariance is that of errors which are correlated within ``patches`` (h, w) in any way (cluster-robust: Liang
@@ -293,11 +227,17 @@ def _linearise(cap: _Cap, fit: _CapFit, patches: NDArray[np.intp]) -> _Linearise
     sphere, rays, patches = fit.sphere, cap.rays[fit.used], patches[fit.used]
     error = np.stack([fit.bias.flattening_mm, 1 - fit.incidence_deg / _CAP_DEG], -1)[fit.used]
     root = np.sqrt(fit.weight / np.median(fit.weight))
-    residual = ((cap.depth_mm - fit.bias.corrected_mm)[fit.used] - _compute_depth(sphere, rays)) * root
-    limit = 4 * 1.4826 * float(np.nanmedian(np.abs(residual))) + 1e-6
+    residual = (
+        (cap.depth_mm - fit.bias.corrected_mm)[fit.used] - compute_sphere_depth_mm(sphere, rays)
+    ) * root
+    limit = 4 * MAD_TO_SIGMA * float(np.nanmedian(np.abs(residual))) + 1e-6
     steps = 1e-4 * np.eye(4)
     slopes = np.stack(
-        [(_compute_depth(sphere + d, rays) - _compute_depth(sphere - d, rays)) / 2e-4 for d in steps], axis=-1
+        [
+            (compute_sphere_depth_mm(sphere + d, rays) - compute_sphere_depth_mm(sphere - d, rays)) / 2e-4
+            for d in steps
+        ],
+        axis=-1,
     )
     finite = np.isfinite(residual) & np.isfinite(slopes).all(axis=1) & np.isfinite(error).all(axis=1)
     slopes, residual, error = (

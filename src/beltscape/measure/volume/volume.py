@@ -130,10 +130,7 @@ def measure_volume(
     # the pixel size on the empty belt, not on the load: the grid is the same for every frame
     pixel_mm = float(belt.belt_from_core.inverse().translation_mm[2]) / float(camera.focal_px.mean())
     block_cells = 3 if settings.cell_mm is None else max(1, round(settings.cell_mm / pixel_mm))
-    view = Box(belt.across_mm, belt.along_mm)
-    whole = view if across_mm is None and along_mm is None else view.enclose(across_mm, along_mm)
-    load = compute_load(loaded, camera, belt, Grid.over(whole.across_mm, whole.along_mm, pixel_mm))
-    box = select_box(load.measured, load.grid, across_mm, along_mm)
+    load, box = _place_box(loaded, belt, camera, pixel_mm, across_mm, along_mm)
     narrow = load.measured & ~np.isfinite(load.height_mm)
     filled = fill_holes(
         load.height_mm, load.sigma_mm, narrow, pixel_mm, load.ray_slope, windowed=load.windowed
@@ -146,10 +143,9 @@ def measure_volume(
     causes = compute_volume_sigma(load, filled, weights, belt_with_systematic)
     if across_mm is None:
         causes = replace(causes, unseen_mm3=_compute_unseen_mm3(total, box, belt, camera))
-    heights, interpolated = (
-        average_load(load, filled, block_cells),
-        average_blocks(~load.measured, block_cells) > 0.5,
-    )
+    heights = average_load(load, filled, block_cells)
+    interpolated = average_blocks(~load.measured, block_cells) > 0.5
+    has_load = total > _MIN_SIGNIFICANCE * causes.total_mm3
     return Volume(
         volume_mm3=total,
         sigma_mm3=causes.total_mm3,
@@ -163,12 +159,25 @@ def measure_volume(
         profiles=compute_profiles(filled.value_mm, load.measured, load.grid, box, settings.profile_every_mm),
         y_mm=load.grid.y_mm,
         area_mm2=area,
-        centre=_compute_centre(load, filled, weights, belt, total)
-        if total > _MIN_SIGNIFICANCE * causes.total_mm3
-        else None,
+        centre=_compute_centre(load, filled, weights, belt, total) if has_load else None,
         fullness=_compute_fullness(belt, total / (box.along_mm[1] - box.along_mm[0]), settings),
         summit=_find_summit(heights, interpolated, box),
     )
+
+
+def _place_box(
+    loaded: DepthMap,
+    belt: Belt,
+    camera: Camera,
+    pixel_mm: float,
+    across_mm: tuple[float, float] | None,
+    along_mm: tuple[float, float] | None,
+) -> tuple[Load, Box]:
+    """Return the load on a grid over the belt and the given sides, and the box in which it is integrated."""
+    view = Box(belt.across_mm, belt.along_mm)
+    whole = view if across_mm is None and along_mm is None else view.enclose(across_mm, along_mm)
+    load = compute_load(loaded, camera, belt, Grid.over(whole.across_mm, whole.along_mm, pixel_mm))
+    return load, select_box(load.measured, load.grid, across_mm, along_mm)
 
 
 def _compute_unseen_mm3(total_mm3: float, box: Box, belt: Belt, camera: Camera) -> float:

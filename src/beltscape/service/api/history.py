@@ -23,7 +23,7 @@ from beltscape.service.api.common import (
     check_period,
     describe_refusals,
 )
-from beltscape.sinks.historian import DaySum, Event, Series
+from beltscape.sinks.historian import DaySum, Event, Historian, Series
 
 MS_NS = 1_000_000
 Viewer = Annotated[User, Depends(require_role("viewer"))]
@@ -173,8 +173,15 @@ def map_history_errors() -> Iterator[None]:
 def make_router(context: AppContext) -> APIRouter:
     """GET /api/series, /api/records, /api/events, /api/days and /api/section."""
     router = APIRouter(prefix="/api", tags=["history"])
-    history = context.history
+    _add_series(router, context.history)
+    _add_records(router, context.history)
+    _add_events(router, context.history)
+    _add_days(router, context.history)
+    _add_section(router, context.history)
+    return router
 
+
+def _add_series(router: APIRouter, history: Historian) -> None:
     @router.get("/series", responses=describe_refusals(503))
     def series(
         _: Viewer, since_ms: WallMs, until_ms: WallMs, points: Annotated[int, Query(ge=2, le=2000)] = 600
@@ -185,6 +192,8 @@ def make_router(context: AppContext) -> APIRouter:
             curves = history.series(since_ms * MS_NS, until_ms * MS_NS, points)
         return SeriesOut.from_series(curves)
 
+
+def _add_records(router: APIRouter, history: Historian) -> None:
     @router.get("/records", responses=describe_refusals(503))
     def records(
         _: Viewer,
@@ -199,6 +208,8 @@ def make_router(context: AppContext) -> APIRouter:
             entries = history.records(since_ms * MS_NS, until_ms * MS_NS, limit, after)
         return [RecordOut.from_record(record) for record in entries]
 
+
+def _add_events(router: APIRouter, history: Historian) -> None:
     @router.get("/events", responses=describe_refusals(503))
     def events(
         _: Viewer, since_ms: WallMs, until_ms: WallMs, limit: Annotated[int, Query(ge=1, le=1000)] = 200
@@ -209,6 +220,8 @@ def make_router(context: AppContext) -> APIRouter:
             entries = history.events(since_ms * MS_NS, until_ms * MS_NS, limit)
         return [EventOut.from_event(event) for event in entries]
 
+
+def _add_days(router: APIRouter, history: Historian) -> None:
     @router.get("/days", responses=describe_refusals(503))
     def days(_: Viewer, since_ms: WallMs, until_ms: WallMs) -> list[DayOut]:
         """Sums of at most the last 1000 days that begin in that period, oldest first."""
@@ -217,6 +230,8 @@ def make_router(context: AppContext) -> APIRouter:
             totals = history.day_totals(since_ms * MS_NS, until_ms * MS_NS)[-1000:]
         return [DayOut.from_day(day) for day in totals]
 
+
+def _add_section(router: APIRouter, history: Historian) -> None:
     @router.get("/section", responses=describe_refusals(404, 503))
     def section(_: Viewer, number: RecordNumber) -> SectionOut:
         """The cross-section of the record of that number."""
@@ -229,8 +244,6 @@ def make_router(context: AppContext) -> APIRouter:
             x_mm=_round(cross_section.x_mm),
             height_mm=_to_json_numbers(cross_section.height_mm),
         )
-
-    return router
 
 
 def _round(values: NDArray[np.floating]) -> tuple[float, ...]:

@@ -26,7 +26,7 @@ class Elapsed:
 
 @dataclass(slots=True)
 class _Persistence:
-    """How long a condition has lasted.
+    """The time and belt travel for which a condition has lasted.
 
     A condition is taken to last between two updates that report it, also across unknown ones between them: some
     values are measured only periodically. An unknown update alone decides nothing.

@@ -83,4 +83,4 @@ def test_log_is_readable_by_its_owner_only(tmp_path):
 def test_lost_entries_are_counted(tmp_path):
     audit = Audit(tmp_path / "gone", 10**6, 2)
     audit.write("login", "anna")
-    assert audit.lost == 1
+    assert audit.lost_entries == 1

@@ -25,7 +25,7 @@ class Steered:
     def __init__(self, size=(8, 6), level: int = 100) -> None:
         self.size, self.level = size, level
         self.dead = False
-        self.lost = False
+        self.is_lost = False
         self.broken = 0
         self.frames = 0
         self.closed = threading.Event()

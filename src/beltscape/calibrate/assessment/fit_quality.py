@@ -43,7 +43,7 @@ class CameraFit:
         return (self.sigma_px / self.corner_noise_px) ** 2 if self.corner_noise_px > 0 else float("nan")
 
     def is_pattern(self, limit_px: float = PATTERN_PX) -> bool:
-        """Whether the residuals are more than noise, and more than ``limit_px``."""
+        """Return whether the residuals are more than noise, and more than ``limit_px``."""
         return self.sigma_px > limit_px and self.chi2_per_dof > PATTERN
 
 
@@ -61,7 +61,7 @@ class FitQuality:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the fit has no faults."""
+        """Return whether the fit has no faults."""
         return not self.findings
 
     def document(self) -> dict[str, object]:

@@ -44,7 +44,7 @@ def _leave_out_frames(adjustment: BundleAdjustmentResult, count: int) -> Array:
     """Return the change (F, R) of the cameras' free parameters if a frame is left out, to first order."""
     bundle = adjustment.bundle
     observed = bundle.observations.frame
-    changes = []
+    changes: list[Array] = []
     with single_thread():
         for frame in np.unique(observed[adjustment.kept]):
             weights = (adjustment.kept & (observed != frame)).astype(np.float64)

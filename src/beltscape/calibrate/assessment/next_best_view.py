@@ -54,7 +54,7 @@ class NextBestView:
 
     @property
     def is_sufficient(self) -> bool:
-        """Whether the present views suffice, because even this one lowers σ by little."""
+        """Return whether the present views suffice, because even this one lowers σ by little."""
         return self.sigma_then_mm > (1 - MIN_GAIN) * self.sigma_now_mm
 
     def describe(self) -> str:
@@ -103,7 +103,7 @@ def _list_candidates(rig: Rig, corners_mm: Array, distance_mm: float) -> list[tu
     """Return candidate poses of the board with their descriptions."""
     middle = (corners_mm.min(axis=0) + corners_mm.max(axis=0)) / 2
     camera = rig.core_camera
-    candidates = []
+    candidates: list[tuple[Pose, str]] = []
     for (u, v), share, (tilt, turns) in product(product(CENTERS, CENTERS), DISTANCES, TILTS.items()):
         depth = share * distance_mm
         pixel = (np.array([u, v]) + 0.5) * np.array(camera.size_px)

@@ -28,7 +28,7 @@ class FrameQueue:
 
     @property
     def closed(self) -> bool:
-        """Whether the queue is closed and empty."""
+        """Return whether the queue is closed and empty."""
         return self._closed and not self._waiting
 
     def put(self, frames: FrameSet) -> None:

@@ -18,7 +18,7 @@ from beltscape.files.tables.density import DENSITY_LIMITS
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
-from beltscape.pipeline.measuring.density import density_from_product, density_from_table
+from beltscape.pipeline.measuring.density import read_density_over_time, read_product_density
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
@@ -32,7 +32,7 @@ class _Table(BaseModel):
 
 
 class MatchingSettings(_Table):
-    """How depth is computed from a frame set: the table [matching]."""
+    """Settings of the depth computation: the table [matching]."""
 
     preset: Preset = "fast"
     """As in ``reconstruct --preset``."""
@@ -182,7 +182,7 @@ def read_density(project: Project[RunSettings]) -> Density:
     if (given.product is None) != (given.products is None):
         raise InputError(f"{project.path}: [density] product goes with products: give both")
     if given.products is not None and given.product is not None:
-        return density_from_product(project.resolve(given.products), given.product)
+        return read_product_density(project.resolve(given.products), given.product)
     if given.table is not None:
-        return density_from_table(project.resolve(given.table))
+        return read_density_over_time(project.resolve(given.table))
     return make_unknown_density() if given.kg_m3 is None else Density.constant(given.kg_m3, given.sigma_kg_m3)

@@ -39,7 +39,7 @@ class SequenceMatcher(Protocol):
 
     @property
     def is_inconsistent(self) -> bool:
-        """Whether cameras contradict the rig; the belt in such frames counts as degraded."""
+        """Return whether cameras contradict the rig; the belt in such frames counts as degraded."""
         ...
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
@@ -156,7 +156,7 @@ def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Repor
     return make_reference(belt, rig.core_camera, cell_mm)
 
 
-def depth_range_over(ground: EmptyBeltReference, load_mm: float) -> tuple[float, float]:
+def compute_depth_range(ground: EmptyBeltReference, load_mm: float) -> tuple[float, float]:
     """Return the near and far depth of a belt that is loaded up to ``load_mm``."""
     near, far = ground.depths_mm()
     return (1 - _MARGIN) * max(near - load_mm, 0.1 * near), (1 + _MARGIN) * far

@@ -17,7 +17,7 @@ CORE, AUXILIARY, QUIET = light("core"), light("auxiliary"), light("board")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What to draw, in millimetres, in the core camera's axes (x right, y down, z forward)."""
+    """The lines, labels and points of a drawing, in mm and the core camera's axes (x right, y down, z forward)."""
 
     lines: tuple[tuple[str, NDArray[np.float64]], ...] = ()
     """(colour, (n, 3) polyline)."""

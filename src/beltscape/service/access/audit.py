@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 FILE = "audit.jsonl"
 _MAX_VALUE_LENGTH = 300
@@ -23,7 +24,7 @@ class Audit:
         self.path = folder / FILE
         self._file_bytes, self._files, self._clock = file_bytes, files, clock
         self._lock = threading.Lock()
-        self.lost = 0
+        self.lost_entries = 0
         """Entries that could not be written."""
 
     def write(
@@ -48,7 +49,7 @@ class Audit:
                 self._rotate()
                 self._append(line.encode())
             except OSError:
-                self.lost += 1
+                self.lost_entries += 1
 
     def read_last(self, count: int) -> list[dict]:
         """Return the newest entries of the current file, newest first."""
@@ -59,7 +60,7 @@ class Audit:
                     lines = file.read().splitlines()
             except OSError:
                 return []
-        entries = []
+        entries: list[dict[str, Any]] = []
         for line in reversed(lines[-count:]):
             try:
                 entries.append(json.loads(line))

@@ -33,7 +33,7 @@ class Mesh:
 
     @property
     def is_closed(self) -> bool:
-        """Whether every edge occurs once in each direction: closed, and consistently oriented."""
+        """Return whether every edge occurs once in each direction: closed, and consistently oriented."""
         edges = np.concatenate([self.faces[:, [i, (i + 1) % 3]] for i in range(3)])
         size = int(self.faces.max()) + 1
         forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]

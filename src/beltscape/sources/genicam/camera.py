@@ -28,8 +28,8 @@ class OpenCamera(Protocol):
     broken: int
 
     @property
-    def lost(self) -> bool:
-        """Whether it has stopped answering."""
+    def is_lost(self) -> bool:
+        """Return whether the camera has stopped answering."""
         ...
 
     def receive(self, seconds: float) -> RawImage | None:
@@ -87,7 +87,7 @@ class CameraThreads:
 
     @property
     def is_open(self) -> bool:
-        """Whether the camera is open and started."""
+        """Return whether the camera is open and started."""
         return self._device is not None
 
     @property
@@ -122,7 +122,7 @@ class CameraThreads:
 
     def _receive(self, device: OpenCamera) -> None:
         last_s = time.monotonic()
-        while not self._stop.is_set() and not device.lost:
+        while not self._stop.is_set() and not device.is_lost:
             raw = device.receive(RECEIVE_S)
             if raw is not None:
                 last_s = time.monotonic()

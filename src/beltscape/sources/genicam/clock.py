@@ -56,7 +56,7 @@ class CameraClock:
 
     @property
     def is_settled(self) -> bool:
-        """Whether offset and drift are known well enough to be used."""
+        """Return whether offset and drift are known well enough to be used."""
         return bool(self._bins)
 
     @property

@@ -95,9 +95,9 @@ class Device:
         return stream
 
     @property
-    def lost(self) -> bool:
-        """Whether the camera has stopped answering for some seconds."""
-        return self._control.lost
+    def is_lost(self) -> bool:
+        """Return whether the camera has stopped answering for some seconds."""
+        return self._control.is_lost
 
     def receive(self, seconds: float) -> RawImage | None:
         """Return the next complete image; None if none arrives in time."""
@@ -151,7 +151,7 @@ class Device:
             self._closed = True
         device = self._camera.get_device()
         device.disconnect(self._handler)
-        if self._stream is not None and not self._control.lost:
+        if self._stream is not None and not self._control.is_lost:
             with suppress(glib_error_type()):
                 self._camera.stop_acquisition()
         # Aravis releases a camera with the last reference to it
@@ -162,10 +162,10 @@ class _Control:
     """Receiver of the signal that the camera is lost; a separate object avoids a reference cycle with the camera."""
 
     def __init__(self) -> None:
-        self.lost = False
+        self.is_lost = False
 
     def on_lost(self, _device: Any) -> None:
-        self.lost = True
+        self.is_lost = True
 
 
 def _camera_error(name: str, settings: CamerasSettings, error: Exception) -> InputError:

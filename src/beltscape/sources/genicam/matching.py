@@ -146,7 +146,7 @@ class InstantMatcher(Generic[Payload]):
 
     def pop_due(self, now_ns: int) -> list[MatchedInstant[Payload]]:
         """Remove and return the instants that are complete or have timed out, in order."""
-        out = []
+        out: list[MatchedInstant[Payload]] = []
         while self._open and self._is_due(self._open[0], now_ns):
             out.append(self._complete(self._open.pop(0)))
         return out

@@ -48,7 +48,7 @@ def _summarise(paper: Paper) -> str:
 
 
 def _tiles(paper: Paper) -> Tiles:
-    tiles = []
+    tiles: list[Tile] = []
     if paper.dimensions:
         published = max(abs(r.dimension.table2_mm - r.dimension.actual_mm) for r in paper.dimensions)
         own = largest_error_mm(paper.dimensions, "multiview")
@@ -78,7 +78,7 @@ def _conditions(paper: Paper) -> Section:
         "doi:10.1016/j.optlaseng.2018.04.019, and 85, 2016, doi:10.1016/j.optlaseng.2016.04.022; its "
         "projector's light is taken to be linear.",
         "Line laser: speckle noise by Dorsch, Häusler & Herrmann, Applied Optics 33(7), 1994, "
-        "doi:10.1364/AO.33.001306; the hall's light is taken to be filtered out.",
+        "doi:10.1364/AO.33.001306; the ambient light is taken to be filtered out.",
         "LiDAR: field of view and angular step as SICK's LMS4000 (operating instructions 8023198); range "
         "noise, spot and profile rate are assumed, and so is that coal is bright enough.",
         "Not simulated: light from surface to surface (but for time of flight), gloss, dust, a plant's lights.",

@@ -68,7 +68,7 @@ class Scatter:
 
     @property
     def fused_noise_mm(self) -> float:
-        """What of that scatter the fused heights keep."""
+        """Part of ``single_noise_mm`` that remains in the fused heights."""
         return float(np.sqrt(self.fused_mm2 / self.cells)) if self.cells else float("nan")
 
 

@@ -6,7 +6,7 @@ import ctypes
 import os
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 
 from beltscape.core.errors import OutputError
@@ -35,7 +35,7 @@ def _ip(*arguments: str) -> None:
 
 
 @contextmanager
-def own_network(addresses: Iterable[str]) -> Iterator[None]:
+def own_network(addresses: Iterable[str]) -> Generator[None]:
     """Give this thread, the threads it starts and their programs a network of their own with ``addresses``.
 
     OutputError if the rights are missing.

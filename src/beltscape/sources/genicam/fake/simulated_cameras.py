@@ -57,7 +57,7 @@ class SimulatedCameras:
 
     def start(self, *names: str) -> None:
         """Start the named cameras, or all; they run when the call returns."""
-        new = {}
+        new: dict[str, subprocess.Popen[bytes]] = {}
         for name in names or self.devices:
             self.kill(name)
             command = [sys.executable, "-m", "beltscape.sources.genicam.fake", "one", str(self._folder), name]

@@ -25,7 +25,7 @@ def list_usable_auxiliaries(
     Raises
     ------
     InputError
-        When an image is of another size than its camera's.
+        When an image has another size than its camera.
     """
     unknown = [name for name in frame_set.images if name not in rig.cameras]
     if unknown:

@@ -1,4 +1,4 @@
-"""Settings made by Python callers; an invalid value raises a SettingsError of one line."""
+"""Validation of settings that Python callers make; an invalid value raises a SettingsError of one line."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from beltscape.files.documents.toml_text import describe_first_error
 
 
 class CheckedSettings(BaseModel):
-    """Settings that do not change and know all their keys."""
+    """Immutable settings without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     @model_validator(mode="wrap")
     @classmethod
-    def _in_one_line(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Validate, or raise SettingsError that names the setting, its value and what it may be."""
+    def _validate(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Validate, or raise a SettingsError that names the setting, its value and the allowed ones."""
         try:
             return handler(values)
         except ValidationError as error:
@@ -32,10 +32,10 @@ class CheckedSettings(BaseModel):
 
 
 def require_preset(name: Any, presets: Iterable[str]) -> str:
-    """Return the name if it is a preset's, or SettingsError that lists them."""
-    known = list(presets)
-    if name in known:
+    """Return the name of a preset; raise a SettingsError that lists the presets for any other."""
+    names = list(presets)
+    if name in names:
         return str(name)
-    near = get_close_matches(str(name), known, n=1)
-    fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+    near = get_close_matches(str(name), names, n=1)
+    fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
     raise SettingsError(f"preset = {name!r} is not known; {fix}")

@@ -7,30 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+_STRIP_ROWS = 64
+"""Rows that are fused at a time, so that they stay in the cache."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedDepth:
-    """The mean over the pairs, and what they say about its error."""
+    """The mean over the pairs, and their scatter."""
 
     depth_mm: NDArray[np.float32]
-    """(H, W) float32, NaN where no pair or no majority measured."""
+    """(H, W) float32, NaN where no pair measured or no two pairs agree."""
     views: NDArray[np.uint8]
-    """(H, W) uint8: pairs in the mean."""
+    """(H, W) uint8: number of pairs in the mean."""
     scatter_mm2: NDArray[np.float32]
     """(H, W) float32: sum of their squared deviations from the mean."""
 
 
 def fuse_depths(depths_mm: NDArray[np.float32], agreement: float | None) -> FusedDepth:
-    """Mean over the pairs.
+    """Return the mean over the pairs that agree.
 
     Parameters
     ----------
     depths_mm
         (n, H, W) float32, NaN where a pair did not measure.
     agreement
-        Depths belong together within ``agreement``·Z² (so it is a difference of inverse depth, 1/mm). The
-        largest group that belongs together is averaged, the closest one of equals. Where pairs contradict each
-        other one by one, none is believed. None takes all of them, as Eq. 24 stands.
+        Largest difference of agreeing depths, divided by Z²: a difference of inverse depth, 1/mm. The largest
+        agreeing group is averaged, among equals the closest. Where no two of several pairs agree, the depth is
+        NaN. With None all pairs are averaged, as in Eq. 24.
 
     References
     ----------
@@ -40,10 +43,12 @@ def fuse_depths(depths_mm: NDArray[np.float32], agreement: float | None) -> Fuse
     depth = np.empty((height, width), np.float32)
     views = np.empty((height, width), np.uint8)
     scatter = np.empty((height, width), np.float32)
-    for top in range(0, height, _STRIP):  # strips stay in the cache
-        rows = slice(top, top + _STRIP)
-        strip = np.sort(depths_mm[:, rows].astype(np.float64), axis=0)  # NaN goes last
-        keep = np.isfinite(strip) if agreement is None or count == 1 else _largest_group(strip, agreement)
+    for top in range(0, height, _STRIP_ROWS):
+        rows = slice(top, top + _STRIP_ROWS)
+        strip = np.sort(depths_mm[:, rows].astype(np.float64), axis=0)  # NaN is last
+        keep = (
+            np.isfinite(strip) if agreement is None or count == 1 else _mask_largest_group(strip, agreement)
+        )
         number = keep.sum(axis=0)
         values = np.where(keep, strip, 0.0)
         with np.errstate(invalid="ignore"):
@@ -53,11 +58,8 @@ def fuse_depths(depths_mm: NDArray[np.float32], agreement: float | None) -> Fuse
     return FusedDepth(depth, views, scatter)
 
 
-_STRIP = 64
-
-
-def _largest_group(ordered: NDArray[np.float64], agreement: float) -> NDArray[np.bool_]:
-    """(n, H, W) bool: members of the largest group within the agreement, of values sorted along axis 0."""
+def _mask_largest_group(ordered: NDArray[np.float64], agreement: float) -> NDArray[np.bool_]:
+    """Return (n, H, W) bool: the largest agreeing group of values sorted along axis 0."""
     count = len(ordered)
     best_votes = np.zeros(ordered.shape[1:], np.int64)
     best_width = np.full(ordered.shape[1:], np.inf)
@@ -71,6 +73,6 @@ def _largest_group(ordered: NDArray[np.float64], agreement: float) -> NDArray[np
         best_votes, best_width = np.where(better, votes, best_votes), np.where(better, width, best_width)
         first = np.where(better, i, first)
     measured = np.isfinite(ordered).sum(axis=0)
-    believed = (best_votes > 1) | (measured == 1)
+    accepted = (best_votes > 1) | (measured == 1)
     index = np.arange(count)[:, None, None]
-    return believed & (index >= first) & (index < first + best_votes)
+    return accepted & (index >= first) & (index < first + best_votes)

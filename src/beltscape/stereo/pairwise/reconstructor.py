@@ -1,4 +1,4 @@
-"""The paper's method: each auxiliary is matched with the core separately, depths are averaged (2.3, Eqs. 21-25)."""
+"""The paper's method: each auxiliary is matched with the core separately; depths are averaged (2.3, Eqs. 21-25)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from beltscape.stereo.pairwise.sigma import estimate_sigma
 
 
 class PairwiseReconstructor:
-    """Rectifications of a rig for a depth range, prepared once and used for every frame."""
+    """The pairwise matcher for one rig and depth range; it reconstructs any number of frames."""
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class PairwiseReconstructor:
             self._matchers: Mapping[str, PairMatcher] = dict(zip(names, matchers, strict=True))
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Depth of one frame; auxiliaries without an image are gone without.
+        """Return the depth map of one frame; auxiliaries without an image are left out.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class PairwiseReconstructor:
         core_root = take_square_root(frame_set.images[core])
 
         def match(name: str) -> np.ndarray:
-            return self._matchers[name].depth(core_root, take_square_root(frame_set.images[name]))
+            return self._matchers[name].compute_depth(core_root, take_square_root(frame_set.images[name]))
 
         depths = []
         with ThreadPoolExecutor(self.settings.threads or os.cpu_count() or 1) as pool:
@@ -88,7 +88,7 @@ def reconstruct_pairwise(
     auxiliaries: tuple[str, ...] | None = None,
     depth_range_mm: tuple[float, float] | None = None,
 ) -> DepthMap:
-    """One frame by the paper's method; for many frames keep a `PairwiseReconstructor`.
+    """Return the depth map of one frame by the paper's method; for many frames use `PairwiseReconstructor`.
 
     Parameters
     ----------
@@ -97,13 +97,13 @@ def reconstruct_pairwise(
     frame_set
         Images of one trigger instant; auxiliaries may be missing.
     settings
-        Of the matcher.
+        Settings of the matcher.
     reporter
-        Told after each pair.
+        Receives the progress after each pair.
     auxiliaries
-        Which to use; one alone is the paper's binocular method. All by default.
+        Auxiliaries to use, all by default; a single one is the paper's binocular method.
     depth_range_mm
-        (near, far) along the core's optical axis; found from the images by default.
+        (near, far) along the core's optical axis; by default found from the images.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def reconstruct_pairwise(
 
 
 def find_horizontal_auxiliary(rig: Rig) -> str:
-    """The auxiliary whose baseline is nearest to the core image's u axis: the paper's binocular set-up.
+    """Return the auxiliary whose baseline is closest to the core image's u axis: the paper's binocular set-up.
 
     Raises
     ------
@@ -131,9 +131,10 @@ def find_horizontal_auxiliary(rig: Rig) -> str:
     """
     if not rig.auxiliaries:
         raise ReconstructionError(f"the rig has only its core camera {rig.core}; depth needs a second one")
-    return max(rig.auxiliaries, key=lambda name: _along_u(rig, name))
+    return max(rig.auxiliaries, key=lambda name: _cosine_with_u(rig, name))
 
 
-def _along_u(rig: Rig, name: str) -> float:
+def _cosine_with_u(rig: Rig, name: str) -> float:
+    """Return |cos| of the angle between an auxiliary's baseline and the core image's u axis."""
     baseline = rig.cam_from_core[name].center_mm
     return float(abs(baseline[0]) / np.linalg.norm(baseline))

@@ -1,8 +1,8 @@
-"""Multi-epipolar rectification about the core camera: any pair becomes horizontal rows (the paper's 2.3.1, Eq. 21).
+"""Multi-epipolar rectification of the core camera and any auxiliary to common rows (the paper's 2.3.1, Eq. 21).
 
-Bouguet's alignment with all the freedom spent on the core: its new optical axis is its old one made orthogonal
-to the baseline, its new x axis is the baseline, from the core to the auxiliary. So the core is always the left
-image, disparity is positive whichever way the baseline points, and the core's image is turned, hardly bent.
+It is Bouguet's alignment with the core as reference: the new x axis is the baseline from the core to the auxiliary,
+and the new optical axis is the core's, made orthogonal to the baseline. So the core is always the left image,
+disparity is positive for any direction of the baseline, and the core's image is rotated with little perspective.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 
 _STEP = 16
-"""OpenCV's SGBM counts disparities in steps of 16."""
+"""The number of disparities of OpenCV's SGBM is a multiple of 16."""
 _BORDER_SAMPLES = 33
 _STRIP_ROWS = 32
 
@@ -34,7 +34,7 @@ class RectifiedPair:
     rectified_from_aux: Pose
     """Auxiliary frame → parallel frame at the auxiliary's centre: a rotation only."""
     focal_px: float
-    """Of both rectified views, in u and v."""
+    """Focal length of both rectified views, in u and v."""
     core_center_px: tuple[float, float]
     """(cu, cv) of the rectified core view."""
     aux_center_px: tuple[float, float]
@@ -43,31 +43,30 @@ class RectifiedPair:
     """(width, height) of both rectified views."""
     baseline_mm: float
     disparities: int
-    """How many disparities from 0 on cover the depth range; a multiple of 16."""
+    """Number of disparities, from 0 on, that cover the depth range; a multiple of 16."""
     core_map: NDArray[np.float32]
-    """(H, W, 2) float32: where each rectified core pixel lies in the distorted core image."""
+    """(H, W, 2) float32: pixel of the distorted core image for each rectified core pixel."""
     aux_map: NDArray[np.float32]
-    """(H, W, 2) float32: where each rectified auxiliary pixel lies in the distorted auxiliary image."""
+    """(H, W, 2) float32: pixel of the distorted auxiliary image for each rectified auxiliary pixel."""
 
     @property
     def offset_px(self) -> float:
-        """What the shift of the auxiliary's centre takes off the disparity."""
+        """Difference by which the shift of the auxiliary's centre reduces the disparity."""
         return self.aux_center_px[0] - self.core_center_px[0]
 
     def disparity_from_depth(self, depth_mm: NDArray[np.floating] | float) -> NDArray[np.float64]:
-        """Depth along the rectified axis, mm → disparity u_core − u_aux, px (Eqs. 22-23)."""
+        """Return the disparity u_core − u_aux, px, of a depth along the rectified axis, mm (Eqs. 22-23)."""
         return self.focal_px * self.baseline_mm / np.asarray(depth_mm, np.float64) - self.offset_px
 
     def depth_from_disparity(self, disparity_px: NDArray[np.floating] | float) -> NDArray[np.float64]:
-        """Disparity, px → depth along the rectified axis, mm (Eq. 23)."""
+        """Return the depth along the rectified axis, mm, of a disparity, px (Eq. 23)."""
         return self.focal_px * self.baseline_mm / (np.asarray(disparity_px, np.float64) + self.offset_px)
 
     def project_core_rays(self, rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Core rays x/z, y/z (..., 2) → rectified pixels (..., 2) and rectified depth per core depth (...)."""
-        turned = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ _turn(
-            self.rectified_from_core
-        )
-        return turned[..., :2] / turned[..., 2:] * self.focal_px + self.core_center_px, turned[..., 2]
+        """Return rectified pixels (..., 2) of core rays x/z, y/z (..., 2), and rectified over core depth (...)."""
+        homogeneous = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
+        rotated = homogeneous @ self.rectified_from_core.rotation.T
+        return rotated[..., :2] / rotated[..., 2:] * self.focal_px + self.core_center_px, rotated[..., 2]
 
 
 def rectify_pair(
@@ -84,7 +83,7 @@ def rectify_pair(
     depth_range_mm
         (near, far) along the core's optical axis.
     oversampling
-        Focal length of the rectified views over the core's: more pixels than the images have.
+        Focal length of the rectified views over the core's.
 
     Raises
     ------
@@ -99,13 +98,13 @@ def rectify_pair(
     if not 0 < near_mm < far_mm < np.inf:
         raise ReconstructionError(f"depth range {near_mm:g} … {far_mm:g} mm is empty; give 0 < near < far")
     core, aux = rig.core_camera, rig.cameras[auxiliary]
-    to_core, to_aux, baseline_mm = _rotations(rig, auxiliary)
+    to_core, to_aux, baseline_mm = _align_to_baseline(rig, auxiliary)
     focal_px = oversampling * float(np.mean(core.focal_px))
-    box, low_mm, high_mm = _common_view(rig, auxiliary, to_core, focal_px, depth_range_mm)
+    box, low_mm, high_mm = _find_common_view(rig, auxiliary, to_core, focal_px, depth_range_mm)
     offset_px = focal_px * baseline_mm / high_mm - 1.0
     span_px = focal_px * baseline_mm / low_mm + 1.0 - offset_px
     disparities = _STEP * int(np.ceil(span_px / _STEP))
-    # SGBM leaves the first `disparities` columns empty: let the view start behind them
+    # the view starts after the first `disparities` columns, which SGBM leaves empty
     core_center = (disparities - box[0], -box[1])
     aux_center = (core_center[0] + offset_px, core_center[1])
     size = (disparities + int(np.ceil(box[2] - box[0])) + 1, int(np.ceil(box[3] - box[1])) + 1)
@@ -120,27 +119,23 @@ def rectify_pair(
         size_px=size,
         baseline_mm=baseline_mm,
         disparities=disparities,
-        core_map=_source_map(core, to_core, focal_px, core_center, size),
-        aux_map=_source_map(aux, to_aux, focal_px, aux_center, size),
+        core_map=_make_source_map(core, to_core, focal_px, core_center, size),
+        aux_map=_make_source_map(aux, to_aux, focal_px, aux_center, size),
     )
 
 
 def count_upright_turns(pair: RectifiedPair) -> int:
-    """Quarter turns, counter-clockwise (as `numpy.rot90` counts), that show the pair's images upright.
+    """Return the number of quarter turns, 0 to 3, by which `numpy.rot90` turns the pair's images upright.
 
-    0, 1, 2 or 3; a pair rectified along a vertical baseline lies on its side until it is turned.
+    The images of a pair with a vertical baseline lie on their side.
     """
     right, down = pair.rectified_from_core.rotation[:2, 0]
-    # the core's +u axis, seen in the rectified image, is to point right again
+    # the core's +u axis points right in the upright image
     return int(np.round(np.arctan2(down, right) / (np.pi / 2))) % 4
 
 
-def _turn(pose: Pose) -> NDArray[np.float64]:
-    return pose.rotation.T
-
-
-def _rotations(rig: Rig, auxiliary: str) -> tuple[Pose, Pose, float]:
-    """rectified_from_core, rectified_from_aux (rotations) and the baseline, mm."""
+def _align_to_baseline(rig: Rig, auxiliary: str) -> tuple[Pose, Pose, float]:
+    """Return rectified_from_core, rectified_from_aux (rotations) and the baseline, mm."""
     pose = rig.cam_from_core[auxiliary]
     baseline = pose.center_mm
     length = float(np.linalg.norm(baseline))
@@ -157,11 +152,11 @@ def _rotations(rig: Rig, auxiliary: str) -> tuple[Pose, Pose, float]:
     return Pose.of(rotation, np.zeros(3)), Pose.of(rotation @ pose.rotation.T, np.zeros(3)), length
 
 
-def _common_view(
+def _find_common_view(
     rig: Rig, auxiliary: str, to_core: Pose, focal_px: float, depth_range_mm: tuple[float, float]
 ) -> tuple[tuple[float, float, float, float], float, float]:
-    """Box (u0, v0, u1, v1) about the principal point that both cameras see, and rectified near and far, mm."""
-    core_rays = _border_rays(rig.core_camera, distorted=False) @ _turn(to_core)
+    """Return the box (u0, v0, u1, v1) about the principal point that both cameras see, and its depth range, mm."""
+    core_rays = _border_rays(rig.core_camera, distorted=False) @ to_core.rotation.T
     if core_rays[:, 2].min() < 0.05:
         raise ReconstructionError(f"camera {auxiliary} stands nearly in the view of {rig.core}; leave it out")
     core_from_aux = rig.cam_from_core[auxiliary].inverse()
@@ -170,11 +165,13 @@ def _common_view(
     for depth in depth_range_mm:
         scale = (depth - core_from_aux.translation_mm[2]) / aux_rays[2]
         points = core_from_aux.translation_mm + (aux_rays * np.where(scale > 0, scale, np.nan)).T
-        seen.append(points @ _turn(to_core))
+        seen.append(points @ to_core.rotation.T)
     aux_pixels = np.concatenate([focal_px * p[:, :2] / p[:, 2:] for p in seen])
     core_pixels = focal_px * core_rays[:, :2] / core_rays[:, 2:]
     low, high = core_pixels.min(axis=0), core_pixels.max(axis=0)
-    if np.isfinite(aux_pixels).all():  # else the auxiliary looks past the plane: take all the core sees
+    if np.isfinite(
+        aux_pixels
+    ).all():  # otherwise some of its rays miss the plane, and the core's whole view is used
         low, high = np.maximum(low, aux_pixels.min(axis=0)), np.minimum(high, aux_pixels.max(axis=0))
     if not (high - low > 16).all():
         raise ReconstructionError(
@@ -187,7 +184,7 @@ def _common_view(
 
 
 def _border_rays(camera: Camera, *, distorted: bool) -> NDArray[np.float64]:
-    """(N, 3) rays with z = 1 along the border of the image, or of the undistorted pinhole grid."""
+    """Return (N, 3) rays with z = 1 along the border of the image, or of the undistorted pinhole grid."""
     width, height = camera.size_px
     u, v = np.linspace(0, width - 1, _BORDER_SAMPLES), np.linspace(0, height - 1, _BORDER_SAMPLES)
     border = np.concatenate(
@@ -202,18 +199,22 @@ def _border_rays(camera: Camera, *, distorted: bool) -> NDArray[np.float64]:
     return np.concatenate([ideal, np.ones((len(ideal), 1))], axis=1)
 
 
-def _source_map(
-    camera: Camera, turn: Pose, focal_px: float, center_px: tuple[float, float], size_px: tuple[int, int]
+def _make_source_map(
+    camera: Camera,
+    rectified_from_cam: Pose,
+    focal_px: float,
+    center_px: tuple[float, float],
+    size_px: tuple[int, int],
 ) -> NDArray[np.float32]:
-    """(H, W, 2) float32 distorted pixel of each rectified pixel: one interpolation straight from the image."""
-    # far outside the image the distortion polynomial turns back; those rays are not the image's
+    """Return the (H, W, 2) float32 distorted pixel of each rectified pixel, for a single interpolation."""
+    # far outside the image the distortion polynomial is not monotonic, and rays there would map into the image
     limit = 1.15 * np.nanmax(np.abs(_border_rays(camera, distorted=True)[:, :2]), axis=0)
     x = (np.arange(size_px[0]) - center_px[0]) / focal_px
     source = np.empty((size_px[1], size_px[0], 2), np.float32)
     for top in range(0, size_px[1], _STRIP_ROWS):  # strips stay in the cache
         y = (np.arange(top, min(top + _STRIP_ROWS, size_px[1])) - center_px[1]) / focal_px
         u, v = np.meshgrid(x, y)
-        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ turn.rotation
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ rectified_from_cam.rotation
         behind = rays[..., 2] < 0.05
         ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
         pixels = camera.distort(ideal) * camera.focal_px + camera.center_px

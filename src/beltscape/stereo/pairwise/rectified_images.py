@@ -1,4 +1,4 @@
-"""The images of a rectified pair, and the error between their rows."""
+"""The images of a rectified pair, and their row error."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RectifiedImages:
 
 
 def rectify_images(frame_set: FrameSet, pair: RectifiedPair) -> RectifiedImages:
-    """Both images of a pair on their common rows, interpolated once from the images as they were taken."""
+    """Return both images of a pair on their common rows, interpolated once from the distorted images."""
     core = cv2.remap(frame_set.images[pair.core], pair.core_map, None, cv2.INTER_CUBIC)
     auxiliary = cv2.remap(frame_set.images[pair.auxiliary], pair.aux_map, None, cv2.INTER_CUBIC)
     left, right = (quantise_root(cast(Image, image)) for image in (core, auxiliary))

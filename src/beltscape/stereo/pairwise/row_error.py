@@ -1,4 +1,4 @@
-"""Row offsets of corresponding points in a rectified pair, measured on the images themselves."""
+"""Row offsets of corresponding points in a rectified pair, measured on its images."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from beltscape.stereo.correlation_peak import refine_peak
 HALF_PX = 8
 """Half the side of a patch."""
 SEARCH_RADII_ROWS = (6, 24)
-"""Rows searched above and below; the wider reach where the narrow one finds too few matches."""
+"""Rows searched above and below; the larger radius is used where the smaller one finds too few matches."""
 MIN_MATCHES = 10
-"""Fewer matches are no measurement."""
+"""Least number of matches of a measurement."""
 _CORRELATION = 0.65
-"""Correlation from which a match counts."""
-_MOST = 400
-"""Corners that are searched."""
+"""Least correlation of a match."""
+_MAX_CORNERS = 400
+"""Largest number of corners that are searched."""
 
 
 @dataclass(frozen=True, slots=True)
 class RowError:
-    """How far matches in a rectified pair are off their row."""
+    """Statistics of the row offsets of matches in a rectified pair."""
 
     points: int
-    """Matches it was measured on."""
+    """Number of matches."""
     searched: int
-    """Textured points of the core that were searched."""
+    """Number of textured points of the core that were searched."""
     median_px: float
-    """Median offset (auxiliary minus core): a tilt or a moved camera."""
+    """Median offset (auxiliary minus core), caused by a rotated or shifted camera."""
     rms_px: float
-    """Robust RMS (1.4826·MAD about 0): the offset and its change over the image."""
+    """Robust RMS (1.4826·MAD about 0) of the offset, with its change over the image."""
     sigma_px: float
     """One standard deviation of the median."""
 
@@ -44,16 +44,18 @@ class RowError:
 
 
 def measure_row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], disparities: int) -> RowError:
-    """Row offsets of textured patches between two rectified images (H, W) uint8; NaN when too few match.
+    """Return the row error of textured patches between two rectified images (H, W) uint8; NaN for too few matches.
 
-    The patches are matched by normalised correlation over ``disparities`` columns to the left and a few rows up and
-    down, more where a few find nothing; matches are refined to a fraction of a pixel.
+    The patches are matched by normalised correlation, with subpixel peaks, over ``disparities`` columns to the left
+    and the rows of `SEARCH_RADII_ROWS` up and down.
     """
-    found = cv2.goodFeaturesToTrack(core, maxCorners=_MOST, qualityLevel=0.02, minDistance=2 * HALF_PX)
-    corners = np.empty((0, 2), np.int64) if found is None else np.rint(found[:, 0]).astype(np.int64)
+    detected = cv2.goodFeaturesToTrack(
+        core, maxCorners=_MAX_CORNERS, qualityLevel=0.02, minDistance=2 * HALF_PX
+    )
+    corners = np.empty((0, 2), np.int64) if detected is None else np.rint(detected[:, 0]).astype(np.int64)
     rows, searched = np.empty(0), 0
-    for reach in SEARCH_RADII_ROWS:
-        matches, inside = match_rows(core, auxiliary, corners, disparities, reach)
+    for radius in SEARCH_RADII_ROWS:
+        matches, inside = match_rows(core, auxiliary, corners, disparities, radius)
         rows, searched = matches[np.isfinite(matches[:, 1]), 1], int(inside.sum())
         if len(rows) >= max(MIN_MATCHES, 0.3 * searched):
             break
@@ -70,16 +72,16 @@ def match_rows(
     auxiliary: NDArray[np.uint8],
     corners: NDArray[np.int64],
     disparities: int,
-    reach_rows: int,
+    radius_rows: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return (N, 2) disparity and row offset, px, of points (N, 2) of the core, and which were searched.
+    """Return (N, 2) disparity and row offset, px, of points (N, 2) of the core, and the mask of searched ones.
 
-    NaN where there is no match. A match must stand out: a second place that correlates nearly as well makes it none.
+    NaN where there is no match, or an ambiguous one.
     """
     matches, inside = np.full((len(corners), 2), np.nan), np.zeros(len(corners), np.bool_)
     for i, (u, v) in enumerate(corners):
-        left, top = u - HALF_PX - disparities, v - HALF_PX - reach_rows
-        right, bottom = u + HALF_PX + 1, v + HALF_PX + reach_rows + 1
+        left, top = u - HALF_PX - disparities, v - HALF_PX - radius_rows
+        right, bottom = u + HALF_PX + 1, v + HALF_PX + radius_rows + 1
         if left < 0 or top < 0 or right > core.shape[1] or bottom > core.shape[0]:
             continue
         inside[i] = True
@@ -88,5 +90,5 @@ def match_rows(
             cv2.matchTemplate(auxiliary[top:bottom, left:right], patch, cv2.TM_CCOEFF_NORMED), _CORRELATION
         )
         if peak is not None:
-            matches[i] = disparities - peak[0], peak[1] - reach_rows
+            matches[i] = disparities - peak[0], peak[1] - radius_rows
     return matches, inside

@@ -7,8 +7,8 @@ from pydantic import Field, model_validator
 from beltscape.core.errors import SettingsError
 from beltscape.stereo.checked_settings import CheckedSettings
 
-_MATCHED_WIDTH_PX = 1536
-_MOST_OVERSAMPLING = 1.5
+_TARGET_WIDTH_PX = 1536
+_MAX_OVERSAMPLING = 1.5
 
 
 class PairwiseSettings(CheckedSettings):
@@ -25,17 +25,17 @@ class PairwiseSettings(CheckedSettings):
         default=127, ge=15, le=127, description="SGBM's clip of the horizontal gradient, counts"
     )
     uniqueness_percent: int = Field(
-        default=10, ge=0, le=50, description="margin by which the best match must win"
+        default=10, ge=0, le=50, description="least margin of the best match over the second best"
     )
     left_right_px: int = Field(default=1, ge=1, le=16, description="allowed left-right difference")
     speckle_area_px: int = Field(
-        default=100, ge=0, le=10_000, description="smaller islands of disparity are removed"
+        default=100, ge=0, le=10_000, description="smaller regions of consistent disparity are removed"
     )
     speckle_step_px: int = Field(
-        default=2, ge=1, le=16, description="an island ends where disparity steps by more"
+        default=2, ge=1, le=16, description="largest step of disparity within such a region"
     )
     contrast_radius_px: float = Field(
-        default=16, ge=1, le=64, description="sigma of the neighbourhood whose contrast is made equal"
+        default=16, ge=1, le=64, description="sigma of the neighbourhood whose contrast is equalised"
     )
     oversampling: float | None = Field(
         default=None,
@@ -47,20 +47,20 @@ class PairwiseSettings(CheckedSettings):
         default=4.0,
         gt=0,
         le=64,
-        description="rectified px; pairs farther apart are not averaged; null: Eq. 24 as it stands",
+        description="rectified px; pairs that differ by more are not averaged; null: Eq. 24 unchanged",
     )
     threads: int = Field(
-        default=0, ge=0, le=256, description="pairs matched at a time; 0: as many as there are cores"
+        default=0, ge=0, le=256, description="pairs matched at a time; 0: the number of cores"
     )
 
     def choose_oversampling(self, width_px: int) -> float:
-        """Oversampling for images of this width: dots of one or two pixels are matched better on a finer grid."""
+        """Return the oversampling for images of this width; dots of 1–2 px are matched better on a finer grid."""
         if self.oversampling is not None:
             return self.oversampling
-        return min(max(_MATCHED_WIDTH_PX / width_px, 1.0), _MOST_OVERSAMPLING)
+        return min(max(_TARGET_WIDTH_PX / width_px, 1.0), _MAX_OVERSAMPLING)
 
     @model_validator(mode="after")
-    def _fits(self) -> PairwiseSettings:
+    def _check_consistency(self) -> PairwiseSettings:
         if self.block_px % 2 == 0:
             raise SettingsError(f"PairwiseSettings: block_px = {self.block_px}: must be odd")
         if self.jump_penalty <= self.step_penalty:

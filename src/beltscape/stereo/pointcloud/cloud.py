@@ -1,4 +1,4 @@
-"""Point clouds with normals and colour from depth maps."""
+"""Computation of point clouds with normals and colour from depth maps."""
 
 from __future__ import annotations
 
@@ -15,83 +15,89 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.stereo.pointcloud.normals import compute_normals
 
-_SHARE = 0.995
-"""Of the values that are not brighter than white."""
+_WHITE_QUANTILE = 0.995
+"""Quantile of the grey levels that is shown as white."""
 _STRIP_PX = 1 << 16
-"""Pixels worked on at a time: what is made on the way stays in the cache, and no image of it is ever held."""
+"""Pixels that are processed at a time, so that intermediate arrays stay in the cache."""
 
 
 class CloudBuilder:
-    """What only depends on the camera, prepared once and used for every frame."""
+    """Builder of point clouds for one camera, whose rays and distortion are computed once."""
 
     def __init__(self, camera: Camera) -> None:
         """Prepare rays and undistortion of the core camera."""
         self.camera = camera
-        x, y = _axes(camera)
+        x, y = _ray_axes(camera)
         self._rays = x.astype(np.float32), y.astype(np.float32)
         self._distorted_px = np.empty((len(y), len(x), 2), np.float32)
-        for rows in _strips(camera):
+        for rows in _split_rows(camera):
             ideal = np.stack(np.meshgrid(x, y[rows]), axis=-1)
             self._distorted_px[rows] = camera.distort(ideal) * camera.focal_px + camera.center_px
 
     def undistort(self, image: Image) -> Image:
-        """The image on the camera's pinhole grid; black where the camera did not look.
+        """Return the image on the camera's pinhole grid; black outside the camera's view.
 
         Raises
         ------
         InputError
             When the image does not have the camera's size.
         """
-        _fits(image, "image", self.camera)
+        _require_size(image, "image", self.camera)
         border = cv2.BORDER_CONSTANT
         return np.asarray(cv2.remap(image, self._distorted_px, None, cv2.INTER_LINEAR, borderMode=border))
 
     def build(self, depth: DepthMap, image: Image | None) -> PointCloud:
-        """Points of the measured pixels, row by row, in the core camera's frame (the paper's Eq. 25).
+        """Return the points of the measured pixels, row by row, in the core camera's frame (the paper's Eq. 25).
 
         Parameters
         ----------
         depth
-            (H, W) on the camera's undistorted pinhole grid.
+            Depth (H, W) on the camera's undistorted pinhole grid.
         image
-            Its distorted image, for the colour; without one the points are mid grey.
+            Its distorted image, for the colour; with None the points are mid grey.
 
         Raises
         ------
         InputError
             When depth map or image do not have the camera's size.
         """
-        _fits(depth.depth_mm, "depth map", self.camera)
+        _require_size(depth.depth_mm, "depth map", self.camera)
         measured = depth.measured
         count = int(np.count_nonzero(measured))
         points, normals = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
         end = 0
-        for rows in _strips(self.camera):
+        for rows in _split_rows(self.camera):
             kept, z = measured[rows], depth.depth_mm[rows]
             start, end = end, end + int(np.count_nonzero(kept))
-            lines = cv2.merge([z * self._rays[0], z * self._rays[1][rows, None], z])
-            _put(points[start:end], np.asarray(lines, np.float32), kept)
-            leaning = compute_normals(depth.depth_mm, rows, self._rays, self.camera.focal_px)
-            _put(normals[start:end], leaning, kept)
-        return PointCloud(points, normals, self._colors(image, measured, count), depth.sigma_mm[measured])
+            strip_points = cv2.merge([z * self._rays[0], z * self._rays[1][rows, None], z])
+            _copy_masked(points[start:end], np.asarray(strip_points, np.float32), kept)
+            strip_normals = compute_normals(depth.depth_mm, rows, self._rays, self.camera.focal_px)
+            _copy_masked(normals[start:end], strip_normals, kept)
+        return PointCloud(
+            points, normals, self._sample_colors(image, measured, count), depth.sigma_mm[measured]
+        )
 
-    def _colors(self, image: Image | None, measured: NDArray[np.bool_], count: int) -> NDArray[np.uint8]:
-        """(N, 3) uint8 RGB of the measured pixels, stretched so that the image's bright parts are white."""
+    def _sample_colors(
+        self, image: Image | None, measured: NDArray[np.bool_], count: int
+    ) -> NDArray[np.uint8]:
+        """Return (N, 3) uint8 RGB of the measured pixels, stretched so that the brightest parts are white."""
         if image is None:
             return np.full((count, 3), 128, np.uint8)
-        straight = self.undistort(image)
-        eight = _stretch(straight)
+        undistorted = self.undistort(image)
+        tones = _make_tone_curve(undistorted)
         colors = np.empty((count, 3), np.uint8)
         end = 0
-        for rows in _strips(self.camera):
-            kept, shown = measured[rows], eight.take(straight[rows])
+        for rows in _split_rows(self.camera):
+            kept, shown = measured[rows], tones.take(undistorted[rows])
             start, end = end, end + int(np.count_nonzero(kept))
-            _put(colors[start:end], shown if shown.ndim == 3 else np.asarray(cv2.merge([shown] * 3)), kept)
+            _copy_masked(
+                colors[start:end], shown if shown.ndim == 3 else np.asarray(cv2.merge([shown] * 3)), kept
+            )
         return colors
 
 
 def cloud_from_depth(depth: DepthMap, camera: Camera, image: Image | None) -> PointCloud:
-    """`CloudBuilder.build` of one frame; for many frames keep the builder."""
+    """Return the point cloud of one frame, as `CloudBuilder.build` does; for many frames use the builder."""
     return CloudBuilder(camera).build(depth, image)
 
 
@@ -100,7 +106,8 @@ def undistort_image(image: Image, camera: Camera) -> Image:
     return CloudBuilder(camera).undistort(image)
 
 
-def _fits(values: NDArray[np.generic], what: str, camera: Camera) -> None:
+def _require_size(values: NDArray[np.generic], what: str, camera: Camera) -> None:
+    """Raise InputError unless values (H, W, …) have the camera's size."""
     width, height = camera.size_px
     if values.shape[:2] != (height, width):
         raise InputError(
@@ -108,32 +115,32 @@ def _fits(values: NDArray[np.generic], what: str, camera: Camera) -> None:
         )
 
 
-def _strips(camera: Camera) -> Iterator[slice]:
-    """The camera's rows, a strip at a time."""
+def _split_rows(camera: Camera) -> Iterator[slice]:
+    """Yield the camera's rows in strips."""
     width, height = camera.size_px
     step = max(_STRIP_PX // width, 1)
     for top in range(0, height, step):
         yield slice(top, min(top + step, height))
 
 
-def _axes(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(W,) x/z of the columns and (H,) y/z of the rows of the pinhole grid: all that `Camera.rays` holds."""
+def _ray_axes(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (W,) x/z of the columns and (H,) y/z of the rows of the pinhole grid."""
     (width, height), (fx, fy), (cx, cy) = camera.size_px, camera.focal_px, camera.center_px
     return (np.arange(width) - cx) / fx, (np.arange(height) - cy) / fy
 
 
-def _put(points: NDArray[np.generic], values: NDArray[np.generic], kept: NDArray[np.bool_]) -> None:
-    """``points[:] = values[kept]`` for (h, w, 3) values; NumPy is many times faster when a pixel is one item."""
+def _copy_masked(points: NDArray[np.generic], values: NDArray[np.generic], kept: NDArray[np.bool_]) -> None:
+    """Do ``points[:] = values[kept]`` for (h, w, 3) values; NumPy is much faster when a pixel is one item."""
     item = np.dtype((np.void, 3 * values.itemsize))
     points.view(item)[:, 0] = values.view(item)[..., 0][kept]
 
 
-def _stretch(image: Image) -> NDArray[np.uint8]:
-    """(256,) or (65536,) uint8: what is shown for each value, so that ``_SHARE`` of the image is below white."""
+def _make_tone_curve(image: Image) -> NDArray[np.uint8]:
+    """Return the (256,) or (65536,) uint8 levels to show, with the image's `_WHITE_QUANTILE` as white."""
     size = np.iinfo(image.dtype).max + 1
     counts = cv2.calcHist([image.reshape(len(image), -1)], [0], None, [size], [0, size]).ravel()
-    # the two values that the quantile lies between
-    rank = _SHARE * (image.size - 1)
+    # the quantile lies between two values
+    rank = _WHITE_QUANTILE * (image.size - 1)
     first = int(rank)
     below, above = np.searchsorted(np.cumsum(counts, dtype=np.float64), (first, first + 1), "right")
     top = max(below + (rank - first) * (min(above, size - 1) - below), 1.0)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 _WINDOW_PX = 5
 _STEP = 0.01
-"""Relative depth difference within the window beyond which it reaches over a step."""
+"""Relative difference of neighbouring depths beyond which they lie on different surfaces."""
 _REACH_PX = _WINDOW_PX // 2 + 1
-"""How many rows beyond its own a normal depends on."""
+"""Number of rows above and below its own on which a normal depends."""
 
 
 def compute_normals(
@@ -19,17 +19,17 @@ def compute_normals(
     rays: tuple[NDArray[np.float32], NDArray[np.float32]],
     focal_px: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """(rows, W, 3) float32 unit normals towards the camera of some rows; NaN where the window gives no plane.
+    """Return (rows, W, 3) float32 unit normals towards the camera; NaN where the window determines no plane.
 
     With w = 1/Z a plane is linear in the pixel, w = a·x + b·y + c with rays (x, y, 1), and its normal is
-    (a, b, c): so the gradient of w over a window of its measured pixels gives it without bias.
+    (a, b, c), so the gradient of w over the measured pixels of a window determines it without bias.
 
     Parameters
     ----------
     depth_mm
         (H, W) float32, NaN = not measured.
     rows
-        Of which rows, with start and stop.
+        Rows to compute, with start and stop.
     rays
         (W,) x/z of the columns and (H,) y/z of the rows.
     focal_px
@@ -49,7 +49,7 @@ def compute_normals(
 
 
 def _gradient(values: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Mean of the differences of neighbours on one surface within the window; NaN without any."""
+    """Return the mean difference of neighbours on one surface within the window; NaN without any."""
     before = (slice(None), slice(-1)) if axis == 1 else (slice(-1), slice(None))
     step = np.zeros_like(values)
     usable = np.zeros(values.shape, np.bool_)
@@ -57,7 +57,7 @@ def _gradient(values: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
     usable[before] = np.abs(step[before]) < _STEP * values[before]
     step = np.where(usable, step, np.float32(0))
     window = (_WINDOW_PX - 1, _WINDOW_PX) if axis == 1 else (_WINDOW_PX, _WINDOW_PX - 1)
-    # an even window of differences is centred on the pixel between its middle two
+    # an even window of differences is centred on the pixel between the middle two
     anchor = (window[0] // 2, window[1] // 2)
     total = cv2.boxFilter(step, -1, window, anchor=anchor, normalize=False)
     count = cv2.boxFilter(usable.view(np.uint8), -1, window, anchor=anchor, normalize=False)

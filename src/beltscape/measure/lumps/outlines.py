@@ -1,6 +1,6 @@
 """The probability that a cell lies on a lump's outline, and on a lump, by a small network.
 
-Its weights were fitted to simulated heaps (tools/fit_lumps.py) and are in data/lumps.json.
+Its weights were fitted to simulated heaps (tools/train_lumps.py) and are in data/lumps.json.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Fit the networks for holes and for edge fattening (measure/holes) to simulated captures with known truth.
 
-    python tools/fit_holes.py FOLDER LIST [held-out]
+    python tools/train_holes.py FOLDER LIST [held-out]
 
 LIST is a text file with a line for each capture: GROUP CAPTURE FRAME EMPTY EMPTY_FRAME. CAPTURE and EMPTY (the same
 kind of belt, empty) are what ``beltscape simulate`` wrote, the FRAMEs what ``beltscape reconstruct`` made of them.

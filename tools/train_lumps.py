@@ -1,6 +1,6 @@
 """Fit the network that finds lumps' outlines (measure/lumps/outlines.py) to simulated captures with truth.
 
-    python tools/fit_lumps.py OUT.json CAPTURE[,FRAME]…
+    python tools/train_lumps.py OUT.json CAPTURE[,FRAME]…
 
 Each CAPTURE is what ``beltscape simulate`` wrote of a loaded or an empty belt; it is learnt from as the truth has it,
 and, where a FRAME of ``beltscape reconstruct`` is named, as it was matched. Each is shown at three widths of

@@ -19,7 +19,7 @@ from beltscape.files.documents.json_text import to_json
 from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import rig_document
 from beltscape.pipeline.calibrating.calibration import calibrate
-from beltscape.pipeline.calibrating.calibration_files import calibration_document
+from beltscape.pipeline.calibrating.calibration_files import make_calibration_document
 from beltscape.pipeline.calibrating.check import check
 from beltscape.target.board import CharucoBoard, Chessboard
 from tests.synthetic.boards import Print, board_poses, capture, row_of_cameras
@@ -87,7 +87,7 @@ def test_the_print_variant_is_determined_from_the_images(tmp_path, squares, lega
     found = calibrate(tmp_path, board, None, Silent())
     assert found.variant == PrintVariant(legacy, inverted)
     assert_recovered(found.rig, rig, focal=0.01, angle_deg=0.6, mm=6)
-    assert calibration_document(found)["board"]["inverted"] is inverted
+    assert make_calibration_document(found)["board"]["inverted"] is inverted
 
 
 def test_deep_and_coloured_images_calibrate_alike(tmp_path, charuco_capture):
@@ -111,7 +111,7 @@ def test_a_camera_seen_only_together_with_an_auxiliary_is_reached_through_it(tmp
     reporter = Silent()
     found = calibrate(tmp_path, charuco, "near", reporter)
     assert found.hierarchy.network.paths["far"] == ("near", "middle", "far")
-    assert calibration_document(found)["cameras"]["far"]["path_from_core"] == ("near", "middle", "far")
+    assert make_calibration_document(found)["cameras"]["far"]["path_from_core"] == ("near", "middle", "far")
     assert_recovered(found.rig, rig, focal=0.012, angle_deg=0.6, mm=6)
     assert [line.split(":", 1)[1] for line in reporter.warnings] == [
         " no image for frame 00, 01, 02, 03 and 2 more; going on without",
@@ -125,7 +125,7 @@ def test_a_frame_in_which_the_board_moved_between_cameras_is_reported(tmp_path, 
     late = Pose(own.poses["03"].rotation, own.poses["03"].translation_mm + np.array([9.0, 0.0, 0.0]))
     moved = replace(own, poses={**own.poses, "03": late})
     write_image(tmp_path / "cam2" / "03.png", moved.render("cam2", "03"))
-    document = calibration_document(calibrate(tmp_path, own.board, None, Silent()))
+    document = make_calibration_document(calibrate(tmp_path, own.board, None, Silent()))
     rejected = {tuple(pair["cameras"]): list(pair["rejected"]) for pair in document["pairs"]}
     assert rejected == {("cam0", "cam1"): [], ("cam0", "cam2"): ["03"], ("cam1", "cam2"): ["03"]}
 
@@ -136,7 +136,7 @@ def test_a_bent_view_is_rejected_and_reported(tmp_path, charuco_capture):
     shutil.copytree(own.folder, tmp_path, dirs_exist_ok=True)
     path = tmp_path / "cam0" / "02.png"
     image = read_image(path)
-    v, u = np.indices(image.shape).astype(np.float32)
+    v, u = np.indices(image.shape, np.float32)
     write_image(path, cv2.remap(image, u, v + 4 * np.sin(u / 30, dtype=np.float32), cv2.INTER_LINEAR))
     found = calibrate(tmp_path, own.board, None, Silent())
     assert list(found.hierarchy.monocular["cam0"].rejected) == ["02"]
@@ -152,7 +152,7 @@ def test_threads_do_not_change_a_byte(monkeypatch, charuco_capture):
             found = calibrate(charuco_capture.folder, charuco_capture.board, None, Silent())
         finally:
             cv2.setNumThreads(before)
-        results.add(to_json(rig_document(found.rig)) + to_json(calibration_document(found)))
+        results.add(to_json(rig_document(found.rig)) + to_json(make_calibration_document(found)))
     assert len(results) == 1
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.files.documents.toml_text import validate
-from beltscape.pipeline.measuring.density import density_from_product
+from beltscape.pipeline.measuring.density import read_product_density
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.service.project import ProjectSettings
@@ -46,7 +46,7 @@ def check_table(block: Block, folder: Path) -> None:
         read_module(path)
     elif "coal" in values:
         (folder / "products.toml").write_text(block.text)
-        density_from_product(folder / "products.toml", "coal")
+        read_product_density(folder / "products.toml", "coal")
     else:
         raise Wrong(f"no rule of tests/docs/tables.py knows a table with {[*values]}: write one")
 

@@ -110,7 +110,7 @@ def test_chance_registrations_beyond_the_encoder_step_are_ignored() -> None:
 def test_statement_names_the_evidence_of_the_direction() -> None:
     meter = meter_with("+y", [STEP_MM] * 5, None)
     assert describe_motion(meter, "+y") == (
-        "towards +y as told and as the material moves in 5 of 5 frame pairs"
+        "towards +y as given and as the material moves in 5 of 5 frame pairs"
     )
     assert describe_motion(meter, None) == "towards +y: so the material moves in 5 of 5 frame pairs"
     assert "no frame pair shows it" in describe_motion(meter_with("+y", [], None), "+y")

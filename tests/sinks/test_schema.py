@@ -25,7 +25,7 @@ def test_database_of_the_first_version_continues(tmp_path, monkeypatch):
     old = COLUMNS[: COLUMNS.index("offset_mm")]
     sums = Sums()
     for record in records:
-        sums = sums.with_record(record)
+        sums = sums.add_record(record)
         marks = ", ".join("?" * len(old))
         connection.execute(
             f"INSERT INTO records ({', '.join(old)}) VALUES ({marks})", to_row(record)[: len(old)]

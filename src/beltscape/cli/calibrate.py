@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.exchange import read_intrinsics
     from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.pipeline.calibrating.calibration import calibrate
-    from beltscape.pipeline.calibrating.calibration_files import calibration_document, write_calibration
+    from beltscape.pipeline.calibrating.calibration_files import make_calibration_document, write_calibration
     from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
     from beltscape.target.board import read_board
 
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     known = KnownIntrinsics(read_intrinsics(given, reporter), str(given)) if given else None
     calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)
     write_calibration(out, calibration)
-    document = calibration_document(calibration)
+    document = make_calibration_document(calibration)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}
 
 

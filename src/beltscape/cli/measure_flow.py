@@ -85,7 +85,7 @@ def _density(arguments: argparse.Namespace) -> Density:
     """Return the bulk density, which is given in one of three ways."""
     from beltscape.files.tables.density import DENSITY_LIMITS
     from beltscape.measure.flow.records.density import Density, make_unknown_density
-    from beltscape.pipeline.measuring.density import density_from_product, density_from_table
+    from beltscape.pipeline.measuring.density import read_density_over_time, read_product_density
 
     given = [
         name
@@ -93,7 +93,7 @@ def _density(arguments: argparse.Namespace) -> Density:
         if getattr(arguments, name) is not None
     ]
     if sorted(given) == ["product", "products"]:
-        return density_from_product(arguments.products, arguments.product)
+        return read_product_density(arguments.products, arguments.product)
     if len(given) > 1:
         options = " and ".join(f"--{name.replace('_', '-')}" for name in given)
         raise SettingsError(f"{options}: give the density in one way only")
@@ -107,7 +107,7 @@ def _density(arguments: argparse.Namespace) -> Density:
             )
         return Density.constant(arguments.density)
     if arguments.density_table is not None:
-        return density_from_table(arguments.density_table)
+        return read_density_over_time(arguments.density_table)
     return make_unknown_density()
 
 

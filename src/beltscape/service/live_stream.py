@@ -42,7 +42,7 @@ _ROWS_A_MESSAGE = 512
 
 @dataclass(slots=True)
 class SentState:
-    """What has been sent to one page."""
+    """State of the messages that were sent to one page."""
 
     points: int = 0
     record: int = -1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
@@ -68,7 +68,7 @@ def run_plant(
 @contextmanager
 def _serve_page(
     project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: AssembledRun
-) -> Iterator[RunningServer]:
+) -> Generator[RunningServer]:
     web = project.settings.web
     with closing(Access(data, web.access)) as access:
         running = serve(create_app(live_state, assembled.historian, access, assembled.engine, web), web)

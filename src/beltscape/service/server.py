@@ -67,7 +67,7 @@ class RunningServer:
 
     @property
     def is_alive(self) -> bool:
-        """Whether it still answers requests."""
+        """True while the server answers requests."""
         return self._thread.is_alive()
 
     def close(self) -> None:

@@ -34,7 +34,7 @@ class WebSettings(BaseModel):
     plant: Annotated[str, Field(max_length=60)] = ""
     """Name of the belt or plant, at the top of the page."""
     metrics_open: bool = False
-    """Whether /metrics answers programs on this machine without login."""
+    """If true, /metrics answers programs on this machine without login."""
     full_m3_h: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] | None = None
     """Rated flow of the belt; if given, the page shows the share that is used."""
     flow_window_s: Annotated[float, Field(ge=0.2, le=60)] = 3.0

@@ -14,7 +14,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables import flow_csv
 from beltscape.files.tables.csv_table import append_rows
-from beltscape.sinks.days import day_name, day_of, shift_ns_of
+from beltscape.sinks.days import compute_day, compute_shift_ns, format_day
 from beltscape.sinks.settings import CsvSettings
 
 HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,cameras,wall_time_s"
@@ -38,7 +38,7 @@ class CsvSink:
             When the folder cannot be written.
         """
         self._folder, self._settings = path, settings
-        self._shift_ns = shift_ns_of(settings.day_begins_utc_h)
+        self._shift_ns = compute_shift_ns(settings.day_begins_utc_h)
         try:
             path.mkdir(parents=True, exist_ok=True)
             self._files = {file: _repair(file) for file in path.glob("????-??-??.csv")}
@@ -60,9 +60,9 @@ class CsvSink:
             When they cannot be written; the file is unchanged then.
         """
         new = [record for record in records if record.number > self._last]
-        for day, group in groupby(new, lambda record: day_of(record.wall_ns, self._shift_ns)):
+        for day, group in groupby(new, lambda record: compute_day(record.wall_ns, self._shift_ns)):
             day_records = list(group)
-            path = self._folder / f"{day_name(day)}.csv"
+            path = self._folder / f"{format_day(day)}.csv"
             try:
                 append_rows(
                     path, HEADER, "".join(f"{format_csv_row(record)}\n" for record in day_records).encode()
@@ -124,7 +124,8 @@ def _repair(path: Path) -> int:
             return 0
         raise InputError(f"{path}: the header is {header[:200]!r}; it must be {HEADER}: move the file away")
     rows = tail[:end].decode("utf-8", "replace").splitlines()
-    values = next(csv.reader(rows[-1:]), []) if len(rows) > 1 else []
+    none: list[str] = []
+    values = next(csv.reader(rows[-1:]), none) if len(rows) > 1 else none
     if values and not (len(values) == HEADER.count(",") + 1 and values[_NUMBER].isdecimal()):
         raise InputError(f"{path}: its last row {rows[-1][:200]!r} is no record; move the file away")
     return int(values[_NUMBER]) if values else 0

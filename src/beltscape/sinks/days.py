@@ -9,22 +9,22 @@ DAY_NS = 24 * HOUR_NS
 _EPOCH = date(1970, 1, 1)
 
 
-def shift_ns_of(begins_utc_h: float) -> int:
+def compute_shift_ns(begins_utc_h: float) -> int:
     """Return the time from UTC's midnight to the beginning of a day."""
     return round(begins_utc_h * HOUR_NS)
 
 
-def day_of(wall_ns: int, shift_ns: int) -> int:
+def compute_day(wall_ns: int, shift_ns: int) -> int:
     """Return the day (days since 1970) of a time in ns since 1970; days begin ``shift_ns`` after midnight UTC."""
     return (int(wall_ns) - shift_ns) // DAY_NS
 
 
-def day_range_ns(day: int, shift_ns: int) -> tuple[int, int]:
+def compute_day_range_ns(day: int, shift_ns: int) -> tuple[int, int]:
     """Return the beginning and the end (exclusive) of a day, ns since 1970."""
     start = day * DAY_NS + shift_ns
     return start, start + DAY_NS
 
 
-def day_name(day: int) -> str:
+def format_day(day: int) -> str:
     """Return a day's name as in file names, such as 2026-11-21; years are limited to 1 to 9999."""
     return (_EPOCH + timedelta(days=max(-719162, min(day, 2932896)))).isoformat()

@@ -16,7 +16,7 @@ class HistorySettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     keep_sections: bool = True
-    """Whether the cross-section of every record is kept."""
+    """If true, the cross-section of every record is kept."""
     database_days: DayCount = 7
     """Days in the database, counting those with records; older records are in day files only."""
     database_gib: Gib = 8.0
@@ -60,7 +60,7 @@ class CsvSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     enabled: bool = False
-    """Whether the tables are written."""
+    """If true, the tables are written."""
     days: DayCount = 365
     """Number of files that are kept, one for each day with records; above it the oldest are removed."""
     day_begins_utc_h: Annotated[float, Field(ge=-14, le=14, allow_inf_nan=False)] = 0.0

@@ -27,7 +27,7 @@ MAX_REJECTED = 12
 def write_calibration(out: Path, calibration: Calibration) -> None:
     """Write rig.json, calibration.json and report.html."""
     write_rig(out / "rig.json", calibration.rig)
-    write_json(out / "calibration.json", calibration_document(calibration))
+    write_json(out / "calibration.json", make_calibration_document(calibration))
     page = calibration_page(
         calibration.hierarchy,
         calibration.adjustment,
@@ -55,7 +55,7 @@ def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
     return rejected[:MAX_REJECTED]
 
 
-def calibration_document(calibration: Calibration) -> Mapping[str, Any]:
+def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
     """Return calibration.json, the results of each level of the hierarchy."""
     hierarchy, adjustment = calibration.hierarchy, calibration.adjustment
     return {

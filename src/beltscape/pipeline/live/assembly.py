@@ -28,8 +28,8 @@ from beltscape.pipeline.live.measurement_run import MeasurementContext, Measurem
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.writer import Writer
 from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
-from beltscape.pipeline.measuring.flow_chain import depth_range_over, read_reference
-from beltscape.pipeline.reconstructing.checked_matcher import sequence_matcher
+from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
+from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.csv_sink import CsvSink
 from beltscape.sinks.historian import Historian
@@ -135,8 +135,8 @@ def build_context(project: Project[RunSettings], rig: Rig, reporter: Reporter) -
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
     ground = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
-    near_far = depth_range_over(ground, matching.load_mm)
-    matcher = sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())
+    near_far = compute_depth_range(ground, matching.load_mm)
+    matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())
     return MeasurementContext(rig, ground, matcher, settings.flow, read_density(project))
 
 

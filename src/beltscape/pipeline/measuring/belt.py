@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.folders.atomic import write_text
-from beltscape.files.reconstruction import list_frame_folders, read_frame
+from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
 from beltscape.report.measuring.belt import render_belt_page
@@ -29,7 +29,7 @@ def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Rep
         With one line that names the fault and the fix.
     """
     names = list_frame_names(folder) if frames is None else list(frames)
-    results = []
+    results: list[FrameResult] = []
     for number, name in enumerate(names, 1):
         results.append(read_frame(folder / name))
         warn_of_findings(results[-1], reporter)

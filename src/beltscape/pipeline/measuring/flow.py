@@ -20,9 +20,14 @@ from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow_chain import FlowChain, depth_range_over, read_reference, widen_to_belt
+from beltscape.pipeline.measuring.flow_chain import (
+    FlowChain,
+    compute_depth_range,
+    read_reference,
+    widen_to_belt,
+)
 from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, warn_of_motion_conflicts
-from beltscape.pipeline.reconstructing.checked_matcher import sequence_matcher
+from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
@@ -91,11 +96,11 @@ def measure_flow_of_capture(
     near_far = (
         widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
         if load_mm is None
-        else depth_range_over(ground, load_mm)
+        else compute_depth_range(ground, load_mm)
     )
     picture, steps = BeltPicture(ground), list[FramePlacement]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
-    matcher = sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
+    matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     chain = FlowChain(matcher, meter)
     direction = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()

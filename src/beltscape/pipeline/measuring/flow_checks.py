@@ -70,10 +70,10 @@ def describe_motion(meter: FlowMeter, given: str | None) -> str:
         return "direction unknown: no frame pair shows material that moves"
     name = _NAMES[direction]
     if not evidence.moving:
-        return f"towards {name}" + (" as told; no frame pair shows it" if given else "")
+        return f"towards {name}" + (" as given; no frame pair shows it" if given else "")
     share = f"in {evidence.along(direction)} of {evidence.moving} frame pairs"
     return f"towards {name}" + (
-        f" as told and as the material moves {share}" if given else f": so the material moves {share}"
+        f" as given and as the material moves {share}" if given else f": so the material moves {share}"
     )
 
 

@@ -88,19 +88,19 @@ class CheckedMatcher:
         Raises
         ------
         ReconstructionError
-            When its images do not suffice, or no set of cameras is consistent by far.
+            When its images do not suffice, or the cameras contradict each other grossly.
         """
-        due = self._refused or self._frames % self._every == 0
+        is_due = self._refused or self._frames % self._every == 0
         self._frames += 1
         self._refused = False
         names = self._select_auxiliaries(frame_set)
         depth = self._match(names, frame_set, reporter, prior)
-        if not due:
+        if not is_due:
             return CheckedDepth(self._add_systematic(depth), None, names, ())
         usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         consistency = self._check(frame_set, depth, usable)
         for _ in usable:
-            consistent = _consistent_auxiliaries(consistency)
+            consistent = _select_consistent(consistency)
             if not consistent or consistent == names:
                 break
             names = consistent
@@ -172,10 +172,10 @@ class CheckedMatcher:
     def _add_systematic(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():
             return depth
-        return add_systematic_error(depth, self._systematic_px * depth_error_per_px(self.rig, depth))
+        return add_systematic_error(depth, self._systematic_px * compute_depth_error_per_px(self.rig, depth))
 
 
-def sequence_matcher(
+def make_sequence_matcher(
     rig: Rig, cameras: Collection[str], depth_range_mm: tuple[float, float], settings: MultiviewSettings
 ) -> CheckedMatcher:
     """Return the matcher of a moving belt; its first frame is checked, and every `CHECK_EVERY`-th after it."""
@@ -187,14 +187,14 @@ def sequence_matcher(
     return CheckedMatcher(rig, auxiliaries, depth_range_mm, make_matcher, every=CHECK_EVERY)
 
 
-def _consistent_auxiliaries(consistency: RigConsistency) -> tuple[str, ...]:
+def _select_consistent(consistency: RigConsistency) -> tuple[str, ...]:
     """Return the auxiliaries to measure with; none if the frame is ambiguous."""
     if consistency.core_moved or consistency.ambiguous or not consistency.find_auxiliaries("sound"):
         return ()
     return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.inconsistent)
 
 
-def depth_error_per_px(rig: Rig, depth: DepthMap) -> float:
+def compute_depth_error_per_px(rig: Rig, depth: DepthMap) -> float:
     """Return the depth error (mm) of a pixel of disparity at the map's median depth, over the mean baseline."""
     baseline = float(np.mean([np.linalg.norm(rig.cam_from_core[n].center_mm) for n in rig.auxiliaries]))
     middle = float(np.nanmedian(depth.depth_mm))

@@ -121,7 +121,7 @@ def rectify(
 
 def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
     """Return a line for every pair with a large row error, except those already found inconsistent."""
-    lines = []
+    lines: list[str] = []
     for each in pairs:
         core, name, rows = each.pair.core, each.pair.auxiliary, each.rows
         if name in consistency.inconsistent:

@@ -31,7 +31,7 @@ class AccessSettings(BaseModel):
     sockets_max: int = Field(default=64, ge=1, le=4096)
     """WebSockets open at the same time."""
     sockets_per_address: int = Field(default=16, ge=1, le=4096)
-    """Of those, from one address."""
+    """WebSockets open at the same time from one address."""
     audit_file_mb: float = Field(default=10, gt=0, le=1000)
     """The audit log is rotated at this size."""
     audit_files: int = Field(default=10, ge=1, le=1000)
@@ -50,11 +50,11 @@ class LimitSettings(BaseModel):
     connections_max: int = Field(default=256, ge=8, le=65_536)
     """Connections open at the same time; further ones are closed at once."""
     connections_per_address: int = Field(default=64, ge=1, le=65_536)
-    """Of those, from one address."""
+    """Connections open at the same time from one address."""
     reads_per_s: float = Field(default=400, gt=0, le=1e6)
     """Reads of 4 KiB from all connections; faster senders wait, so that the measurement is not slowed."""
     reads_per_s_per_address: float = Field(default=150, gt=0, le=1e6)
-    """Of those, from one address."""
+    """Reads of 4 KiB from the connections of one address."""
     header_max_bytes: int = Field(default=16_384, ge=4096, le=262_144)
     """Longest request line and headers together."""
     socket_max_bytes: int = Field(default=65_536, ge=1024, le=16 * 2**20)

@@ -24,7 +24,7 @@ AlarmName = Annotated[str, Path(min_length=1, max_length=160, description="Name 
 
 @dataclass(frozen=True, slots=True)
 class AppContext:
-    """What all endpoints use: live state, history, controls and settings."""
+    """Objects that all endpoints share: live state, history, controls and settings."""
 
     live_state: LiveState
     history: Historian

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Annotated
 
@@ -162,7 +162,7 @@ class SectionOut(ResponseModel):
 
 
 @contextmanager
-def map_history_errors() -> Iterator[None]:
+def map_history_errors() -> Generator[None]:
     """Turn errors of reading the history into HTTPException 503."""
     try:
         yield

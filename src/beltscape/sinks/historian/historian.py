@@ -60,12 +60,12 @@ class Historian:
 
     @property
     def repair_message(self) -> str:
-        """What was repaired of a damaged database, in one line, also an event; empty without a repair."""
+        """Line that describes the repair of a damaged database, also stored as an event; empty without a repair."""
         return self._store.message
 
     @property
     def trouble(self) -> str:
-        """Why the history is stored only in part, in one line; empty without a fault."""
+        """Reason in one line if the history is stored only in part; empty without a fault."""
         return self._store.trouble or self._maintenance_trouble
 
     @property

@@ -20,7 +20,7 @@ class Piece:
     start_s: float
     """On a monotonic clock."""
     is_continuation: bool
-    """Whether it continues the piece before it as one capture."""
+    """True if it belongs to the same capture as the piece before."""
 
 
 class Ring:

@@ -38,12 +38,11 @@ def find_exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) ->
         return None
     if pose_change is not None and pose_change.angle_deg < _KNOCK[0] and pose_change.shift_mm < _KNOCK[1]:
         return None
-    if len(inconsistent) > 1 and has_sound:
-        return search_exchange(frame_set, rig, inconsistent)
-    return search_exchange(frame_set, rig, _list_auxiliaries(frame_set, rig))
+    suspects = inconsistent if len(inconsistent) > 1 and has_sound else _list_auxiliaries(frame_set, rig)
+    return find_exchange_among(frame_set, rig, suspects)
 
 
-def search_exchange(frame_set: FrameSet, rig: Rig, suspects: tuple[str, ...]) -> tuple[str, str] | None:
+def find_exchange_among(frame_set: FrameSet, rig: Rig, suspects: tuple[str, ...]) -> tuple[str, str] | None:
     """Return the two of the suspected cameras whose exchange makes the images fit the rig best, or None.
 
     The core is suspected as well if all auxiliaries are.

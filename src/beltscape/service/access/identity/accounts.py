@@ -46,7 +46,7 @@ class Accounts:
 
     @property
     def is_setup_open(self) -> bool:
-        """Whether there has never been a user."""
+        """True until the first user is added."""
         return not self._database.select("SELECT 1 FROM facts WHERE key = 'setup_closed'")
 
     def list(self) -> tuple[Account, ...]:
@@ -62,7 +62,7 @@ class Accounts:
         return _single_user(self._database.select(_FIND, normalise_name(name)), name)
 
     def check(self, name: str, password: str) -> User | None:
-        """Return the user if the password is right, else None; unknown users take as long."""
+        """Return the user if the password is right, else None; an unknown name takes the same time."""
         rows = self._database.select(
             "SELECT name, role, password FROM users WHERE name = ?", normalise_name(name)
         )
@@ -93,7 +93,7 @@ class Accounts:
             connection.execute("DELETE FROM users WHERE name = ?", (normalise_name(name),))
 
     def set_role(self, name: str, role: Role) -> None:
-        """Change a role from the next request on. The last engineer keeps the role."""
+        """Change a role from the next request on. The last engineer's role cannot be changed."""
         with self._database.transaction() as connection:
             self._check_engineer_remains(connection, _get_user(connection, name), _validate_role(role))
             connection.execute("UPDATE users SET role = ? WHERE name = ?", (role, normalise_name(name)))
@@ -132,9 +132,7 @@ def validate_name(name: str) -> str:
             "underscores, and does not begin with a dot or hyphen"
         )
     if kept == ANONYMOUS:
-        raise InputError(
-            f"user {ANONYMOUS}: is reserved for users who are not logged in; choose another name"
-        )
+        raise InputError(f"user {ANONYMOUS}: is reserved for users without a login; choose another name")
     return kept
 
 

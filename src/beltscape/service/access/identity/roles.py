@@ -10,7 +10,7 @@ Role = Literal["viewer", "operator", "engineer"]
 ROLES: tuple[Role, ...] = ("viewer", "operator", "engineer")
 """From least to most; each role includes those before it."""
 ANONYMOUS = "anonymous"
-"""Name of users who have not logged in; no account may have it."""
+"""Name of users without a login; no account may have it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError
-from beltscape.sinks.days import day_name, day_of, day_range_ns
+from beltscape.sinks.days import compute_day, compute_day_range_ns, format_day
 from beltscape.sinks.historian.reading.records import read_database_rows
 from beltscape.sinks.historian.storage.day_files import DayFile, read_day, read_summary, write_day
 from beltscape.sinks.historian.storage.day_table import to_table
@@ -50,10 +50,10 @@ class Archive:
         with self._store.readers.borrow() as connection:
             days = [row[0] for row in connection.execute(_UNFILED)]
             newest = connection.execute("SELECT wall_ns FROM records ORDER BY number DESC LIMIT 1").fetchone()
-        open_days = (
+        open_days: set[int] = (
             set()
             if wall_ns is None
-            else {day_of(wall_ns, shift_ns), *(day_of(ns, shift_ns) for ns in newest or ())}
+            else {compute_day(wall_ns, shift_ns), *(compute_day(ns, shift_ns) for ns in newest or ())}
         )
         for day in days:
             if day not in open_days:
@@ -102,7 +102,7 @@ class Archive:
         first = next(tables, None)
         if first is None:
             return
-        name, again = day_name(day), 1
+        name, again = format_day(day), 1
         path = self.folder / f"{name}.parquet"
         while path.exists():
             again += 1
@@ -114,7 +114,7 @@ class Archive:
 
     def _tables(self, day: int, number: int) -> Iterator[pa.Table]:
         """Yield the records of a day from a number on, some thousands at a time."""
-        times = day_range_ns(day, self._store.shift_ns)
+        times = compute_day_range_ns(day, self._store.shift_ns)
         while True:
             with self._store.readers.borrow() as connection:
                 rows, sections = read_database_rows(connection, (number, _ALL), times, _ROWS)
@@ -131,7 +131,7 @@ class Archive:
         self._store.transact(lambda connection: connection.execute(statement, row))
 
 
-def files_where(connection: sqlite3.Connection, which: str) -> list[tuple[DayFile, bool]]:
+def select_files(connection: sqlite3.Connection, which: str) -> list[tuple[DayFile, bool]]:
     """Return the registered files, oldest first, and whether their records are (being) removed from the database."""
     rows = connection.execute(f"SELECT {_FILE}, pruned FROM files WHERE {which} ORDER BY last")
     return [(DayFile(*row[:-1]), bool(row[-1])) for row in rows]

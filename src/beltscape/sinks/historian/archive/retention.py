@@ -11,9 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError, OutputError
-from beltscape.sinks.days import day_range_ns
-from beltscape.sinks.historian.archive.closed_days import Archive, files_where
-from beltscape.sinks.historian.storage.day_files import DayFile, file_sha256
+from beltscape.sinks.days import compute_day_range_ns
+from beltscape.sinks.historian.archive.closed_days import Archive, select_files
+from beltscape.sinks.historian.storage.day_files import DayFile, hash_file
 from beltscape.sinks.historian.writing.ledger import transaction
 from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings
@@ -59,7 +59,7 @@ class Retention:
 
     def _prune_by_age(self) -> None:
         with self._store.readers.borrow() as connection:
-            files = files_where(connection, "NOT pruned OR last >= (SELECT min(number) FROM records)")
+            files = select_files(connection, "NOT pruned OR last >= (SELECT min(number) FROM records)")
             days = _newest_days(connection, self._settings.database_days)
         for file, pruned in files:
             if pruned:
@@ -74,7 +74,7 @@ class Retention:
         # days without a file are closed early
         self._archive.close_days(None)
         with self._store.readers.borrow() as connection:
-            files = files_where(connection, "NOT pruned")
+            files = select_files(connection, "NOT pruned")
         for file, _ in files:
             if self._store.used_bytes() <= 0.9 * limit:
                 return
@@ -84,7 +84,7 @@ class Retention:
         """Remove the records of a file from the database if the file is unchanged since it was written."""
         path = self._archive.folder / file.name
         try:
-            is_unchanged = not file.sha256 or file_sha256(path) == file.sha256
+            is_unchanged = not file.sha256 or hash_file(path) == file.sha256
         except OSError:
             is_unchanged = False
         if is_unchanged:
@@ -102,7 +102,7 @@ class Retention:
 
     def _delete_records(self, file: DayFile) -> None:
         """Delete the records of a file in small steps, between which writing continues."""
-        times = day_range_ns(file.day, self._store.shift_ns)
+        times = compute_day_range_ns(file.day, self._store.shift_ns)
         while True:
             with self._store.readers.borrow() as connection:
                 numbers = connection.execute(
@@ -117,7 +117,7 @@ class Retention:
     def _prune_files(self) -> None:
         """Remove day files by age and by size, the oldest first, with their sums by the minute."""
         with self._store.readers.borrow() as connection:
-            files = files_where(connection, "pruned")
+            files = select_files(connection, "pruned")
             days = _newest_days(connection, self._settings.file_days)
             (total,) = connection.execute("SELECT total(bytes) FROM files").fetchone()
         for file, _ in files:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
-from beltscape.sinks.days import DAY_NS, day_name
+from beltscape.sinks.days import DAY_NS, format_day
 from beltscape.sinks.historian.reading.records import read_database_records, read_database_section
-from beltscape.sinks.historian.reading.series import number_range
+from beltscape.sinks.historian.reading.series import find_number_range
 from beltscape.sinks.historian.storage.day_files import read_day
 
 _ALWAYS = (-(1 << 62), 1 << 62)
@@ -42,7 +42,7 @@ def read_records(
 ) -> tuple[BeltRecord, ...]:
     """Return the first ``limit`` records of a period with numbers above ``after``; day files are in ``folder``."""
     found: dict[int, BeltRecord] = {}
-    numbers = number_range(connection, *times_ns, shift_ns)
+    numbers = find_number_range(connection, *times_ns, shift_ns)
     if numbers is not None:
         bounds = max(numbers[0], after + 1), numbers[1]
         for record in read_database_records(connection, bounds, times_ns, limit, sections=sections):
@@ -81,7 +81,7 @@ def read_day_sums(
         "total(degraded), total(missing) FROM hours WHERE bucket >= ? AND bucket < ? GROUP BY bucket / 24",
         (24 * first, 24 * last),
     )
-    return tuple(DaySum(day_name(row[0]), row[1], row[2], float(row[3]), *row[4:]) for row in rows)
+    return tuple(DaySum(format_day(row[0]), row[1], row[2], float(row[3]), *row[4:]) for row in rows)
 
 
 def _read_day_file(

@@ -78,7 +78,7 @@ def read_series(
     return _series(rows, first * unit + shift_ns, times * unit, count)
 
 
-def number_range(
+def find_number_range(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int
 ) -> tuple[int, int] | None:
     """Return the least and the greatest number of the records of a period or near it; None without records.
@@ -96,7 +96,7 @@ def number_range(
 
 def _has_records(connection: sqlite3.Connection, since_ns: int, until_ns: int, shift_ns: int) -> bool:
     """Return whether the records of a period are still in the table of records."""
-    numbers = number_range(connection, since_ns, until_ns, shift_ns)
+    numbers = find_number_range(connection, since_ns, until_ns, shift_ns)
     oldest = connection.execute("SELECT min(number) FROM records").fetchone()[0]
     return numbers is None or (oldest is not None and oldest <= numbers[0])
 
@@ -116,7 +116,7 @@ def _raw(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, width_ns: int, shift_ns: int
 ) -> list[Sequence[Any]]:
     """Return sums of records, computed in the database, in the columns of the sums' tables."""
-    numbers = number_range(connection, since_ns, until_ns, shift_ns)
+    numbers = find_number_range(connection, since_ns, until_ns, shift_ns)
     if numbers is None:
         return []
     return connection.execute(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,7 +16,7 @@ _IDLE = 8
 """Number of idle connections that are kept open."""
 
 
-def suspect_marker(path: Path) -> Path:
+def locate_suspect_marker(path: Path) -> Path:
     """Return the marker file that makes the next start check the whole database."""
     return path.with_name(f"{path.stem}.suspect")
 
@@ -33,7 +33,7 @@ class ReaderPool:
         self._closed = False
 
     @contextmanager
-    def borrow(self) -> Iterator[sqlite3.Connection]:
+    def borrow(self) -> Generator[sqlite3.Connection]:
         """Lend a connection with one consistent view of the data until the block ends.
 
         Raises
@@ -52,7 +52,7 @@ class ReaderPool:
             connection.execute("COMMIT")
         except sqlite3.Error as error:
             if is_damage(error):
-                suspect_marker(self._path).touch()
+                locate_suspect_marker(self._path).touch()
             raise InputError(f"{self._path}: cannot be read ({error})") from error
         finally:
             self._take_back(connection, age)

@@ -8,16 +8,18 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.sinks.durable import commit_file
-from beltscape.sinks.historian.storage.day_table import NAMES, schema, table_digest, to_records
+from beltscape.sinks.historian.storage.day_table import NAMES, hash_table, schema, to_records
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
+_Content = TypeVar("_Content")
 _KEY = b"beltscape"
 _FORMAT = "beltscape-day/1"
 
@@ -67,7 +69,7 @@ def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
             write_statistics=["number", "wall_time"],
         ) as writer:
             for table in tables:
-                digests.append(table_digest(table))
+                digests.append(hash_table(table))
                 number, wall = table["number"].to_numpy(), table["wall_time"].cast(pa.int64()).to_numpy()
                 numbers.append((number[0], number[-1], wall.min(), wall.max(), table.num_rows))
                 writer.write_table(table, row_group_size=max(1, table.num_rows))
@@ -81,7 +83,7 @@ def write_day(path: Path, day: int, tables: Iterable[pa.Table]) -> DayFile:
             about |= {"since_ns": int(min(since)), "until_ns": int(max(until)), "records": sum(counts)}
             writer.add_key_value_metadata({_KEY: json.dumps(about, sort_keys=True).encode()})
         _verify(temporary, digests)
-        sha256 = file_sha256(temporary)
+        sha256 = hash_file(temporary)
         commit_file(temporary, path)
     except (OSError, pa.ArrowException) as error:
         raise OutputError(
@@ -107,7 +109,7 @@ def read_day(
     """
     import pyarrow as pa
 
-    def read(file: Any) -> list[BeltRecord]:
+    def read(file: pq.ParquetFile) -> list[BeltRecord]:
         records: list[BeltRecord] = []
         for table in _row_groups(file, numbers, None if sections else list(NAMES)):
             number, wall = table["number"].to_numpy(), table["wall_time"].cast(pa.int64()).to_numpy()
@@ -121,7 +123,7 @@ def read_day(
     return _with_parquet(path, read)
 
 
-def file_sha256(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """Return the SHA-256 of a file; OSError if it cannot be read."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -131,12 +133,14 @@ def _verify(path: Path, digests: list[str]) -> None:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        written = [table_digest(file.read_row_group(place)) for place in range(file.num_row_groups)]
+        written = [hash_table(file.read_row_group(place)) for place in range(file.num_row_groups)]
     if written != digests:
         raise OSError("it does not read back as it was written")
 
 
-def _row_groups(file: Any, numbers: tuple[int, int], columns: list[str] | None) -> Iterator[pa.Table]:
+def _row_groups(
+    file: pq.ParquetFile, numbers: tuple[int, int], columns: list[str] | None
+) -> Iterator[pa.Table]:
     """Yield the row groups that may contain numbers of the range."""
     for place in range(file.num_row_groups):
         statistics = file.metadata.row_group(place).column(0).statistics
@@ -144,7 +148,7 @@ def _row_groups(file: Any, numbers: tuple[int, int], columns: list[str] | None) 
             yield file.read_row_group(place, columns=columns)
 
 
-def _with_parquet(path: Path, read: Callable[[Any], Any]) -> Any:
+def _with_parquet(path: Path, read: Callable[[pq.ParquetFile], _Content]) -> _Content:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -159,7 +163,7 @@ def _with_parquet(path: Path, read: Callable[[Any], Any]) -> Any:
         ) from error
 
 
-def _summary(file: Any, path: Path) -> dict[str, Any]:
+def _summary(file: pq.ParquetFile, path: Path) -> dict[str, Any]:
     about = json.loads((file.metadata.metadata or {}).get(_KEY, b"{}"))
     if about.get("format") != _FORMAT:
         raise InputError(f"{path}: not a day file of beltscape; move it away")

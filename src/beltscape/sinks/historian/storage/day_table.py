@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def to_records(table: pa.Table) -> Iterator[BeltRecord]:
 
 def _lists(table: pa.Table, name: str) -> Iterator[Any]:
     """Yield each cell as (n,) float32, None for an empty one."""
-    for chunk in table[name].chunks:
+    for chunk in cast("list[pa.ListArray]", table[name].chunks):
         for cell in chunk:
             yield (
                 None
@@ -107,7 +107,7 @@ def _lists(table: pa.Table, name: str) -> Iterator[Any]:
             )
 
 
-def table_digest(table: pa.Table) -> str:
+def hash_table(table: pa.Table) -> str:
     """Return a checksum of the cells' values, independent of their layout in memory."""
     import pyarrow as pa
 
@@ -119,9 +119,9 @@ def table_digest(table: pa.Table) -> str:
             column = chunk
             sums.update(np.asarray(column.is_null()).tobytes())
             if pa.types.is_list(column.type):
-                sums.update(np.asarray(column.value_lengths().fill_null(-1)).tobytes())
-                column = column.flatten()
-                sums.update(np.asarray(column, np.float32).tobytes())
+                lists = cast("pa.ListArray", column)
+                sums.update(np.asarray(lists.value_lengths().fill_null(-1)).tobytes())
+                sums.update(np.asarray(lists.flatten(), np.float32).tobytes())
             elif pa.types.is_string(column.type):
                 sums.update("\0".join(column.fill_null("").to_pylist()).encode())
             else:

@@ -40,11 +40,12 @@ def to_row(record: BeltRecord) -> tuple[Any, ...]:
 def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRecord:
     """Return the record of a row in the order of COLUMNS."""
     number, run, start, end, standing, reason, wall_ns, run_sigma, cameras = row[:9]
+    standing_index: int = standing
     return BeltRecord(
         number=number,
         run=run,
         belt_mm=(start, end),
-        standing=STANDINGS[standing],
+        standing=STANDINGS[standing_index],
         reason=reason,
         wall_ns=wall_ns,
         strip=None if row[9] is None else _strip(row[9:22]),
@@ -57,6 +58,7 @@ def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRec
 
 def _strip(row: Sequence[Any]) -> FlowRecord:
     frame, time_ns = row[:2]
+    quality_index: int = row[12]
     position, start, end, area, volume, sigma, speed, density, coverage, single = map(_value, row[2:12])
     return FlowRecord(
         frame=frame,
@@ -70,7 +72,7 @@ def _strip(row: Sequence[Any]) -> FlowRecord:
         density_kg_m3=density,
         coverage=coverage,
         single_coverage=single,
-        quality=QUALITIES[row[12]],
+        quality=QUALITIES[quality_index],
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.sinks.days import HOUR_NS
-from beltscape.sinks.historian.writing.sums import record_mass_kg, record_volume_mm3
+from beltscape.sinks.historian.writing.sums import get_mass_kg, get_volume_mm3
 
 WIDTH_NS = {"minutes": HOUR_NS // 60, "hours": HOUR_NS}
 """Tables of sums with their widths, finest first."""
@@ -49,7 +49,7 @@ def upsert(connection: sqlite3.Connection, table: str, rows: Iterable[Sequence[A
 
 def bucket_from_record(record: BeltRecord) -> Bucket:
     """Return one record's bucket: first, last, the columns of ADDED, least and greatest flow."""
-    volume, mass, length = record_volume_mm3(record), record_mass_kg(record), float(record.length_mm)
+    volume, mass, length = get_volume_mm3(record), get_mass_kg(record), float(record.length_mm)
     unweighed = math.isnan(mass)
     mass = 0.0 if unweighed else mass
     standing = [length if record.standing == name else 0.0 for name in ("valid", "degraded", "missing")]

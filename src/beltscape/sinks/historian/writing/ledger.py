@@ -38,7 +38,7 @@ def append_records(
         return sums
     after = sums
     for record in new:
-        after = after.with_record(record)
+        after = after.add_record(record)
     with transaction(connection):
         connection.executemany(INSERT, map(to_row, new))
         if sections:

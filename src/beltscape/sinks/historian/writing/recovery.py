@@ -14,7 +14,7 @@ from pathlib import Path
 
 from beltscape.core.errors import OutputError
 from beltscape.sinks.durable import write_durably
-from beltscape.sinks.historian.storage.connections import suspect_marker
+from beltscape.sinks.historian.storage.connections import locate_suspect_marker
 from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_writer
 from beltscape.sinks.historian.writing.ledger import transaction
@@ -37,7 +37,7 @@ class OpenedDatabase:
     number: int
     """Number of the last record in this very database."""
     message: str
-    """What was repaired, in one line; empty without a repair."""
+    """Line that describes the repair; empty without a repair."""
 
 
 def open_or_recover(folder: Path, shift_ns: int) -> OpenedDatabase:
@@ -82,7 +82,7 @@ def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) 
     """Move the database aside and create a new one with the newest totals; no connection may be open."""
     path = folder / DATABASE
     moved = _move_aside(path)
-    suspect_marker(path).unlink(missing_ok=True)
+    locate_suspect_marker(path).unlink(missing_ok=True)
     candidates = [sums for sums in (known, read_snapshot(folder), _salvage_sums(moved)) if sums is not None]
     sums = max(candidates, key=lambda each: each.number, default=Sums())
     connection = open_writer(path)
@@ -115,11 +115,11 @@ def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
     sums = Sums() if not state and not number else read_sums(state)
     if sums is None or sums.number != number:
         raise sqlite3.DatabaseError("the end of its ledger is not readable")
-    if path.stat().st_size <= _QUICK_BYTES or suspect_marker(path).exists():
+    if path.stat().st_size <= _QUICK_BYTES or locate_suspect_marker(path).exists():
         result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
         if result != "ok":
             raise sqlite3.DatabaseError(" ".join(result.split()))
-        suspect_marker(path).unlink(missing_ok=True)
+        locate_suspect_marker(path).unlink(missing_ok=True)
     last = connection.execute("SELECT max(number) FROM records").fetchone()[0]
     if last is not None and last > number:
         raise sqlite3.DatabaseError(f"it holds record {last} behind the end of its ledger")

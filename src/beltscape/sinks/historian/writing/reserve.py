@@ -16,7 +16,7 @@ class Reserve:
 
     @property
     def is_held(self) -> bool:
-        """Whether the whole reserve is allocated."""
+        """True if the whole reserve is allocated."""
         try:
             return self.path.stat().st_size >= self.size_bytes
         except OSError:

@@ -13,7 +13,7 @@ from typing import IO, TypeVar
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError, SettingsError
-from beltscape.sinks.days import shift_ns_of
+from beltscape.sinks.days import compute_shift_ns
 from beltscape.sinks.historian.storage.connections import ReaderPool
 from beltscape.sinks.historian.storage.failures import is_damage, is_full
 from beltscape.sinks.historian.writing.ledger import append_records
@@ -41,7 +41,7 @@ class Store:
     def __init__(self, folder: Path, settings: HistorySettings) -> None:
         """Open or create the history; it raises the errors of ``Historian``."""
         self.path = folder / DATABASE
-        self.shift_ns = shift_ns_of(settings.day_begins_utc_h)
+        self.shift_ns = compute_shift_ns(settings.day_begins_utc_h)
         self._folder, self._settings = folder, settings
         self._lock = threading.RLock()
         self._guard = _lock_folder(folder)

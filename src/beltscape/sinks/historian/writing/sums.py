@@ -6,6 +6,7 @@ import json
 import math
 import re
 from dataclasses import dataclass, replace
+from typing import Any, cast
 from zlib import crc32
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
@@ -49,9 +50,9 @@ class Sums:
     sigma_run_mm3: float = 0.0
     """σ of this run."""
 
-    def with_record(self, record: BeltRecord) -> Sums:
+    def add_record(self, record: BeltRecord) -> Sums:
         """Return the sums with one more record."""
-        volume, mass = record_volume_mm3(record), record_mass_kg(record)
+        volume, mass = get_volume_mm3(record), get_mass_kg(record)
         lengths = {
             f"{record.standing}_mm": add_compensated(getattr(self, f"{record.standing}_mm"), record.length_mm)
         }
@@ -99,10 +100,13 @@ def read_sums(text: str) -> Sums | None:
     """Return the sums of ``Sums.text``; None if the text is damaged."""
     try:
         document = json.loads(text)
-        values = document["sums"]
+        values: dict[str, Any] = document["sums"]
         if crc32(json.dumps(values, sort_keys=True).encode()) != document["crc32"]:
             return None
-        return Sums(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        pairs: dict[str, Any] = {
+            k: tuple(cast("list[float]", v)) for k, v in values.items() if isinstance(v, list)
+        }
+        return Sums(**{**values, **pairs})
     except (ValueError, TypeError, KeyError):
         return None
 
@@ -116,11 +120,11 @@ def read_leading_sums(data: bytes) -> Sums | None:
         return None
 
 
-def record_volume_mm3(record: BeltRecord) -> float:
+def get_volume_mm3(record: BeltRecord) -> float:
     """Return a record's contribution to the total volume; 0 for NaN."""
     return 0.0 if math.isnan(record.volume_mm3) else float(record.volume_mm3)
 
 
-def record_mass_kg(record: BeltRecord) -> float:
+def get_mass_kg(record: BeltRecord) -> float:
     """Return a record's contribution to the total mass; NaN for a load of unknown density."""
-    return float(record.mass_kg) if record_volume_mm3(record) else 0.0
+    return float(record.mass_kg) if get_volume_mm3(record) else 0.0

@@ -8,7 +8,7 @@ from threading import Lock
 
 from beltscape.alarms.condition import AlarmCondition
 from beltscape.alarms.readings import Readings
-from beltscape.alarms.rules import RULES
+from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, LoadSettings, NoMeasurement
 from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import format_detail
@@ -95,7 +95,7 @@ class AlarmBoard:
             updated: set[str] = set()
             for kind, rule in RULES.items():
                 settings: CommonSettings = getattr(self._settings, kind)
-                conditions = rule(readings, self._settings) if settings.enabled else {}
+                conditions: Conditions = rule(readings, self._settings) if settings.enabled else {}
                 for subject, condition in conditions.items():
                     entry = self._entry(kind, subject, settings)
                     updated.add(entry.name)

@@ -37,7 +37,7 @@ class Readings:
     belt_offset_mm: float = _NAN
     """Offset of the belt from the middle towards +x; NaN also where its ends are not visible."""
     belt_offset_sigma_mm: float = _NAN
-    cameras: Mapping[str, CameraHealth] = field(default_factory=dict)
+    cameras: Mapping[str, CameraHealth] = field(default_factory=dict[str, CameraHealth])
     dropped_per_minute: float = _NAN
     """Frame sets that were not measured."""
     history_trouble: str | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from beltscape.alarms.condition import (
     AlarmCondition,
@@ -33,13 +34,15 @@ def _overload(now: Readings, settings: AlarmSettings) -> Conditions:
         (now.volume_flow_m3_h, now.volume_flow_sigma_m3_h, own.volume_flow_m3_h, "m³/h"),
         (now.mass_flow_t_h, now.mass_flow_sigma_t_h, own.mass_flow_t_h, "t/h"),
     )
-    return {"": _worst_of(limited, lambda *value: compare_upper(*value, own.hysteresis, own.sigmas))}
+    compare = partial(compare_upper, hysteresis=own.hysteresis, sigmas=own.sigmas)
+    return {"": _worst_of(limited, compare)}
 
 
 def _empty(now: Readings, settings: AlarmSettings) -> Conditions:
     own = settings.empty
     limited = _limited_loads(now, own.fill, own.area_mm2)
-    return {"": _worst_of(limited, lambda *value: compare_lower(*value, own.hysteresis, own.sigmas))}
+    compare = partial(compare_lower, hysteresis=own.hysteresis, sigmas=own.sigmas)
+    return {"": _worst_of(limited, compare)}
 
 
 def _limited_loads(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from beltscape.core.errors import SettingsError
+from beltscape.core.type_guards import is_list_or_tuple
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -79,7 +80,7 @@ def _option(field: str) -> str:
 
 
 def _format_input(value: object) -> str:
-    if isinstance(value, tuple | list):
+    if is_list_or_tuple(value):
         return ",".join(_format_input(part) for part in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 

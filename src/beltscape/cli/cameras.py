@@ -56,7 +56,7 @@ def _settings(project: Path) -> CamerasSettings:
 
 def summary(result: Mapping[str, Any]) -> str:
     """Return one or two lines for each camera."""
-    lines = []
+    lines: list[str] = []
     for one in result["cameras"]:
         width, height = one["size_px"]
         lines.append(

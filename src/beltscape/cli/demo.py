@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines."""
-    lines = []
+    lines: list[str] = []
     for scene, methods in result["depth_against_truth"].items():
         for method, s in methods.items():
             lines.append(

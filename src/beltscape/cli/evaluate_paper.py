@@ -57,7 +57,7 @@ def _link_captures(earlier: Path, captures: Path) -> None:
 
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines."""
-    lines = []
+    lines: list[str] = []
     for one in result["depth"]:
         lines.append(
             f"{one['scene']:<22} {one['by']:<32} {one['coverage']:6.1%} measured, {one['within_1mm']:6.1%} "

@@ -17,7 +17,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, help="rig.json to export")
     parser.add_argument("--format", choices=list(FORMATS), required=True, help="format to write")
     add_output_folder(parser, "file to write; for ros a folder", required=True)
-    parser.set_defaults(output=_output_kind, example=lambda arguments: EXAMPLES[arguments.format])
+    parser.set_defaults(output=_output_kind, example=_example)
+
+
+def _example(arguments: argparse.Namespace) -> str:
+    return EXAMPLES[arguments.format]
 
 
 EXAMPLES = {

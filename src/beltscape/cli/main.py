@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn, Protocol, cast
 
 from beltscape import __version__
 from beltscape.cli.failure import UsageError, report_failure
@@ -96,8 +96,9 @@ def _run(command: Command, arguments: argparse.Namespace) -> int:
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
     for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for child in action.choices.values():
+        # argparse has no public way to list sub-commands
+        if isinstance(action, argparse._SubParsersAction):  # pyright: ignore[reportPrivateUsage]
+            for child in cast("dict[str, argparse.ArgumentParser]", action.choices).values():
                 _add_json(child)
             return
     parser.add_argument("--json", action="store_true", help="print the result as one JSON document")
@@ -118,7 +119,8 @@ def _run_top_level(words: Sequence[str]) -> int:
     if arguments.command is not None:
         from difflib import get_close_matches
 
-        near = get_close_matches(arguments.command, COMMANDS, n=1)
+        command: str = arguments.command
+        near = get_close_matches(command, COMMANDS, n=1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
         parser.error(f"no command {arguments.command!r}; {hint}")
     if unknown:

@@ -4,35 +4,33 @@ from __future__ import annotations
 
 import json
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from beltscape.core.errors import BeltscapeError, OutputError
+from beltscape.core.type_guards import is_dict, is_list_or_tuple, is_mapping
 
 _OWN_JSON = ("rig.json", "belt.json")
 """Files whose ``format`` key names their kind."""
 
 
 @contextmanager
-def manage_output(arguments: Namespace) -> Iterator[Output]:
+def manage_output(arguments: Namespace) -> Generator[Output]:
     """Yield the command's output and set ``arguments.out`` to its folder; commands without ``--out`` are unaffected.
 
     ``arguments.earlier`` is the user's folder, which may contain the command's earlier result. An error that names
     the staging folder is raised again with the user's folder.
     """
     out: Path | None = getattr(arguments, "out", None)
-    kind = getattr(arguments, "output", None)
-    if callable(kind):
-        kind = kind(arguments)
+    kind = _resolve(getattr(arguments, "output", None), arguments)
     if out is None or kind is None:
         yield Output(Path(), Path())
         return
     _refuse_input(out, arguments)
     if kind == "file":
-        example = arguments.example
-        refuse_file(out, example(arguments) if callable(example) else example)
+        refuse_file(out, _resolve(arguments.example, arguments))
         yield Output(out, out)
     else:
         with _folder(kind, out, _command(arguments)) as staging:
@@ -61,11 +59,16 @@ class Output:
             return value.replace(
                 f"{self._staging}/", "" if str(self._out) == "." else f"{self._out}/"
             ).replace(str(self._staging), str(self._out))
-        if isinstance(value, Mapping):
+        if is_mapping(value):
             return {key: self.relocate(item) for key, item in value.items()}
-        if isinstance(value, list | tuple):
+        if is_list_or_tuple(value):
             return [self.relocate(item) for item in value]
         return value
+
+
+def _resolve(default: Any, arguments: Namespace) -> Any:
+    """Return a parser's default, or what it returns for these arguments if it is a function."""
+    return cast("Callable[[Namespace], Any]", default)(arguments) if callable(default) else default
 
 
 def refuse_file(out: Path, example: str) -> None:
@@ -91,7 +94,7 @@ def _refuse_other_json(out: Path, example: str) -> None:
     except (OSError, ValueError):
         document = None
     kind = f"beltscape-{Path(example).stem}/"
-    if not isinstance(document, dict) or not str(document.get("format", "")).startswith(kind):
+    if not is_dict(document) or not str(document.get("format", "")).startswith(kind):
         raise OutputError(f"--out {out}: exists and is no {example} of Beltscape; choose another name")
 
 

@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines."""
-    lines = []
+    lines: list[str] = []
     for frame in result["frames"]:
         lines.append(f"{frame['folder'] / 'rectification.png'}")
         for pair in frame["pairs"]:

@@ -135,8 +135,12 @@ def _password(arguments: argparse.Namespace) -> str:
     return password
 
 
+def _list(access: Access, arguments: argparse.Namespace) -> None:
+    """Change nothing; every command returns the users."""
+
+
 _COMMANDS = {
-    "list": lambda _access, _arguments: None,
+    "list": _list,
     "add": _add,
     "remove": _remove,
     "passwd": _passwd,

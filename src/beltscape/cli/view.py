@@ -22,7 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rerun", action="store_true", help="in the Rerun viewer (pip install beltscape[viewer])"
     )
     add_output_file(parser, "write the page (with --rerun: the .rrd) instead of opening it", "scene.html")
-    parser.set_defaults(example=lambda arguments: "scene.rrd" if arguments.rerun else "scene.html")
+    parser.set_defaults(example=_example)
+
+
+def _example(arguments: argparse.Namespace) -> str:
+    return "scene.rrd" if arguments.rerun else "scene.html"
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
+from beltscape.core.type_guards import is_mapping
 
 if TYPE_CHECKING:
     from beltscape.core.camera import Camera
@@ -16,9 +17,9 @@ if TYPE_CHECKING:
 
 def require_image(image: Any, argument: str) -> None:
     """Raise InputError unless ``image`` is (H, W) or (H, W, 3), uint8 or uint16."""
-    if not isinstance(image, np.ndarray):
+    if not _is_array(image):
         raise InputError(f"{argument} is {_kind(image)}: must be a NumPy array, uint8 or uint16")
-    if image.dtype not in (np.uint8, np.uint16):
+    if image.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
         fix = (
             "; scale it to counts, for an image of 0 to 1: np.rint(65535 * image).astype(np.uint16)"
             if image.dtype.kind == "f"
@@ -31,7 +32,7 @@ def require_image(image: Any, argument: str) -> None:
 
 def require_images(images: Any) -> None:
     """Raise InputError unless ``images`` maps camera names to images."""
-    if not isinstance(images, Mapping):
+    if not is_mapping(images):
         raise InputError(f"images is {_kind(images)}: must be images by camera, {{'cam0': image, …}}")
     for name, image in images.items():
         require_image(image, f"images[{name!r}]")
@@ -54,7 +55,7 @@ def require_depth_of(camera: Camera, depth: DepthMap, what: str) -> None:
     width, height = camera.size_px
     for name in ("depth_mm", "sigma_mm", "views", "confidence"):
         values = getattr(depth, name, None)
-        if not isinstance(values, np.ndarray):
+        if not _is_array(values):
             raise InputError(f"{what}: depth is {_kind(depth)} without the array {name}: must be a DepthMap")
         if values.shape != (height, width):
             size = "×".join(str(n) for n in values.shape[::-1])
@@ -62,6 +63,10 @@ def require_depth_of(camera: Camera, depth: DepthMap, what: str) -> None:
                 f"{what}: the depth map is {size}, the core camera {width}×{height}; give the depth and the rig of "
                 "one reconstruction"
             )
+
+
+def _is_array(value: Any) -> TypeGuard[NDArray[Any]]:
+    return isinstance(value, np.ndarray)
 
 
 def _kind(value: Any) -> str:

@@ -40,7 +40,7 @@ class Camera:
         """Distort undistorted image-plane coordinates x/z, y/z (..., 2)."""
         return np.stack(lens.distort(ideal[..., 0], ideal[..., 1], self.distortion), axis=-1)
 
-    def undistort(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+    def undistort(self, pixels: NDArray[np.floating | np.integer]) -> NDArray[np.float64]:
         """Return undistorted image-plane coordinates x/z, y/z (..., 2) of distorted pixels (..., 2).
 
         Newton's method on the distortion, to machine precision; NaN for pixels that the lens model cannot produce.
@@ -64,6 +64,6 @@ class Camera:
     def rays(self) -> NDArray[np.float64]:
         """Return x/z, y/z (H, W, 2) of every pixel of the *undistorted* pinhole grid."""
         width, height = self.size_px
-        u = (np.arange(width) - self.center_px[0]) / self.focal_px[0]
-        v = (np.arange(height) - self.center_px[1]) / self.focal_px[1]
+        u = (np.arange(width, dtype=np.float64) - float(self.center_px[0])) / float(self.focal_px[0])
+        v = (np.arange(height, dtype=np.float64) - float(self.center_px[1])) / float(self.focal_px[1])
         return np.stack(np.meshgrid(u, v), axis=-1)

@@ -50,7 +50,8 @@ class Finding:
 
 def worst_effect(findings: Iterable[Finding]) -> Effect:
     """Return the most severe effect; "none" without findings."""
-    return max((finding.effect for finding in findings), key=EFFECTS.index, default="none")
+    none: Effect = "none"
+    return max((finding.effect for finding in findings), key=EFFECTS.index, default=none)
 
 
 def combine_systematic_mm(findings: Iterable[Finding]) -> float:

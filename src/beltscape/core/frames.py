@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_images
 
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+Image = NDArray[np.uint8 | np.uint16]
 
 OVEREXPOSED_SHARE = 0.2
 """Share of saturated pixels from which an image is called overexposed."""
@@ -34,7 +34,7 @@ class FrameSet:
         require_images(self.images)
 
 
-def to_grey(image: Image) -> NDArray[np.float32]:
+def to_grey(image: Image | NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the luminance (Rec. 601) (H, W) float32 of a grey or RGB image, in the image's own counts."""
     if image.ndim == 2:
         return image.astype(np.float32)

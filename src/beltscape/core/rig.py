@@ -22,9 +22,9 @@ class Rig:
     """By name."""
     cam_from_core: Mapping[str, Pose]
     """By camera name."""
-    quality: Mapping[str, Any] = field(default_factory=dict)
+    quality: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Figures of the calibration's quality: plain JSON values, units in the keys."""
-    covariance: Mapping[str, Any] = field(default_factory=dict)
+    covariance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Covariance of the parameters, if it was estimated: plain JSON values."""
 
     @property

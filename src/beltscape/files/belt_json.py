@@ -12,6 +12,7 @@ from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.paths import AnyPath, as_path
 
@@ -68,7 +69,7 @@ def read_belt(path: AnyPath) -> tuple[Belt, Camera]:
     """Read belt.json; InputError with the first invalid key. The camera has no distortion."""
     path = as_path(path)
     document = read_json(path)
-    format_ = document.get("format") if isinstance(document, dict) else None
+    format_ = document.get("format") if is_dict(document) else None
     if format_ != FORMAT:
         raise InputError(f"{path}: format is {format_!r}, not {FORMAT!r}; {_FIX}")
     try:
@@ -146,7 +147,7 @@ def _pose(entry: Mapping[str, Any]) -> Pose:
 
 def _entry(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = document.get(key)
-    if not isinstance(value, dict):
+    if not is_dict(value):
         raise ValueError(f"{key} must be a table")
     return value
 
@@ -160,7 +161,7 @@ def _range(document: Mapping[str, Any], key: str) -> tuple[float, float]:
 
 def _require_ascending(place: str, entry: Mapping[str, Any], key: str) -> NDArray[np.float64]:
     value = entry.get(key)
-    values = _array(place, entry, key, (len(value) if isinstance(value, list) else 0,))
+    values = _array(place, entry, key, (len(value) if is_list(value) else 0,))
     if len(values) < 2 or (np.diff(values) <= 0).any():
         raise ValueError(f"{place}.{key} must be two or more ascending numbers")
     return values

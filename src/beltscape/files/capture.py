@@ -36,7 +36,7 @@ class Capture:
 
     def describe_missing_frames(self) -> list[str]:
         """Return one line for each camera that lacks frames of another camera."""
-        lines = []
+        lines: list[str] = []
         for camera, files in self.files.items():
             missing = [frame for frame in self.frames if frame not in files]
             if missing:

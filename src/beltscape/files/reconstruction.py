@@ -15,6 +15,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.manifest import require_finished
@@ -136,7 +137,7 @@ def _read_findings(folder: Path) -> tuple[float, tuple[str, ...]]:
     if not path.is_file():
         return 0.0, ()
     document = read_json(path)
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
+    if not is_dict(document) or document.get("format") != FORMAT:
         raise InputError(f"{path}: format is not {FORMAT!r}; reconstruct the capture again")
     for frame in document.get("frames") or ():
         if frame.get("frame") == folder.name:

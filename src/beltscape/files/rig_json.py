@@ -12,6 +12,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path
@@ -55,7 +56,7 @@ def read_rig(path: AnyPath) -> Rig:
     path = as_path(path)
     require_finished(path.parent)
     document = read_json(path)
-    format_ = document.get("format") if isinstance(document, dict) else None
+    format_ = document.get("format") if is_dict(document) else None
     if format_ != FORMAT:
         raise InputError(
             f"{path}: format is {format_!r}, not {FORMAT!r}; give a rig.json of beltscape calibrate"
@@ -72,7 +73,7 @@ def _rig(document: Mapping[str, Any]) -> Rig:
     if units != "mm":
         raise ValueError(f'units = {units!r}: only "mm" is known')
     entries, core = _value(document, "cameras"), _value(document, "core")
-    if not isinstance(entries, dict) or not entries:
+    if not is_dict(entries) or not entries:
         raise ValueError("cameras must be a table of cameras by name")
     if core not in entries:
         raise ValueError(f"core = {core!r} is not among the cameras {', '.join(entries)}")
@@ -133,7 +134,7 @@ def _numbers(place: str, entry: Any, key: str, shape: tuple[int, ...]) -> NDArra
 
 
 def _value(entry: Any, key: str, place: str = "") -> Any:
-    if not isinstance(entry, dict):
+    if not is_dict(entry):
         raise ValueError(f"{place} must be a table")
     if key not in entry:
         raise ValueError(f"{place}.{key} is missing".removeprefix("."))

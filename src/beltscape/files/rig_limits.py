@@ -37,7 +37,7 @@ def find_refusal(rig: Rig) -> str | None:
 
 def find_oddities(rig: Rig) -> list[str]:
     """Return a line for everything unusual in the rig."""
-    lines = []
+    lines: list[str] = []
     for name, camera in rig.cameras.items():
         ratio = float(camera.focal_px.mean() / np.hypot(*camera.size_px))
         if not _ODD_FOCAL[0] <= ratio <= _ODD_FOCAL[1]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.plan.footprint import area_mm2, clip_to_strip, overlap_shares, project_footprint
@@ -108,7 +109,7 @@ def _visible_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float,
     worst: tuple[float, ...] | None = None
     for x in (0.0, half, -half):
         spot = np.array([x, 0.0, middle])
-        directions = []
+        directions: list[NDArray[np.float64]] = []
         for name in planned.rig.cameras:
             to_camera = planned.position_mm(name) - spot
             directions.append(to_camera[:2] / to_camera[2])
@@ -120,7 +121,8 @@ def _visible_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float,
 
 def _covered_shares(settings: PlanSettings, planned: PlannedRig) -> tuple[float, ...]:
     """Return the smallest shares over the planes, of the strip that the core sees."""
-    rig, shares = planned.rig, []
+    rig = planned.rig
+    shares: list[tuple[float, ...]] = []
     for height, width in settings.belt.planes:
         base = clip_to_strip(width, project_footprint(planned, rig.core, height))
         if area_mm2(base) > 0:

@@ -98,8 +98,9 @@ def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxilia
 
 def _pixel_mm(planned: PlannedRig, name: str, height_mm: float, base: Polygon) -> tuple[float, float, float]:
     """Return the finest, median, coarsest pixel over the strip's box, where the camera sees it; NaN if nowhere."""
-    (x0, y0), (x1, y1) = base.min(axis=0), base.max(axis=0)
-    x, y = np.meshgrid(np.linspace(x0, x1, 25), np.linspace(y0, y1, 25))
+    low, high = base.min(axis=0), base.max(axis=0)
+    columns, rows = (np.linspace(float(low[i]), float(high[i]), 25) for i in (0, 1))
+    x, y = np.meshgrid(columns, rows)
     points = np.stack([x, y, np.full_like(x, height_mm)], axis=-1).reshape(-1, 3)
     points = points[planned.sees(name, points)]
     if not len(points):

@@ -62,7 +62,7 @@ def clip(subject: Polygon, window: Polygon) -> Polygon:
             break
         edge = end - start
         inside = edge[0] * (result[:, 1] - start[1]) - edge[1] * (result[:, 0] - start[0])
-        corners = []
+        corners: list[NDArray[np.float64]] = []
         for i in range(len(result)):
             a, b = inside[i], inside[(i + 1) % len(result)]
             if a >= 0:

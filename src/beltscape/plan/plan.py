@@ -100,7 +100,8 @@ def _add_warnings(plan: Plan) -> Plan:
 
 def _geometry_warnings(plan: Plan) -> list[str]:
     settings, mounting = plan.settings, plan.mounting
-    camera, warnings = settings.camera, []
+    camera = settings.camera
+    warnings: list[str] = []
     stated, lens = np.rad2deg(camera.angle_rad), np.rad2deg(camera.lens_angle_rad)
     if abs(stated - lens) > 0.5:
         warnings.append(
@@ -132,7 +133,7 @@ def _geometry_warnings(plan: Plan) -> list[str]:
 
 def _light_warnings(plan: Plan) -> list[str]:
     settings, motion, light = plan.settings, plan.motion, plan.light
-    warnings = []
+    warnings: list[str] = []
     if settings.camera.max_fps < motion.fps < np.inf:
         warnings.append(
             f"{motion.fps:.1f} frames a second are needed, the camera gives {settings.camera.max_fps:g}: at most "

@@ -230,7 +230,7 @@ def _make_scene(adjustment: BundleAdjustmentResult, board: Board) -> Scene:
 def _make_camera_table(
     hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult, covariance: RigCovariance
 ) -> Table:
-    rows = []
+    rows: list[list[str]] = []
     sigmas = np.sqrt(np.diag(covariance.matrix))[: 9 * len(adjustment.rig.cameras)].reshape(-1, 9)
     for (name, c), s, noise in zip(adjustment.rig.cameras.items(), sigmas, adjustment.sigma_px, strict=True):
         camera = hierarchy.monocular[name]
@@ -261,7 +261,7 @@ def _make_camera_table(
 
 def _make_pair_table(hierarchy: HierarchyResult) -> Item:
     errors = {frozenset(e.pair): e for e in hierarchy.network.path_errors}
-    rows = []
+    rows: list[list[str]] = []
     for pair in hierarchy.network.pairs:
         error = errors.get(frozenset((pair.first, pair.second)))
         rows.append(

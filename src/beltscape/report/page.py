@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any, cast
 
 from beltscape.report.drawing import markup, palette
 from beltscape.report.drawing.charts import Chart, Entry, Key
@@ -98,5 +99,5 @@ def _template():
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals.update(markup=markup, palette=palette)
+    cast("dict[str, Any]", environment.globals).update(markup=markup, palette=palette)
     return environment.get_template("page.html")

@@ -74,7 +74,7 @@ def make_rectification_panels(rig: Rig, frame_set: FrameSet, pairs: list[Rectifi
 def _draw_after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
     turns = count_upright_turns(images.pair)
     width, height = images.pair.size_px
-    shown = []
+    shown: list[Rgb] = []
     for image in (images.core, images.auxiliary):
         rgb = to_rgb(image)
         for i, v in enumerate(_line_rows(height)):
@@ -85,7 +85,7 @@ def _draw_after(images: RectifiedImages) -> tuple[Rgb, Rgb]:
 
 def _draw_before(rig: Rig, frame_set: FrameSet, images: RectifiedImages) -> tuple[Rgb, Rgb]:
     """Draw the same lines in the original images, at the source of each rectified row."""
-    shown = []
+    shown: list[Rgb] = []
     for name, source in (
         (images.pair.core, images.pair.core_map),
         (images.pair.auxiliary, images.pair.aux_map),

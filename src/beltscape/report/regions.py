@@ -22,7 +22,7 @@ _FARTHEST_PX = 30_000.0
 
 def draw_regions(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: int = 3) -> Rgb:
     """Return every camera of a frame with its regions, (H, W, 3) RGB, in rows of ``columns``."""
-    panels = []
+    panels: list[Panel] = []
     for name, image in frame_set.images.items():
         grid = grids.get(name)
         text = "no markers" if grid is None else f"{grid.count} of {SIDE * SIDE} markers"

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from beltscape.core.errors import InputError
 from beltscape.files.documents.toml_text import read_toml, validate
@@ -30,10 +30,9 @@ def _load_dictionary(name: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
-class CharucoBoard(BaseModel):
+class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     """A chessboard with ArUco markers in its white squares."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
     square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
@@ -89,10 +88,9 @@ class CharucoBoard(BaseModel):
         return f"ChArUco {self.squares[0]}×{self.squares[1]}, {self.dictionary}, square {self.square_mm:g} mm"
 
 
-class Chessboard(BaseModel):
+class Chessboard(BaseModel, frozen=True, extra="forbid"):
     """A plain chessboard, described by its inner corners."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     kind: Literal["chessboard"] = "chessboard"
     corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
     square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]

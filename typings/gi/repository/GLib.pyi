@@ -1,3 +1,4 @@
 """GLib's errors."""
 
-class Error(Exception): ...
+class Error(Exception):
+    message: str

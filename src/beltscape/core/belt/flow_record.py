@@ -35,9 +35,11 @@ class FlowRecord:
     strip_mm: tuple[float, float]
     """Beginning and end of the new strip, belt coordinate s; strips meet without gap or overlap."""
     area_mm2: float
-    """Mean cross-section of the load on the strip; for a strip without length, the cross-section at its position."""
+    """Mean cross-section of the load on the strip; for a strip without length, the cross-section at its position.
+
+    NaN for a strip that was not measured."""
     volume_mm3: float
-    """Volume of the load on the strip; the records add up to the total."""
+    """Volume of the load on the strip, 0 if it was not measured; the records add up to the total."""
     sigma_mm3: float
     """One standard deviation of it."""
     speed_mm_s: float
@@ -50,6 +52,8 @@ class FlowRecord:
     """Mean share of the strip that a single frame measures, as a reference for the gain by fusing frames."""
     quality: Quality
     """How well the strip was measured."""
+    reason: str = ""
+    """The faults that were found in its frames, in one line; empty without a fault."""
 
     @property
     def volume_flow_m3_h(self) -> float:

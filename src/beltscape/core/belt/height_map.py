@@ -28,12 +28,12 @@ class HeightMap:
     @property
     def x_mm(self) -> NDArray[np.float64]:
         """(Nx,) centres of the columns."""
-        return self.origin_mm[0] + self.cell_mm * np.arange(self.height_mm.shape[1])
+        return self.origin_mm[0] + self.cell_mm * np.arange(int(self.height_mm.shape[1]), dtype=np.float64)
 
     @property
     def y_mm(self) -> NDArray[np.float64]:
         """(Ny,) centres of the rows."""
-        return self.origin_mm[1] + self.cell_mm * np.arange(self.height_mm.shape[0])
+        return self.origin_mm[1] + self.cell_mm * np.arange(len(self.height_mm), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from beltscape.core.errors import InputError
+from beltscape.core.type_guards import is_list_or_tuple, is_mapping
 from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.atomic import write_text
 
 
 def to_plain(value: Any) -> Any:
     """Convert arrays, NumPy scalars, tuples, paths and NaN to types of JSON."""
-    if isinstance(value, Mapping):
+    if is_mapping(value):
         return {str(key): to_plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
         return to_plain(value.tolist())
-    if isinstance(value, list | tuple):
+    if is_list_or_tuple(value):
         return [to_plain(item) for item in value]
     if isinstance(value, np.generic):
         return to_plain(value.item())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def read_text(path: Path) -> str:
 
 
 @contextmanager
-def named_read_errors(path: Path, fix: str = "") -> Iterator[None]:
+def named_read_errors(path: Path, fix: str = "") -> Generator[None]:
     """Turn errors of reading and decoding into InputError with the reason; ``fix`` follows "not UTF-8 text"."""
     try:
         yield

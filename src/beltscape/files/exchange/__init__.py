@@ -7,7 +7,7 @@ its format; a warning with figures reports what a format cannot hold.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
+from beltscape.core.type_guards import is_dict
 from beltscape.files.folders.paths import AnyPath, as_path
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def detect_format(path: Path) -> str:
     from beltscape.files.exchange.documents import read_document, yaml_files
 
     documents = [read_document(file) for file in (yaml_files(path) if path.is_dir() else [path])]
-    if any(isinstance(d, dict) and str(d.get("format")).startswith("beltscape-rig/") for d in documents):
+    if any(is_dict(d) and str(d.get("format")).startswith("beltscape-rig/") for d in documents):
         return RIG_JSON
     names = [name for name in READABLE if any(_module(name).is_of_format(d) for d in documents)]
     if len(names) != 1:
@@ -109,7 +110,7 @@ def _module(kind: str) -> Format:
 
 
 @contextmanager
-def _errors_of(path: Path) -> Iterator[None]:
+def _errors_of(path: Path) -> Generator[None]:
     """Turn a ValueError into an InputError that names the file."""
     try:
         yield

@@ -25,6 +25,7 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.exchange import values
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
@@ -34,7 +35,7 @@ MM_PER_M = 1000.0
 CORNER_TO_CENTRE_PX = 0.5
 
 FX, FY, CX, CY = 0, 1, 2, 3
-LAYOUTS = {
+LAYOUTS: dict[str, tuple[list[int], list[int]]] = {
     "SIMPLE_PINHOLE": ([0, 0, 1, 2], []),
     "PINHOLE": ([0, 1, 2, 3], []),
     "SIMPLE_RADIAL": ([0, 0, 1, 2], [0]),
@@ -47,12 +48,12 @@ LAYOUTS = {
 
 def is_of_format(document: Any) -> bool:
     """Return whether the document is a list of rigs."""
-    return isinstance(document, list) and any(isinstance(rig, dict) and "cameras" in rig for rig in document)
+    return is_list(document) and any(is_dict(rig) and "cameras" in rig for rig in document)
 
 
 def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # noqa: ARG001
     """Write the rig as the only one of a rig configuration."""
-    entries = []
+    entries: list[dict[str, Any]] = []
     for name in names_core_first(rig):
         camera, pose = rig.cameras[name], rig.cam_from_core[name]
         placed = {
@@ -80,7 +81,7 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     if len(document) != 1:
         raise ValueError(f"holds {len(document)} rigs; keep the one to be read")
     entries = values.require_value(document[0], "cameras", "the rig")
-    if not isinstance(entries, list) or not entries:
+    if not is_list(entries) or not entries:
         raise ValueError("cameras must be a list of cameras")
     named = dict(zip(_names(entries), entries, strict=True))
     reference = [name for name, entry in named.items() if entry.get("ref_sensor")]

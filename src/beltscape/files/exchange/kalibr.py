@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict
 from beltscape.files.exchange import values
 from beltscape.files.exchange.documents import read_document, to_floats, write_yaml
 from beltscape.files.exchange.radtan import fit_without_k3
@@ -38,13 +39,13 @@ FIX = "calibrate with pinhole-radtan"
 
 def is_of_format(document: Any) -> bool:
     """Return whether the document is a table with ``cam0``."""
-    return isinstance(document, dict) and isinstance(document.get("cam0"), dict)
+    return is_dict(document) and is_dict(document.get("cam0"))
 
 
 def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:
     """Write the rig as a camera chain that starts at the core."""
     names = names_core_first(rig)
-    document = {}
+    document: dict[str, Any] = {}
     for i, name in enumerate(names):
         chained = {"T_cn_cnm1": _metric(rig.relative_pose(name, names[i - 1]))} if i else {}
         document[f"cam{i}"] = {

@@ -23,6 +23,7 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.exchange import values
 from beltscape.files.exchange.documents import (
     Matrix,
@@ -39,11 +40,11 @@ MM_PER = {"mm": 1.0, "m": 1000.0}
 
 def is_of_format(document: Any) -> bool:
     """Return whether the document is a list of cameras, or one camera without the keys of ROS."""
-    if not isinstance(document, dict):
+    if not is_dict(document):
         return False
     keys = {str(key).lower() for key in document}
     ros = {"camera_name", "distortion_model", "projection_matrix"}
-    return isinstance(document.get("cameras"), list) or ("camera_matrix" in keys and not keys & ros)
+    return is_list(document.get("cameras")) or ("camera_matrix" in keys and not keys & ros)
 
 
 def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # noqa: ARG001
@@ -73,10 +74,10 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
         }
         return RigDescription(cameras, {}, next(iter(cameras)))
     document = read_document(path)
-    if not isinstance(document, dict) or "cameras" not in document:
+    if not is_dict(document) or "cameras" not in document:
         return RigDescription({path.stem: _read_camera(path.stem, document, path.stem)}, {}, path.stem)
     entries = document["cameras"]
-    if not isinstance(entries, list) or not entries:
+    if not is_list(entries) or not entries:
         raise ValueError("cameras must be a list of cameras")
     names = [str(values.require_value(entry, "name", f"cameras[{i}]")) for i, entry in enumerate(entries)]
     named = dict(zip(values.require_distinct(names), entries, strict=True))
@@ -88,7 +89,7 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
 
 
 def _read_camera(name: str, document: Any, place: str) -> Camera:
-    if not isinstance(document, dict):
+    if not is_dict(document):
         raise ValueError(f"{place} must be a table with camera_matrix and distortion_coefficients")
     entry = {str(key).lower(): item for key, item in document.items()}
     model = "fisheye" if entry.get("fisheye_model") else entry.get("distortion_model", "plumb_bob")

@@ -26,6 +26,7 @@ import numpy as np
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.exchange import values
 from beltscape.files.exchange.documents import read_document, to_floats, write_yaml, yaml_files
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
@@ -39,7 +40,7 @@ SUFFIX = "_optical_frame"
 
 def is_of_format(document: Any) -> bool:
     """Return whether the document is one camera with a key that OpenCV's files do not have."""
-    if not isinstance(document, dict) or "camera_matrix" not in document:
+    if not is_dict(document) or "camera_matrix" not in document:
         return False
     return bool({"camera_name", "distortion_model", "projection_matrix"} & set(document))
 
@@ -50,7 +51,7 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
         if "/" in name or "\\" in name or name in ("", ".", "..", Path(EXTRINSICS).stem):
             raise ValueError(f"camera name {name!r} cannot name a file here; rename the camera in rig.json")
     ensure_output_folder(path)
-    files = []
+    files: list[Path] = []
     for name, camera in rig.cameras.items():
         files.append(path / f"{name}.yaml")
         write_yaml(files[-1], _camera_info(camera))
@@ -120,7 +121,7 @@ def _transform(rig: Rig, name: str) -> dict[str, Any]:
 def _tree(document: Any, warn: Callable[[str], None]) -> tuple[str, dict[str, Pose]]:
     """Return the root's name and ``frame_from_root`` by name from a list of transforms."""
     listed = values.require_value(document, "transforms", EXTRINSICS)
-    if not isinstance(listed, list):
+    if not is_list(listed):
         raise ValueError(f"{EXTRINSICS}.transforms must be a list")
     parents: dict[str, str] = {}
     child_from_parent: dict[str, Pose] = {}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.pose import Pose
+from beltscape.core.type_guards import is_dict
 
 ROUNDED = 1e-3
 """A rotation printed with few digits may be this far from orthonormal, and no further."""
@@ -17,7 +18,7 @@ ROUNDED = 1e-3
 
 def require_value(entry: Any, key: str, place: str = "") -> Any:
     """Return ``entry[key]`` of a table."""
-    if not isinstance(entry, dict):
+    if not is_dict(entry):
         raise ValueError(f"{place or 'the file'} must be a table")
     if entry.get(key) is None:
         raise ValueError(f"{place}.{key} is missing".removeprefix("."))

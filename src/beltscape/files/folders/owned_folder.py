@@ -10,7 +10,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,7 +35,7 @@ _SHOWN = 3
 
 
 @contextmanager
-def owned_folder(out: Path, command: str) -> Iterator[Path]:
+def owned_folder(out: Path, command: str) -> Generator[Path]:
     """Yield an empty staging folder whose files become those of ``out`` on success; a failure changes nothing.
 
     Raises
@@ -59,7 +59,7 @@ def owned_folder(out: Path, command: str) -> Iterator[Path]:
 
 
 @contextmanager
-def continued_folder(out: Path, command: str) -> Iterator[Path]:
+def continued_folder(out: Path, command: str) -> Generator[Path]:
     """Yield ``out`` itself, for a command that continues its own earlier files; a failure leaves no new folder.
 
     Raises
@@ -114,7 +114,7 @@ def _own_files(out: Path) -> tuple[str, ...]:
 
 
 @contextmanager
-def _locked_folder(out: Path) -> Iterator[None]:
+def _locked_folder(out: Path) -> Generator[None]:
     """Create ``out`` and lock it; folders created for it that stay empty are removed afterwards."""
     made = _missing_folders(out)
     lock = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import cast
 
 from beltscape.core.errors import InputError
 
@@ -13,6 +14,14 @@ AnyPath = str | os.PathLike[str]
 
 def as_path(given: AnyPath, argument: str = "path") -> Path:
     """Return the path; InputError with the argument's name if it is none."""
-    if isinstance(given, str | os.PathLike) and isinstance(os.fspath(given), str) and os.fspath(given):
+    if _is_path(given):
         return Path(given)
     raise InputError(f"{argument} = {given!r}: must be a path, as text or pathlib.Path")
+
+
+def _is_path(given: object) -> bool:
+    return isinstance(given, str | os.PathLike) and _is_text(os.fspath(cast("AnyPath", given)))
+
+
+def _is_text(name: object) -> bool:
+    return isinstance(name, str) and name != ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.files.folders.paths import AnyPath, as_path
 
+_Number = TypeVar("_Number", np.float32, np.uint8)
 _KINDS = {
     "float": "<f4",
     "float32": "<f4",
@@ -49,16 +51,16 @@ def read_cloud(path: AnyPath) -> PointCloud:
         raise InputError(f"{path}: ends before its {count} points do; reconstruct the frame again")
     rows = np.frombuffer(data, record, count)
 
-    def columns(properties: tuple[str, ...], kind: type, missing: float) -> NDArray[np.generic]:
+    def columns(properties: tuple[str, ...], kind: type[_Number], missing: float) -> NDArray[_Number]:
         if not set(properties) <= set(names):
             return np.full((count, len(properties)), missing, kind)
         return np.stack([rows[name].astype(kind) for name in properties], axis=-1)
 
     return PointCloud(
-        points_mm=columns(("x", "y", "z"), np.float32, np.nan),  # pyright: ignore[reportArgumentType]
-        normals=columns(("nx", "ny", "nz"), np.float32, np.nan),  # pyright: ignore[reportArgumentType]
-        colors=columns(("red", "green", "blue"), np.uint8, 200),  # pyright: ignore[reportArgumentType]
-        sigma_mm=columns(("sigma",), np.float32, 0.0)[:, 0],  # pyright: ignore[reportArgumentType]
+        points_mm=columns(("x", "y", "z"), np.float32, np.nan),
+        normals=columns(("nx", "ny", "nz"), np.float32, np.nan),
+        colors=columns(("red", "green", "blue"), np.uint8, 200),
+        sigma_mm=columns(("sigma",), np.float32, 0.0)[:, 0],
         frame=_frame(head),
     )
 
@@ -68,7 +70,9 @@ def _header(path: Path, head: bytes) -> tuple[list[str], list[str], int]:
     lines = head.decode("ascii", "replace").split("\n")
     if "format binary_little_endian 1.0" not in lines:
         raise InputError(f"{path}: no binary little-endian PLY; give a cloud.ply of reconstruct")
-    count, names, kinds, vertex = 0, [], [], False
+    count, vertex = 0, False
+    names: list[str] = []
+    kinds: list[str] = []
     for words in (line.split() for line in lines):
         if words[:1] == ["element"]:
             vertex = words[1:2] == ["vertex"]

@@ -37,7 +37,7 @@ def read_image(path: AnyPath) -> Image:
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputError(f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known")
-    if image.dtype not in (np.uint8, np.uint16):
+    if image.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
         raise InputError(f"{path}: pixels are {image.dtype}; 8 or 16 bit images are needed")
     if image.ndim == 3:
         is_grey = image.shape[2] < 3 or (_has_palette(data) and is_grey_throughout(image))
@@ -64,7 +64,7 @@ def _is_damaged_png(data: bytes) -> bool:
         end = start + 12 + int.from_bytes(view[start : start + 4], "big")
         if crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big") or end > len(data):
             return True
-        if view[start + 4 : start + 8] == b"IEND":
+        if bytes(view[start + 4 : start + 8]) == b"IEND":
             return False
         start = end
     return True

@@ -32,7 +32,8 @@ def _interpolate_colors(*anchors: Color) -> Rgb:
     """Return a colour map (256, 3) interpolated between evenly spaced colours."""
     where = np.linspace(0, 1, len(anchors))
     channels = np.array(anchors, np.float64).T
-    return np.rint([np.interp(np.linspace(0, 1, 256), where, c) for c in channels]).T.astype(np.uint8)
+    ramps: list[NDArray[np.float64]] = [np.interp(np.linspace(0, 1, 256), where, c) for c in channels]
+    return np.rint(ramps).T.astype(np.uint8)
 
 
 def _opencv_colormap(name: int) -> Rgb:
@@ -104,8 +105,9 @@ class Scale:
         """Return round values within the scale, about ``steps`` to three times as many."""
         if not self.log:
             step = round_below((self.high - self.low) / steps)
-            first, last = np.ceil(self.low / step - 1e-6), np.floor(self.high / step + 1e-6)
-            return [float(np.round(n * step, 9) + 0.0) for n in np.arange(first, last + 1)]
+            first, last = float(np.ceil(self.low / step - 1e-6)), float(np.floor(self.high / step + 1e-6))
+            counts = np.arange(first, last + 1)
+            return [float(np.round(n * step, 9) + 0.0) for n in counts]
         decades = range(int(np.floor(np.log10(self.low))), int(np.ceil(np.log10(self.high))) + 1)
         for digits in ((1, 2, 5), (1,)):
             ticks = [d * 10.0**n for n in decades for d in digits]

@@ -99,7 +99,7 @@ def quantile_range(values: NDArray[np.floating], share: float = 0.005) -> tuple[
     return float(low), float(max(high, low + 1e-6))
 
 
-def to_rgb(image: Image) -> Rgb:
+def to_rgb(image: Image | NDArray[np.float32]) -> Rgb:
     """Return an image as 8-bit RGB, with dark scenes brightened."""
     top = max(float(np.quantile(to_grey(image), 0.995)), 1.0)
     bright = np.clip(image.astype(np.float32) / top, 0, 1) ** 0.6

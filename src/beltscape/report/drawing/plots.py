@@ -93,7 +93,7 @@ def make_panels(
 def show_map(axis: Axes, colors: Rgb, extent: Sequence[float], *, first_row_below: bool = True) -> None:
     """Draw an (H, W, 3 or 4) image of colours, cell by cell; ``extent`` is left, right, bottom and top."""
     origin = "lower" if first_row_below else "upper"
-    axis.imshow(colors, origin=origin, extent=tuple(extent), interpolation="none", aspect="equal")  # pyright: ignore[reportArgumentType]
+    axis.imshow(colors, origin=origin, extent=tuple(extent), interpolation="none", aspect="equal")
 
 
 def fade_unmeasured(
@@ -130,7 +130,7 @@ def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
         figure, buffer = plot(form), StringIO()
         for _ in range(_LAYOUT_PASSES):
             figure.draw_without_rendering()
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        nothing: dict[str, None] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :]

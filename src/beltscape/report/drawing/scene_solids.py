@@ -16,8 +16,9 @@ def make_belt_triangles(
     document: Mapping[str, Any], along_mm: tuple[float, float]
 ) -> NDArray[np.float64] | None:
     """(T, 3, 3) the belt's cross-section drawn along y, in the belt frame; None where the file tells none."""
-    belt = document.get("belt", document)
-    for part in (belt, *(value for value in belt.values() if isinstance(value, Mapping))):
+    belt: Mapping[str, Any] = document.get("belt", document)
+    parts: list[Mapping[str, Any]] = [belt, *(value for value in belt.values() if isinstance(value, Mapping))]
+    for part in parts:
         if "x_mm" in part and "z_mm" in part:
             x, z = (np.array(part[name], np.float64) for name in ("x_mm", "z_mm"))
             break

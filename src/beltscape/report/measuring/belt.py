@@ -96,11 +96,11 @@ def plot_deviation(belt: Belt, scale: Scale, form: Form) -> Figure:
     """Plot the deviation as a map."""
     deviation = belt.deviation
     assert deviation is not None
-    extent = (deviation.x_mm[0], deviation.x_mm[-1], deviation.y_mm[0], deviation.y_mm[-1])
-    x = np.linspace(*extent[:2], _MAP_CELLS)
-    y = np.linspace(*extent[2:], _MAP_CELLS)
+    left, right = float(deviation.x_mm[0]), float(deviation.x_mm[-1])
+    low, high = float(deviation.y_mm[0]), float(deviation.y_mm[-1])
+    x, y = np.linspace(left, right, _MAP_CELLS), np.linspace(low, high, _MAP_CELLS)
     figure, (axis,) = make_panels(1, form, height=compute_map_height(form, np.ptp(x), np.ptp(y)))
-    show_map(axis, scale.to_rgb(deviation.interpolate(x[None], y[:, None])), extent)
+    show_map(axis, scale.to_rgb(deviation.interpolate(x[None], y[:, None])), (left, right, low, high))
     axis.set(xlabel="x across, mm", ylabel="y along, mm")
     return figure
 
@@ -111,7 +111,7 @@ def _ends(belt: Belt) -> tuple[float, ...]:
 
 def _edge_table(belt: Belt) -> Table:
     edges = belt.edges
-    rows = []
+    rows: list[list[str]] = []
     for name, value, sigma in (
         ()
         if edges is None

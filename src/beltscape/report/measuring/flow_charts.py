@@ -66,7 +66,7 @@ def _plot_belt(
         colors = fade_unmeasured(scale.to_rgb(heights), heights, share[rows]).transpose(1, 0, 2)[
             ::every, ::every
         ]
-        start, end = belt.y_mm[rows[0]] - half, belt.y_mm[rows[-1]] + half
+        start, end = float(belt.y_mm[rows[0]] - half), float(belt.y_mm[rows[-1]] + half)
         show_map(axis, colors, (start, end, *across))
         for record in records:
             if start < record.strip_mm[1] < end:

@@ -149,7 +149,7 @@ def _table(lumps: Lumps) -> Table:
         "cut",
     ]
     columns.append(f"place x, y mm ({lumps.frame})")
-    rows = []
+    rows: list[list[str]] = []
     for lump in largest_lumps(lumps):
         row = [str(lump.number), f"{lump.size_mm:.1f}", f"{lump.sigma_mm:.1f}", f"{lump.length_mm:.1f}"]
         row += [

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from beltscape.plan.plan import Plan
 from beltscape.report.drawing.charts import Chart
@@ -57,7 +58,7 @@ def summarise(plan: Plan) -> str:
         f"{plan.required_views + 1} times, with {edges.pixel_mm['cam0'][1]:.2f} mm pixels and a depth σ of "
         f"{plan.sigma_median_mm:.3f} mm from matching. "
     )
-    shortages = []
+    shortages: list[str] = []
     if plan.light.snr < 0.995 * plan.settings.light.target_snr:
         shortages.append(
             f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)"
@@ -104,7 +105,7 @@ def _describe_mounting(plan: Plan) -> str:
 
 
 def _make_scene(plan: Plan) -> InteractiveScene:
-    boards = {}
+    boards: dict[str, NDArray[np.float64]] = {}
     for plane in plan.planes:
         half, length = plane.width_mm / 2, max(plane.core_length_mm, 1.0) / 2
         x, y = np.array([-1, 1, 1, -1, -1]) * half, np.array([-1, -1, 1, 1, -1]) * length

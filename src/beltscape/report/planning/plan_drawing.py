@@ -50,8 +50,8 @@ class Drawing:
         return (float(point[0]) - self.left) * self.px_per_mm, (self.top - float(point[1])) * self.px_per_mm
 
     def draw_shape(
-        self, points: Sequence[Sequence[float]] | Polygon, *, fill: str = "none", stroke: str = "none",
-        width: float = 1.5, closed: bool = True, dashed: bool = False,
+        self, points: Sequence[Sequence[float] | NDArray[np.float64]] | Polygon, *,
+        fill: str = "none", stroke: str = "none", width: float = 1.5, closed: bool = True, dashed: bool = False,
     ) -> None:  # fmt: skip
         """Draw a polygon or a line."""
         coordinates = " ".join(f"{x:.1f},{y:.1f}" for x, y in map(self.to_picture, points))

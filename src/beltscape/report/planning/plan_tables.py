@@ -10,7 +10,7 @@ from beltscape.report.page import Table
 
 def make_poses_table(plan: Plan) -> Table:
     """Tabulate the position of each lens."""
-    rows = []
+    rows: list[list[str]] = []
     for name in plan.planned.rig.cameras:
         x, y, z = plan.planned.position_mm(name)
         axis = plan.planned.cam_from_world(name).rotation[2]

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError, SettingsError
+
+if TYPE_CHECKING:
+    from gi.repository import GLib
 
 
 def load_aravis() -> Any:
     """Return the module ``gi.repository.Aravis``; SettingsError with the packages to install if it is missing."""
     try:
-        import gi  # pyright: ignore[reportMissingImports]
+        import gi
 
         gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis  # pyright: ignore[reportMissingImports, reportAttributeAccessIssue]
+        from gi.repository import Aravis
     except (ImportError, ValueError) as error:
         raise SettingsError(
             f"cameras: Aravis cannot be used ({error}); install Debian's gir1.2-aravis-0.8, libgirepository1.0-dev "
@@ -24,9 +27,9 @@ def load_aravis() -> Any:
     return Aravis
 
 
-def glib_error_type() -> type[Exception]:
+def glib_error_type() -> type[GLib.Error]:
     """Return the exception type that Aravis's calls raise; call ``load_aravis()`` first."""
-    from gi.repository import GLib  # pyright: ignore[reportMissingImports, reportAttributeAccessIssue]
+    from gi.repository import GLib
 
     return GLib.Error
 

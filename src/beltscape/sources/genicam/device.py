@@ -6,12 +6,15 @@ import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError
 from beltscape.sources.genicam.aravis import glib_error_type, load_aravis, resolve_device
 from beltscape.sources.genicam.features import Features
 from beltscape.sources.genicam.settings import CamerasSettings
+
+if TYPE_CHECKING:
+    from gi.repository import GLib
 
 EXTRA_BYTES = 4096
 """Space for chunks in a buffer beyond the payload that the camera states."""
@@ -168,8 +171,8 @@ class _Control:
         self.is_lost = True
 
 
-def _camera_error(name: str, settings: CamerasSettings, error: Exception) -> InputError:
-    return InputError(f"{name} ({settings.devices[name]}): {error.message}")  # pyright: ignore[reportAttributeAccessIssue]
+def _camera_error(name: str, settings: CamerasSettings, error: GLib.Error) -> InputError:
+    return InputError(f"{name} ({settings.devices[name]}): {error.message}")
 
 
 class _ArrivalClock:

@@ -37,7 +37,7 @@ class Features:
 
     def _apply_pixel_format(self, settings: CamerasSettings, size_px: tuple[int, int] | None) -> None:
         wanted = settings.format_of(self._name)
-        offered = self._camera.dup_available_pixel_formats_as_strings() or []
+        offered: list[str] = self._camera.dup_available_pixel_formats_as_strings() or []
         if wanted not in offered:
             raise InputError(
                 f"{self._name}: the camera offers no {wanted}; it has {', '.join(sorted(offered))}"
@@ -81,7 +81,7 @@ class Features:
                 self._camera.set_frame_rate(settings.frames_per_s)
             return
         source = "Software" if settings.trigger == "software" else settings.trigger_line
-        offered = self._camera.dup_available_trigger_sources() or []
+        offered: list[str] = self._camera.dup_available_trigger_sources() or []
         if source not in offered:
             raise InputError(
                 f"{self._name}: the camera has no trigger input {source}; there are {', '.join(sorted(offered))}"

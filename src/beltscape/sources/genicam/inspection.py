@@ -36,7 +36,7 @@ def inspect_camera(device: str) -> Inspection:
             tuple(sorted(camera.dup_available_trigger_sources() or [])),
         )
     except glib_error_type() as error:
-        return Inspection((0, 0), (), (), f"{error.message}; does another program have it open?")  # pyright: ignore[reportAttributeAccessIssue]
+        return Inspection((0, 0), (), (), f"{error.message}; does another program have it open?")
 
 
 def check_settings(name: str, settings: CamerasSettings) -> str:

@@ -85,7 +85,7 @@ def _marker_bits(board: CharucoBoard) -> list[NDArray[np.float64]]:
     dictionary = opencv_board.getDictionary()
     bits = int(dictionary.markerSize) + 2  # the border is one bit wide
     bit_mm = board.marker_mm / bits
-    boxes = []
+    boxes: list[NDArray[np.float64]] = []
     for number, corners in zip(
         opencv_board.getIds().ravel().tolist(), opencv_board.getObjPoints(), strict=True
     ):

@@ -46,7 +46,8 @@ def _draw_polygon(outline: NDArray[np.float64]) -> list[str]:
 
 def _assemble_file(objects: list[bytes]) -> bytes:
     """Return header, objects, cross-reference table and trailer (ISO 32000-1, 7.5)."""
-    data, starts = b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n", []
+    data = b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n"
+    starts: list[int] = []
     for index, body in enumerate(objects, start=1):
         starts.append(len(data))
         data += b"%d 0 obj\n%s\nendobj\n" % (index, body)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +92,7 @@ def _radial_power(
     from scipy.fft import next_fast_len
 
     def cells(length_px: int) -> int:
-        return cast(int, next_fast_len(ceil(BINS_PER_D_MIN * length_px / d_min_px), real=True))
+        return next_fast_len(ceil(BINS_PER_D_MIN * length_px / d_min_px), real=True)
 
     width, height = size_px
     columns, rows = (cells(s) for s in size_px)
@@ -102,7 +101,7 @@ def _radial_power(
     dots = np.bincount(row * columns + column, minlength=rows * columns).reshape(rows, columns)
     is_open = _cells_outside((columns, rows), size_px, keep_out)
     spectrum = np.fft.rfft2(dots - is_open * (len(points) / is_open.sum()))
-    across, along = np.arange(spectrum.shape[1]) / width, np.fft.fftfreq(rows, 1 / rows) / height
+    across, along = np.arange(int(spectrum.shape[1])) / width, np.fft.fftfreq(rows, 1 / rows) / height
     radius = np.hypot(along[:, None], across) * d_min_px
     radius[0, 0] = np.inf  # the mean carries no information on clusters
     multiplicity = np.where(across > 0, 2.0, 1.0)  # the half plane of negative frequencies is symmetric

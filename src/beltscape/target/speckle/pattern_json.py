@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
+from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import read_json, to_json
 from beltscape.files.documents.toml_text import validate
 from beltscape.files.folders.atomic import write_text
@@ -78,7 +79,7 @@ def write_pattern(path: Path, pattern: Pattern) -> None:
 def read_pattern(path: Path) -> Pattern:
     """Read pattern.json, or raise InputError naming the invalid key."""
     document: Any = read_json(path)
-    format_name = document.get("format") if isinstance(document, dict) else None
+    format_name = document.get("format") if is_dict(document) else None
     if format_name != FORMAT:
         raise InputError(
             f"{path}: format is {format_name!r}, not {FORMAT!r}; give a pattern.json of beltscape target pattern"

@@ -6,6 +6,7 @@ from functools import cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
@@ -29,7 +30,7 @@ def camera(name: str, size_px: tuple[int, int] = SIZE_PX) -> Camera:
     )
 
 
-def looking(center_mm: np.ndarray, target_mm: np.ndarray) -> Pose:
+def looking(center_mm: NDArray[np.float64], target_mm: NDArray[np.float64]) -> Pose:
     """cam_from_world of a camera at a place, looking at a point; its u axis is nearest to world x."""
     z = (target_mm - center_mm) / np.linalg.norm(target_mm - center_mm)
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z

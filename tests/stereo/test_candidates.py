@@ -106,7 +106,7 @@ def test_a_pixel_without_a_surface_gets_one():
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_any_number_of_threads_gives_the_same_bytes(threads):
+def test_selection_does_not_depend_on_the_number_of_threads(threads):
     made = scene(*STEP, noise=1.0)
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)

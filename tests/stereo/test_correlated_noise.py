@@ -50,7 +50,7 @@ def test_sigma_covers_correlated_noise_and_depth_does_not_change(monkeypatch, ch
     assert found.confidence.tobytes() == before.confidence.tobytes()
 
 
-def test_white_noise_keeps_its_sigma(monkeypatch):
+def test_white_noise_does_not_change_sigma(monkeypatch):
     found, _ = reconstruct(lambda i: i)
     monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
     before, _ = reconstruct(lambda i: i)

@@ -27,14 +27,14 @@ def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
 
 @settings(max_examples=10)
 @given(seeds, st.floats(1.8, 3.2))
-def test_the_blur_is_told(seed, sigma_px):
+def test_defocus_is_estimated(seed, sigma_px):
     core = blurred(dots(seed, 0), sigma_px)
     assert estimate_defocus(core, [dots(seed + i) for i in (1, 2, 3)]) == pytest.approx(sigma_px, abs=0.5)
 
 
 @settings(max_examples=10)
 @given(seeds)
-def test_sound_frames_and_blurred_auxiliaries_stay_as_they_are(seed):
+def test_sharp_frames_and_blurred_auxiliaries_are_unchanged(seed):
     levels = {"core": dots(seed), "a": dots(seed + 1), "b": blurred(dots(seed + 2), 2.5), "c": dots(seed + 3)}
     after = match_defocus("core", levels)
     assert all(after[name] is levels[name] for name in levels)
@@ -49,6 +49,6 @@ def test_only_the_auxiliaries_are_blurred_and_not_beyond_the_core():
 
 
 @pytest.mark.parametrize("image", [np.zeros((40, 60), np.float32), np.full((5, 7), 90, np.float32)])
-def test_images_without_texture_are_left_alone_or_blurred_without_harm(image):
+def test_images_without_texture_stay_finite(image):
     after = match_defocus("core", {"core": image, "a": image.copy()})
     assert all(np.isfinite(level).all() for level in after.values())

@@ -55,22 +55,22 @@ def test_demosaicing_is_recognised_in_colour_grey_and_jpeg(method, noise, after)
         lambda i: np.stack([i, i, i // 2], axis=-1),
     ],
 )
-def test_other_images_are_not_accused(change, noise, dot_px):
+def test_other_images_are_not_recognised_as_demosaiced(change, noise, dot_px):
     assert not are_demosaiced([level(change(textured(noise, dot_px)))])
 
 
-def test_even_and_tiny_images_have_no_pattern():
+def test_constant_and_tiny_images_have_no_pattern():
     assert phase_ratio(np.full((6, 7), 3.0, np.float32)) == 1.0
     assert phase_ratio(np.zeros((2, 2), np.float32)) == 1.0
 
 
-def test_one_camera_of_several_does_not_decide():
+def test_majority_of_the_cameras_decides():
     one, other = level(cv2.cvtColor(textured(1.0), cv2.COLOR_BayerRGGB2RGB)), level(textured(1.0))
     assert not are_demosaiced([one, other, other])
     assert are_demosaiced([one, one, other])
 
 
-def test_a_prepared_frame_knows_it():
+def test_prepared_frame_records_demosaicing():
     rig = ring()
     images = {
         name: cv2.cvtColor(in_bits(image), cv2.COLOR_BayerRGGB2RGB)

@@ -23,7 +23,7 @@ RIGS = {
 
 
 @pytest.mark.parametrize("name", RIGS)
-def test_the_range_holds_the_surface_and_little_more(name):
+def test_range_contains_the_surface_with_small_margins(name):
     rig, core_from_world = world_rig(**RIGS[name])
     near, far = find_depth_range(rig, render(rig, core_from_world), Silent())
     truth = true_depth(rig, core_from_world)
@@ -31,14 +31,14 @@ def test_the_range_holds_the_surface_and_little_more(name):
     assert truth.max() < far < 1.15 * truth.max()
 
 
-def test_a_slender_cylinder_is_not_cut_off(monkeypatch):
+def test_range_contains_a_slender_cylinder(monkeypatch):
     monkeypatch.setattr(raycast, "CYLINDER", (20.0, 40.0, 10.0, 160.0))  # far above all else
     rig, core_from_world = world_rig()
     near, _ = find_depth_range(rig, render(rig, core_from_world), Silent())
     assert near < true_depth(rig, core_from_world).min()
 
 
-def test_images_without_anything_in_them_are_refused():
+def test_images_without_texture_are_refused():
     rig, _ = world_rig(angles_deg=(0, 90))
     blank = FrameSet("007", {name: np.full((320, 400), 90, np.uint8) for name in rig.cameras})
     with pytest.raises(ReconstructionError, match="frame 007: no surface found"):
@@ -47,7 +47,7 @@ def test_images_without_anything_in_them_are_refused():
 
 @needs_rendered
 @pytest.mark.parametrize("scene", ["belt_empty", "module", "belt_loaded"])
-def test_rendered_scenes(scene):
+def test_range_contains_rendered_surfaces_with_small_margins(scene):
     truth, _ = halved_truth(scene)
     near, far = find_depth_range(halved_rig(), halved_frames(scene), Silent())
     assert 0.9 * np.nanmin(truth) < near < np.nanmin(truth)

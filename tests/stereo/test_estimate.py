@@ -96,7 +96,7 @@ def views_by_rays(made, solids) -> np.ndarray:
 
 
 @SELECTIONS
-def test_every_networks_feature_is_computed(selects):
+def test_features_of_every_network_are_computed(selects):
     state = with_selection(stages(made := scene(*STEP, noise=1.0), made.s))
     assert state.selection is not None
     if selects:
@@ -124,7 +124,7 @@ def test_every_networks_feature_is_computed(selects):
         ("pairwise_ranking", 2),
     ],
 )
-def test_the_shipped_layers_fit_each_other(name, answers):
+def test_shipped_layers_have_consistent_sizes(name, answers):
     network = load_network(name)
     n = len(network.names)
     assert len(set(network.names)) == n
@@ -160,7 +160,7 @@ def test_relief_and_brightness_features_have_the_named_values():
         np.testing.assert_allclose((nearer + farther)[span < 30], span[span < 30], atol=1e-3)
 
 
-def test_steps_and_distances_are_in_pixels_of_a_grid_of_scale_one():
+def test_distances_are_in_pixels_at_scale_one():
     made = scene(*STEP, noise=1.0)
     one, two = (surface_planes(stages(made, made.s), scale) for scale in (1.0, 2.0))
     for name in ("step proximity", "wide step proximity"):
@@ -170,7 +170,7 @@ def test_steps_and_distances_are_in_pixels_of_a_grid_of_scale_one():
     np.testing.assert_allclose(two["offset from median"][off < 1], off[off < 1] / 2, atol=1e-6)
 
 
-def test_slopes_deviate_on_round_flanks_and_an_unchanged_surface_has_no_update():
+def test_slope_deviation_is_large_on_round_flanks_and_last_update_small_without_change():
     flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
     found = []
     for made in (flat, round_):
@@ -230,7 +230,7 @@ def test_confidence_is_a_probability_and_sigma_is_positive(selects):
 
 
 @SELECTIONS
-def test_even_shading_is_not_measured_but_a_filled_disc_is(selects):
+def test_textureless_region_is_measured_only_if_filled(selects):
     made = scene(plane(), noise=1.0)
     state = stages(made, made.s)
     state = with_selection(state) if selects else state

@@ -58,7 +58,7 @@ def test_the_auxiliaries_agree_with_the_core_on_the_true_surface(step, size_px):
         assert abs(vertex_px) < 0.02
 
 
-def test_the_core_is_straightened_and_nan_where_it_did_not_look():
+def test_core_is_undistorted_and_nan_outside_its_view():
     rig = ring(())
     bulging = replace(rig.core_camera, distortion=np.array([0.35, 0, 0, 0, 0]))  # its corners lie outside
     rig = replace(ring((0,)), cameras={"cam0": bulging, "cam1": bulging})
@@ -87,7 +87,7 @@ def test_strong_texture_raises_the_floor_under_weak_texture():
     assert Noise(noise.levels, noise.model, 4 * noise.texture).floor > noise.floor > 2 * noise.levels
 
 
-def test_blocks_are_means_and_what_did_not_look_is_black():
+def test_blocks_are_means_with_nan_as_black():
     level = np.arange(35, dtype=np.float32).reshape(5, 7)
     found = downsample(level, 2)
     np.testing.assert_allclose(found, level[:4, :6].reshape(2, 2, 3, 2).mean(axis=(1, 3)))

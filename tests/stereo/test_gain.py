@@ -29,7 +29,7 @@ def with_levels(made: Scene, factor: np.ndarray) -> Scene:
 
 
 @pytest.mark.parametrize("solids", [(plane(),), STEP])
-def test_images_as_bright_as_the_core_need_no_gain(solids):
+def test_gain_of_equally_bright_images_is_one(solids):
     made = scene(*solids, noise=1.0)
     for gain in estimate(made):
         assert gain.shape == made.s.shape
@@ -37,7 +37,7 @@ def test_images_as_bright_as_the_core_need_no_gain(solids):
         assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.2
 
 
-def test_a_gain_that_changes_over_the_image_is_followed():
+def test_gain_follows_changes_over_the_image():
     made = scene(plane(), noise=1.0)
     width = made.s.shape[1]
     factor = np.linspace(0.7, 1.2, width)[None] + np.zeros((made.s.shape[0], 1))
@@ -55,14 +55,14 @@ def test_dissimilar_pixels_hardly_affect_the_gain():
         assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.15
 
 
-def test_without_visible_pixels_the_gain_is_one():
+def test_gain_without_visible_pixels_is_one():
     made = scene(plane(), noise=1.0)
     nothing = replace(made, s=np.full_like(made.s, np.nan))
     for gain in estimate(nothing):
         np.testing.assert_array_equal(gain, 1)
 
 
-def test_a_subsampled_projection_is_that_of_every_fourth_pixel():
+def test_subsampled_projection_is_that_of_every_fourth_pixel():
     made = scene(*STEP)
     view, coefficients = made.prepared.views[1], made.prepared.coefficients[1]
     whole, _ = load().warp(made.s, view, coefficients)
@@ -71,7 +71,7 @@ def test_a_subsampled_projection_is_that_of_every_fourth_pixel():
     np.testing.assert_allclose(found, whole[2::4, 2::4], atol=0.05)
 
 
-def test_levels_may_differ_by_more_where_they_are_high_and_where_they_change():
+def test_variance_of_differences_rises_with_level_and_slope():
     made = scene(plane(), noise=2.0)
     noise = made.prepared.noise
     dark, bright = (difference_variance(np.full((9, 9), level), noise) for level in (0.0, 200.0))

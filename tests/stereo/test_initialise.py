@@ -43,7 +43,7 @@ def swept(monkeypatch) -> list[tuple[float, float]]:
     return spans
 
 
-def test_a_wide_range_is_narrowed_and_nothing_is_lost(made, swept):
+def test_wide_range_is_narrowed_without_loss(made, swept):
     narrow = started(made, NEAR_FAR_MM)
     wide = started(made, (150.0, 3000.0))
     inside = inner(made.s.shape, 8)
@@ -57,13 +57,13 @@ def test_a_wide_range_is_narrowed_and_nothing_is_lost(made, swept):
     assert made.s.max() < near
 
 
-def test_what_is_known_is_kept_and_not_swept(made, swept):
+def test_predicted_pixels_are_kept_and_not_swept(made, swept):
     predicted = made.s + np.float32(0.25)
     np.testing.assert_array_equal(started(made, (150.0, 3000.0), predicted), predicted)
     assert swept == []
 
 
-def test_a_strip_that_came_into_view_is_swept_beyond_what_was_known(made, swept):
+def test_strip_that_came_into_view_is_swept_beyond_the_predicted_range(made, swept):
     """The near box is new: nothing that is known is as near."""
     predicted = made.s.copy()
     columns = np.flatnonzero((made.s > made.s.min() + 3).any(axis=0))
@@ -77,7 +77,7 @@ def test_a_strip_that_came_into_view_is_swept_beyond_what_was_known(made, swept)
     assert swept
 
 
-def test_a_hole_is_swept_between_the_depths_about_it(made, swept):
+def test_hole_is_swept_between_the_depths_around_it(made, swept):
     predicted = made.s.copy()
     hole = slice(200, 290), slice(230, 330)
     predicted[hole] = np.nan
@@ -88,7 +88,7 @@ def test_a_hole_is_swept_between_the_depths_about_it(made, swept):
     assert near - far < 0.2 * (1 / (150 * made.unit) - 1 / (3000 * made.unit))
 
 
-def test_where_nothing_stands_out_the_whole_range_is_swept(swept):
+def test_frame_without_texture_is_swept_over_the_whole_range(swept):
     blank = scene(plane(740), rig=RIG)
     flat = Scene(
         blank.rig,

@@ -21,7 +21,7 @@ LENS = np.array([-0.1, 0.05, 1e-3, -5e-4, 0.01])
 
 
 @given(looking_rigs(), seeds, steps, steps)
-def test_a_view_projects_like_the_rig(rig, seed, core_step, aux_step):
+def test_packed_projection_equals_that_of_the_rig(rig, seed, core_step, aux_step):
     rng = np.random.default_rng(seed)
     unit = inverse_depth_scale(rig, rig.auxiliaries)
     core, name = rig.core_camera, rng.choice(rig.auxiliaries)
@@ -37,7 +37,7 @@ def test_a_view_projects_like_the_rig(rig, seed, core_step, aux_step):
     assert row.dtype == np.float32
     assert row.shape == (21,)
     at = (np.stack([u, v]) - (core_step - 1) / 2) / core_step
-    found_u, found_v, nearness = project(row, *at, 1 / (z * unit))
+    found_u, found_v, nearness = project(row, at[0], at[1], 1 / (z * unit))
     found = np.column_stack([found_u, found_v]) * aux_step + (aux_step - 1) / 2
     np.testing.assert_allclose(found[inside], pixels[inside], atol=1e-3)
     depth = rig.cam_from_core[name].apply(points)[:, 2]
@@ -45,7 +45,7 @@ def test_a_view_projects_like_the_rig(rig, seed, core_step, aux_step):
 
 
 @given(looking_rigs(), seeds)
-def test_the_core_sees_its_own_pixels_through_its_lens(rig, seed):
+def test_packed_projection_into_the_core_is_its_distortion(rig, seed):
     rng = np.random.default_rng(seed)
     camera = rig.core_camera
     u, v = rng.uniform(0, 1, (2, 20)) * np.array(camera.size_px)[:, None]
@@ -72,13 +72,13 @@ def two_cameras(center_mm: list[float]) -> Rig:
         ([3, 4, 300], 300.04),
     ],
 )
-def test_a_step_is_a_pixel_of_disparity_across_the_axis(center_mm, length_mm):
+def test_unit_is_a_pixel_of_disparity_for_the_baseline_across_the_axis(center_mm, length_mm):
     assert inverse_depth_scale(two_cameras(center_mm), ["aux"]) == pytest.approx(
         1 / (1000 * length_mm), rel=1e-4
     )
 
 
-def test_beside_the_core_a_step_of_nearness_moves_a_pixel_by_one():
+def test_unit_moves_a_pixel_by_one_for_a_horizontal_baseline():
     rig = two_cameras([-200, 0, 0])
     unit = inverse_depth_scale(rig, ["aux"])
     u = [
@@ -91,7 +91,7 @@ def test_beside_the_core_a_step_of_nearness_moves_a_pixel_by_one():
 
 
 @pytest.mark.parametrize("name", ["left", "right"])
-def test_the_kernels_see_a_pixel_where_the_rig_does(name):
+def test_kernels_project_pixels_like_the_rig(name):
     """In float32 on full frames: a spline whose coefficients are its columns' numbers has u as its value."""
     camera = Camera("core", (1224, 1024), np.full(2, 1160.0), np.array([609.3, 514.8]), LENS)
     poses = {"core": Pose.identity(), "left": Pose.of([0.03, 0.12, -0.02], [-140, 9, -20])}
@@ -99,7 +99,7 @@ def test_the_kernels_see_a_pixel_where_the_rig_does(name):
     rig = Rig("core", dict.fromkeys(poses, camera), poses)
     unit = inverse_depth_scale(rig, rig.auxiliaries)
     z = np.random.default_rng(1).uniform(900, 1100, (1024, 1224))
-    v, u = np.indices(z.shape)
+    v, u = np.indices(z.shape, np.float64)
     points = np.stack([(u - 609.3) / 1160 * z, (v - 514.8) / 1160 * z, z], axis=-1)
     pixels = camera.project(rig.cam_from_core[name].apply(points))
     for axis, ramp in enumerate((u, v)):

@@ -40,7 +40,7 @@ def seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.nd
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("wrong_px", [0.7, -0.7])
-def test_a_surface_off_by_most_of_a_pixel_comes_to_the_truth(rig, shape, wrong_px):
+def test_solution_from_most_of_a_pixel_away_converges_to_the_truth(rig, shape, wrong_px):
     made = scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
     solution = solve_from(made, made.s + np.float32(wrong_px))
     where = seen_by_all(made, solution)
@@ -51,7 +51,7 @@ def test_a_surface_off_by_most_of_a_pixel_comes_to_the_truth(rig, shape, wrong_p
     assert (np.abs(error) < 0.1).mean() > 0.98
 
 
-def test_its_slopes_are_the_planes():
+def test_slopes_of_the_solution_are_those_of_the_plane():
     made = scene(plane(DEPTH_MM, 0.3, -0.2), noise=0.5)
     solution = solve_from(made, made.s + np.float32(0.7))
     where = seen_by_all(made, solution)
@@ -61,7 +61,7 @@ def test_its_slopes_are_the_planes():
     assert np.median(np.abs(solution.surface.slope_v - true_v)[where]) < 0.015
 
 
-def test_a_step_stays_a_step():
+def test_solution_keeps_depth_steps():
     made = scene(plane(740), patch(660, (-150, 60), (-120, 120)), noise=0.5)
     solution = solve_from(made, made.s)
     middle = (made.s.min() + made.s.max()) / 2
@@ -75,7 +75,7 @@ def test_a_step_stays_a_step():
 
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270), (0, 20, 40, 60)])
 @pytest.mark.parametrize("noise", [2.0, 5.0])
-def test_its_variance_is_that_of_repeated_noise(angles, noise):
+def test_variance_equals_that_of_repeated_noise(angles, noise):
     """Views count as independent, but share the core's noise: it cancels between opposite ones (ratio 0.7)."""
     known = Noise(noise**2, 1e-4, 0.0)
     made = [scene(plane(), rig=ring(angles), noise=noise, seed=seed) for seed in range(8)]
@@ -88,7 +88,7 @@ def test_its_variance_is_that_of_repeated_noise(angles, noise):
     assert (0.8 if len(angles) == 1 else 0.6) < ratio < 1.4
 
 
-def test_more_views_and_less_noise_determine_it_better():
+def test_variance_falls_with_more_views_and_less_noise():
     def median_variance(rig, noise):
         made = scene(plane(), rig=rig, noise=noise)
         solution = solve_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
@@ -111,7 +111,7 @@ def test_nan_stays_and_does_not_spread():
     assert (np.abs(solution.surface.s - made.s)[where] < 0.1).mean() > 0.98
 
 
-def test_no_iteration_is_no_refinement():
+def test_solving_without_tolerances_is_refused():
     made = scene(plane())
     with pytest.raises(ValueError, match="at least one tolerance"):
         solve_from(made, made.s, ())

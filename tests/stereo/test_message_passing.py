@@ -65,7 +65,7 @@ def by_pixel(
 
 
 @given(seeds, steps)
-def test_a_round_hears_the_eight_around_and_itself(seed, step):
+def test_round_uses_the_messages_of_nine_pixels_and_the_own_state(seed, step):
     rng = np.random.default_rng(seed)
     asked, sure = masks(rng)
     state = rng.normal(size=(SAID + KEPT, asked.sum())).astype(np.float32)
@@ -75,14 +75,14 @@ def test_a_round_hears_the_eight_around_and_itself(seed, step):
 
 
 @given(seeds)
-def test_addresses_count_the_asked_row_by_row(seed):
+def test_addresses_number_uncertain_pixels_row_by_row(seed):
     asked, sure = masks(np.random.default_rng(seed))
     found = assign_addresses(asked, sure)
     assert found[asked].tolist() == list(range(FIRST_UNCERTAIN, FIRST_UNCERTAIN + asked.sum()))
     assert (found[~asked] == np.where(sure, ACCEPTED, REJECTED)[~asked]).all()
 
 
-def test_three_rounds_reach_three_pixels():
+def test_three_rounds_reach_pixels_three_apart():
     rng = np.random.default_rng(5)
     asked = np.ones((1, 30), bool)
     around = neighbour_addresses(assign_addresses(asked, ~asked), asked, 1)
@@ -94,7 +94,7 @@ def test_three_rounds_reach_three_pixels():
     assert np.flatnonzero((before != after).any(axis=0)).tolist() == list(range(9, 16))
 
 
-def test_states_are_added_to_until_the_last_round_answers():
+def test_rounds_add_to_the_state_and_the_last_gives_the_outputs():
     rng = np.random.default_rng(6)
     asked, sure = masks(rng)
     around = neighbour_addresses(assign_addresses(asked, sure), asked, 1)
@@ -110,7 +110,7 @@ def test_states_are_added_to_until_the_last_round_answers():
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_any_number_of_threads_gives_the_same_bytes(threads):
+def test_outputs_do_not_depend_on_the_number_of_threads(threads):
     rng = np.random.default_rng(7)
     asked = rng.random((120, 150)) < 0.8
     around = neighbour_addresses(assign_addresses(asked, ~asked), asked, 2)
@@ -120,7 +120,7 @@ def test_any_number_of_threads_gives_the_same_bytes(threads):
     assert one.tobytes() == many.tobytes()
 
 
-def test_rounds_that_ship_fit_each_other():
+def test_shipped_rounds_have_consistent_sizes():
     state, length = (
         len(load_network("refinement").layers[-1]),
         load_message_rounds()[0].fixed_messages.shape[1],

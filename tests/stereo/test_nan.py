@@ -10,7 +10,7 @@ from beltscape.stereo.multiview.frame.nan import fill_nan
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("strided", [False, True])
-def test_nan_becomes_what_it_is_told_to_and_the_rest_stays(dtype, strided):
+def test_fill_nan_replaces_nan_and_keeps_the_rest(dtype, strided):
     plane = np.arange(24, dtype=dtype).reshape(4, 6)
     plane[1, 2] = plane[3, 5] = np.nan
     given = plane[:, ::2] if strided else plane

@@ -30,7 +30,7 @@ def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(("scale", "spread"), [(0.5, 1), (1.0, 1), (1.8, 2)])
-def test_each_feature_is_that_of_the_named_neighbour(scale, spread):
+def test_features_are_the_values_of_the_named_neighbours(scale, spread):
     s, confidence, core = planes()
     neighbourhood = Neighbourhood.from_surface(s, confidence, core, 2, context(scale))
     image, slope = neighbourhood.image_features(AT), np.array([0.2, -0.1, 0.3], np.float32)
@@ -45,7 +45,7 @@ def test_each_feature_is_that_of_the_named_neighbour(scale, spread):
         np.testing.assert_allclose(offset[f"offset {name}"][:2], np.clip(off, -3, 3), atol=1e-5)
 
 
-def test_edge_pixels_repeat_and_gaps_have_no_offset():
+def test_neighbours_beyond_the_edge_repeat_and_gaps_have_no_offset():
     s, confidence, core = planes(1)
     s[10, 16] = core[10, 16] = np.nan
     neighbourhood = Neighbourhood.from_surface(s, confidence, core, 2, context())

@@ -24,7 +24,7 @@ def measured(made, guess: Noise, wrong_px: float = 0.0) -> Noise:
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 @pytest.mark.parametrize("wrong_by", [1 / 10, 1.0, 20.0])
 @pytest.mark.parametrize("angles", [(0,), (0, 90, 180, 270)])
-def test_a_wrong_guess_is_scaled_to_the_noise(noise, wrong_by, angles):
+def test_wrong_initial_noise_is_scaled_to_the_residuals(noise, wrong_by, angles):
     made = scene(SLANTED, rig=ring(angles), noise=noise)
     guess = Noise(noise**2 * wrong_by, 1e-6, made.prepared.noise.texture)
     found = measured(made, guess)
@@ -33,19 +33,19 @@ def test_a_wrong_guess_is_scaled_to_the_noise(noise, wrong_by, angles):
     assert found.texture == guess.texture
 
 
-def test_a_slightly_wrong_surface_does_not_count_as_much_noise():
+def test_slightly_wrong_surface_raises_the_noise_only_slightly():
     made = scene(SLANTED, noise=4.0)
     guess = Noise(16.0, 1e-4, made.prepared.noise.texture)
     assert measured(made, guess).levels < measured(made, guess, 0.1).levels < 2.5 * 16
 
 
-def test_a_wholly_wrong_surface_does_not_raise_it_without_bounds():
+def test_completely_wrong_surface_raises_the_noise_up_to_a_limit():
     made = scene(SLANTED, noise=1.0)
     guess = Noise(1.0, 1e-6, made.prepared.noise.texture)
     assert measured(made, guess, 15).levels <= 64
 
 
-def test_without_a_surface_the_guess_stands():
+def test_noise_without_a_surface_is_unchanged():
     made = scene(SLANTED)
     nothing = np.full_like(made.s, np.nan)
     found = estimate_noise(Surface(nothing, nothing, nothing), made.prepared)

@@ -23,7 +23,7 @@ PATTERN = np.rint(speckle()[:160, :200]).astype(np.uint8)
 
 
 @given(st.floats(0.55, 1.1), st.floats(0.55, 1.1))
-def test_all_cameras_get_the_cores_contrast(darker, brighter):
+def test_levels_of_all_cameras_have_the_cores_contrast(darker, brighter):
     gains = {"core": 1.0, "a": darker, "b": brighter}
     images = {name: np.rint(PATTERN * (257 * gain)).astype(np.uint16) for name, gain in gains.items()}
     levels = compute_grey_levels(images, "core")
@@ -33,7 +33,7 @@ def test_all_cameras_get_the_cores_contrast(darker, brighter):
         np.testing.assert_allclose(level, PATTERN, atol=0.02)
 
 
-def test_a_camera_that_is_almost_dark_is_no_more_than_doubled_and_a_black_one_left_alone():
+def test_dark_camera_is_at_most_doubled_and_a_black_one_unchanged():
     images = {"core": PATTERN, "dim": PATTERN // 5, "black": np.zeros_like(PATTERN)}
     levels = compute_grey_levels(images, "core")
     np.testing.assert_array_equal(levels["dim"], 2.0 * (PATTERN // 5))
@@ -43,13 +43,13 @@ def test_a_camera_that_is_almost_dark_is_no_more_than_doubled_and_a_black_one_le
 @pytest.mark.parametrize(
     ("shares", "weights"), [((1, 0, 0), (1, 0, 0)), ((1.0, 0.5, 0.0), (2 / 3, 1 / 3, 0))]
 )
-def test_channels_count_by_their_contrast(shares, weights):
+def test_channels_are_weighted_by_their_contrast(shares, weights):
     image = np.stack([np.rint(PATTERN * share) for share in shares], axis=-1).astype(np.uint8)
     found = compute_grey_levels({"core": image}, "core")["core"]
     np.testing.assert_allclose(found, image @ np.array(weights), atol=0.5)
 
 
-def test_a_pattern_in_one_channel_is_seen_through_noise_in_the_others():
+def test_pattern_in_one_channel_dominates_noise_in_the_others():
     rng = np.random.default_rng(2)
     image = 60 + rng.normal(0, 6, (*PATTERN.shape, 3))
     image[..., 1] += PATTERN
@@ -74,13 +74,13 @@ def test_sixteen_bits_give_the_levels_of_eight(channels):
         np.testing.assert_allclose(second[name], first[name], rtol=1e-5, atol=1e-3)
 
 
-def test_colour_beside_grey_is_compared_by_contrast_too():
+def test_colour_and_grey_cameras_have_equal_contrast():
     levels = compute_grey_levels({"core": np.repeat(PATTERN[..., None], 3, axis=-1), "a": PATTERN}, "core")
     np.testing.assert_allclose(levels["a"], levels["core"], rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("sigma", [1.0, 3.0, 8.0])
-def test_noise_is_told_from_texture_by_the_quiet_parts(sigma):
+def test_noise_is_estimated_from_the_least_textured_parts(sigma):
     scene = PATTERN.astype(np.float32)
     scene[:, 120:] = 40 + 0.2 * np.arange(80)  # lit evenly, not equally
     noisy = scene + np.random.default_rng(3).normal(0, sigma, scene.shape)
@@ -92,7 +92,7 @@ def test_noise_is_never_below_that_of_eight_bits():
     assert noise_variance(np.zeros((3, 5), np.float32)) == pytest.approx(1 / 12)
 
 
-def test_mean_and_variance_of_a_window():
+def test_local_moments_equal_those_of_the_window():
     level = PATTERN[:40, :50].astype(np.float32)
     size = 2 * WINDOW_PX + 1
     windows = np.lib.stride_tricks.sliding_window_view(level, (size, size)).astype(float)
@@ -102,7 +102,7 @@ def test_mean_and_variance_of_a_window():
     assert local_variance(np.full((30, 30), 200, np.float32)).min() >= 0
 
 
-def test_texture_is_what_neither_a_plane_nor_noise_explains():
+def test_texture_excludes_planes_and_noise():
     rng = np.random.default_rng(5)
     v, u = np.mgrid[:120, :160].astype(np.float32)
     shading, noise = 30 + 0.7 * u + 0.4 * v, rng.normal(0, 1, u.shape)
@@ -117,6 +117,6 @@ def test_texture_is_what_neither_a_plane_nor_noise_explains():
     )
 
 
-def test_the_finest_texture_is_not_taken_for_noise():
+def test_finest_texture_does_not_count_as_noise():
     level = np.random.default_rng(6).normal(100, 30, (60, 70)).astype(np.float32)
     assert texture_over_noise(level, 1.0, 9)[10:-10, 10:-10].min() > 20

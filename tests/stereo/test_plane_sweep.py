@@ -31,7 +31,7 @@ def found(
     ("size_px", "shrink"),
     [((120, 100), 1), ((121, 99), 1), ((240, 200), 2), ((243, 201), 2), ((361, 302), 3)],
 )
-def test_a_plane_is_found_within_a_plane_step(size_px, shrink):
+def test_sweep_of_a_plane_is_within_a_plane_step(size_px, shrink):
     made = scene(plane(DEPTH_MM, 0.1, 0.05), rig=ring(size_px=size_px))
     s = found(made, (560, 880), shrink)
     assert s.shape == (size_px[1], size_px[0])
@@ -43,14 +43,14 @@ def test_a_plane_is_found_within_a_plane_step(size_px, shrink):
 
 
 @pytest.mark.parametrize("plane_step_px", [0.25, 0.5, 1.0])
-def test_planes_lie_as_close_as_told(plane_step_px):
+def test_planes_have_the_given_distance(plane_step_px):
     made = scene(plane(DEPTH_MM, 0.1, 0.05))
     error = np.abs(found(made, (560, 880), plane_step_px=plane_step_px) - made.s)[inner(made.s.shape, 4)]
     assert (error < plane_step_px + 0.15).mean() > 0.95
     assert np.median(error) < 0.5 * plane_step_px
 
 
-def test_a_step_stays_a_step():
+def test_sweep_of_a_step_keeps_its_edge():
     made = scene(plane(760), patch(660, (-150, 60), (-120, 120)))
     s = found(made, (600, 820))
     clear = away_from_steps(made.s, 4) & inner(s.shape, 4)
@@ -60,7 +60,7 @@ def test_a_step_stays_a_step():
 
 
 @pytest.mark.parametrize("depth_mm", [650.0, 700.0, 750.0])
-def test_planes_cover_the_range_to_its_ends(depth_mm):
+def test_planes_cover_the_range_up_to_its_ends(depth_mm):
     """The surface is the range's near end, its middle and its far end."""
     made = scene(plane(depth_mm))
     for near_far in ((depth_mm, 1100), (500, 1000), (480, depth_mm)):
@@ -70,12 +70,12 @@ def test_planes_cover_the_range_to_its_ends(depth_mm):
         assert far - PLANE_STEP_PX <= s.min() <= s.max() <= near + PLANE_STEP_PX
 
 
-def test_a_range_of_nothing_still_has_planes_to_choose_from():
+def test_sweep_of_a_tiny_range_has_planes():
     made = scene(plane(700.0))
     assert np.median(np.abs(found(made, (699.9, 700.1)) - made.s)) < PLANE_STEP_PX
 
 
-def test_a_block_is_swept_as_in_the_whole():
+def test_sweep_of_a_block_equals_that_of_the_whole_grid():
     """But near the block's edge, where paths begin."""
     made = scene(plane(DEPTH_MM, 0.1, 0.05))
     s_range = 1 / (880 * made.unit), 1 / (560 * made.unit)

@@ -19,15 +19,14 @@ DISTANCES = (2, 5)
 
 
 def propagated(made, s: np.ndarray, rounds: int = 1) -> PropagationResult:
-    surface = fit_slopes(s.astype(np.float32), load(), 1)
-    for _ in range(rounds):
-        chosen = propagate(surface, made.prepared, DISTANCES)
-        surface = chosen.surface
+    chosen = propagate(fit_slopes(s.astype(np.float32), load(), 1), made.prepared, DISTANCES)
+    for _ in range(rounds - 1):
+        chosen = propagate(chosen.surface, made.prepared, DISTANCES)
     return chosen
 
 
 @pytest.mark.parametrize("angles", [(0, 90, 180, 270), (0, 180), (45, 135, 225)])
-def test_a_fattened_foreground_gives_the_background_back(angles):
+def test_propagation_restores_the_background_beside_a_fattened_foreground(angles):
     made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(angles), noise=1.0)
     near, far = made.s.max(), made.s.min()
     fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))  # 4 px to each side
@@ -39,7 +38,7 @@ def test_a_fattened_foreground_gives_the_background_back(angles):
     assert (error[right] < 0.3).mean() > 0.99
 
 
-def test_a_foreground_grown_too_thin_is_made_whole():
+def test_propagation_restores_a_foreground_that_is_too_thin():
     made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
     thin = cv2.erode(made.s, np.ones((9, 9), np.uint8))
     wrong = (np.abs(thin - made.s) > 1) & inner(thin.shape, 6)
@@ -50,7 +49,7 @@ def test_a_foreground_grown_too_thin_is_made_whole():
 @pytest.mark.parametrize(
     "solids", [(plane(DEPTH_MM, 0.3, -0.2),), (sphere(640, 900), plane(1100))], ids=["slanted", "sphere"]
 )
-def test_a_smooth_surface_is_left_as_it_is(solids):
+def test_smooth_surface_is_unchanged(solids):
     made = scene(*solids, noise=1.0)
     chosen = propagated(made, made.s)
     moved = np.abs(chosen.surface.s - made.s)[inner(made.s.shape, 8)]
@@ -58,7 +57,7 @@ def test_a_smooth_surface_is_left_as_it_is(solids):
     assert moved.max() < 0.4  # nearer to one another than candidates are kept apart
 
 
-def test_what_is_chosen_is_cheaper_than_what_was_there():
+def test_propagation_lowers_the_cost():
     made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
     fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))
     inside = inner(fat.shape, 8)
@@ -70,7 +69,7 @@ def test_what_is_chosen_is_cheaper_than_what_was_there():
 
 
 @pytest.mark.parametrize("column", [111, 112, 125, 126, 127, 128])
-def test_only_active_pixels_change_whatever_memory_holds(column):
+def test_only_active_pixels_change_independent_of_workspace_contents(column):
     """About column 126 the kernels begin a new tile, at 112 and 128 a new block."""
     made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(size_px=(160, 100)), noise=1.0)
     surface, prepared, kernels = fit_slopes(made.s, load(), 1), made.prepared, load()
@@ -93,7 +92,7 @@ def test_only_active_pixels_change_whatever_memory_holds(column):
             np.testing.assert_array_equal(again, before)
 
 
-def test_offsets_go_in_eight_directions():
+def test_offsets_have_eight_directions():
     found = propagation_offsets((1, 3, 8))
     assert found.dtype == np.int32
     assert len(np.unique(found, axis=0)) == 24
@@ -103,7 +102,7 @@ def test_offsets_go_in_eight_directions():
 
 
 @pytest.mark.parametrize("distances", [(3,), (3, 10), (2, 5, 12)])
-def test_two_turns_go_in_all_directions_each_once(distances):
+def test_two_turns_have_all_directions_once(distances):
     first, second = (propagation_offsets(distances, turn) for turn in (0, 1))
     assert len(first) == len(second) == 4 * len(distances)
     np.testing.assert_array_equal(

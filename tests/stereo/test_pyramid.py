@@ -48,7 +48,7 @@ def solver(on_step=lambda: None) -> PyramidSolver:
 
 
 @given(seeds, st.integers(1, 9), st.integers(1, 9), st.booleans(), st.booleans())
-def test_a_plane_on_the_finer_grid_is_the_same_plane(seed, height, width, odd_rows, odd_columns):
+def test_doubled_plane_is_the_same_plane(seed, height, width, odd_rows, odd_columns):
     s0, u0, v0 = np.random.default_rng(seed).normal(0, [50, 0.5, 0.5])
     v, u = np.mgrid[:height, :width]
     coarse = Surface(
@@ -96,7 +96,7 @@ def test_a_block_with_a_missing_pixel_is_missing():
 
 
 @pytest.mark.usefixtures("two_grids")
-def test_a_step_is_found_through_a_coarser_grid():
+def test_step_is_solved_from_a_coarser_grid():
     made = scene(*STEP, rig=ring(size_px=(160, 120)), noise=1.0)
     steps = []
     surface, prepared = solver(lambda: steps.append(1)).initialise(made.prepared)
@@ -124,7 +124,7 @@ def test_every_grid_is_reported():
     assert steps == [(i, 5) for i in range(1, 6)]
 
 
-def test_rounds_end_where_hardly_anything_changes(monkeypatch):
+def test_rounds_end_when_hardly_a_pixel_changes(monkeypatch):
     made = scene(plane())
     rounds = []
     once = pyramid.propagate

@@ -62,7 +62,7 @@ ARRANGEMENTS = {
 
 
 @pytest.mark.parametrize("name", ARRANGEMENTS)
-def test_any_number_of_auxiliaries_anywhere(name):
+def test_belt_is_accurate_with_any_arrangement_of_auxiliaries(name):
     arrangement, within_1mm, median_mm = ARRANGEMENTS[name]
     rig, core_from_world = world_rig(**arrangement)
     depth = reconstruct(rig, render(rig, core_from_world))
@@ -80,7 +80,7 @@ def test_any_number_of_auxiliaries_anywhere(name):
     ("preset", "within_1mm", "median_mm"),
     [("fast", 0.93, 0.25), ("standard", 0.99, 0.05), ("fine", 0.99, 0.05)],
 )
-def test_presets_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
+def test_presets_are_accurate_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
     """The pattern is in one channel."""
     rig, core_from_world = world_rig()
     rng = np.random.default_rng(6)
@@ -97,7 +97,7 @@ def test_presets_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
     assert 0.6 < score.sigma_ratio < 1.6
 
 
-def test_every_pixel_is_measured_by_someone_or_by_nobody(measured):
+def test_depth_map_is_consistent_at_unmeasured_pixels(measured):
     nowhere = ~measured.measured
     assert [getattr(measured, f.name).dtype for f in fields(DepthMap)[:4]] == [
         np.float32, np.float32, np.uint8, np.float32,
@@ -110,11 +110,11 @@ def test_every_pixel_is_measured_by_someone_or_by_nobody(measured):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_threads_change_no_byte(belt, measured, threads):
+def test_depth_map_does_not_depend_on_the_number_of_threads(belt, measured, threads):
     assert same_bytes(reconstruct(belt[0], belt[1], MultiviewSettings(threads=threads)), measured)
 
 
-def test_a_frame_does_not_depend_on_the_one_before(belt, measured):
+def test_depth_map_does_not_depend_on_the_previous_frame(belt, measured):
     rig, frames, _ = belt
     matcher = MultiviewReconstructor(rig, RANGE, ONE_THREAD)
     few = FrameSet("000", {name: frames.images[name][::-1].copy() for name in ("cam0", "cam3")})
@@ -137,7 +137,7 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt, meas
 
 
 @pytest.mark.parametrize("bits", [10, 12])
-def test_fewer_bits_in_sixteen_are_as_good(belt, bits):
+def test_ten_and_twelve_bits_in_sixteen_are_as_accurate(belt, bits):
     rig, frames, truth = belt
     images = {name: image.astype(np.uint16) << (bits - 8) for name, image in frames.images.items()}
     score = score_depth(reconstruct(rig, FrameSet("000", images)), truth)
@@ -146,7 +146,7 @@ def test_fewer_bits_in_sixteen_are_as_good(belt, bits):
     assert 0.6 < score.sigma_ratio < 1.6
 
 
-def test_auxiliaries_of_other_sizes():
+def test_auxiliaries_of_other_sizes_are_accurate():
     alike = ring(size_px=(240, 200))
     others = {"cam1": (360, 300), "cam3": (160, 134)}
     cameras = {name: camera(name, others.get(name, (240, 200))) for name in alike.cameras}
@@ -159,7 +159,7 @@ def test_auxiliaries_of_other_sizes():
     assert depth.views.max() == 4
 
 
-def test_auxiliaries_that_are_not_asked_for_are_not_looked_at(belt):
+def test_auxiliaries_that_are_not_selected_are_not_used(belt):
     rig, frames, _ = belt
     few = FrameSet("000", {name: frames.images[name] for name in ("cam0", "cam1", "cam3")})
     asked = reconstruct(rig, frames, auxiliaries=("cam1", "cam3"))
@@ -167,7 +167,7 @@ def test_auxiliaries_that_are_not_asked_for_are_not_looked_at(belt):
     assert asked.views.max() == 2
 
 
-def test_a_wider_depth_range_finds_the_same_surface(belt, measured):
+def test_wider_depth_range_gives_the_same_surface(belt, measured):
     wide = reconstruct(belt[0], belt[1], depth_range_mm=(420, 1300))
     both = wide.measured & measured.measured
     assert both.mean() > 0.99
@@ -182,7 +182,7 @@ def tiny():
     return rig, FrameSet("000", images), depth_mm(rig, solids)
 
 
-def test_the_reference_kernels_measure_what_the_native_ones_do(tiny):
+def test_reference_kernels_give_the_depth_of_the_native_ones(tiny):
     rig, frames, truth = tiny
     native, reference = (
         reconstruct(rig, frames, depth_range_mm=(620, 820), kernels=load(name))
@@ -195,7 +195,7 @@ def test_the_reference_kernels_measure_what_the_native_ones_do(tiny):
     assert np.quantile(np.abs(native.sigma_mm / reference.sigma_mm - 1)[both], 0.98) < 0.02
 
 
-def test_instruction_sets_that_round_alike_give_the_same_bytes_and_others_nearly(tiny):
+def test_instruction_sets_of_equal_rounding_give_equal_bytes(tiny):
     rig, frames, _ = tiny
     runs = {
         name: reconstruct(rig, frames, depth_range_mm=(620, 820), kernels=load(name)) for name in levels()
@@ -210,7 +210,7 @@ def test_instruction_sets_that_round_alike_give_the_same_bytes_and_others_nearly
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard"])
-def test_a_size_that_blocks_do_not_divide(preset, monkeypatch):
+def test_size_that_blocks_do_not_divide_is_measured_without_the_rest(preset, monkeypatch):
     monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 32)  # fast: blocks in small images, too
     rig, solids = ring(size_px=(163, 121)), (plane(700, 0.1, 0.1),)
     frames = FrameSet(
@@ -226,7 +226,7 @@ def test_a_size_that_blocks_do_not_divide(preset, monkeypatch):
     assert np.nanmedian(error) < (0.6 if preset == "fast" else 0.2)
 
 
-def test_progress_ends_where_it_said(belt):
+def test_progress_ends_at_its_total(belt):
     class Told(Silent):
         def __init__(self):
             self.steps = []

@@ -67,7 +67,7 @@ def struck_out(image):
 
 
 @pytest.mark.parametrize("change", [darker, defocused, black, lambda image: image[::-1].copy()])
-def test_one_bad_auxiliary_among_four_does_little_harm(belt, matcher, change):
+def test_one_bad_auxiliary_among_four_hardly_reduces_accuracy(belt, matcher, change):
     _, frames, truth = belt
     score = score_depth(matcher.reconstruct(changed(frames, change, "cam2"), Silent()), truth)
     assert score.within_1mm > 0.985
@@ -77,14 +77,14 @@ def test_one_bad_auxiliary_among_four_does_little_harm(belt, matcher, change):
     assert 0.6 < score.sigma_ratio < 1.6
 
 
-def test_the_core_a_fifth_darker_is_as_good(belt, matcher):
+def test_darker_core_does_not_reduce_accuracy(belt, matcher):
     _, frames, truth = belt
     score = score_depth(matcher.reconstruct(changed(frames, darker, "cam0"), Silent()), truth)
     assert score.within_1mm > 0.99
     assert score.interior_median_mm < 0.06
 
 
-def test_more_noise_is_more_sigma_and_no_nonsense(belt, matcher):
+def test_more_noise_raises_sigma_without_gross_errors(belt, matcher):
     rig, frames, truth = belt
     noisy = matcher.reconstruct(render(rig, world_rig()[1], noise_counts=6.0), Silent())
     score = score_depth(noisy, truth)
@@ -95,7 +95,7 @@ def test_more_noise_is_more_sigma_and_no_nonsense(belt, matcher):
     assert np.nanmedian(noisy.sigma_mm) > 1.5 * np.nanmedian(quiet.sigma_mm)
 
 
-def test_a_missing_auxiliary_is_gone_without(belt, matcher):
+def test_missing_auxiliary_is_left_out(belt, matcher):
     _, frames, truth = belt
     depth = matcher.reconstruct(without(frames, "cam2"), Silent())
     assert depth.views.max() == 3
@@ -113,18 +113,18 @@ def test_a_missing_auxiliary_is_gone_without(belt, matcher):
         ),
     ],
 )
-def test_what_is_missing_is_named(belt, matcher, missing, message):
+def test_error_names_the_missing_images(belt, matcher, missing, message):
     with pytest.raises(ReconstructionError, match=message):
         matcher.reconstruct(without(belt[1], *missing), Silent())
 
 
-def test_an_unknown_auxiliary_is_named(belt):
+def test_error_names_an_unknown_auxiliary(belt):
     with pytest.raises(ReconstructionError, match="cam9 is no auxiliary camera of the rig; there are cam1"):
         MultiviewReconstructor(belt[0], (600, 780), MultiviewSettings(), auxiliaries=("cam9",))
 
 
 @pytest.mark.parametrize("names", [(), ("cam0",)], ids=["in all images", "in the core's"])
-def test_a_blacked_out_strip_is_not_measured(belt, matcher, names):
+def test_black_strip_is_not_measured(belt, matcher, names):
     _, frames, truth = belt
     depth = matcher.reconstruct(changed(frames, struck_out, *names), Silent())
     assert depth.measured[:, WELL_INSIDE].mean() < 0.05
@@ -144,7 +144,7 @@ EMPTY = {
 
 
 @pytest.mark.parametrize("kind", EMPTY)
-def test_where_there_is_nothing_to_see_almost_nothing_is_measured(belt, matcher, kind):
+def test_images_without_texture_are_hardly_measured(belt, matcher, kind):
     rng = np.random.default_rng(8)
     images = {
         name: np.clip(np.rint(EMPTY[kind](rng, image.shape)), 0, 255).astype(np.uint8)

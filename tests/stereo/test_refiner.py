@@ -60,7 +60,7 @@ def predicted() -> tuple[RefinementInputs, Prediction, np.ndarray]:
     return *predict(full_scale(made, np.where(wrong, made.s + 6, made.s))), made.s
 
 
-def test_the_networks_features_are_those_computed(predicted):
+def test_computed_features_are_those_of_the_network(predicted):
     inputs, prediction, _ = predicted
     at = np.nonzero(mask_uncertain(prediction.logit))
     shown = inputs.compute_features(at, prediction.logit[at])
@@ -110,7 +110,7 @@ def test_refinement_reduces_errors_of_the_demo():
         assert (after < least).mean() > (before < least).mean() + gain, least
 
 
-def test_images_are_less_consistent_off_the_surface(predicted):
+def test_photo_consistency_falls_off_the_surface(predicted):
     inputs, _, true = predicted
     right = (np.abs(inputs.surface.s - true) < 0.1) & away_from_steps(true, 4) & inner(true.shape, 8)
     at = np.nonzero(right)
@@ -122,7 +122,7 @@ def test_images_are_less_consistent_off_the_surface(predicted):
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_any_number_of_threads_gives_the_same_bytes(predicted, threads):
+def test_refinement_does_not_depend_on_the_number_of_threads(predicted, threads):
     inputs, prediction, _ = predicted
     for many, one in zip(
         refine_uncertain_pixels(prediction, with_threads(inputs, threads)),

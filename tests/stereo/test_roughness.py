@@ -35,7 +35,7 @@ def compute_features(
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
-def test_what_is_the_same_everywhere_is_its_own_mean(scale):
+def test_features_of_constant_planes_are_the_constants(scale):
     found = compute_features(even(disagreement=np.full(SHAPE, 3, np.float32)), scale=scale)
     assert len(found) == 8
     for name, plane_ in found.items():
@@ -43,7 +43,7 @@ def test_what_is_the_same_everywhere_is_its_own_mean(scale):
         np.testing.assert_allclose(plane_, expected[name.split(" within")[0]], rtol=1e-4, err_msg=name)
 
 
-def test_each_tells_of_so_much_around():
+def test_features_depend_on_the_pixels_of_their_window():
     disagreement = np.zeros(SHAPE, np.float32)
     disagreement[60, 80] = 25
     found = compute_features(even(disagreement=disagreement))
@@ -53,7 +53,7 @@ def test_each_tells_of_so_much_around():
         assert abs(np.ptp(columns) + 1 - window_px) <= 8 * (window_px > 15)
 
 
-def test_steps_and_what_no_view_agrees_on_are_left_out():
+def test_features_exclude_depth_steps_and_pixels_without_agreeing_view():
     s = np.full(SHAPE, 200.0)
     s[:, 80:] = 220
     wild, used = np.zeros(SHAPE, np.float32), np.full(SHAPE, 4, np.uint8)
@@ -64,7 +64,7 @@ def test_steps_and_what_no_view_agrees_on_are_left_out():
         np.testing.assert_allclose(found[f"window disagreement within {window_px}"], np.log(0.01), rtol=1e-5)
 
 
-def test_nan_stays_out_of_it():
+def test_features_are_finite_around_nan():
     s = np.full(SHAPE, 200.0)
     s[40:60, 40:70] = np.nan
     gone = np.isnan(s)
@@ -77,7 +77,7 @@ def test_nan_stays_out_of_it():
         assert np.isfinite(plane_).all(), name
 
 
-def test_a_surface_rounder_than_the_windows_shows():
+def test_surface_that_bends_within_a_window_has_more_disagreement():
     shown = []
     for solids in ((plane(),), (sphere(660, 60), plane(800))):
         made = scene(*solids, noise=1.0)

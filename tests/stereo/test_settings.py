@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,13 +13,14 @@ from beltscape.core.errors import SettingsError
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 
 
-def test_there_are_three_presets_and_standard_is_the_default():
+def test_default_of_the_three_presets_is_standard():
     assert set(PRESETS) == {"fast", "standard", "fine"}
     assert MultiviewSettings.preset("standard") == MultiviewSettings()
-    assert len({MultiviewSettings.preset(name) for name in PRESETS}) == 3
+    presets = [MultiviewSettings.preset(name) for name in PRESETS]
+    assert all(first != second for first, second in combinations(presets, 2))
 
 
-def test_fast_does_less_and_fine_does_more():
+def test_presets_are_ordered_by_effort():
     fast, standard, fine = (MultiviewSettings.preset(name) for name in ("fast", "standard", "fine"))
     assert fast.grid_step > standard.grid_step == fine.grid_step == 1
     assert fast.rounds <= standard.rounds <= fine.rounds
@@ -43,7 +46,7 @@ def test_fast_does_less_and_fine_does_more():
         {"threads": 300},
     ],
 )
-def test_settings_that_cannot_be_are_refused(wrong):
+def test_invalid_settings_are_refused(wrong):
     with pytest.raises(SettingsError):
         MultiviewSettings(**wrong)
 
@@ -57,18 +60,18 @@ def test_settings_that_cannot_be_are_refused(wrong):
         {"distances_px": (40_000,)},
     ],
 )
-def test_numbers_no_kernel_takes_are_refused_beforehand(wrong):
+def test_numbers_outside_the_kernels_range_are_refused(wrong):
     with pytest.raises(SettingsError):
         MultiviewSettings(**wrong)
 
 
-def test_settings_do_not_change():
+def test_settings_are_immutable():
     with pytest.raises(ValidationError):
         MultiviewSettings().rounds = 3
 
 
 @given(st.integers(64, 12_000), st.integers(64, 4096))
-def test_the_sweeps_images_are_about_as_wide_whatever_the_camera(grid_px, wanted):
+def test_width_of_the_sweeps_images_hardly_depends_on_the_camera(grid_px, wanted):
     shrink = MultiviewSettings(sweep_width_px=wanted).shrink(grid_px)
     assert shrink >= 1
     assert grid_px / shrink < 1.51 * wanted
@@ -82,21 +85,21 @@ def test_large_images_are_matched_on_more_grids(preset, counts):
 
 
 @given(st.integers(1, 12_000), st.integers(1, 4))
-def test_the_smallest_grid_is_never_too_narrow_for_the_pattern(width_px, step):
+def test_smallest_grid_is_wide_enough_for_the_pattern(width_px, step):
     settings = MultiviewSettings(grid_step=step)
     smallest = width_px // settings.step(width_px) // 2 ** (settings.grids(width_px) - 1)
     assert smallest >= min(width_px, 480)
     assert smallest < 960 or smallest == width_px
 
 
-def test_fast_matches_blocks_only_where_the_image_is_large():
+def test_fast_preset_matches_blocks_only_in_large_images():
     fast, standard = MultiviewSettings.preset("fast"), MultiviewSettings()
     assert [fast.step(width) for width in (1, 612, 959, 960, 1224, 2448)] == [1, 1, 1, 2, 2, 2]
     assert {standard.step(width) for width in (1, 612, 1224, 12_000)} == {1}
 
 
 @given(st.integers(1, 12_000), st.integers(1, 4))
-def test_a_grid_is_as_coarse_as_asked_but_never_too_narrow(width_px, wanted):
+def test_grid_step_is_reduced_only_for_small_images(width_px, wanted):
     step = MultiviewSettings(grid_step=wanted).step(width_px)
     assert 1 <= step <= wanted
     assert step == 1 or width_px / step >= 480
@@ -104,7 +107,7 @@ def test_a_grid_is_as_coarse_as_asked_but_never_too_narrow(width_px, wanted):
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=8), st.floats(0.3, 2))
-def test_distances_follow_the_grid_and_come_once(distances, scale):
+def test_offsets_are_scaled_and_distinct(distances, scale):
     found = MultiviewSettings(distances_px=tuple(distances)).offsets_px(scale)
     assert list(found) == sorted(set(found))
     assert found[0] >= 1

@@ -61,12 +61,12 @@ def expected(made: Scene, blur_px: float) -> float:
 
 
 @pytest.mark.parametrize("seed", [2, 3])
-def test_white_noise_makes_no_more_than_the_core_in_common(seed):
+def test_inflation_by_white_noise_is_that_of_the_shared_core(seed):
     assert 0.7 < disagreement(noisy_scene(0, seed=seed)).overall < 1.7
 
 
 @pytest.mark.parametrize("blur_px", BLURS_PX)
-def test_correlated_noise_inflates_by_the_sum_of_its_correlation(blur_px):
+def test_inflation_by_correlated_noise_is_the_sum_of_its_correlation(blur_px):
     made = noisy_scene(blur_px)
     ratio = disagreement(made).overall / disagreement(noisy_scene(0)).overall
     assert expected(made, blur_px) > 1.3
@@ -74,7 +74,7 @@ def test_correlated_noise_inflates_by_the_sum_of_its_correlation(blur_px):
     assert 0.55 < ratio / expected(made, blur_px) < 1.3
 
 
-def test_smooth_errors_of_the_calibration_do_not_count():
+def test_smooth_calibration_errors_do_not_inflate():
     made = noisy_scene(0)
     before = disagreement(made).overall
     views = made.prepared.views.copy()
@@ -83,19 +83,19 @@ def test_smooth_errors_of_the_calibration_do_not_count():
     assert disagreement(knocked).overall < 1.3 * before
 
 
-def test_a_single_auxiliary_has_nothing_to_disagree_with():
+def test_single_auxiliary_has_no_inflation_estimate():
     found = disagreement(noisy_scene(0.8, angles=(0,)))
     assert not len(found.ratio)
     assert np.isnan(found.overall)
 
 
-def test_threads_change_nothing():
+def test_inflation_does_not_depend_on_the_number_of_threads():
     made = noisy_scene(0.8)
     one, three = disagreement(made, 1), disagreement(made, 3)
     assert one.ratio.tobytes() == three.ratio.tobytes()
 
 
-def test_a_surface_without_texture_has_no_estimate():
+def test_missing_surface_has_no_inflation_estimate():
     made = noisy_scene(0)
     nothing = replace(made, s=np.full_like(made.s, np.nan))
     assert not len(disagreement(nothing).ratio)

@@ -16,7 +16,7 @@ V, U = np.indices((30, 40)).astype(np.float32)
 
 @settings(max_examples=20)
 @given(slopes, slopes, st.floats(5, 60))
-def test_a_planes_slopes_are_found_up_to_its_border(slope_u, slope_v, s0):
+def test_slopes_of_a_plane_are_exact_up_to_its_border(slope_u, slope_v, s0):
     s = (s0 + slope_u * U + slope_v * V).astype(np.float32)
     surface = fit_slopes(s, load(), 1)
     np.testing.assert_array_equal(surface.s, s)
@@ -24,7 +24,7 @@ def test_a_planes_slopes_are_found_up_to_its_border(slope_u, slope_v, s0):
     np.testing.assert_allclose(surface.slope_v, slope_v, atol=0.03)
 
 
-def test_at_a_step_each_side_keeps_its_own_slopes():
+def test_slopes_at_a_step_are_those_of_each_side():
     left = U < 18
     s = np.where(left, 40 + 0.2 * U, 30 - 0.1 * V).astype(np.float32)
     surface = fit_slopes(s, load(), 1)
@@ -32,7 +32,7 @@ def test_at_a_step_each_side_keeps_its_own_slopes():
     np.testing.assert_allclose(surface.slope_v, np.where(left, 0, -0.1), atol=0.03)
 
 
-def test_a_hole_has_no_slopes_and_spoils_none():
+def test_holes_have_no_slopes_and_change_none_around():
     s = (20 + 0.15 * U).astype(np.float32)
     hole = (np.hypot(U - 20, V - 15) < 4) | (np.random.default_rng(1).random(s.shape) < 0.1)
     surface = fit_slopes(np.where(hole, np.float32(np.nan), s), load(), 1)
@@ -42,7 +42,7 @@ def test_a_hole_has_no_slopes_and_spoils_none():
 
 
 @given(seeds, st.integers(1, 5), st.integers(1, 6), st.integers(1, 6))
-def test_finer_blocks_are_planes_whose_mean_is_theirs(seed, step, height, width):
+def test_upsampled_blocks_are_planes_with_the_value_as_mean(seed, step, height, width):
     rng = np.random.default_rng(seed)
     surface = Surface(*rng.normal(0, 1, (3, height, width)).astype(np.float32))
     fine = upsample_surface(surface, step)

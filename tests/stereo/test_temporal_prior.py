@@ -84,7 +84,7 @@ def test_the_prediction_is_the_inverse_depth_of_the_moved_scene(shape, motion):
     assert (nearer - slope[smooth]).max() < 0.15
 
 
-def test_it_is_what_it_was_when_nothing_moved():
+def test_prediction_without_motion_is_the_previous_surface():
     now = scene(*SHAPES["boxes"], rig=RIG, noise=0.5)
     s = predict(prior_of(SHAPES["boxes"], (0, 0, 0)), now)
     along = away_from_steps(now.s, 2) & np.isfinite(s)
@@ -92,7 +92,7 @@ def test_it_is_what_it_was_when_nothing_moved():
     np.testing.assert_allclose(s[along], now.s[along], atol=1e-3)
 
 
-def test_on_a_coarser_grid_it_counts_that_grids_pixels():
+def test_prediction_on_a_coarser_grid_is_in_its_unit():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
     frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, moved(solids, motion_mm)).items()})
     prepared = prepare(RIG, frames, step=2)
@@ -105,7 +105,7 @@ def test_on_a_coarser_grid_it_counts_that_grids_pixels():
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_where_the_frame_before_saw_nothing_nothing_is_known(motion):
+def test_unmeasured_pixels_of_the_previous_frame_are_not_predicted(motion):
     """The hole moves along; 1 px is the buffer's, 2 px the projection's rounding and tilt."""
     solids, motion_mm = SHAPES["plane"], np.array(MOTIONS[motion])
     hole = slice(70, 130), slice(80, 150)
@@ -124,14 +124,14 @@ def test_where_the_frame_before_saw_nothing_nothing_is_known(motion):
     assert np.isfinite(s[around]).mean() > 0.99
 
 
-def test_a_frame_before_without_depth_says_nothing():
+def test_prediction_from_a_frame_without_depth_is_empty():
     now = scene(*SHAPES["plane"], rig=RIG)
     assert np.isnan(predict(prior_of(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
 
 
 @pytest.mark.parametrize("wrong_mm", [60.0, 120.0, -60.0])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_motion_that_is_off_by_pixels_does_not_fit_as_a_whole(shape, wrong_mm):
+def test_motion_wrong_by_several_pixels_is_mostly_rejected(shape, wrong_mm):
     """5 to 10 px: the same speckle agrees by chance here and there."""
     solids, motion_mm = SHAPES[shape], np.array(MOTIONS["along"])
     now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
@@ -145,7 +145,7 @@ def test_a_motion_that_is_off_by_pixels_does_not_fit_as_a_whole(shape, wrong_mm)
 
 
 @pytest.mark.parametrize("wrong_mm", [15.0, 30.0])
-def test_a_motion_that_is_off_by_a_pixel_or_two_does_not_fit(wrong_mm):
+def test_motion_wrong_by_one_or_two_pixels_is_rejected(wrong_mm):
     solids, motion_mm = SHAPES["boxes"], np.array(MOTIONS["along"])
     now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
     s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
@@ -154,7 +154,7 @@ def test_a_motion_that_is_off_by_a_pixel_or_two_does_not_fit(wrong_mm):
 
 @pytest.mark.parametrize("motion_mm", [(70.0, 0.0, 0.0), (-25.0, 30.0, 0.0), (15.0, 10.0, -12.0)])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_with_it_depth_is_as_right_as_without(shape, motion_mm):
+def test_depth_with_a_prior_is_as_accurate_as_without(shape, motion_mm):
     solids = SHAPES[shape]
     now = moved(solids, motion_mm)
     frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, now, noise=0.5).items()})
@@ -174,7 +174,7 @@ def test_with_it_depth_is_as_right_as_without(shape, motion_mm):
     assert (with_it.measured | ~without.measured).mean() > 0.998
 
 
-def test_a_narrow_new_strip_is_measured_too():
+def test_narrow_strip_that_came_into_view_is_measured():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
     now = moved(solids, motion_mm)
     frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, now, noise=0.5).items()})

@@ -66,7 +66,7 @@ def same_bytes(a: Surface, b: Surface, where: np.ndarray | slice = slice(None)) 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("shape", SMOOTH)
-def test_a_disc_continues_its_rim(shape, scale):
+def test_disc_is_continued_from_its_rim(shape, scale):
     made = before(*SMOOTH[shape], scale=scale)
     marker = disc(RADIUS_PX * scale)
     wrong = corrupted(made, marker)
@@ -79,7 +79,7 @@ def test_a_disc_continues_its_rim(shape, scale):
     assert same_bytes(mended, wrong, ~disc((RADIUS_PX + 10) * scale))
 
 
-def test_its_slopes_are_those_of_its_s():
+def test_slopes_of_a_filled_disc_are_those_of_its_s():
     made = before(*SMOOTH["gentle curve"])
     marker = disc(RADIUS_PX)
     mended = fill(corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
@@ -89,7 +89,7 @@ def test_its_slopes_are_those_of_its_s():
     np.testing.assert_allclose(mended.slope_v[inside], by_v[inside], atol=1e-3)
 
 
-def test_several_discs_are_several():
+def test_several_discs_are_filled_separately():
     made = before(*SMOOTH["slanted"])
     markers = disc(12, (40, 40)) | disc(12, (112, 44)) | disc(12, (76, 100))
     wrong = corrupted(made, markers)
@@ -97,7 +97,7 @@ def test_several_discs_are_several():
     assert np.abs(mended.s - made.s)[markers].max() < 0.03
 
 
-def test_small_images_have_small_discs():
+def test_size_of_discs_scales_with_the_grid():
     """The same disc is too small for one at full scale, and too large for one at half."""
     made = before(*SMOOTH["plane"], scale=0.5)
     for radius_px, scale in ((4, 0.5), (30, 1.0)):
@@ -107,7 +107,7 @@ def test_small_images_have_small_discs():
         assert same_bytes(fill(wrong, prepared, 1.5 - scale), wrong)
 
 
-def test_a_few_outliers_about_it_do_not_bend_it():
+def test_outliers_around_a_disc_do_not_change_it():
     made = before(*SMOOTH["plane"])
     marker = disc(RADIUS_PX)
     wrong = corrupted(made, marker)
@@ -120,7 +120,7 @@ def test_a_few_outliers_about_it_do_not_bend_it():
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("shift_px", [-8, 0, 8])
-def test_a_disc_astride_a_step_is_left_as_it_was(shift_px, scale):
+def test_disc_across_a_step_is_unchanged(shift_px, scale):
     made = before(*STEP, scale=scale)
     edge = int(np.argmax(np.abs(np.diff(made.s[MIDDLE_PX[1]])[20:-20]))) + 20
     marker = disc(RADIUS_PX * scale, (edge + shift_px * scale, MIDDLE_PX[1]))
@@ -128,7 +128,7 @@ def test_a_disc_astride_a_step_is_left_as_it_was(shift_px, scale):
     assert same_bytes(fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale), wrong)
 
 
-def test_a_disc_without_a_rim_is_left_as_it_was():
+def test_disc_without_a_rim_is_unchanged():
     made = before(*SMOOTH["plane"])
     marker = disc(RADIUS_PX)
     alone = fit_slopes(np.where(marker, made.s, np.nan).astype(np.float32), load(), 1)
@@ -137,14 +137,14 @@ def test_a_disc_without_a_rim_is_left_as_it_was():
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("shape", [*SMOOTH, "step"])
-def test_ordinary_speckle_is_left_alone(shape, scale):
+def test_ordinary_speckle_is_unchanged(shape, scale):
     made = before(*SMOOTH.get(shape, STEP), scale=scale)
     surface = corrupted(made, disc(RADIUS_PX * scale))
     assert same_bytes(fill(surface, made.prepared, scale), surface)
 
 
 @pytest.mark.parametrize("bright", ["everywhere", "half", "nowhere"])
-def test_an_evenly_lit_image_is_left_alone(bright):
+def test_image_without_dots_is_unchanged(bright):
     made = before(*SMOOTH["gentle curve"])
     noise = np.random.default_rng(3).normal(0, 2, made.s.shape)
     columns = {"everywhere": slice(None), "half": slice(80, None), "nowhere": slice(0, 0)}[bright]
@@ -154,7 +154,7 @@ def test_an_evenly_lit_image_is_left_alone(bright):
     assert same_bytes(fill(surface, lit(made, core), 1.0), surface)
 
 
-def test_what_it_is_given_is_not_written_to():
+def test_filling_does_not_modify_its_input():
     made = before(*SMOOTH["plane"])
     marker = disc(RADIUS_PX)
     wrong = corrupted(made, marker)

@@ -31,7 +31,7 @@ def on_top(made: Scene) -> np.ndarray:
     return away_from_steps(made.s, 9) & inner(made.s.shape, 9) & (made.s > np.median(made.s))
 
 
-def test_a_round_top_is_put_back():
+def test_twicing_restores_a_round_top():
     made = scene(*BALL, noise=1.0)
     top = on_top(made)
     flattened, sharp = ((surface.s - made.s)[top] for surface in before_and_after(made))
@@ -41,7 +41,7 @@ def test_a_round_top_is_put_back():
 
 
 @pytest.mark.parametrize("noise", [1.0, 4.0])
-def test_a_plane_stays_as_it_is(noise):
+def test_twicing_does_not_change_a_plane(noise):
     """But for a part of the noise."""
     made = scene(plane(700, 0.2), noise=noise)
     where = inner(made.s.shape, 12)

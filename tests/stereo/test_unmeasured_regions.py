@@ -21,18 +21,18 @@ def covered(s: np.ndarray, align: int) -> np.ndarray:
     return there
 
 
-def test_when_nothing_is_known_the_whole_image_is_a_strip():
+def test_image_without_a_surface_is_one_strip():
     whole = [(slice(0, 200), slice(0, 240))]
     assert find_unmeasured_blocks(np.full((200, 240), np.nan, np.float32), 3) == (whole, [])
 
 
-def test_when_all_is_known_nothing_is_missing():
+def test_complete_surface_has_no_unmeasured_blocks():
     assert find_unmeasured_blocks(np.ones((200, 240), np.float32), 2) == ([], [])
 
 
 @pytest.mark.parametrize("align", [1, 2, 3])
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
-def test_what_came_into_view_is_a_strip(side, align):
+def test_edge_that_came_into_view_is_a_strip(side, align):
     s = np.ones((300, 400), np.float32)
     strip = {
         "left": (slice(None), slice(0, 60)), "right": (slice(None), slice(340, 400)),
@@ -63,7 +63,7 @@ def test_holes_do_not_widen_a_strip():
     assert there.mean() < 0.55
 
 
-def test_a_hole_that_touches_the_strip_is_a_hole():
+def test_hole_that_touches_the_strip_is_separate():
     s = np.ones((512, 612), np.float32)
     s[420:] = np.nan
     s[200:420, 300:400] = np.nan
@@ -73,7 +73,7 @@ def test_a_hole_that_touches_the_strip_is_a_hole():
     assert hole[1].stop - hole[1].start < 250
 
 
-def test_lone_gaps_are_left_to_their_neighbours():
+def test_small_gaps_are_not_swept():
     s = np.ones((200, 240), np.float32)
     s[np.random.default_rng(2).random(s.shape) < 0.2] = np.nan
     s[90:110, 100:130] = np.nan
@@ -86,7 +86,7 @@ FIRST = st.integers(0, 299)
 
 @given(SIDE, SIDE, st.integers(1, 8), FIRST, FIRST, st.integers(0, 300))
 @settings(max_examples=60, deadline=None)
-def test_blocks_are_never_empty_and_hold_what_is_missing(height, width, align, top, left, size):
+def test_blocks_are_not_empty_and_contain_large_unmeasured_regions(height, width, align, top, left, size):
     s = np.ones((height, width), np.float32)
     s[top : top + size, left : left + size] = np.nan
     for rows, columns in itertools.chain(*find_unmeasured_blocks(s, align)):

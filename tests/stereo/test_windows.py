@@ -13,7 +13,7 @@ widths = st.integers(1, 20_000)
 
 
 @given(widths)
-def test_the_kernels_take_them(width_px):
+def test_windows_are_accepted_by_the_kernels(width_px):
     size = windows_for(width_px)
     for radii in (size.narrow, size.firm, size.wide):
         assert fit_windows(radii)
@@ -22,7 +22,7 @@ def test_the_kernels_take_them(width_px):
 
 
 @given(widths, widths)
-def test_a_wider_grid_has_no_smaller_windows(a, b):
+def test_windows_do_not_shrink_with_the_grids_width(a, b):
     small, large = windows_for(min(a, b)), windows_for(max(a, b))
     assert small.scale <= large.scale
     assert small.levels_px <= large.levels_px

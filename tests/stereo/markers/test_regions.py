@@ -29,7 +29,7 @@ def _joined(a: MarkerDetections, b: MarkerDetections) -> MarkerDetections:
 
 
 @pytest.mark.parametrize(("hidden", "share"), [(0, 0.9), (3, 0.8), (6, 0.6)])
-def test_labels_are_right_with_markers_hidden_displaced_and_false_ones(hidden, share):
+def test_numbering_is_right_with_hidden_displaced_and_false_markers(hidden, share):
     """Any hidden, all displaced by 5 % of a step, two false ones: mostly all right, hardly ever mislabelled."""
     rng = np.random.default_rng(hidden)
     right = mislabelled = 0
@@ -53,7 +53,7 @@ def test_labels_are_right_with_markers_hidden_displaced_and_false_ones(hidden, s
 @pytest.mark.parametrize(
     "hidden", [[5], [5, 6, 9], [0, 5, 10, 15], [1, 5, 6, 9, 10], [0, 3, 4, 9, 10, 13, 6, 1]]
 )
-def test_a_hidden_marker_is_expected_where_it_would_be(hidden):
+def test_hidden_markers_are_predicted_at_their_positions(hidden):
     gone = np.zeros(16, bool)
     gone[hidden] = True
     gone = gone.reshape(4, 4)
@@ -65,7 +65,7 @@ def test_a_hidden_marker_is_expected_where_it_would_be(hidden):
     assert np.linalg.norm(grid.center_px - true, axis=-1)[gone].max() < 5.0
 
 
-def test_a_grid_in_grey_has_the_same_labels():
+def test_grid_of_a_grey_image_has_the_same_numbering():
     gone = np.zeros((4, 4), bool)
     gone[1, 2] = gone[3, 0] = True
     image = picture(view((1224, 1024), -12.0, 0.1), (1224, 1024), hidden=gone)
@@ -76,7 +76,7 @@ def test_a_grid_in_grey_has_the_same_labels():
 
 
 @pytest.mark.parametrize("turn", [90.0, 180.0, 270.0])
-def test_turned_cameras_have_the_longer_steps_along_the_rows(turn):
+def test_grid_of_a_turned_camera_has_the_longer_steps_along_its_rows(turn):
     true = seen(MARKERS, view(SIZE, turn))
     grid = arrange_in_grid(_markers(true), SIZE)
     assert grid is not None and grid.count == 16
@@ -84,13 +84,13 @@ def test_turned_cameras_have_the_longer_steps_along_the_rows(turn):
     assert sum(same) == 1
 
 
-def test_too_few_in_place_are_no_grid():
+def test_too_few_markers_form_no_grid():
     true = seen(MARKERS, view(SIZE))
     assert arrange_in_grid(_markers(true[:2, :2]), SIZE) is None
     assert arrange_in_grid(_markers(np.empty((0, 2))), SIZE) is None
 
 
-def test_placements_hold_the_same_markers():
+def test_numberings_contain_the_same_markers():
     true = seen(MARKERS, view(SIZE))
     grid = arrange_in_grid(_markers(true[:3]), SIZE)  # a row is missing: where it belongs is not known
     assert grid is not None
@@ -128,7 +128,7 @@ def test_regions_leave_no_gap_between_them():
         assert filled.size == 0 or filled.size == filled[-1] - filled[0] + 1
 
 
-def test_regions_may_reach_far_out_of_the_image():
+def test_regions_may_extend_far_beyond_the_image():
     grid = arrange_in_grid(_markers(seen(MARKERS, view(SIZE))), SIZE)
     assert grid is not None
     far = grid.center_px.copy()

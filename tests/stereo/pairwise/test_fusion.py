@@ -37,7 +37,7 @@ def test_the_largest_agreeing_group_is_averaged(depths, mean, views):
     assert fused.views[0, 0] == views
 
 
-def test_without_agreement_it_is_the_paper_s_mean():
+def test_fusion_without_agreement_is_the_mean_of_the_paper():
     fused = fuse_depths(at(700, 710, NAN, 730), None)
     assert fused.depth_mm[0, 0] == pytest.approx(713.3333, abs=1e-3)
     assert fused.views[0, 0] == 3
@@ -45,7 +45,7 @@ def test_without_agreement_it_is_the_paper_s_mean():
 
 
 @given(seeds, st.integers(1, 7))
-def test_the_order_of_the_pairs_does_not_matter(seed, count):
+def test_fusion_does_not_depend_on_the_order_of_the_pairs(seed, count):
     rng = np.random.default_rng(seed)
     depths = rng.normal(700, 1.5, (count, 5, 70)).astype(np.float32)
     depths[rng.random(depths.shape) < 0.3] = np.nan
@@ -54,6 +54,6 @@ def test_the_order_of_the_pairs_does_not_matter(seed, count):
     np.testing.assert_array_equal(one.views, other.views)
 
 
-def test_strips_are_joined_without_a_seam():
+def test_fused_strips_have_no_seams():
     depths = np.full((2, 131, 3), 700, np.float32) + np.arange(131, dtype=np.float32)[:, None]
     np.testing.assert_array_equal(fuse_depths(depths, AGREE).depth_mm, depths[0])

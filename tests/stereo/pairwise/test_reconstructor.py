@@ -31,7 +31,7 @@ def without(frame_set: FrameSet, *names: str) -> FrameSet:
     return FrameSet(frame_set.frame, {n: i for n, i in frame_set.images.items() if n not in names})
 
 
-def test_a_synthetic_belt_is_measured_without_bias_and_with_honest_sigma(belt):
+def test_synthetic_belt_is_measured_without_bias_and_with_right_sigma(belt):
     rig, frames, truth = belt
     depth = reconstruct_pairwise(rig, frames, SETTINGS, Silent(), depth_range_mm=RANGE)
     score = score_depth(depth, truth)
@@ -47,7 +47,7 @@ def test_a_synthetic_belt_is_measured_without_bias_and_with_honest_sigma(belt):
     np.testing.assert_array_equal(depth.confidence, depth.views / np.float32(4))
 
 
-def test_the_mean_beats_each_pair(belt):
+def test_mean_is_more_accurate_than_each_pair(belt):
     rig, frames, truth = belt
     errors = [
         score_depth(
@@ -60,7 +60,7 @@ def test_the_mean_beats_each_pair(belt):
 
 
 @pytest.mark.parametrize("degrees", [90, 180, 225])
-def test_any_baseline_direction_will_do(degrees):
+def test_baselines_of_any_direction_are_measured(degrees):
     rig, core_from_world = world_rig(angles_deg=(degrees,))
     depth = reconstruct_pairwise(rig, render(rig, core_from_world), SETTINGS, Silent(), depth_range_mm=RANGE)
     score = score_depth(depth, true_depth(rig, core_from_world))
@@ -78,7 +78,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads(belt):
     assert one.sigma_mm.tobytes() == three.sigma_mm.tobytes()
 
 
-def test_a_missing_auxiliary_is_gone_without(belt):
+def test_missing_auxiliary_is_left_out(belt):
     rig, frames, _ = belt
     matcher = PairwiseReconstructor(rig, RANGE, SETTINGS)
     depth = matcher.reconstruct(without(frames, "cam2"), Silent())
@@ -106,13 +106,13 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt):
         (("cam1", "cam2", "cam3", "cam4"), "frame 000: no usable image of an auxiliary camera"),
     ],
 )
-def test_what_is_missing_is_named(belt, missing, message):
+def test_error_names_the_missing_images(belt, missing, message):
     rig, frames, _ = belt
     with pytest.raises(ReconstructionError, match=message):
         reconstruct_pairwise(rig, without(frames, *missing), SETTINGS, Silent(), depth_range_mm=RANGE)
 
 
-def test_an_unknown_auxiliary_is_named(belt):
+def test_error_names_an_unknown_auxiliary(belt):
     with pytest.raises(ReconstructionError, match="cam9 is no auxiliary camera of the rig; there are cam1"):
         PairwiseReconstructor(belt[0], RANGE, SETTINGS, auxiliaries=("cam9",))
 
@@ -131,7 +131,7 @@ def test_one_camera_alone_has_no_binocular_pair():
 @pytest.mark.parametrize(
     "wrong", [{"block_px": 4}, {"step_penalty": 50}, {"unknown": 1}, {"gradient_cap": 300}]
 )
-def test_settings_that_cannot_be_are_refused(wrong):
+def test_invalid_settings_are_refused(wrong):
     with pytest.raises(SettingsError):
         PairwiseSettings(**wrong)
 
@@ -145,7 +145,9 @@ def test_settings_that_cannot_be_are_refused(wrong):
         ("belt_loaded", (2,), 0.76, 0.46, 0.14),
     ],
 )
-def test_rendered_scenes_at_a_quarter_of_the_sensor(scene, labels, within_1mm, within_quarter_mm, median_mm):
+def test_rendered_scenes_at_a_quarter_of_the_sensor_are_accurate(
+    scene, labels, within_1mm, within_quarter_mm, median_mm
+):
     truth, label = halved_truth(scene)
     depth = reconstruct_pairwise(
         halved_rig(), halved_frames(scene), SETTINGS, Silent(), depth_range_mm=(580, 775)

@@ -61,7 +61,7 @@ def test_the_disparity_range_covers_the_depth_range_and_starts_near_zero(seed, a
 
 @given(seeds, st.floats(-np.pi, np.pi))
 @settings(max_examples=20)
-def test_maps_lead_through_the_lens_to_the_same_point(seed, angle):
+def test_maps_give_the_distorted_pixel_of_the_same_point(seed, angle):
     rig = random_rig(seed, angle)
     pair = rectify_pair(rig, "cam1", (600, 800))
     points = np.random.default_rng(seed).uniform([-120, -80, 650], [120, 80, 750], (40, 3))
@@ -79,7 +79,7 @@ def test_maps_lead_through_the_lens_to_the_same_point(seed, angle):
         )  # the nearest whole pixel of the map: no more than the rounding
 
 
-def test_core_pixels_agree_with_projection():
+def test_projected_core_rays_equal_projected_points():
     rig, _ = world_rig()
     pair = rectify_pair(rig, "cam2", (600, 800))
     points = np.random.default_rng(0).uniform([-200, -150, 600], [200, 150, 800], (50, 3))
@@ -100,7 +100,7 @@ def test_the_core_keeps_its_optical_axis_as_far_as_the_baseline_allows(degrees):
 
 
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270, 20, 110])
-def test_turned_pictures_stand_upright(degrees):
+def test_images_are_upright_after_the_counted_turns(degrees):
     rig, _ = world_rig(angles_deg=(degrees,))
     pair = rectify_pair(rig, "cam1", (600, 800))
     u = np.rot90(pair.core_map[..., 0], count_upright_turns(pair))
@@ -125,6 +125,6 @@ def moved(center: list[float], turn: list[float]) -> Rig:
         (moved([100, 0, 0], [0, 0.9, 0]), (600, 800), "share no view between 600 and 800 mm"),
     ],
 )
-def test_what_cannot_be_rectified_is_named(rig, depths, message):
+def test_error_names_why_a_pair_cannot_be_rectified(rig, depths, message):
     with pytest.raises(ReconstructionError, match=message):
         rectify_pair(rig, "cam1", depths)

@@ -12,7 +12,7 @@ def opencv_fixed_point(whole: int, offset: np.ndarray) -> np.ndarray:
     return (whole * 16 + np.trunc((num * 16 + den) / (2 * den))).astype(np.int16)
 
 
-def test_opencv_rounds_upwards_and_unbiased_takes_it_back():
+def test_correction_removes_the_bias_of_opencvs_rounding():
     offset = np.random.default_rng(0).uniform(-0.5, 0.5, 200_000)
     raw = opencv_fixed_point(20, offset)
     assert np.mean(raw / 16 - 20 - offset) > 0.014  # what there is to mend
@@ -21,21 +21,21 @@ def test_opencv_rounds_upwards_and_unbiased_takes_it_back():
         assert abs(np.mean((correct_bias(raw) - 20 - offset)[half])) < 0.004
 
 
-def test_negative_disparities_are_not_measured():
+def test_negative_disparities_become_nan():
     assert np.isnan(correct_bias(np.array([-16, -1], np.int16))).all()
 
 
-def test_sampling_does_not_let_pixels_fly_across_steps():
-    values = np.tile(np.float32([10, 10, 10, 30, 30, 30]), (4, 1))
+def test_sampling_does_not_interpolate_across_steps():
+    values = np.tile(np.array([10, 10, 10, 30, 30, 30], np.float32), (4, 1))
     u = np.linspace(0.5, 4.5, 41, dtype=np.float32)
     source = np.stack([u, np.full_like(u, 1.5)], axis=-1)[None]
     assert set(np.unique(sample_values(values, source))) == {10, 30}
 
 
 def test_sampling_is_bilinear_on_a_slope_and_keeps_gaps():
-    values = np.tile(np.arange(8, dtype=np.float32) / 4, (4, 1))
+    values = np.tile(np.linspace(0, 1.75, 8, dtype=np.float32), (4, 1))
     values[:, 6] = np.nan
-    u = np.float32([0.25, 2.5, 4.75, 6.1])
+    u = np.array([0.25, 2.5, 4.75, 6.1], np.float32)
     source = np.stack([u, np.full_like(u, 2.0)], axis=-1)[None]
     got = sample_values(values, source)[0]
     np.testing.assert_allclose(got[:3], u[:3] / 4, atol=0.01)

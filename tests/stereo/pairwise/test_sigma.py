@@ -12,7 +12,7 @@ SCALE = 700.0**2
 
 @pytest.mark.parametrize("noise_px", [0.1, 0.3])
 @pytest.mark.parametrize("count", [2, 4])
-def test_independent_errors_are_predicted_from_their_spread(noise_px, count):
+def test_sigma_predicts_independent_errors_from_the_scatter(noise_px, count):
     rng = np.random.default_rng(5)
     depths = (700 + rng.normal(0, noise_px, (count, 80, 90))).astype(np.float32)
     fused = fuse_depths(depths, None)
@@ -20,14 +20,14 @@ def test_independent_errors_are_predicted_from_their_spread(noise_px, count):
     assert 0.8 < actual / np.median(estimate_sigma(fused, SCALE)) < 1.25
 
 
-def test_a_pixel_where_the_pairs_differ_is_less_certain():
+def test_sigma_is_larger_where_the_pairs_differ():
     depths = np.random.default_rng(5).normal(700, 0.1, (4, 40, 40)).astype(np.float32)
     depths[:, 20, 20] = [699, 700, 700.5, 701]
     sigma = estimate_sigma(fuse_depths(depths, None), SCALE)
     assert sigma[20, 20] > 4 * np.median(sigma)
 
 
-def test_unmeasured_pixels_have_no_sigma_and_one_pair_alone_has_one():
+def test_sigma_exists_for_one_pair_and_not_for_unmeasured_pixels():
     depths = np.full((1, 30, 30), 700, np.float32)
     depths[0, 5:10, 5:10] = np.nan
     sigma = estimate_sigma(fuse_depths(depths, None), SCALE)

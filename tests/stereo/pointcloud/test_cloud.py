@@ -37,7 +37,7 @@ def test_a_plane_has_its_normal_everywhere(tilt):
     assert (np.einsum("ij,ij->i", cloud.normals, cloud.points_mm) < 0).all()
 
 
-def test_normals_do_not_lean_across_a_step_and_gaps_make_no_points():
+def test_normals_ignore_steps_and_gaps_have_no_points():
     z = np.full((90, 120), 700, np.float32)
     z[:, 60:] = 650
     z[10:20, 10:20] = np.nan
@@ -47,7 +47,7 @@ def test_normals_do_not_lean_across_a_step_and_gaps_make_no_points():
     np.testing.assert_array_equal(cloud.sigma_mm, np.float32(0.1))
 
 
-def test_a_pixel_alone_has_no_normal():
+def test_isolated_pixel_has_no_normal():
     z = np.full((90, 120), np.nan, np.float32)
     z[40, 50] = 700
     cloud = cloud_from_depth(measured(z), CAMERA, None)
@@ -55,7 +55,7 @@ def test_a_pixel_alone_has_no_normal():
     assert np.isnan(cloud.normals).all()
 
 
-def test_colour_comes_from_where_the_lens_saw_the_point():
+def test_colour_is_that_of_the_distorted_pixel():
     pixels = np.moveaxis(np.indices((90, 120), np.float32), 0, -1)[..., ::-1]
     image = np.stack([pixels[..., 0], pixels[..., 1], np.full((90, 120), 250)], axis=-1).astype(np.uint8)
     cloud = cloud_from_depth(plane(np.array([0, 0, 1.0]), 600), CAMERA, image)
@@ -64,12 +64,12 @@ def test_colour_comes_from_where_the_lens_saw_the_point():
     np.testing.assert_allclose(cloud.colors[inside, :2], seen[inside] * 255 / 250, atol=1.6)
 
 
-def test_a_picture_of_another_size_is_refused():
+def test_image_of_another_size_is_refused():
     with pytest.raises(InputError, match="the image is 60×45 px, but cam0 has 120×90"):
         cloud_from_depth(plane(np.array([0, 0, 1.0]), 600), CAMERA, np.zeros((45, 60), np.uint8))
 
 
-def test_a_builder_serves_every_frame_of_its_camera():
+def test_builder_can_be_used_for_many_frames():
     builder = CloudBuilder(CAMERA)
     for seed in (1, 2):
         depth, image = rough(CAMERA, seed)
@@ -86,7 +86,7 @@ def test_a_depth_map_of_another_size_is_refused():
 # wide and high beyond a strip: what is worked on at a time must not show
 @pytest.mark.parametrize("size_px", [(5, 7), (300, 500), (1300, 130)])
 @pytest.mark.parametrize("kind", ["grey", "deep", "colour"])
-def test_strips_give_what_the_definition_gives(size_px, kind):
+def test_cloud_computed_in_strips_equals_the_definition(size_px, kind):
     own = camera("cam0", size_px)
     depth, grey = rough(own, 3)
     image = {

@@ -1,4 +1,4 @@
-"""MarkerDetections found in drawn speckle, whatever exposure, white balance and view, and none where there is none."""
+"""Detection of markers in drawn speckle under any exposure, white balance and view; none without markers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
         (1.0, (1.4, 0.7, 0.8)),
     ],
 )
-def test_exposure_and_white_balance_do_not_matter(exposure, cast):
+def test_detection_does_not_depend_on_exposure_and_white_balance(exposure, cast):
     image_from_pattern = view(slant=0.15)
     markers = detect_markers(picture(image_from_pattern, exposure=exposure, cast=cast))
     assert len(markers) == 16
@@ -36,7 +36,7 @@ def test_exposure_and_white_balance_do_not_matter(exposure, cast):
     assert markers.confidence.min() > 0.5
 
 
-def test_sixteen_bits_are_as_good_as_eight():
+def test_detection_in_sixteen_bits_equals_that_in_eight():
     image = picture(view())
     deep = image.astype(np.uint16) * 16  # 12 bits in 16
     eight, sixteen = detect_marker_grid(image), detect_marker_grid(deep)
@@ -47,7 +47,7 @@ def test_sixteen_bits_are_as_good_as_eight():
 
 @pytest.mark.parametrize("exposure", [0.6, 1.0, 2.0])
 @pytest.mark.parametrize("size_px", [(816, 680), (1224, 1024)])
-def test_in_grey_images_they_are_found_by_size(exposure, size_px):
+def test_markers_are_detected_in_grey_images(exposure, size_px):
     image_from_pattern = view(size_px)
     markers = detect_markers(luminance(picture(image_from_pattern, size_px, exposure=exposure)))
     assert len(markers) == 16
@@ -56,20 +56,20 @@ def test_in_grey_images_they_are_found_by_size(exposure, size_px):
     )
 
 
-def test_a_grey_image_stored_as_rgb_is_a_grey_image():
+def test_grey_image_stored_as_rgb_is_treated_as_grey():
     grey = luminance(picture(view()))
     one, three = detect_markers(grey), detect_markers(np.repeat(grey[..., None], 3, axis=2))
     np.testing.assert_array_equal(one.center_px, three.center_px)
     assert len(one) == 16
 
 
-def test_no_projector_no_markers():
+def test_image_without_projector_has_no_markers():
     image = picture(view(), speckle=False, ambient=60.0, noise=2.0)
     assert detect_marker_grid(image) is None
     assert detect_marker_grid(luminance(image)) is None
 
 
-def test_stones_without_speckle_are_no_markers():
+def test_stones_without_speckle_are_not_detected():
     rng = np.random.default_rng(3)
     stones = np.full((680, 816), 20, np.uint8)
     for _ in range(300):
@@ -79,7 +79,7 @@ def test_stones_without_speckle_are_no_markers():
     assert detect_marker_grid(noisy) is None
 
 
-def test_a_dark_half_counts_as_much_as_a_bright_one():
+def test_disc_with_a_dark_half_keeps_its_centre():
     """A disc over the edge of a white module on black rubber keeps its centre."""
     image_from_pattern = view()
     image = picture(image_from_pattern, noise=0.5).astype(float)
@@ -89,7 +89,7 @@ def test_a_dark_half_counts_as_much_as_a_bright_one():
     assert _distances(markers.center_px, center).max() < 1.2
 
 
-def test_half_a_disc_is_less_sure_than_a_whole_one():
+def test_half_a_disc_has_less_confidence_than_a_whole_one():
     image_from_pattern = view()
     image = picture(image_from_pattern)
     u, v = seen(MARKERS, image_from_pattern)[2, 1].astype(int)
@@ -102,6 +102,6 @@ def test_half_a_disc_is_less_sure_than_a_whole_one():
 
 @needs_rendered
 @pytest.mark.parametrize("scene", ["module_nospeckle", "belt_loaded_nospeckle"])
-def test_rendered_scenes_without_speckle_show_no_grid(scene):
+def test_rendered_scenes_without_speckle_have_no_grid(scene):
     for camera in range(5):
         assert detect_marker_grid(read_image(RENDERED / scene / f"cam{camera}/000.png")) is None

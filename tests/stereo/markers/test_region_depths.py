@@ -53,7 +53,7 @@ def _without(grid: MarkerGrid, *cells: tuple[int, int]) -> MarkerGrid:
 
 
 @pytest.mark.parametrize("turn", [1, 2, 3])
-def test_turned_cameras_get_the_labels_of_the_others(turn):
+def test_grids_of_turned_cameras_get_the_numbering_of_the_others(turn):
     rig, points, grids = _scene()
     turned = grids["cam2"]
     grids["cam2"] = next(
@@ -65,14 +65,14 @@ def test_turned_cameras_get_the_labels_of_the_others(turn):
     np.testing.assert_allclose(found.reshape(4, 4, 3), points, atol=1e-6)
 
 
-def test_a_grid_that_does_not_meet_the_others_is_left_out():
+def test_grid_that_contradicts_the_others_is_left_out():
     rig, _, grids = _scene()
     away = np.random.default_rng(2).uniform(-25, 25, (4, 4, 2))
     grids["cam3"] = replace(grids["cam3"], center_px=grids["cam3"].center_px + away)
     assert "cam3" not in align_grids(grids, rig)
 
 
-def test_the_prior_holds_the_markers_and_their_neighbours():
+def test_bounds_contain_the_markers_of_a_region_and_its_neighbours():
     rig, points, grids = _scene()
     prior = bound_region_depths(grids, rig, relief_mm=20.0)
     np.testing.assert_allclose(prior.marker_mm, points[..., 2].reshape(-1), atol=1e-6)
@@ -86,7 +86,7 @@ def test_the_prior_holds_the_markers_and_their_neighbours():
     assert prior.range_mm() == (prior.near_mm.min(), prior.far_mm.max())
 
 
-def test_a_marker_one_camera_sees_elsewhere_is_measured_from_the_others():
+def test_marker_with_one_displaced_detection_is_measured_from_the_others():
     rig, points, grids = _scene()
     center = grids["cam1"].center_px.copy()
     center[2, 2] += (9.0, 7.0)
@@ -96,14 +96,14 @@ def test_a_marker_one_camera_sees_elsewhere_is_measured_from_the_others():
     np.testing.assert_allclose(found[10], points[2, 2], atol=1e-6)
 
 
-def test_a_marker_only_the_core_sees_takes_its_neighbours_depths():
+def test_region_of_an_unmeasured_marker_has_the_bounds_of_its_neighbours():
     rig, _, grids = _scene()
     alone = {name: grid if name == "cam0" else _without(grid, (0, 0)) for name, grid in grids.items()}
     prior = bound_region_depths(alone, rig)
     assert np.isnan(prior.marker_mm[0]) and np.isfinite([prior.near_mm[0], prior.far_mm[0]]).all()
 
 
-def test_without_core_or_with_too_few_markers_there_is_no_prior():
+def test_bounds_without_core_or_with_too_few_markers_are_refused():
     rig, _, grids = _scene()
     with pytest.raises(ReconstructionError, match="core camera cam0"):
         bound_region_depths({"cam1": grids["cam1"]}, rig)
@@ -111,7 +111,7 @@ def test_without_core_or_with_too_few_markers_there_is_no_prior():
         bound_region_depths({"cam0": grids["cam0"]}, rig)
 
 
-def test_cameras_without_speckle_are_named():
+def test_warnings_name_cameras_without_speckle():
     rig, _ = world_rig()
     dark = np.zeros((320, 400), np.uint8)
     reporter = Silent()
@@ -121,7 +121,7 @@ def test_cameras_without_speckle_are_named():
 
 @needs_rendered
 @pytest.mark.parametrize("scene", ["belt_empty", "belt_loaded", "module"])
-def test_rendered_scenes_lie_within_their_prior(scene):
+def test_rendered_scenes_lie_within_their_bounds(scene):
     rig, frames = halved_rig(), halved_frames(scene)
     assert detect_marker_grid(frames.images["cam0"]) is not None
     prior = bound_region_depths(detect_marker_grids(frames, rig, Silent()), rig)

@@ -17,7 +17,7 @@ from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from tests.stereo.rendered import RENDERED, halved_frames, halved_rig, needs_rendered
+from tests.stereo.rendered import RENDERED, needs_rendered, read_halved_frames, read_halved_rig
 
 FRAMES = ("008", "009", "010")
 
@@ -38,9 +38,9 @@ def moving(frame: str) -> FrameSet:
     not (RENDERED / "belt_moving").is_dir(), reason="optional data: the moving capture is not there"
 )
 def test_motion_and_volume_of_rendered_frames() -> None:
-    rig = halved_rig()
+    rig = read_halved_rig()
     matcher = MultiviewReconstructor(rig, (560.0, 790.0), MultiviewSettings.preset("fast"))
-    belt = find_belt(matcher.reconstruct(halved_frames("belt_empty"), Silent()), rig.core_camera)
+    belt = find_belt(matcher.reconstruct(read_halved_frames("belt_empty"), Silent()), rig.core_camera)
     steps: list[FramePlacement] = []
     meter = FlowMeter(make_reference(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
     truth = json.loads((RENDERED / "truth/belt_moving.json").read_text())

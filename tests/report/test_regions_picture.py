@@ -8,13 +8,13 @@ from beltscape.core.frames import FrameSet
 from beltscape.report.drawing.pictures import PANEL_PX
 from beltscape.report.regions import draw_camera_regions, draw_regions
 from beltscape.stereo.markers.grid import detect_marker_grid
-from tests.stereo.projected import picture, view
+from tests.stereo.projected import make_view, render_pattern
 
 
 def test_detected_and_predicted_markers_have_different_colours():
     hidden = np.zeros((4, 4), bool)
     hidden[1, 1] = True
-    image = picture(view(), hidden=hidden)
+    image = render_pattern(make_view(), hidden=hidden)
     grid = detect_marker_grid(image)
     assert grid is not None
     drawn = draw_camera_regions(image, grid)
@@ -26,7 +26,7 @@ def test_detected_and_predicted_markers_have_different_colours():
 
 
 def test_cameras_without_markers_are_shown_too():
-    image = picture(view())
+    image = render_pattern(make_view())
     grid = detect_marker_grid(image)
     assert grid is not None
     frames = FrameSet("000", {"cam0": image, "cam1": image, "cam2": image, "cam3": np.zeros_like(image)})

@@ -17,7 +17,7 @@ DOT_STEP_PX = 9.6
 
 
 @cache
-def dots() -> np.ndarray:
+def place_dots() -> np.ndarray:
     """(N, 2) as dense as 25,000 on the pattern, a jittered grid, none on a marker."""
     rng = np.random.default_rng(5)
     x, y = np.meshgrid(np.arange(5, PATTERN_PX[0], DOT_STEP_PX), np.arange(5, PATTERN_PX[1], DOT_STEP_PX))
@@ -26,13 +26,13 @@ def dots() -> np.ndarray:
     return places[away > MARKER_RADIUS_PX + 4]
 
 
-def seen(points: np.ndarray, image_from_pattern: np.ndarray) -> np.ndarray:
+def project_points(points: np.ndarray, image_from_pattern: np.ndarray) -> np.ndarray:
     """(..., 2) pixels of points on the pattern."""
     mapped = points @ image_from_pattern[:, :2].T + image_from_pattern[:, 2]
     return mapped[..., :2] / mapped[..., 2:]
 
 
-def picture(
+def render_pattern(
     image_from_pattern: np.ndarray,
     size_px: tuple[int, int] = (816, 680),
     *,
@@ -51,13 +51,13 @@ def picture(
     def draw(points: np.ndarray, radius: float, color: tuple[float, float, float]) -> None:
         around = np.linspace(0, 2 * np.pi, 25)[:-1]
         circle = radius * np.stack([np.cos(around), np.sin(around)], axis=-1)
-        outlines = 2 * seen(points[:, None] + circle, image_from_pattern) + 0.5
+        outlines = 2 * project_points(points[:, None] + circle, image_from_pattern) + 0.5
         cv2_outlines = [np.rint(o * 16).astype(np.int32) for o in outlines]
         for outline in cv2_outlines:
             cv2.fillConvexPoly(light, outline, color, cv2.LINE_8, 4)
 
     if speckle:
-        draw(dots(), 2.6, (120.0, 82.0, 0.0))
+        draw(place_dots(), 2.6, (120.0, 82.0, 0.0))
         shown = MARKERS.reshape(-1, 2) if hidden is None else MARKERS[~hidden]
         draw(shown, MARKER_RADIUS_PX, (120.0, 0.0, 0.0))
     light = cv2.resize(light, size_px, interpolation=cv2.INTER_AREA)
@@ -67,7 +67,7 @@ def picture(
     return np.clip(np.rint(counts), 0, 255).astype(np.uint8)
 
 
-def view(size_px: tuple[int, int] = (816, 680), turn_deg: float = 0.0, slant: float = 0.0) -> np.ndarray:
+def make_view(size_px: tuple[int, int] = (816, 680), turn_deg: float = 0.0, slant: float = 0.0) -> np.ndarray:
     """(3, 3) image_from_pattern: the pattern centred, turned, and ``slant`` larger to the left than to the right."""
     cos, sin = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
     center = np.array([[1, 0, -PATTERN_PX[0] / 2], [0, 1, -PATTERN_PX[1] / 2], [0, 0, 1.0]])
@@ -77,6 +77,6 @@ def view(size_px: tuple[int, int] = (816, 680), turn_deg: float = 0.0, slant: fl
     return back @ turned @ center
 
 
-def luminance(rgb: np.ndarray) -> np.ndarray:
+def compute_luminance(rgb: np.ndarray) -> np.ndarray:
     """(H, W) uint8: what a monochrome camera sees of it."""
     return np.rint(rgb @ np.array([0.45, 0.45, 0.1])).astype(np.uint8)

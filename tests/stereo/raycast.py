@@ -19,7 +19,7 @@ CYLINDER = (70.0, 10.0, 10.0, 90.0)
 """x, y, radius, height, mm: the slender thing a depth range must not cut off."""
 
 
-def camera(name: str, size_px: tuple[int, int] = SIZE_PX) -> Camera:
+def make_camera(name: str, size_px: tuple[int, int] = SIZE_PX) -> Camera:
     focal = 0.95 * size_px[0]
     return Camera(
         name,
@@ -30,7 +30,7 @@ def camera(name: str, size_px: tuple[int, int] = SIZE_PX) -> Camera:
     )
 
 
-def looking(center_mm: NDArray[np.float64], target_mm: NDArray[np.float64]) -> Pose:
+def look_at(center_mm: NDArray[np.float64], target_mm: NDArray[np.float64]) -> Pose:
     """cam_from_world of a camera at a place, looking at a point; its u axis is nearest to world x."""
     z = (target_mm - center_mm) / np.linalg.norm(target_mm - center_mm)
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z
@@ -39,7 +39,7 @@ def looking(center_mm: NDArray[np.float64], target_mm: NDArray[np.float64]) -> P
     return Pose(rotation, -rotation @ center_mm)
 
 
-def world_rig(
+def make_world_rig(
     height_mm: float = 740.0,
     baseline_mm: float = 240.0,
     *,
@@ -47,7 +47,7 @@ def world_rig(
     angles_deg=(0, 90, 180, 270),
 ) -> tuple[Rig, Pose]:
     """A rig with auxiliaries about the core at these angles, and core_from_world."""
-    core = looking(np.array([1.0, -2.0, height_mm]), np.array([4.0, 1.0, 0.0]))
+    core = look_at(np.array([1.0, -2.0, height_mm]), np.array([4.0, 1.0, 0.0]))
     poses = {"cam0": Pose.identity()}
     for i, angle in enumerate(np.deg2rad(angles_deg), start=1):
         center = baseline_mm * np.array([np.cos(angle), np.sin(angle), 0.0]) + [
@@ -56,11 +56,11 @@ def world_rig(
             height_mm + 3.0 * i,
         ]
         target = center - [0, 0, height_mm] if parallel else np.array([2.0 * i, -3.0, 30.0])
-        poses[f"cam{i}"] = looking(center, target) @ core.inverse()
-    return Rig("cam0", {name: camera(name) for name in poses}, poses), core
+        poses[f"cam{i}"] = look_at(center, target) @ core.inverse()
+    return Rig("cam0", {name: make_camera(name) for name in poses}, poses), core
 
 
-def cast(
+def cast_rays(
     cam: Camera, cam_from_world: Pose, pixels: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """World points (H, W, 3) each distorted pixel sees, and their depth (H, W) in the camera, mm.
@@ -72,11 +72,13 @@ def cast(
         pixels = cam.undistort(np.stack([u, v], axis=-1))
     rays = np.concatenate([pixels, np.ones_like(pixels[..., :1])], axis=-1)
     origin, rays = cam_from_world.center_mm, rays @ cam_from_world.rotation
-    depth = np.minimum.reduce([_trough(origin, rays), _box(origin, rays), _cylinder(origin, rays)])
+    depth = np.minimum.reduce(
+        [_hit_trough(origin, rays), _hit_box(origin, rays), _hit_cylinder(origin, rays)]
+    )
     return origin + rays * depth[..., None], depth
 
 
-def _trough(origin, rays):
+def _hit_trough(origin, rays):
     rise = np.tan(np.deg2rad(20.0))
     flat = -origin[2] / rays[..., 2]
     hits = [flat]
@@ -86,14 +88,14 @@ def _trough(origin, rays):
     return np.minimum.reduce([np.where(t > 0, t, np.inf) for t in hits])
 
 
-def _box(origin, rays):
+def _hit_box(origin, rays):
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = (BOX[0] - origin) / rays, (BOX[1] - origin) / rays
     enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
     return np.where((enter <= leave) & (enter > 0), enter, np.inf)
 
 
-def _cylinder(origin, rays):
+def _hit_cylinder(origin, rays):
     x, y, radius, height = CYLINDER
     top = (height - origin[2]) / rays[..., 2]
     at = origin[:2] + rays[..., :2] * top[..., None] - [x, y]
@@ -108,28 +110,28 @@ def _cylinder(origin, rays):
 
 
 @cache
-def speckle() -> np.ndarray:
+def make_speckle() -> np.ndarray:
     """(1200, 1200) float32 smooth random brightness, 1 texel a millimetre, about 3 mm per dot."""
     noise = np.random.default_rng(7).normal(size=(1200, 1200)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 1.6)
     return np.clip(40 + 45 * smooth / smooth.std(), 2, 220).astype(np.float32)
 
 
-def render(rig: Rig, core_from_world: Pose, *, noise_counts: float = 1.0) -> FrameSet:
+def render_frame(rig: Rig, core_from_world: Pose, *, noise_counts: float = 1.0) -> FrameSet:
     """Images of all cameras, 8-bit grey; the speckle comes straight from above."""
     rng = np.random.default_rng(3)
     images = {}
     for name, cam in rig.cameras.items():
-        points, _ = cast(cam, rig.cam_from_core[name] @ core_from_world)
+        points, _ = cast_rays(cam, rig.cam_from_core[name] @ core_from_world)
         at = (points[..., :2] + 600 + 0.35 * points[..., 2:]).astype(np.float32)  # oblique: sides are lit too
-        seen = cv2.remap(speckle(), at, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+        seen = cv2.remap(make_speckle(), at, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
         images[name] = np.clip(np.rint(seen + rng.normal(0, noise_counts, seen.shape)), 0, 255).astype(
             np.uint8
         )
     return FrameSet("000", images)
 
 
-def true_depth(rig: Rig, core_from_world: Pose) -> np.ndarray:
+def compute_true_depth(rig: Rig, core_from_world: Pose) -> np.ndarray:
     """(H, W) depth on the core's pinhole grid, mm."""
     cam = rig.core_camera
-    return cast(cam, core_from_world, cam.rays())[1]
+    return cast_rays(cam, core_from_world, cam.rays())[1]

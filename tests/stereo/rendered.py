@@ -21,7 +21,7 @@ needs_rendered = pytest.mark.skipif(
 )
 
 
-def halved_rig() -> Rig:
+def read_halved_rig() -> Rig:
     """The true rig at 612×512 (K_quarter)."""
     truth = json.loads((RENDERED / "truth/rig.json").read_text())
     cameras, poses = {}, {}
@@ -34,7 +34,7 @@ def halved_rig() -> Rig:
     return Rig("cam0", cameras, poses)
 
 
-def halved_frames(scene: str) -> FrameSet:
+def read_halved_frames(scene: str) -> FrameSet:
     """Frame 000 of a 1224×1024 scene at 612×512."""
     images = {f"cam{i}": read_image(RENDERED / scene / f"cam{i}/000.png") for i in range(5)}
     return FrameSet(
@@ -43,13 +43,15 @@ def halved_frames(scene: str) -> FrameSet:
     )
 
 
-def halved_truth(scene: str) -> tuple[np.ndarray, np.ndarray]:
+def read_halved_truth(scene: str) -> tuple[np.ndarray, np.ndarray]:
     """(512, 612) depth on the pinhole grid, mm, and labels; all within |Y| ≤ 240 mm, NaN elsewhere."""
     truth = np.load(RENDERED / f"truth/{scene}_depth_cam0.npz")
     z, label = truth["z_pinhole"].astype(float), truth["label_pinhole"][::2, ::2]
     four = np.stack([z[::2, ::2], z[1::2, ::2], z[::2, 1::2], z[1::2, 1::2]])
     depth = np.where(np.ptp(four, axis=0) < 3, four.mean(axis=0), four[0])
     camera = json.loads((RENDERED / "truth/rig.json").read_text())["cameras"]["cam0"]
-    points = np.concatenate([halved_rig().core_camera.rays() * depth[..., None], depth[..., None]], axis=-1)
+    points = np.concatenate(
+        [read_halved_rig().core_camera.rays() * depth[..., None], depth[..., None]], axis=-1
+    )
     world = (points - np.array(camera["t"])) @ np.array(camera["R"])
     return np.where((np.abs(world[..., 1]) <= 240) & (depth > 0), depth, np.nan), label

@@ -20,7 +20,7 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
-from tests.stereo.raycast import camera, looking, speckle
+from tests.stereo.raycast import look_at, make_camera, make_speckle
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Origin (3,) and rays (H, W, 3) → (H, W) how many rays' lengths away it is hit; inf where it is not."""
@@ -62,7 +62,7 @@ def patch(depth_mm: float, x_mm: tuple[float, float], y_mm: tuple[float, float] 
     return hit
 
 
-def ring(
+def make_ring(
     angles_deg: tuple[float, ...] = (0, 90, 180, 270),
     *,
     size_px: tuple[int, int] = SIZE_PX,
@@ -73,24 +73,26 @@ def ring(
     for i, angle in enumerate(np.deg2rad(angles_deg), start=1):
         center = BASELINE_MM * np.array([np.cos(angle), np.sin(angle), 0.02 * i])
         target = center + np.array([0.0, 0.0, 1.0]) if parallel else np.array([3.0 * i, -2.0, DEPTH_MM])
-        poses[f"cam{i}"] = looking(center, target)
-    return Rig("cam0", {name: camera(name, size_px) for name in poses}, poses)
+        poses[f"cam{i}"] = look_at(center, target)
+    return Rig("cam0", {name: make_camera(name, size_px) for name in poses}, poses)
 
 
-def cast(cam: Camera, pose: Pose, solids: tuple[Solid, ...], rays: np.ndarray) -> np.ndarray:
+def cast_rays(cam: Camera, pose: Pose, solids: tuple[Solid, ...], rays: np.ndarray) -> np.ndarray:
     """(H, W, 3) points, in the core's frame, that a camera sees along rays (H, W, 2)."""
     world = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ pose.rotation
     away = np.minimum.reduce([solid(pose.center_mm, world) for solid in solids])
     return pose.center_mm + world * away[..., None]
 
 
-def brightness(points: np.ndarray, dot_mm: float) -> np.ndarray:
+def sample_speckle(points: np.ndarray, dot_mm: float) -> np.ndarray:
     """(H, W) float32 counts of a speckle that comes obliquely from above."""
     at = (points[..., :2] + 0.2 * (points[..., 2:] - DEPTH_MM)) * _TEXEL_DOT / dot_mm + 600
-    return cv2.remap(speckle(), at.astype(np.float32), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    return cv2.remap(
+        make_speckle(), at.astype(np.float32), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+    )
 
 
-def pictures(
+def render_images(
     rig: Rig, solids: tuple[Solid, ...], *, noise: float = 0.0, seed: int = 1, dot_px: float = DOT_PX
 ) -> dict[str, np.ndarray]:
     """Float32 images, in 8-bit counts, of all cameras."""
@@ -99,25 +101,25 @@ def pictures(
     seen = {}
     for name, cam in rig.cameras.items():
         pixels = np.stack(np.meshgrid(np.arange(cam.size_px[0]), np.arange(cam.size_px[1])), axis=-1)
-        points = cast(cam, rig.cam_from_core[name], solids, cam.undistort(pixels))
-        image = brightness(points, dot_mm)
+        points = cast_rays(cam, rig.cam_from_core[name], solids, cam.undistort(pixels))
+        image = sample_speckle(points, dot_mm)
         seen[name] = image + rng.normal(0, noise, image.shape).astype(np.float32) if noise else image
     return seen
 
 
-def in_bits(image: np.ndarray, dtype: type = np.uint8) -> np.ndarray:
+def quantise(image: np.ndarray, dtype: type = np.uint8) -> np.ndarray:
     """As a camera of 8 or 16 bits writes it."""
     full = np.iinfo(dtype).max
     return np.clip(np.rint(image * (full / 255)), 0, full).astype(dtype)
 
 
-def depth_mm(rig: Rig, solids: tuple[Solid, ...]) -> np.ndarray:
+def compute_depth_mm(rig: Rig, solids: tuple[Solid, ...]) -> np.ndarray:
     """(H, W) true depth on the core's undistorted grid."""
     cam = rig.core_camera
-    return cast(cam, Pose.identity(), solids, cam.rays())[..., 2]
+    return cast_rays(cam, Pose.identity(), solids, cam.rays())[..., 2]
 
 
-def prepare(
+def prepare_scene(
     rig: Rig, frame_set: FrameSet, auxiliaries: tuple[str, ...] | None = None, step: int = 1
 ) -> PreparedFrame:
     """Prepare a frame with a context of one thread."""
@@ -130,7 +132,7 @@ def with_context(prepared: PreparedFrame, **changes: Any) -> PreparedFrame:
     return replace(prepared, context=replace(prepared.context, **changes))
 
 
-def at_scale(prepared: PreparedFrame, scale: float = 1.0) -> PreparedFrame:
+def with_scale(prepared: PreparedFrame, scale: float = 1.0) -> PreparedFrame:
     """Return the frame with distances in px of another scale."""
     return with_context(prepared, windows=replace(prepared.context.windows, scale=scale))
 
@@ -151,25 +153,25 @@ class Scene:
         return self.rig.auxiliaries
 
 
-def scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed: int = 1) -> Scene:
+def make_scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed: int = 1) -> Scene:
     """16-bit images of solids, prepared at full size."""
-    rig = rig or ring()
+    rig = rig or make_ring()
     images = {
-        name: in_bits(i, np.uint16) for name, i in pictures(rig, solids, noise=noise, seed=seed).items()
+        name: quantise(i, np.uint16) for name, i in render_images(rig, solids, noise=noise, seed=seed).items()
     }
     unit = inverse_depth_scale(rig, rig.auxiliaries)
-    prepared = prepare(rig, FrameSet("000", images))
-    return Scene(rig, prepared, (1 / (depth_mm(rig, solids) * unit)).astype(np.float32), unit)
+    prepared = prepare_scene(rig, FrameSet("000", images))
+    return Scene(rig, prepared, (1 / (compute_depth_mm(rig, solids) * unit)).astype(np.float32), unit)
 
 
-def inner(shape: tuple[int, ...], margin_px: int) -> np.ndarray:
+def mask_inner(shape: tuple[int, ...], margin_px: int) -> np.ndarray:
     """(H, W) bool: farther than this from the border."""
     inside = np.zeros(shape, bool)
     inside[margin_px:-margin_px, margin_px:-margin_px] = True
     return inside
 
 
-def away_from_steps(s: np.ndarray, distance_px: int, step_px: float = 1.5) -> np.ndarray:
+def mask_away_from_steps(s: np.ndarray, distance_px: int, step_px: float = 1.5) -> np.ndarray:
     """(H, W) bool: no step of s within this distance."""
     window = np.ones((3, 3), np.uint8)
     step = (cv2.dilate(s, window) - cv2.erode(s, window) > step_px).astype(np.uint8)

@@ -19,7 +19,7 @@ from beltscape.stereo.multiview.selection.candidates import (
     Selection,
     select_candidates,
 )
-from tests.stereo.scenes import Scene, at_scale, inner, patch, plane, scene, with_context
+from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, with_context, with_scale
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 FAR_OFF_PX = 12.0
@@ -27,7 +27,7 @@ FAR_OFF_PX = 12.0
 
 def beside_steps(made: Scene) -> np.ndarray:
     """Return the mask (H, W) of pixels next to depth steps."""
-    return detect_depth_steps(made.s) & inner(made.s.shape, 6)
+    return detect_depth_steps(made.s) & mask_inner(made.s.shape, 6)
 
 
 def displaced(made: Scene, share: float = 0.5) -> tuple[Surface, np.ndarray]:
@@ -49,7 +49,7 @@ def planes_of(made: Scene, confidence: np.ndarray) -> dict[str, np.ndarray]:
     }
     return (
         given
-        | dict(image_features(at_scale(made.prepared)))
+        | dict(image_features(with_scale(made.prepared)))
         | dict(initial_confidence_features(confidence, 1.0))
     )
 
@@ -57,11 +57,11 @@ def planes_of(made: Scene, confidence: np.ndarray) -> dict[str, np.ndarray]:
 def selected_surface(made: Scene, surface: Surface) -> tuple[Selection, np.ndarray]:
     uncertain = beside_steps(made)
     confidence = np.where(uncertain, -0.5, 6.0).astype(np.float32)
-    return select_candidates(surface, planes_of(made, confidence), at_scale(made.prepared)), uncertain
+    return select_candidates(surface, planes_of(made, confidence), with_scale(made.prepared)), uncertain
 
 
 def test_most_displaced_pixels_take_the_right_surface():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     surface, wrong = displaced(made)
     selection, _ = selected_surface(made, surface)
     off = np.abs(selection.surface.s - made.s)
@@ -72,7 +72,7 @@ def test_most_displaced_pixels_take_the_right_surface():
 
 
 def test_the_initial_confidence_separates_right_from_wrong_selections():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     selection, uncertain = selected_surface(made, displaced(made)[0])
     right = np.abs(selection.surface.s - made.s)[uncertain] < 1
     score = selection.initial_confidence[uncertain]
@@ -80,39 +80,39 @@ def test_the_initial_confidence_separates_right_from_wrong_selections():
 
 
 def test_only_uncertain_pixels_within_reach_of_reliable_ones_change():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     surface, _ = displaced(made)
     selection, uncertain = selected_surface(made, surface)
     for field in ("s", "slope_u", "slope_v"):
         before, after = getattr(surface, field), getattr(selection.surface, field)
         assert before[~uncertain].tobytes() == after[~uncertain].tobytes()
     none_reliable = np.full(made.s.shape, RELIABLE - 1, np.float32)
-    left = select_candidates(surface, planes_of(made, none_reliable), at_scale(made.prepared))
+    left = select_candidates(surface, planes_of(made, none_reliable), with_scale(made.prepared))
     assert left.surface.s.tobytes() == surface.s.tobytes()
     all_certain = np.full(made.s.shape, UNCERTAIN + 1, np.float32)
-    left = select_candidates(surface, planes_of(made, all_certain), at_scale(made.prepared))
+    left = select_candidates(surface, planes_of(made, all_certain), with_scale(made.prepared))
     assert left.surface.s.tobytes() == surface.s.tobytes()
 
 
 def test_a_pixel_without_a_surface_gets_one():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     hole = np.zeros(made.s.shape, bool)
     hole[50:54, 60:64] = True
     slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(np.where(hole, np.nan, made.s).astype(np.float32), slopes.slope_u, slopes.slope_v)
     confidence = np.where(hole, -5.0, 6.0).astype(np.float32)
-    selection = select_candidates(surface, planes_of(made, confidence), at_scale(made.prepared))
+    selection = select_candidates(surface, planes_of(made, confidence), with_scale(made.prepared))
     np.testing.assert_allclose(selection.surface.s[hole], made.s[hole], atol=0.1)
 
 
 @pytest.mark.parametrize("threads", [2, 3])
 def test_selection_does_not_depend_on_the_number_of_threads(threads):
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
     planes = planes_of(made, confidence)
     one, many = (
-        select_candidates(surface, planes, with_context(at_scale(made.prepared), threads=n))
+        select_candidates(surface, planes, with_context(with_scale(made.prepared), threads=n))
         for n in (1, threads)
     )
     assert one.surface.s.tobytes() == many.surface.s.tobytes()
@@ -120,10 +120,10 @@ def test_selection_does_not_depend_on_the_number_of_threads(threads):
 
 
 def test_the_features_of_candidates_are_finite():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), at_scale(made.prepared))
+    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
     assert selector.uncertain_pixels()
     for at in selector.uncertain_pixels():
         candidates, features = selector.find_candidates(at)
@@ -135,10 +135,10 @@ def test_the_features_of_candidates_are_finite():
 
 
 def test_the_top_two_differ_and_have_exactly_the_networks_features():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
-    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), at_scale(made.prepared))
+    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
     at = selector.uncertain_pixels()[0]
     candidates, features = selector.find_candidates(at)
     first, second, score = selector.rank_top_two(candidates, features)
@@ -158,11 +158,11 @@ def test_the_top_two_differ_and_have_exactly_the_networks_features():
 
 
 def test_a_single_candidate_is_selected():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(made.s, slopes.slope_u, slopes.slope_v)
     confidence = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
-    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), at_scale(made.prepared))
+    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
     at = selector.uncertain_pixels()[0]
     candidates, features = selector.find_candidates(at)
     first, second, score = selector.rank_top_two(candidates, features)

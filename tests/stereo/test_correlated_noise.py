@@ -13,7 +13,7 @@ from beltscape.evaluate.scores.depth import compute_robust_sigma
 from beltscape.stereo.multiview.confidence import estimate as judge
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from tests.stereo.scenes import depth_mm, in_bits, pictures, plane, ring
+from tests.stereo.scenes import compute_depth_mm, make_ring, plane, quantise, render_images
 
 SOLID = plane(700, 0.2, 0.1)
 RANGE = (620.0, 800.0)
@@ -28,14 +28,15 @@ CHANGES = {
 
 def reconstruct(change, angles=(0, 90, 180, 270), preset="standard") -> tuple[DepthMap, float]:
     """The depth map, and its actual over stated sigma."""
-    rig = ring(angles, size_px=(320, 256))
+    rig = make_ring(angles, size_px=(320, 256))
     images = {
-        name: change(in_bits(image)) for name, image in pictures(rig, (SOLID,), noise=4.0, dot_px=2.0).items()
+        name: change(quantise(image))
+        for name, image in render_images(rig, (SOLID,), noise=4.0, dot_px=2.0).items()
     }
     settings = MultiviewSettings.preset(preset).model_copy(update={"threads": 1})
     found = MultiviewReconstructor(rig, RANGE, settings).reconstruct(FrameSet("000", images), Silent())
     inner = (slice(12, -12), slice(12, -12))
-    error = (found.depth_mm - depth_mm(rig, (SOLID,)))[inner] / found.sigma_mm[inner]
+    error = (found.depth_mm - compute_depth_mm(rig, (SOLID,)))[inner] / found.sigma_mm[inner]
     return found, compute_robust_sigma(error[np.isfinite(error)])
 
 

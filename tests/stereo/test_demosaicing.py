@@ -9,7 +9,7 @@ import pytest
 from beltscape.core.frames import FrameSet
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, phase_ratio
 from beltscape.stereo.multiview.frame.photometry import compute_grey_levels
-from tests.stereo.scenes import in_bits, pictures, plane, prepare, ring, scene
+from tests.stereo.scenes import make_ring, make_scene, plane, prepare_scene, quantise, render_images
 
 METHODS = {
     "bilinear": cv2.COLOR_BayerRGGB2RGB,
@@ -21,8 +21,8 @@ METHODS = {
 
 def textured(noise: float, dot_px: float = 1.3) -> np.ndarray:
     """(240, 320) uint8."""
-    rig = ring((0,), size_px=(320, 240))
-    return in_bits(pictures(rig, (plane(700, 0.2, 0.1),), noise=noise, dot_px=dot_px)["cam0"])
+    rig = make_ring((0,), size_px=(320, 240))
+    return quantise(render_images(rig, (plane(700, 0.2, 0.1),), noise=noise, dot_px=dot_px)["cam0"])
 
 
 def level(image: np.ndarray) -> np.ndarray:
@@ -71,10 +71,10 @@ def test_majority_of_the_cameras_decides():
 
 
 def test_prepared_frame_records_demosaicing():
-    rig = ring()
+    rig = make_ring()
     images = {
-        name: cv2.cvtColor(in_bits(image), cv2.COLOR_BayerRGGB2RGB)
-        for name, image in pictures(rig, (plane(),), noise=1.0).items()
+        name: cv2.cvtColor(quantise(image), cv2.COLOR_BayerRGGB2RGB)
+        for name, image in render_images(rig, (plane(),), noise=1.0).items()
     }
-    assert prepare(rig, FrameSet("000", images)).noise.demosaiced
-    assert not scene(plane(), noise=1.0).prepared.noise.demosaiced
+    assert prepare_scene(rig, FrameSet("000", images)).noise.demosaiced
+    assert not make_scene(plane(), noise=1.0).prepared.noise.demosaiced

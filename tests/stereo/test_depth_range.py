@@ -8,8 +8,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from tests.stereo import raycast
-from tests.stereo.raycast import render, true_depth, world_rig
-from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
+from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
+from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
 
 RIGS = {
     "five": {},
@@ -24,22 +24,22 @@ RIGS = {
 
 @pytest.mark.parametrize("name", RIGS)
 def test_range_contains_the_surface_with_small_margins(name):
-    rig, core_from_world = world_rig(**RIGS[name])
-    near, far = find_depth_range(rig, render(rig, core_from_world), Silent())
-    truth = true_depth(rig, core_from_world)
+    rig, core_from_world = make_world_rig(**RIGS[name])
+    near, far = find_depth_range(rig, render_frame(rig, core_from_world), Silent())
+    truth = compute_true_depth(rig, core_from_world)
     assert 0.85 * truth.min() < near < truth.min()
     assert truth.max() < far < 1.15 * truth.max()
 
 
 def test_range_contains_a_slender_cylinder(monkeypatch):
     monkeypatch.setattr(raycast, "CYLINDER", (20.0, 40.0, 10.0, 160.0))  # far above all else
-    rig, core_from_world = world_rig()
-    near, _ = find_depth_range(rig, render(rig, core_from_world), Silent())
-    assert near < true_depth(rig, core_from_world).min()
+    rig, core_from_world = make_world_rig()
+    near, _ = find_depth_range(rig, render_frame(rig, core_from_world), Silent())
+    assert near < compute_true_depth(rig, core_from_world).min()
 
 
 def test_images_without_texture_are_refused():
-    rig, _ = world_rig(angles_deg=(0, 90))
+    rig, _ = make_world_rig(angles_deg=(0, 90))
     blank = FrameSet("007", {name: np.full((320, 400), 90, np.uint8) for name in rig.cameras})
     with pytest.raises(ReconstructionError, match="frame 007: no surface found"):
         find_depth_range(rig, blank, Silent())
@@ -48,7 +48,7 @@ def test_images_without_texture_are_refused():
 @needs_rendered
 @pytest.mark.parametrize("scene", ["belt_empty", "module", "belt_loaded"])
 def test_range_contains_rendered_surfaces_with_small_margins(scene):
-    truth, _ = halved_truth(scene)
-    near, far = find_depth_range(halved_rig(), halved_frames(scene), Silent())
+    truth, _ = read_halved_truth(scene)
+    near, far = find_depth_range(read_halved_rig(), read_halved_frames(scene), Silent())
     assert 0.9 * np.nanmin(truth) < near < np.nanmin(truth)
     assert np.nanmax(truth) < far < 1.1 * np.nanmax(truth)

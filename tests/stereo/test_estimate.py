@@ -29,22 +29,22 @@ from beltscape.stereo.multiview.selection.candidates import CandidateSelector, S
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
 from tests.stereo.scenes import (
-    at_scale,
-    away_from_steps,
-    cast,
-    depth_mm,
-    inner,
+    cast_rays,
+    compute_depth_mm,
+    make_ring,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
     patch,
     plane,
-    ring,
-    scene,
     sphere,
+    with_scale,
 )
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
-def stages(made, s: np.ndarray) -> MatcherState:
+def run_stages(made, s: np.ndarray) -> MatcherState:
     """One propagation and refinement, as the matcher's last round."""
     prepared = made.prepared
     propagated = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5))
@@ -66,7 +66,7 @@ SELECTIONS = pytest.mark.parametrize("selects", [False, True], ids=["initial fea
 
 def estimate(made, s: np.ndarray, selects: bool) -> tuple[DepthEstimate, np.ndarray]:
     """Return the estimate of a surface, and the solved surface."""
-    state = stages(made, s)
+    state = run_stages(made, s)
     if selects:
         state = with_selection(state)
     return estimate_depth(state), state.solution.surface.s
@@ -82,13 +82,13 @@ def surface_planes(state: MatcherState, scale: float) -> dict[str, np.ndarray]:
 def views_by_rays(made, solids) -> np.ndarray:
     """(H, W) how many auxiliaries see the true surface, by casting rays back to it."""
     rig = made.rig
-    z = depth_mm(rig, solids)[..., None]
+    z = compute_depth_mm(rig, solids)[..., None]
     points = np.concatenate([rig.core_camera.rays() * z, z], axis=-1)
     seen = np.zeros(z.shape[:2], np.uint8)
     for name in rig.auxiliaries:
         cam, pose = rig.cameras[name], rig.cam_from_core[name]
         at = pose.apply(points.reshape(-1, 3)).reshape(points.shape)
-        hit = cast(cam, pose, solids, at[..., :2] / at[..., 2:])
+        hit = cast_rays(cam, pose, solids, at[..., :2] / at[..., 2:])
         pixels = cam.project(at.reshape(-1, 3)).reshape(*at.shape[:2], 2)
         inside = ((pixels >= 0) & (pixels <= np.array(cam.size_px) - 1)).all(axis=-1)
         seen += (inside & (np.abs(hit - points).max(axis=-1) < 1)).astype(np.uint8)
@@ -97,7 +97,7 @@ def views_by_rays(made, solids) -> np.ndarray:
 
 @SELECTIONS
 def test_features_of_every_network_are_computed(selects):
-    state = with_selection(stages(made := scene(*STEP, noise=1.0), made.s))
+    state = with_selection(run_stages(made := make_scene(*STEP, noise=1.0), made.s))
     assert state.selection is not None
     if selects:
         found = refined_features(state, state.selection)[0].planes
@@ -137,12 +137,12 @@ def test_shipped_layers_have_consistent_sizes(name, answers):
 
 
 def test_relief_and_brightness_features_have_the_named_values():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     shaded = made.prepared.core.copy()
     shaded[40:70, 50:80] *= 0.3
     prepared = replace(made.prepared, core=shaded)
-    state = stages(made, made.s)
-    found = dict(image_features(at_scale(prepared))) | surface_planes(state, 1.0)
+    state = run_stages(made, made.s)
+    found = dict(image_features(with_scale(prepared))) | surface_planes(state, 1.0)
     shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
     assert (
         np.median(found["relative brightness within 11"][shadow])
@@ -161,8 +161,8 @@ def test_relief_and_brightness_features_have_the_named_values():
 
 
 def test_distances_are_in_pixels_at_scale_one():
-    made = scene(*STEP, noise=1.0)
-    one, two = (surface_planes(stages(made, made.s), scale) for scale in (1.0, 2.0))
+    made = make_scene(*STEP, noise=1.0)
+    one, two = (surface_planes(run_stages(made, made.s), scale) for scale in (1.0, 2.0))
     for name in ("step proximity", "wide step proximity"):
         np.testing.assert_allclose(two[name] ** 2, one[name], atol=1e-6)
     off = one["offset from median"]
@@ -171,10 +171,10 @@ def test_distances_are_in_pixels_at_scale_one():
 
 
 def test_slope_deviation_is_large_on_round_flanks_and_last_update_small_without_change():
-    flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
+    flat, round_ = make_scene(plane(), noise=1.0), make_scene(sphere(660, 60), plane(800), noise=1.0)
     found = []
     for made in (flat, round_):
-        state = stages(made, made.s)
+        state = run_stages(made, made.s)
         still = replace(state, propagated=replace(state.propagated, surface=state.solution.surface))
         moved, left = (surface_planes(one, 1.0) for one in (state, still))
         assert (left["last update"] <= moved["last update"] + 1e-5).all()
@@ -189,11 +189,11 @@ def test_slope_deviation_is_large_on_round_flanks_and_last_update_small_without_
 @SELECTIONS
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])
 def test_occluded_pixels_have_no_confidence(angles, selects):
-    made = scene(*STEP, rig=ring(angles), noise=1.0)
+    made = make_scene(*STEP, rig=make_ring(angles), noise=1.0)
     estimated, _ = estimate(made, made.s, selects)
     truth = views_by_rays(made, STEP)
     clear = cv2.erode(truth, np.ones((7, 7))) == cv2.dilate(truth, np.ones((7, 7)))
-    hidden, seen = clear & (truth == 0), clear & (truth > 0) & inner(truth.shape, 8)
+    hidden, seen = clear & (truth == 0), clear & (truth > 0) & mask_inner(truth.shape, 8)
     if len(angles) < 4:
         assert hidden.sum() > 100
         assert not estimated.confidence[hidden].any()
@@ -205,11 +205,11 @@ def test_occluded_pixels_have_no_confidence(angles, selects):
 
 @SELECTIONS
 def test_false_surfaces_have_less_confidence_than_right_ones(selects):
-    made = scene(plane(), noise=1.0)
-    wrong = inner(made.s.shape, 30)
+    made = make_scene(plane(), noise=1.0)
+    wrong = mask_inner(made.s.shape, 30)
     estimated, s = estimate(made, np.where(wrong, made.s + 5, made.s), selects)
     error = np.abs(s - made.s)
-    false, right = error > 1, (error < 0.1) & inner(s.shape, 8)
+    false, right = error > 1, (error < 0.1) & mask_inner(s.shape, 8)
     assert false.sum() > 0.5 * wrong.sum()
     ranks = np.searchsorted(np.sort(estimated.confidence[right]), estimated.confidence[false]) / right.sum()
     assert ranks.mean() < 0.1  # probability that a false pixel has more confidence than a right one
@@ -219,7 +219,7 @@ def test_false_surfaces_have_less_confidence_than_right_ones(selects):
 
 @SELECTIONS
 def test_confidence_is_a_probability_and_sigma_is_positive(selects):
-    made = scene(*STEP, noise=3.0)
+    made = make_scene(*STEP, noise=3.0)
     s = made.s.copy()
     s[30:50, 20:40] = np.nan
     estimated, left = estimate(made, s, selects)
@@ -231,17 +231,17 @@ def test_confidence_is_a_probability_and_sigma_is_positive(selects):
 
 @SELECTIONS
 def test_textureless_region_is_measured_only_if_filled(selects):
-    made = scene(plane(), noise=1.0)
-    state = stages(made, made.s)
+    made = make_scene(plane(), noise=1.0)
+    state = run_stages(made, made.s)
     state = with_selection(state) if selects else state
     core = made.prepared.core.copy()
     v, u = np.mgrid[: core.shape[0], : core.shape[1]].astype(np.float32)
     shaded = u >= 60
     core[shaded] = (40 + 0.9 * u + 0.5 * v + np.random.default_rng(1).normal(0, 1, core.shape))[shaded]
     disc = (u - 90) ** 2 + (v - 50) ** 2 < 8**2
-    state = replace(state, prepared=at_scale(state.prepared))
+    state = replace(state, prepared=with_scale(state.prepared))
     blind = replace(state, prepared=replace(state.prepared, core=core))
-    inside = shaded & (u > 60 + 12) & inner(core.shape, 6)
+    inside = shaded & (u > 60 + 12) & mask_inner(core.shape, 6)
     assert (estimate_depth(state).confidence[inside] > 0.5).mean() > 0.9
     assert (estimate_depth(blind).confidence[inside] == 0).all()
     kept = estimate_depth(replace(blind, filled=disc)).confidence
@@ -251,7 +251,7 @@ def test_textureless_region_is_measured_only_if_filled(selects):
 
 @SELECTIONS
 def test_sigma_is_larger_on_round_flanks_than_on_a_plane(selects):
-    flat, round_ = scene(plane(), noise=1.0), scene(sphere(660, 60), plane(800), noise=1.0)
+    flat, round_ = make_scene(plane(), noise=1.0), make_scene(sphere(660, 60), plane(800), noise=1.0)
     height, width = flat.s.shape
     flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
     on_plane, on_flank = (
@@ -263,7 +263,7 @@ def test_sigma_is_larger_on_round_flanks_than_on_a_plane(selects):
 @SELECTIONS
 def test_sigma_grows_with_the_noise(selects):
     def median_sigma(noise):
-        made = scene(plane(), noise=noise)
-        return np.median(estimate(made, made.s, selects)[0].sigma[away_from_steps(made.s, 8)])
+        made = make_scene(plane(), noise=noise)
+        return np.median(estimate(made, made.s, selects)[0].sigma[mask_away_from_steps(made.s, 8)])
 
     assert median_sigma(8.0) > 1.5 * median_sigma(2.0)

@@ -15,32 +15,32 @@ from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 from tests.stereo.scenes import (
     DEPTH_MM,
     DOT_PX,
-    brightness,
-    cast,
-    depth_mm,
-    in_bits,
-    inner,
-    pictures,
+    cast_rays,
+    compute_depth_mm,
+    make_ring,
+    mask_inner,
     plane,
-    prepare,
-    ring,
+    prepare_scene,
+    quantise,
+    render_images,
+    sample_speckle,
 )
 
 SLANTED = (plane(DEPTH_MM, 0.25, -0.15),)
 
 
 def prepared_plane(step: int, size_px: tuple[int, int], noise: float = 0.0):
-    rig = ring(size_px=size_px)
-    images = pictures(rig, SLANTED, noise=noise, dot_px=DOT_PX * step)
-    frame_set = FrameSet("000", {name: in_bits(image) for name, image in images.items()})
-    s = 1 / (depth_mm(rig, SLANTED) * inverse_depth_scale(rig, rig.auxiliaries, step))
-    return prepare(rig, frame_set, step=step), downsample(s.astype(np.float32), step)
+    rig = make_ring(size_px=size_px)
+    images = render_images(rig, SLANTED, noise=noise, dot_px=DOT_PX * step)
+    frame_set = FrameSet("000", {name: quantise(image) for name, image in images.items()})
+    s = 1 / (compute_depth_mm(rig, SLANTED) * inverse_depth_scale(rig, rig.auxiliaries, step))
+    return prepare_scene(rig, frame_set, step=step), downsample(s.astype(np.float32), step)
 
 
 def misfit(prepared, s: np.ndarray, i: int) -> float:
     """Mean square difference of the core's levels and those of auxiliary i warped by s, levels²."""
     value, _ = load().warp(s.astype(np.float32), prepared.views[i], prepared.coefficients[i], threads=1)
-    return float(np.nanmean(((value - prepared.core) ** 2)[inner(s.shape, 4)]))
+    return float(np.nanmean(((value - prepared.core) ** 2)[mask_inner(s.shape, 4)]))
 
 
 @pytest.mark.parametrize(("step", "size_px"), [(1, (121, 99)), (2, (243, 201)), (4, (403, 322))])
@@ -59,13 +59,13 @@ def test_the_auxiliaries_agree_with_the_core_on_the_true_surface(step, size_px):
 
 
 def test_core_is_undistorted_and_nan_outside_its_view():
-    rig = ring(())
+    rig = make_ring(())
     bulging = replace(rig.core_camera, distortion=np.array([0.35, 0, 0, 0, 0]))  # its corners lie outside
-    rig = replace(ring((0,)), cameras={"cam0": bulging, "cam1": bulging})
-    images = pictures(rig, SLANTED)
-    prepared = prepare(rig, FrameSet("000", {n: in_bits(i) for n, i in images.items()}), ("cam1",))
+    rig = replace(make_ring((0,)), cameras={"cam0": bulging, "cam1": bulging})
+    images = render_images(rig, SLANTED)
+    prepared = prepare_scene(rig, FrameSet("000", {n: quantise(i) for n, i in images.items()}), ("cam1",))
     dot_mm = DOT_PX * DEPTH_MM / bulging.focal_px[0]
-    straight = brightness(cast(bulging, Pose.identity(), SLANTED, bulging.rays()), dot_mm)
+    straight = sample_speckle(cast_rays(bulging, Pose.identity(), SLANTED, bulging.rays()), dot_mm)
     looked = np.isfinite(prepared.core)
     assert not looked[[0, 0, -1, -1], [0, -1, 0, -1]].any()
     assert looked[20:-20, 20:-20].all()
@@ -74,10 +74,10 @@ def test_core_is_undistorted_and_nan_outside_its_view():
 
 @pytest.mark.parametrize("step", [1, 2])
 def test_noise_is_that_of_the_averaged_levels(step):
-    rig = ring((0,))
+    rig = make_ring((0,))
     rng = np.random.default_rng(1)
-    even = FrameSet("000", {n: in_bits(90 + rng.normal(0, 4, (100, 120))) for n in rig.cameras})
-    prepared = prepare(rig, even, ("cam1",), step)
+    even = FrameSet("000", {n: quantise(90 + rng.normal(0, 4, (100, 120))) for n in rig.cameras})
+    prepared = prepare_scene(rig, even, ("cam1",), step)
     assert prepared.noise.levels == pytest.approx(np.nanvar(prepared.images[0]), rel=0.25)
 
 

@@ -11,13 +11,13 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
 from beltscape.stereo.multiview.selection.gain import difference_variance, estimate_gain_maps
-from tests.stereo.scenes import Scene, at_scale, inner, patch, plane, scene
+from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, with_scale
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
 def estimate(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
-    prepared = at_scale(made.prepared)
+    prepared = with_scale(made.prepared)
     _, buffers = compute_visibility(made.s, prepared)
     return estimate_gain_maps(made.s, np.full(made.s.shape, cost), prepared, buffers)
 
@@ -30,40 +30,40 @@ def with_levels(made: Scene, factor: np.ndarray) -> Scene:
 
 @pytest.mark.parametrize("solids", [(plane(),), STEP])
 def test_gain_of_equally_bright_images_is_one(solids):
-    made = scene(*solids, noise=1.0)
+    made = make_scene(*solids, noise=1.0)
     for gain in estimate(made):
         assert gain.shape == made.s.shape
         assert np.median(np.abs(gain - 1)) < 0.02
-        assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.2
+        assert np.abs(gain - 1)[mask_inner(gain.shape, 8)].max() < 0.2
 
 
 def test_gain_follows_changes_over_the_image():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     width = made.s.shape[1]
     factor = np.linspace(0.7, 1.2, width)[None] + np.zeros((made.s.shape[0], 1))
-    inside = inner(made.s.shape, 12)
+    inside = mask_inner(made.s.shape, 12)
     for gain, before in zip(estimate(with_levels(made, factor)), estimate(made), strict=True):
         np.testing.assert_allclose((gain / before)[inside], factor[inside], rtol=0.06)
 
 
 def test_dissimilar_pixels_hardly_affect_the_gain():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     factor = np.ones(made.s.shape)
     factor[30:60, 40:80] = 3.0
     cost = np.where(factor > 1, 0.9, 0.0)
     for gain in estimate(with_levels(made, factor), cost):
-        assert np.abs(gain - 1)[inner(gain.shape, 8)].max() < 0.15
+        assert np.abs(gain - 1)[mask_inner(gain.shape, 8)].max() < 0.15
 
 
 def test_gain_without_visible_pixels_is_one():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     nothing = replace(made, s=np.full_like(made.s, np.nan))
     for gain in estimate(nothing):
         np.testing.assert_array_equal(gain, 1)
 
 
 def test_subsampled_projection_is_that_of_every_fourth_pixel():
-    made = scene(*STEP)
+    made = make_scene(*STEP)
     view, coefficients = made.prepared.views[1], made.prepared.coefficients[1]
     whole, _ = load().warp(made.s, view, coefficients)
     thin = np.ascontiguousarray(made.s[2::4, 2::4])
@@ -72,7 +72,7 @@ def test_subsampled_projection_is_that_of_every_fourth_pixel():
 
 
 def test_variance_of_differences_rises_with_level_and_slope():
-    made = scene(plane(), noise=2.0)
+    made = make_scene(plane(), noise=2.0)
     noise = made.prepared.noise
     dark, bright = (difference_variance(np.full((9, 9), level), noise) for level in (0.0, 200.0))
     np.testing.assert_allclose(dark, 3 * noise.levels, rtol=1e-5)

@@ -7,9 +7,9 @@ import pytest
 
 from beltscape.stereo.multiview.initialisation import initialise
 from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
-from tests.stereo.scenes import Scene, inner, patch, plane, ring, scene
+from tests.stereo.scenes import Scene, make_ring, make_scene, mask_inner, patch, plane
 
-RIG = ring(size_px=(360, 300))
+RIG = make_ring(size_px=(360, 300))
 SOLIDS = plane(740), patch(640, (-150, 60), (-120, 120))
 NEAR_FAR_MM = 620.0, 780.0
 
@@ -26,7 +26,7 @@ def started(made: Scene, near_far_mm: tuple[float, float], predicted: np.ndarray
 
 @pytest.fixture(scope="module")
 def made() -> Scene:
-    return scene(*SOLIDS, rig=RIG, noise=0.5)
+    return make_scene(*SOLIDS, rig=RIG, noise=0.5)
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def swept(monkeypatch) -> list[tuple[float, float]]:
 def test_wide_range_is_narrowed_without_loss(made, swept):
     narrow = started(made, NEAR_FAR_MM)
     wide = started(made, (150.0, 3000.0))
-    inside = inner(made.s.shape, 8)
+    inside = mask_inner(made.s.shape, 8)
     right = [(np.abs(s - made.s)[inside] < 1.5).mean() for s in (narrow, wide)]
     assert right[0] > 0.9
     assert right[1] > right[0] - 0.005
@@ -72,7 +72,7 @@ def test_strip_that_came_into_view_is_swept_beyond_the_predicted_range(made, swe
     s = started(made, (150.0, 3000.0), predicted)
     known = np.isfinite(predicted)
     np.testing.assert_array_equal(s[known], predicted[known])
-    part = inner(made.s.shape, 8) & ~known
+    part = mask_inner(made.s.shape, 8) & ~known
     assert (np.abs(s - made.s)[part] < 1.5).mean() > 0.88
     assert swept
 
@@ -89,7 +89,7 @@ def test_hole_is_swept_between_the_depths_around_it(made, swept):
 
 
 def test_frame_without_texture_is_swept_over_the_whole_range(swept):
-    blank = scene(plane(740), rig=RIG)
+    blank = make_scene(plane(740), rig=RIG)
     flat = Scene(
         blank.rig,
         initialise.replace(

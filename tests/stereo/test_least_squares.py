@@ -11,7 +11,16 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
-from tests.stereo.scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene, sphere
+from tests.stereo.scenes import (
+    DEPTH_MM,
+    make_ring,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
+    patch,
+    plane,
+    sphere,
+)
 
 SHAPES = {
     "plane": (plane(),),
@@ -19,9 +28,9 @@ SHAPES = {
     "sphere": (sphere(640, 900), plane(1100)),
 }
 RIGS = {
-    "four about": ring(),
-    "one beside": ring((0,)),
-    "two diagonal, parallel": ring((40, 220), parallel=True),
+    "four about": make_ring(),
+    "one beside": make_ring((0,)),
+    "two diagonal, parallel": make_ring((40, 220), parallel=True),
 }
 
 
@@ -34,14 +43,14 @@ def solve_from(
 
 
 def seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.ndarray:
-    return (solution.used == len(made.auxiliaries)) & inner(made.s.shape, margin_px)
+    return (solution.used == len(made.auxiliaries)) & mask_inner(made.s.shape, margin_px)
 
 
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("wrong_px", [0.7, -0.7])
 def test_solution_from_most_of_a_pixel_away_converges_to_the_truth(rig, shape, wrong_px):
-    made = scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
+    made = make_scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
     solution = solve_from(made, made.s + np.float32(wrong_px))
     where = seen_by_all(made, solution)
     error = (solution.surface.s - made.s)[where]
@@ -52,7 +61,7 @@ def test_solution_from_most_of_a_pixel_away_converges_to_the_truth(rig, shape, w
 
 
 def test_slopes_of_the_solution_are_those_of_the_plane():
-    made = scene(plane(DEPTH_MM, 0.3, -0.2), noise=0.5)
+    made = make_scene(plane(DEPTH_MM, 0.3, -0.2), noise=0.5)
     solution = solve_from(made, made.s + np.float32(0.7))
     where = seen_by_all(made, solution)
     true_v, true_u = np.gradient(made.s.astype(float))
@@ -62,15 +71,15 @@ def test_slopes_of_the_solution_are_those_of_the_plane():
 
 
 def test_solution_keeps_depth_steps():
-    made = scene(plane(740), patch(660, (-150, 60), (-120, 120)), noise=0.5)
+    made = make_scene(plane(740), patch(660, (-150, 60), (-120, 120)), noise=0.5)
     solution = solve_from(made, made.s)
     middle = (made.s.min() + made.s.max()) / 2
     assert np.array_equal(solution.surface.s > middle, made.s > middle)
-    along = ~away_from_steps(made.s, 2) & inner(made.s.shape, 8)
+    along = ~mask_away_from_steps(made.s, 2) & mask_inner(made.s.shape, 8)
     error = np.abs(solution.surface.s - made.s)
     assert along.sum() > 400
     assert np.median(error[along]) < 0.1
-    assert (error[away_from_steps(made.s, 6) & seen_by_all(made, solution)] < 0.1).mean() > 0.98
+    assert (error[mask_away_from_steps(made.s, 6) & seen_by_all(made, solution)] < 0.1).mean() > 0.98
 
 
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270), (0, 20, 40, 60)])
@@ -78,7 +87,7 @@ def test_solution_keeps_depth_steps():
 def test_variance_equals_that_of_repeated_noise(angles, noise):
     """Views count as independent, but share the core's noise: it cancels between opposite ones (ratio 0.7)."""
     known = Noise(noise**2, 1e-4, 0.0)
-    made = [scene(plane(), rig=ring(angles), noise=noise, seed=seed) for seed in range(8)]
+    made = [make_scene(plane(), rig=make_ring(angles), noise=noise, seed=seed) for seed in range(8)]
     runs = [solve_from(one, one.s, (0.5, 0.5), known) for one in made]
     everywhere = np.logical_and.reduce([seen_by_all(made[0], run) for run in runs])
     assert everywhere.mean() > 0.4
@@ -90,18 +99,18 @@ def test_variance_equals_that_of_repeated_noise(angles, noise):
 
 def test_variance_falls_with_more_views_and_less_noise():
     def median_variance(rig, noise):
-        made = scene(plane(), rig=rig, noise=noise)
+        made = make_scene(plane(), rig=rig, noise=noise)
         solution = solve_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
         return np.median(solution.variance[seen_by_all(made, solution)])
 
-    four = median_variance(ring(), 2.0)
-    assert median_variance(ring(), 6.0) > 4 * four
-    assert median_variance(ring((0,)), 2.0) > 2 * four
+    four = median_variance(make_ring(), 2.0)
+    assert median_variance(make_ring(), 6.0) > 4 * four
+    assert median_variance(make_ring((0,)), 2.0) > 2 * four
 
 
 def test_nan_stays_and_does_not_spread():
-    made = scene(plane(), noise=0.5)
-    hole = ~np.array(away_from_steps(made.s, 1))
+    made = make_scene(plane(), noise=0.5)
+    hole = ~np.array(mask_away_from_steps(made.s, 1))
     hole[40:60, 50:70] = True
     hole |= np.random.default_rng(4).random(hole.shape) < 0.02
     solution = solve_from(made, np.where(hole, np.nan, made.s + 0.3))
@@ -112,6 +121,6 @@ def test_nan_stays_and_does_not_spread():
 
 
 def test_solving_without_tolerances_is_refused():
-    made = scene(plane())
+    made = make_scene(plane())
     with pytest.raises(ValueError, match="at least one tolerance"):
         solve_from(made, made.s, ())

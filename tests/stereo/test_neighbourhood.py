@@ -10,14 +10,14 @@ import pytest
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
-from tests.stereo.scenes import ring
+from tests.stereo.scenes import make_ring
 
 SHAPE = (20, 30)
 AT = (np.array([9, 10, 0]), np.array([12, 15, 29]))
 
 
 def context(scale: float = 1.0) -> MatchContext:
-    rig = ring()
+    rig = make_ring()
     made = MatchContext.for_grid(rig, rig.auxiliaries, 1, load(), 1)
     return replace(made, windows=replace(made.windows, scale=scale))
 

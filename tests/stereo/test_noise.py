@@ -11,7 +11,7 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.optimisation.noise import estimate_noise
-from tests.stereo.scenes import DEPTH_MM, plane, ring, scene
+from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, plane
 
 SLANTED = plane(DEPTH_MM, 0.2, 0.1)
 
@@ -25,7 +25,7 @@ def measured(made, guess: Noise, wrong_px: float = 0.0) -> Noise:
 @pytest.mark.parametrize("wrong_by", [1 / 10, 1.0, 20.0])
 @pytest.mark.parametrize("angles", [(0,), (0, 90, 180, 270)])
 def test_wrong_initial_noise_is_scaled_to_the_residuals(noise, wrong_by, angles):
-    made = scene(SLANTED, rig=ring(angles), noise=noise)
+    made = make_scene(SLANTED, rig=make_ring(angles), noise=noise)
     guess = Noise(noise**2 * wrong_by, 1e-6, made.prepared.noise.texture)
     found = measured(made, guess)
     assert 0.5 < found.levels / noise**2 < 2.0
@@ -34,19 +34,19 @@ def test_wrong_initial_noise_is_scaled_to_the_residuals(noise, wrong_by, angles)
 
 
 def test_slightly_wrong_surface_raises_the_noise_only_slightly():
-    made = scene(SLANTED, noise=4.0)
+    made = make_scene(SLANTED, noise=4.0)
     guess = Noise(16.0, 1e-4, made.prepared.noise.texture)
     assert measured(made, guess).levels < measured(made, guess, 0.1).levels < 2.5 * 16
 
 
 def test_completely_wrong_surface_raises_the_noise_up_to_a_limit():
-    made = scene(SLANTED, noise=1.0)
+    made = make_scene(SLANTED, noise=1.0)
     guess = Noise(1.0, 1e-6, made.prepared.noise.texture)
     assert measured(made, guess, 15).levels <= 64
 
 
 def test_noise_without_a_surface_is_unchanged():
-    made = scene(SLANTED)
+    made = make_scene(SLANTED)
     nothing = np.full_like(made.s, np.nan)
     found = estimate_noise(Surface(nothing, nothing, nothing), made.prepared)
     assert found == made.prepared.noise

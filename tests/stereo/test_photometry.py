@@ -16,9 +16,9 @@ from beltscape.stereo.multiview.frame.photometry import (
     noise_variance,
     texture_over_noise,
 )
-from tests.stereo.raycast import speckle
+from tests.stereo.raycast import make_speckle
 
-PATTERN = np.rint(speckle()[:160, :200]).astype(np.uint8)
+PATTERN = np.rint(make_speckle()[:160, :200]).astype(np.uint8)
 """Counts 2 to about 200."""
 
 

@@ -11,7 +11,15 @@ from beltscape.stereo.multiview.initialisation.plane_sweep import (
     shrink_frame,
     sweep_planes,
 )
-from tests.stereo.scenes import DEPTH_MM, away_from_steps, inner, patch, plane, ring, scene
+from tests.stereo.scenes import (
+    DEPTH_MM,
+    make_ring,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
+    patch,
+    plane,
+)
 
 PLANE_STEP_PX = 0.5
 
@@ -32,11 +40,11 @@ def found(
     [((120, 100), 1), ((121, 99), 1), ((240, 200), 2), ((243, 201), 2), ((361, 302), 3)],
 )
 def test_sweep_of_a_plane_is_within_a_plane_step(size_px, shrink):
-    made = scene(plane(DEPTH_MM, 0.1, 0.05), rig=ring(size_px=size_px))
+    made = make_scene(plane(DEPTH_MM, 0.1, 0.05), rig=make_ring(size_px=size_px))
     s = found(made, (560, 880), shrink)
     assert s.shape == (size_px[1], size_px[0])
     assert s.dtype == np.float32
-    error = np.abs(s - made.s)[inner(s.shape, 4 * shrink)]
+    error = np.abs(s - made.s)[mask_inner(s.shape, 4 * shrink)]
     blocks = 0.15 * shrink  # a block of the slope is one value
     assert (error < PLANE_STEP_PX * shrink + blocks).mean() > 0.97
     assert np.median(error) < 0.5 * PLANE_STEP_PX * shrink
@@ -44,16 +52,16 @@ def test_sweep_of_a_plane_is_within_a_plane_step(size_px, shrink):
 
 @pytest.mark.parametrize("plane_step_px", [0.25, 0.5, 1.0])
 def test_planes_have_the_given_distance(plane_step_px):
-    made = scene(plane(DEPTH_MM, 0.1, 0.05))
-    error = np.abs(found(made, (560, 880), plane_step_px=plane_step_px) - made.s)[inner(made.s.shape, 4)]
+    made = make_scene(plane(DEPTH_MM, 0.1, 0.05))
+    error = np.abs(found(made, (560, 880), plane_step_px=plane_step_px) - made.s)[mask_inner(made.s.shape, 4)]
     assert (error < plane_step_px + 0.15).mean() > 0.95
     assert np.median(error) < 0.5 * plane_step_px
 
 
 def test_sweep_of_a_step_keeps_its_edge():
-    made = scene(plane(760), patch(660, (-150, 60), (-120, 120)))
+    made = make_scene(plane(760), patch(660, (-150, 60), (-120, 120)))
     s = found(made, (600, 820))
-    clear = away_from_steps(made.s, 4) & inner(s.shape, 4)
+    clear = mask_away_from_steps(made.s, 4) & mask_inner(s.shape, 4)
     assert (np.abs(s - made.s)[clear] < PLANE_STEP_PX).mean() > 0.97
     middle = (np.quantile(made.s, 0.02) + np.quantile(made.s, 0.98)) / 2
     assert ((s > middle) == (made.s > middle)).mean() > 0.96
@@ -62,7 +70,7 @@ def test_sweep_of_a_step_keeps_its_edge():
 @pytest.mark.parametrize("depth_mm", [650.0, 700.0, 750.0])
 def test_planes_cover_the_range_up_to_its_ends(depth_mm):
     """The surface is the range's near end, its middle and its far end."""
-    made = scene(plane(depth_mm))
+    made = make_scene(plane(depth_mm))
     for near_far in ((depth_mm, 1100), (500, 1000), (480, depth_mm)):
         s = found(made, near_far)
         assert np.median(np.abs(s - made.s)) < PLANE_STEP_PX
@@ -71,17 +79,17 @@ def test_planes_cover_the_range_up_to_its_ends(depth_mm):
 
 
 def test_sweep_of_a_tiny_range_has_planes():
-    made = scene(plane(700.0))
+    made = make_scene(plane(700.0))
     assert np.median(np.abs(found(made, (699.9, 700.1)) - made.s)) < PLANE_STEP_PX
 
 
 def test_sweep_of_a_block_equals_that_of_the_whole_grid():
     """But near the block's edge, where paths begin."""
-    made = scene(plane(DEPTH_MM, 0.1, 0.05))
+    made = make_scene(plane(DEPTH_MM, 0.1, 0.05))
     s_range = 1 / (880 * made.unit), 1 / (560 * made.unit)
     block = slice(20, 80), slice(30, 100)
     whole, _ = sweep_planes(made.prepared, s_range, 1.0)
     part, _ = sweep_planes(crop_frame(made.prepared, block), s_range, 1.0)
     assert part.shape == (60, 70)
-    inside = inner(part.shape, 6)
+    inside = mask_inner(part.shape, 6)
     assert (np.abs(part - whole[block])[inside] < 0.5).mean() > 0.98

@@ -13,7 +13,7 @@ from beltscape.stereo.multiview.optimisation.propagation import (
     propagate,
     propagation_offsets,
 )
-from tests.stereo.scenes import DEPTH_MM, inner, patch, plane, ring, scene, sphere
+from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, mask_inner, patch, plane, sphere
 
 DISTANCES = (2, 5)
 
@@ -27,21 +27,21 @@ def propagated(made, s: np.ndarray, rounds: int = 1) -> PropagationResult:
 
 @pytest.mark.parametrize("angles", [(0, 90, 180, 270), (0, 180), (45, 135, 225)])
 def test_propagation_restores_the_background_beside_a_fattened_foreground(angles):
-    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(angles), noise=1.0)
+    made = make_scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=make_ring(angles), noise=1.0)
     near, far = made.s.max(), made.s.min()
     fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))  # 4 px to each side
-    wrong = (np.abs(fat - made.s) > 0.5 * (near - far)) & inner(fat.shape, 6)
+    wrong = (np.abs(fat - made.s) > 0.5 * (near - far)) & mask_inner(fat.shape, 6)
     assert wrong.sum() > 400
     error = np.abs(propagated(made, fat, rounds=2).surface.s - made.s)
     assert (error[wrong] < 0.3).mean() > 0.8
-    right = ~wrong & inner(fat.shape, 6)
+    right = ~wrong & mask_inner(fat.shape, 6)
     assert (error[right] < 0.3).mean() > 0.99
 
 
 def test_propagation_restores_a_foreground_that_is_too_thin():
-    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
+    made = make_scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
     thin = cv2.erode(made.s, np.ones((9, 9), np.uint8))
-    wrong = (np.abs(thin - made.s) > 1) & inner(thin.shape, 6)
+    wrong = (np.abs(thin - made.s) > 1) & mask_inner(thin.shape, 6)
     error = np.abs(propagated(made, thin, rounds=2).surface.s - made.s)
     assert (error[wrong] < 0.3).mean() > 0.8
 
@@ -50,17 +50,17 @@ def test_propagation_restores_a_foreground_that_is_too_thin():
     "solids", [(plane(DEPTH_MM, 0.3, -0.2),), (sphere(640, 900), plane(1100))], ids=["slanted", "sphere"]
 )
 def test_smooth_surface_is_unchanged(solids):
-    made = scene(*solids, noise=1.0)
+    made = make_scene(*solids, noise=1.0)
     chosen = propagated(made, made.s)
-    moved = np.abs(chosen.surface.s - made.s)[inner(made.s.shape, 8)]
+    moved = np.abs(chosen.surface.s - made.s)[mask_inner(made.s.shape, 8)]
     assert np.quantile(moved, 0.99) < 0.1  # what a neighbour continues straight lies off a bend
     assert moved.max() < 0.4  # nearer to one another than candidates are kept apart
 
 
 def test_propagation_lowers_the_cost():
-    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
+    made = make_scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
     fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))
-    inside = inner(fat.shape, 8)
+    inside = mask_inner(fat.shape, 8)
     first, second = propagated(made, fat), propagated(made, fat, rounds=2)
     assert second.cost[inside].mean() < first.cost[inside].mean() < 0.3
     for one in (first, second):
@@ -71,7 +71,9 @@ def test_propagation_lowers_the_cost():
 @pytest.mark.parametrize("column", [111, 112, 125, 126, 127, 128])
 def test_only_active_pixels_change_independent_of_workspace_contents(column):
     """About column 126 the kernels begin a new tile, at 112 and 128 a new block."""
-    made = scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=ring(size_px=(160, 100)), noise=1.0)
+    made = make_scene(
+        plane(760), patch(680, (-150, 60), (-120, 120)), rig=make_ring(size_px=(160, 100)), noise=1.0
+    )
     surface, prepared, kernels = fit_slopes(made.s, load(), 1), made.prepared, load()
     sizes = [image.shape[::-1] for image in prepared.images]
     buffers = kernels.inverse_depth_buffers(made.s, prepared.views, sizes, threads=1)

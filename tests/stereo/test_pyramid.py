@@ -20,15 +20,15 @@ from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from tests.stereo.scenes import (
     DEPTH_MM,
-    away_from_steps,
-    in_bits,
-    inner,
+    make_ring,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
     patch,
-    pictures,
     plane,
-    prepare,
-    ring,
-    scene,
+    prepare_scene,
+    quantise,
+    render_images,
 )
 from tests.strategies import seeds
 
@@ -68,52 +68,54 @@ def test_doubled_plane_is_the_same_plane(seed, height, width, odd_rows, odd_colu
 
 @pytest.mark.parametrize("size_px", [(120, 100), (121, 99)])
 def test_a_halved_frame_equals_the_frame_prepared_in_blocks(size_px):
-    made = scene(*STEP, rig=ring(size_px=size_px), noise=1.0)
+    made = make_scene(*STEP, rig=make_ring(size_px=size_px), noise=1.0)
     half = halve_frame(made.prepared)
-    images = {name: in_bits(image, np.uint16) for name, image in pictures(made.rig, STEP, noise=1.0).items()}
-    whole = prepare(made.rig, FrameSet("000", images), step=2)
+    images = {
+        name: quantise(image, np.uint16) for name, image in render_images(made.rig, STEP, noise=1.0).items()
+    }
+    whole = prepare_scene(made.rig, FrameSet("000", images), step=2)
     assert half.core.shape == whole.core.shape
     assert half.views.tobytes() == whole.views.tobytes()
     for one, other in zip(
         (*half.images, *half.coefficients), (*whole.images, *whole.coefficients), strict=True
     ):
         np.testing.assert_allclose(one, other, atol=0.01)
-    within = inner(half.core.shape, 2)
+    within = mask_inner(half.core.shape, 2)
     assert np.nanmean(np.abs(half.core - whole.core)[within]) < 0.06 * np.nanstd(whole.core)
     assert half.noise.texture == pytest.approx(whole.noise.texture, rel=0.15)
 
 
 def test_a_block_with_a_missing_pixel_is_missing():
-    made = scene(plane())
+    made = make_scene(plane())
     core = made.prepared.core.copy()
     core[10:13, 20] = np.nan
     half = halve_frame(replace(made.prepared, core=core))
     missing = np.zeros(half.core.shape, bool)
     missing[5:7, 10] = True
     np.testing.assert_array_equal(
-        np.isnan(half.core), missing | np.isnan(half.core) & ~inner(half.core.shape, 2)
+        np.isnan(half.core), missing | np.isnan(half.core) & ~mask_inner(half.core.shape, 2)
     )
 
 
 @pytest.mark.usefixtures("two_grids")
 def test_step_is_solved_from_a_coarser_grid():
-    made = scene(*STEP, rig=ring(size_px=(160, 120)), noise=1.0)
+    made = make_scene(*STEP, rig=make_ring(size_px=(160, 120)), noise=1.0)
     steps = []
     surface, prepared = solver(lambda: steps.append(1)).initialise(made.prepared)
     assert len(steps) == 2  # the sweep, and the coarse grid
     assert prepared.noise != made.prepared.noise
     _, solution = solver().propagate(surface, prepared)
-    off = np.abs(solution.surface.s - made.s)[inner(made.s.shape, 8)]
+    off = np.abs(solution.surface.s - made.s)[mask_inner(made.s.shape, 8)]
     assert (off < 1).mean() > 0.99
-    smooth = away_from_steps(made.s, 6) & inner(made.s.shape, 8)
+    smooth = mask_away_from_steps(made.s, 6) & mask_inner(made.s.shape, 8)
     assert np.median(np.abs(solution.surface.s - made.s)[smooth]) < 0.03
     assert np.median(np.abs(surface.s - made.s)[smooth]) < 0.1
 
 
 @pytest.mark.usefixtures("two_grids")
 def test_every_grid_is_reported():
-    made = scene(*STEP, rig=ring(size_px=(160, 120)), noise=1.0)
-    images = {name: in_bits(image) for name, image in pictures(made.rig, STEP, noise=1.0).items()}
+    made = make_scene(*STEP, rig=make_ring(size_px=(160, 120)), noise=1.0)
+    images = {name: quantise(image) for name, image in render_images(made.rig, STEP, noise=1.0).items()}
     steps = []
 
     class Steps(Silent):
@@ -125,7 +127,7 @@ def test_every_grid_is_reported():
 
 
 def test_rounds_end_when_hardly_a_pixel_changes(monkeypatch):
-    made = scene(plane())
+    made = make_scene(plane())
     rounds = []
     once = pyramid.propagate
     monkeypatch.setattr(pyramid, "propagate", lambda *given: rounds.append(1) or once(*given))

@@ -18,8 +18,8 @@ from beltscape.stereo.multiview import settings as multiview_settings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from tests.kernels.rounding import first_alike
-from tests.stereo.raycast import camera, render, true_depth, world_rig
-from tests.stereo.scenes import depth_mm, in_bits, patch, pictures, plane, ring
+from tests.stereo.raycast import compute_true_depth, make_camera, make_world_rig, render_frame
+from tests.stereo.scenes import compute_depth_mm, make_ring, patch, plane, quantise, render_images
 
 RANGE = (600.0, 780.0)
 ONE_THREAD = MultiviewSettings(threads=1)
@@ -27,8 +27,8 @@ ONE_THREAD = MultiviewSettings(threads=1)
 
 @pytest.fixture(scope="module")
 def belt():
-    rig, core_from_world = world_rig()
-    return rig, render(rig, core_from_world), true_depth(rig, core_from_world)
+    rig, core_from_world = make_world_rig()
+    return rig, render_frame(rig, core_from_world), compute_true_depth(rig, core_from_world)
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +64,9 @@ ARRANGEMENTS = {
 @pytest.mark.parametrize("name", ARRANGEMENTS)
 def test_belt_is_accurate_with_any_arrangement_of_auxiliaries(name):
     arrangement, within_1mm, median_mm = ARRANGEMENTS[name]
-    rig, core_from_world = world_rig(**arrangement)
-    depth = reconstruct(rig, render(rig, core_from_world))
-    score = score_depth(depth, true_depth(rig, core_from_world))
+    rig, core_from_world = make_world_rig(**arrangement)
+    depth = reconstruct(rig, render_frame(rig, core_from_world))
+    score = score_depth(depth, compute_true_depth(rig, core_from_world))
     assert score.within_1mm > within_1mm
     assert score.interior_median_mm < median_mm
     assert abs(score.interior_bias_mm) < 0.02
@@ -82,14 +82,16 @@ def test_belt_is_accurate_with_any_arrangement_of_auxiliaries(name):
 )
 def test_presets_are_accurate_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
     """The pattern is in one channel."""
-    rig, core_from_world = world_rig()
+    rig, core_from_world = make_world_rig()
     rng = np.random.default_rng(6)
     images = {
         name: np.stack([image, *rng.integers(8, 12, (2, *image.shape), np.uint8)], axis=-1)
-        for name, image in render(rig, core_from_world, noise_counts=2.0).images.items()
+        for name, image in render_frame(rig, core_from_world, noise_counts=2.0).images.items()
     }
     settings = MultiviewSettings.preset(preset).model_copy(update={"threads": 1})
-    score = score_depth(reconstruct(rig, FrameSet("000", images), settings), true_depth(rig, core_from_world))
+    score = score_depth(
+        reconstruct(rig, FrameSet("000", images), settings), compute_true_depth(rig, core_from_world)
+    )
     assert score.within_1mm > within_1mm
     assert score.interior_median_mm < median_mm
     assert abs(score.interior_bias_mm) < 0.04
@@ -147,13 +149,13 @@ def test_ten_and_twelve_bits_in_sixteen_are_as_accurate(belt, bits):
 
 
 def test_auxiliaries_of_other_sizes_are_accurate():
-    alike = ring(size_px=(240, 200))
+    alike = make_ring(size_px=(240, 200))
     others = {"cam1": (360, 300), "cam3": (160, 134)}
-    cameras = {name: camera(name, others.get(name, (240, 200))) for name in alike.cameras}
+    cameras = {name: make_camera(name, others.get(name, (240, 200))) for name in alike.cameras}
     rig, solids = Rig("cam0", cameras, alike.cam_from_core), (plane(760), patch(680, (-150, 60), (-120, 120)))
-    images = {n: in_bits(i) for n, i in pictures(rig, solids, noise=1.0, dot_px=1.8).items()}
+    images = {n: quantise(i) for n, i in render_images(rig, solids, noise=1.0, dot_px=1.8).items()}
     depth = reconstruct(rig, FrameSet("000", images), depth_range_mm=(620, 820))
-    score = score_depth(depth, depth_mm(rig, solids))
+    score = score_depth(depth, compute_depth_mm(rig, solids))
     assert score.within_1mm > 0.95
     assert score.interior_median_mm < 0.15
     assert depth.views.max() == 4
@@ -177,9 +179,9 @@ def test_wider_depth_range_gives_the_same_surface(belt, measured):
 @pytest.fixture(scope="module")
 def tiny():
     """64 × 48 px: reference kernels are slow."""
-    rig, solids = ring((0, 180), size_px=(64, 48)), (plane(760), patch(680, (-120, 120), (-100, 100)))
-    images = {name: in_bits(image) for name, image in pictures(rig, solids, noise=1.0).items()}
-    return rig, FrameSet("000", images), depth_mm(rig, solids)
+    rig, solids = make_ring((0, 180), size_px=(64, 48)), (plane(760), patch(680, (-120, 120), (-100, 100)))
+    images = {name: quantise(image) for name, image in render_images(rig, solids, noise=1.0).items()}
+    return rig, FrameSet("000", images), compute_depth_mm(rig, solids)
 
 
 def test_reference_kernels_give_the_depth_of_the_native_ones(tiny):
@@ -212,9 +214,9 @@ def test_instruction_sets_of_equal_rounding_give_equal_bytes(tiny):
 @pytest.mark.parametrize("preset", ["fast", "standard"])
 def test_size_that_blocks_do_not_divide_is_measured_without_the_rest(preset, monkeypatch):
     monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 32)  # fast: blocks in small images, too
-    rig, solids = ring(size_px=(163, 121)), (plane(700, 0.1, 0.1),)
+    rig, solids = make_ring(size_px=(163, 121)), (plane(700, 0.1, 0.1),)
     frames = FrameSet(
-        "000", {name: in_bits(image) for name, image in pictures(rig, solids, noise=1.0).items()}
+        "000", {name: quantise(image) for name, image in render_images(rig, solids, noise=1.0).items()}
     )
     depth = reconstruct(rig, frames, MultiviewSettings.preset(preset))
     whole = (120, 162) if preset == "fast" else (121, 163)
@@ -222,7 +224,7 @@ def test_size_that_blocks_do_not_divide_is_measured_without_the_rest(preset, mon
     assert not depth.measured[whole[0] :].any()
     assert not depth.measured[:, whole[1] :].any()
     assert depth.measured[8:-8, 8:-8].mean() > 0.97
-    error = np.abs(depth.depth_mm - depth_mm(rig, solids))[8:-8, 8:-8]
+    error = np.abs(depth.depth_mm - compute_depth_mm(rig, solids))[8:-8, 8:-8]
     assert np.nanmedian(error) < (0.6 if preset == "fast" else 0.2)
 
 

@@ -13,7 +13,7 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import GROSS_MM, score_depth
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from tests.stereo.raycast import render, true_depth, world_rig
+from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
 
 AUXILIARIES = ("cam1", "cam2", "cam3", "cam4")
 STRIP = slice(150, 230)
@@ -22,8 +22,8 @@ WELL_INSIDE = slice(160, 220)
 
 @pytest.fixture(scope="module")
 def belt():
-    rig, core_from_world = world_rig()
-    return rig, render(rig, core_from_world), true_depth(rig, core_from_world)
+    rig, core_from_world = make_world_rig()
+    return rig, render_frame(rig, core_from_world), compute_true_depth(rig, core_from_world)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_darker_core_does_not_reduce_accuracy(belt, matcher):
 
 def test_more_noise_raises_sigma_without_gross_errors(belt, matcher):
     rig, frames, truth = belt
-    noisy = matcher.reconstruct(render(rig, world_rig()[1], noise_counts=6.0), Silent())
+    noisy = matcher.reconstruct(render_frame(rig, make_world_rig()[1], noise_counts=6.0), Silent())
     score = score_depth(noisy, truth)
     assert score.within_1mm > 0.98
     assert score.gross < 0.003

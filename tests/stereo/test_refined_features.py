@@ -16,7 +16,7 @@ from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
 from beltscape.stereo.multiview.selection.gain import estimate_gain
 from beltscape.stereo.multiview.selection.photoconsistency import PhotoConsistencyModel
-from tests.stereo.scenes import Scene, at_scale, away_from_steps, inner, patch, plane, scene
+from tests.stereo.scenes import Scene, make_scene, mask_away_from_steps, mask_inner, patch, plane, with_scale
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 
@@ -25,7 +25,7 @@ def compute_features(made: Scene, s: np.ndarray, confidence: np.ndarray) -> dict
     """Return the features of a surface with the true slopes."""
     slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(s.astype(np.float32), slopes.slope_u, slopes.slope_v)
-    prepared = at_scale(made.prepared)
+    prepared = with_scale(made.prepared)
     _, buffers = compute_visibility(surface.s, prepared)
     gain = estimate_gain(surface.s, np.full(s.shape, 0.02), prepared, buffers)
     levels = photometric_features(surface, confidence, PhotoConsistencyModel(prepared, gain, buffers))
@@ -33,19 +33,19 @@ def compute_features(made: Scene, s: np.ndarray, confidence: np.ndarray) -> dict
 
 
 def test_images_are_consistent_where_the_surface_is_right():
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     wrong = np.zeros(made.s.shape, bool)
     wrong[40:60, 50:70] = True
     doubt = np.zeros(made.s.shape, np.float32)
     found = compute_features(made, np.where(wrong, made.s - 4, made.s), doubt)
-    right = away_from_steps(made.s, 4) & inner(made.s.shape, 8) & ~wrong
+    right = mask_away_from_steps(made.s, 4) & mask_inner(made.s.shape, 8) & ~wrong
     for name in ("point mean", "cross mean", "cross least"):
         assert np.median(found[name][right]) < np.log(1.5)
         assert np.median(found[name][wrong]) > np.median(found[name][right]) + 1
 
 
 def test_photo_consistency_is_evaluated_only_at_uncertain_pixels():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     accepted = np.full(made.s.shape, PHOTOMETRIC_LIMIT + 1, np.float32)
     found = compute_features(made, made.s, accepted)
     for name in ("point most", "cross mean", "visible views"):
@@ -60,13 +60,13 @@ def test_photo_consistency_is_evaluated_only_at_uncertain_pixels():
 
 @pytest.mark.parametrize("slope", [0.0, 0.4])
 def test_a_pixel_off_the_reliable_plane_has_its_offset_as_feature(slope):
-    made = scene(plane(700, slope), noise=1.0)
+    made = make_scene(plane(700, slope), noise=1.0)
     s = made.s.copy()
     s[50, 60] += 6
     confidence = np.full(s.shape, 6.0, np.float32)
     confidence[50, 60] = -6
     found = compute_features(made, s, confidence)
-    inside = inner(s.shape, 12)
+    inside = mask_inner(s.shape, 12)
     for name in ("offset from reliable planes within 7", "offset from reliable planes within 15"):
         assert found[name][50, 60] == pytest.approx(6, abs=0.3)
         others = np.abs(found[name])[inside]
@@ -76,7 +76,7 @@ def test_a_pixel_off_the_reliable_plane_has_its_offset_as_feature(slope):
 
 
 def test_features_are_finite_without_reliable_pixels():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     found = compute_features(made, made.s, np.full(made.s.shape, -9.0, np.float32))
     for name, plane_ in found.items():
         assert np.isfinite(plane_).all(), name

@@ -28,8 +28,8 @@ from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
-from tests.stereo.scenes import Scene, at_scale, away_from_steps, inner, scene, with_context
-from tests.stereo.test_estimate import STEP, stages, with_selection
+from tests.stereo.scenes import Scene, make_scene, mask_away_from_steps, mask_inner, with_context, with_scale
+from tests.stereo.test_estimate import STEP, run_stages, with_selection
 
 
 def predict(state: MatcherState) -> tuple[RefinementInputs, Prediction]:
@@ -41,8 +41,8 @@ def predict(state: MatcherState) -> tuple[RefinementInputs, Prediction]:
 
 
 def full_scale(made: Scene, s: np.ndarray) -> MatcherState:
-    state = with_selection(stages(made, s))
-    return replace(state, prepared=at_scale(state.prepared))
+    state = with_selection(run_stages(made, s))
+    return replace(state, prepared=with_scale(state.prepared))
 
 
 def with_threads(inputs: RefinementInputs, threads: int) -> RefinementInputs:
@@ -54,7 +54,7 @@ def with_threads(inputs: RefinementInputs, threads: int) -> RefinementInputs:
 @pytest.fixture(scope="module")
 def predicted() -> tuple[RefinementInputs, Prediction, np.ndarray]:
     """Return inputs and prediction of a step, of which a tenth is displaced, and the true s."""
-    made = scene(*STEP, noise=1.0)
+    made = make_scene(*STEP, noise=1.0)
     rng = np.random.default_rng(4)
     wrong = rng.random(made.s.shape) < 0.1
     return *predict(full_scale(made, np.where(wrong, made.s + 6, made.s))), made.s
@@ -85,7 +85,7 @@ def test_only_uncertain_pixels_change(predicted):
 def test_right_pixels_have_more_confidence_than_wrong_ones(predicted):
     inputs, prediction, true = predicted
     found = refine_uncertain_pixels(prediction, inputs)
-    uncertain = mask_uncertain(prediction.logit) & inner(true.shape, 6)
+    uncertain = mask_uncertain(prediction.logit) & mask_inner(true.shape, 6)
     off = np.abs(found.s - true)
     right, wrong = found.logit[uncertain & (off < 0.5)], found.logit[uncertain & (off > 3)]
     assert len(wrong) > 20
@@ -112,7 +112,9 @@ def test_refinement_reduces_errors_of_the_demo():
 
 def test_photo_consistency_falls_off_the_surface(predicted):
     inputs, _, true = predicted
-    right = (np.abs(inputs.surface.s - true) < 0.1) & away_from_steps(true, 4) & inner(true.shape, 8)
+    right = (
+        (np.abs(inputs.surface.s - true) < 0.1) & mask_away_from_steps(true, 4) & mask_inner(true.shape, 8)
+    )
     at = np.nonzero(right)
     shown = inputs.compute_features(at, np.zeros(len(at[0]), np.float32))
     for name in ("point mean", "cross mean"):

@@ -12,7 +12,7 @@ from beltscape.stereo.multiview.confidence.roughness import roughness_features
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
-from tests.stereo.scenes import plane, scene, sphere
+from tests.stereo.scenes import make_scene, plane, sphere
 
 SHAPE = (120, 160)
 
@@ -80,7 +80,7 @@ def test_features_are_finite_around_nan():
 def test_surface_that_bends_within_a_window_has_more_disagreement():
     shown = []
     for solids in ((plane(),), (sphere(660, 60), plane(800))):
-        made = scene(*solids, noise=1.0)
+        made = make_scene(*solids, noise=1.0)
         size = windows_for(made.s.shape[1])
         surface = fit_slopes(made.s.astype(np.float32), load(), 1)
         solution = solve_least_squares(surface, made.prepared, (0.7, 0.4), size.wide)

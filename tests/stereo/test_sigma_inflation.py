@@ -14,7 +14,16 @@ from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, est
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from tests.stereo.scenes import Scene, depth_mm, in_bits, pictures, plane, prepare, ring, with_context
+from tests.stereo.scenes import (
+    Scene,
+    compute_depth_mm,
+    make_ring,
+    plane,
+    prepare_scene,
+    quantise,
+    render_images,
+    with_context,
+)
 
 NOISE = 4.0
 SOLID = plane(700, 0.2, 0.1)
@@ -23,16 +32,16 @@ BLURS_PX = (0.5, 0.65, 0.8)
 
 def noisy_scene(blur_px: float, angles=(0, 90, 180, 270), seed: int = 2) -> Scene:
     """A frame with noise of one variance, white or correlated over ``blur_px``."""
-    rig = ring(angles, size_px=(320, 256))
+    rig = make_ring(angles, size_px=(320, 256))
     rng = np.random.default_rng(seed)
     images = {
-        name: in_bits(image + NOISE * correlated(rng.standard_normal(image.shape), blur_px), np.uint16)
-        for name, image in pictures(rig, (SOLID,), dot_px=2.0).items()
+        name: quantise(image + NOISE * correlated(rng.standard_normal(image.shape), blur_px), np.uint16)
+        for name, image in render_images(rig, (SOLID,), dot_px=2.0).items()
     }
-    prepared = prepare(rig, FrameSet("000", images))
+    prepared = prepare_scene(rig, FrameSet("000", images))
     noise = Noise(NOISE**2, 1e-4, prepared.noise.texture)
     unit = inverse_depth_scale(rig, rig.auxiliaries)
-    s = (1 / (depth_mm(rig, (SOLID,)) * unit)).astype(np.float32)
+    s = (1 / (compute_depth_mm(rig, (SOLID,)) * unit)).astype(np.float32)
     return Scene(rig, replace(prepared, noise=noise), s, unit)
 
 

@@ -18,21 +18,21 @@ from beltscape.stereo.multiview.settings import MultiviewSettings
 from tests.stereo.scenes import (
     Scene,
     Solid,
-    away_from_steps,
-    depth_mm,
-    in_bits,
-    inner,
+    compute_depth_mm,
+    make_ring,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
     patch,
-    pictures,
     plane,
-    prepare,
-    ring,
-    scene,
+    prepare_scene,
+    quantise,
+    render_images,
     sphere,
 )
 
 SIZE_PX = (240, 200)
-RIG = ring(size_px=SIZE_PX)
+RIG = make_ring(size_px=SIZE_PX)
 SHAPES = {
     "plane": (plane(700, 0.2, -0.1),),
     "sphere": (sphere(660, 400), plane(780)),
@@ -55,7 +55,7 @@ def as_depth_map(depth: np.ndarray) -> DepthMap:
 
 
 def prior_of(solids: tuple[Solid, ...], motion_mm, unseen: tuple[slice, slice] | None = None) -> Prior:
-    depth = depth_mm(RIG, solids)
+    depth = compute_depth_mm(RIG, solids)
     if unseen is not None:
         depth[unseen] = np.nan
     return Prior(as_depth_map(depth), np.array(motion_mm, float))
@@ -69,11 +69,11 @@ def predict(prior: Prior, now: Scene) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_prediction_is_the_inverse_depth_of_the_moved_scene(shape, motion):
     solids, motion_mm = SHAPES[shape], MOTIONS[motion]
-    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
     s = predict(prior_of(solids, motion_mm), now)
     there = np.isfinite(s)
     assert there.mean() > 0.9
-    smooth = there & away_from_steps(now.s, 3)
+    smooth = there & mask_away_from_steps(now.s, 3)
     slope = cv2.dilate(np.abs(np.gradient(now.s.astype(float))).sum(axis=0), np.ones((3, 3)))
     gentle = smooth & (slope < 0.25)
     assert gentle.mean() > 0.7
@@ -85,20 +85,24 @@ def test_the_prediction_is_the_inverse_depth_of_the_moved_scene(shape, motion):
 
 
 def test_prediction_without_motion_is_the_previous_surface():
-    now = scene(*SHAPES["boxes"], rig=RIG, noise=0.5)
+    now = make_scene(*SHAPES["boxes"], rig=RIG, noise=0.5)
     s = predict(prior_of(SHAPES["boxes"], (0, 0, 0)), now)
-    along = away_from_steps(now.s, 2) & np.isfinite(s)
+    along = mask_away_from_steps(now.s, 2) & np.isfinite(s)
     assert along.mean() > 0.9
     np.testing.assert_allclose(s[along], now.s[along], atol=1e-3)
 
 
 def test_prediction_on_a_coarser_grid_is_in_its_unit():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
-    frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, moved(solids, motion_mm)).items()})
-    prepared = prepare(RIG, frames, step=2)
+    frames = FrameSet(
+        "000", {n: quantise(i) for n, i in render_images(RIG, moved(solids, motion_mm)).items()}
+    )
+    prepared = prepare_scene(RIG, frames, step=2)
     unit = prepared.context.inverse_depth_scale
     s = predict_inverse_depth(prior_of(solids, motion_mm), prepared)
-    true = 1 / (depth_mm(RIG, moved(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit)
+    true = 1 / (
+        compute_depth_mm(RIG, moved(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit
+    )
     assert s.shape == (100, 120)
     assert np.isfinite(s).mean() > 0.85
     assert np.nanmax(np.abs(s - true)) < 0.3
@@ -109,23 +113,23 @@ def test_unmeasured_pixels_of_the_previous_frame_are_not_predicted(motion):
     """The hole moves along; 1 px is the buffer's, 2 px the projection's rounding and tilt."""
     solids, motion_mm = SHAPES["plane"], np.array(MOTIONS[motion])
     hole = slice(70, 130), slice(80, 150)
-    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
     s = predict(prior_of(solids, motion_mm, hole), now)
-    points = RIG.core_camera.rays() * depth_mm(RIG, solids)[..., None] + motion_mm[:2]
-    away = depth_mm(RIG, solids) + motion_mm[2]
+    points = RIG.core_camera.rays() * compute_depth_mm(RIG, solids)[..., None] + motion_mm[:2]
+    away = compute_depth_mm(RIG, solids) + motion_mm[2]
     at = points / away[..., None] * RIG.core_camera.focal_px + RIG.core_camera.center_px
     (top, left), (bottom, right) = (
         np.ceil(at[70, 80][::-1]).astype(int),
         np.floor(at[129, 149][::-1]).astype(int),
     )
     assert np.isnan(s[top + 3 : bottom - 3, left + 3 : right - 3]).all()
-    around = inner(s.shape, 24)
+    around = mask_inner(s.shape, 24)
     around[top - 3 : bottom + 3, left - 3 : right + 3] = False
     assert np.isfinite(s[around]).mean() > 0.99
 
 
 def test_prediction_from_a_frame_without_depth_is_empty():
-    now = scene(*SHAPES["plane"], rig=RIG)
+    now = make_scene(*SHAPES["plane"], rig=RIG)
     assert np.isnan(predict(prior_of(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
 
 
@@ -134,7 +138,7 @@ def test_prediction_from_a_frame_without_depth_is_empty():
 def test_motion_wrong_by_several_pixels_is_mostly_rejected(shape, wrong_mm):
     """5 to 10 px: the same speckle agrees by chance here and there."""
     solids, motion_mm = SHAPES[shape], np.array(MOTIONS["along"])
-    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
     right = np.isfinite(predict(prior_of(solids, motion_mm), now)).mean()
     s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.7 * right
@@ -147,7 +151,7 @@ def test_motion_wrong_by_several_pixels_is_mostly_rejected(shape, wrong_mm):
 @pytest.mark.parametrize("wrong_mm", [15.0, 30.0])
 def test_motion_wrong_by_one_or_two_pixels_is_rejected(wrong_mm):
     solids, motion_mm = SHAPES["boxes"], np.array(MOTIONS["along"])
-    now = scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
+    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
     s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.3
 
@@ -157,8 +161,8 @@ def test_motion_wrong_by_one_or_two_pixels_is_rejected(wrong_mm):
 def test_depth_with_a_prior_is_as_accurate_as_without(shape, motion_mm):
     solids = SHAPES[shape]
     now = moved(solids, motion_mm)
-    frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, now, noise=0.5).items()})
-    truth = depth_mm(RIG, now)
+    frames = FrameSet("000", {n: quantise(i) for n, i in render_images(RIG, now, noise=0.5).items()})
+    truth = compute_depth_mm(RIG, now)
     matcher = MultiviewReconstructor(RIG, (600, 820), MultiviewSettings(threads=1))
     without = matcher.reconstruct(frames, Silent())
     with_it = matcher.reconstruct(frames, Silent(), prior=prior_of(solids, motion_mm))
@@ -177,7 +181,7 @@ def test_depth_with_a_prior_is_as_accurate_as_without(shape, motion_mm):
 def test_narrow_strip_that_came_into_view_is_measured():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
     now = moved(solids, motion_mm)
-    frames = FrameSet("000", {n: in_bits(i) for n, i in pictures(RIG, now, noise=0.5).items()})
+    frames = FrameSet("000", {n: quantise(i) for n, i in render_images(RIG, now, noise=0.5).items()})
     matcher = MultiviewReconstructor(RIG, (600, 820), MultiviewSettings(threads=1))
     without = matcher.reconstruct(frames, Silent())
     with_it = matcher.reconstruct(frames, Silent(), prior=prior_of(solids, motion_mm))

@@ -11,7 +11,7 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
-from tests.stereo.scenes import DEPTH_MM, Scene, at_scale, patch, plane, ring, scene, sphere
+from tests.stereo.scenes import DEPTH_MM, Scene, make_ring, make_scene, patch, plane, sphere, with_scale
 
 SIZE_PX = (160, 140)
 MIDDLE_PX = (80, 70)
@@ -30,14 +30,14 @@ _DARK = {1.0: 70, 0.5: 110}
 def fill(surface, prepared, scale):
     """`fill_textureless_discs` where nothing is known of what is evenly bright, and as much of everything else."""
     information = np.where(prepared.core >= BRIGHT, 0.0, 1.0)
-    found, where = fill_textureless_discs(surface, information, at_scale(prepared, scale))
+    found, where = fill_textureless_discs(surface, information, with_scale(prepared, scale))
     np.testing.assert_array_equal(found.s[~where], surface.s[~where])
     return found
 
 
 def before(*solids, scale: float = 1.0) -> Scene:
     """A scene under dots on black."""
-    made = scene(*solids, rig=ring(size_px=SIZE_PX), noise=0.5)
+    made = make_scene(*solids, rig=make_ring(size_px=SIZE_PX), noise=0.5)
     return replace(made, prepared=lit(made, np.maximum(made.prepared.core - _DARK[scale], 0)))
 
 

@@ -12,7 +12,15 @@ from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.windows import windows_for
 from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
 from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
-from tests.stereo.scenes import Scene, away_from_steps, inner, plane, scene, sphere, with_context
+from tests.stereo.scenes import (
+    Scene,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
+    plane,
+    sphere,
+    with_context,
+)
 
 SIZE = replace(windows_for(1224), levels_px=4)
 """Windows that flatten the small scenes."""
@@ -28,11 +36,11 @@ def before_and_after(made: Scene, s: np.ndarray | None = None) -> tuple[Surface,
 
 def on_top(made: Scene) -> np.ndarray:
     """(H, W) of the ball, where no window reaches over its rim."""
-    return away_from_steps(made.s, 9) & inner(made.s.shape, 9) & (made.s > np.median(made.s))
+    return mask_away_from_steps(made.s, 9) & mask_inner(made.s.shape, 9) & (made.s > np.median(made.s))
 
 
 def test_twicing_restores_a_round_top():
-    made = scene(*BALL, noise=1.0)
+    made = make_scene(*BALL, noise=1.0)
     top = on_top(made)
     flattened, sharp = ((surface.s - made.s)[top] for surface in before_and_after(made))
     assert top.sum() > 100
@@ -43,14 +51,14 @@ def test_twicing_restores_a_round_top():
 @pytest.mark.parametrize("noise", [1.0, 4.0])
 def test_twicing_does_not_change_a_plane(noise):
     """But for a part of the noise."""
-    made = scene(plane(700, 0.2), noise=noise)
-    where = inner(made.s.shape, 12)
+    made = make_scene(plane(700, 0.2), noise=noise)
+    where = mask_inner(made.s.shape, 12)
     flat, sharp = ((surface.s - made.s)[where] for surface in before_and_after(made))
     assert np.std(sharp) < 1.1 * np.std(flat)
 
 
 def test_nan_stays_and_does_not_spread():
-    made = scene(plane(), noise=1.0)
+    made = make_scene(plane(), noise=1.0)
     s = made.s.copy()
     s[40:50, 50:60] = np.nan
     flat, sharp = before_and_after(made, s)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.kernels.arrays import WINDOW_LIMIT
-from beltscape.kernels.local_fit import fit_windows
+from beltscape.kernels.least_squares.local_fit import fit_windows
 from beltscape.stereo.multiview.frame.windows import windows_for
 
 widths = st.integers(1, 20_000)

@@ -9,7 +9,7 @@ import pytest
 from beltscape.files.rasters.images import read_image
 from beltscape.stereo.markers.detection import detect_markers
 from beltscape.stereo.markers.grid import detect_marker_grid
-from tests.stereo.projected import MARKERS, luminance, picture, seen, view
+from tests.stereo.projected import MARKERS, compute_luminance, make_view, project_points, render_pattern
 from tests.stereo.rendered import RENDERED, needs_rendered
 
 
@@ -29,15 +29,15 @@ def _distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     ],
 )
 def test_detection_does_not_depend_on_exposure_and_white_balance(exposure, cast):
-    image_from_pattern = view(slant=0.15)
-    markers = detect_markers(picture(image_from_pattern, exposure=exposure, cast=cast))
+    image_from_pattern = make_view(slant=0.15)
+    markers = detect_markers(render_pattern(image_from_pattern, exposure=exposure, cast=cast))
     assert len(markers) == 16
-    assert _distances(markers.center_px, seen(MARKERS, image_from_pattern)).max() < 0.35
+    assert _distances(markers.center_px, project_points(MARKERS, image_from_pattern)).max() < 0.35
     assert markers.confidence.min() > 0.5
 
 
 def test_detection_in_sixteen_bits_equals_that_in_eight():
-    image = picture(view())
+    image = render_pattern(make_view())
     deep = image.astype(np.uint16) * 16  # 12 bits in 16
     eight, sixteen = detect_marker_grid(image), detect_marker_grid(deep)
     assert eight is not None and sixteen is not None
@@ -48,25 +48,28 @@ def test_detection_in_sixteen_bits_equals_that_in_eight():
 @pytest.mark.parametrize("exposure", [0.6, 1.0, 2.0])
 @pytest.mark.parametrize("size_px", [(816, 680), (1224, 1024)])
 def test_markers_are_detected_in_grey_images(exposure, size_px):
-    image_from_pattern = view(size_px)
-    markers = detect_markers(luminance(picture(image_from_pattern, size_px, exposure=exposure)))
+    image_from_pattern = make_view(size_px)
+    markers = detect_markers(
+        compute_luminance(render_pattern(image_from_pattern, size_px, exposure=exposure))
+    )
     assert len(markers) == 16
     assert (
-        _distances(markers.center_px, seen(MARKERS, image_from_pattern)).max() < 1.2 * size_px[0] / 1224 + 0.3
+        _distances(markers.center_px, project_points(MARKERS, image_from_pattern)).max()
+        < 1.2 * size_px[0] / 1224 + 0.3
     )
 
 
 def test_grey_image_stored_as_rgb_is_treated_as_grey():
-    grey = luminance(picture(view()))
+    grey = compute_luminance(render_pattern(make_view()))
     one, three = detect_markers(grey), detect_markers(np.repeat(grey[..., None], 3, axis=2))
     np.testing.assert_array_equal(one.center_px, three.center_px)
     assert len(one) == 16
 
 
 def test_image_without_projector_has_no_markers():
-    image = picture(view(), speckle=False, ambient=60.0, noise=2.0)
+    image = render_pattern(make_view(), speckle=False, ambient=60.0, noise=2.0)
     assert detect_marker_grid(image) is None
-    assert detect_marker_grid(luminance(image)) is None
+    assert detect_marker_grid(compute_luminance(image)) is None
 
 
 def test_stones_without_speckle_are_not_detected():
@@ -81,18 +84,18 @@ def test_stones_without_speckle_are_not_detected():
 
 def test_disc_with_a_dark_half_keeps_its_centre():
     """A disc over the edge of a white module on black rubber keeps its centre."""
-    image_from_pattern = view()
-    image = picture(image_from_pattern, noise=0.5).astype(float)
-    center = seen(MARKERS, image_from_pattern)[1, 1]
+    image_from_pattern = make_view()
+    image = render_pattern(image_from_pattern, noise=0.5).astype(float)
+    center = project_points(MARKERS, image_from_pattern)[1, 1]
     image[:, : int(center[0])] *= 0.15
     markers = detect_markers(np.rint(image).astype(np.uint8))
     assert _distances(markers.center_px, center).max() < 1.2
 
 
 def test_half_a_disc_has_less_confidence_than_a_whole_one():
-    image_from_pattern = view()
-    image = picture(image_from_pattern)
-    u, v = seen(MARKERS, image_from_pattern)[2, 1].astype(int)
+    image_from_pattern = make_view()
+    image = render_pattern(image_from_pattern)
+    u, v = project_points(MARKERS, image_from_pattern)[2, 1].astype(int)
     image[v - 20 : v + 20, u : u + 20] = 6  # hidden from the light by what stands beside it
     markers = detect_markers(image)
     nearest = int(np.argmin(np.linalg.norm(markers.center_px - [u, v], axis=1)))

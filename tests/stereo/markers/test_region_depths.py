@@ -15,8 +15,8 @@ from beltscape.kernels import load
 from beltscape.stereo.markers.correspondence import align_grids, triangulate_markers
 from beltscape.stereo.markers.grid import MarkerGrid, detect_marker_grid
 from beltscape.stereo.markers.region_depths import bound_region_depths, detect_marker_grids
-from tests.stereo.raycast import world_rig
-from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
+from tests.stereo.raycast import make_world_rig
+from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
 
 RNG = np.random.default_rng(8)
 HEIGHTS_MM = RNG.uniform(0, 60, (4, 4))
@@ -29,7 +29,7 @@ def _points(core_from_world) -> np.ndarray:
 
 
 def _scene() -> tuple[Rig, np.ndarray, dict[str, MarkerGrid]]:
-    rig, core_from_world = world_rig()
+    rig, core_from_world = make_world_rig()
     points = _points(core_from_world)
     whole = np.ones((4, 4), bool)
     grids = {
@@ -112,7 +112,7 @@ def test_bounds_without_core_or_with_too_few_markers_are_refused():
 
 
 def test_warnings_name_cameras_without_speckle():
-    rig, _ = world_rig()
+    rig, _ = make_world_rig()
     dark = np.zeros((320, 400), np.uint8)
     reporter = Silent()
     assert detect_marker_grids(FrameSet("007", {"cam0": dark, "cam1": dark}), rig, reporter) == {}
@@ -122,10 +122,10 @@ def test_warnings_name_cameras_without_speckle():
 @needs_rendered
 @pytest.mark.parametrize("scene", ["belt_empty", "belt_loaded", "module"])
 def test_rendered_scenes_lie_within_their_bounds(scene):
-    rig, frames = halved_rig(), halved_frames(scene)
+    rig, frames = read_halved_rig(), read_halved_frames(scene)
     assert detect_marker_grid(frames.images["cam0"]) is not None
     prior = bound_region_depths(detect_marker_grids(frames, rig, Silent()), rig)
-    depth, _ = halved_truth(scene)
+    depth, _ = read_halved_truth(scene)
     near, far = prior.rasterise()
     known = np.isfinite(depth) & (prior.labels >= 0)
     assert known.sum() > 0.95 * np.isfinite(depth).sum()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.stereo.markers.detection import MarkerDetections
 from beltscape.stereo.markers.grid import arrange_in_grid, detect_marker_grid
 from beltscape.stereo.markers.regions import label_regions
-from tests.stereo.projected import MARKERS, luminance, picture, seen, view
+from tests.stereo.projected import MARKERS, compute_luminance, make_view, project_points, render_pattern
 
 SIZE = (816, 680)
 
@@ -34,7 +34,7 @@ def test_numbering_is_right_with_hidden_displaced_and_false_markers(hidden, shar
     rng = np.random.default_rng(hidden)
     right = mislabelled = 0
     for _ in range(10):
-        true = seen(MARKERS, view(SIZE, rng.uniform(-20, 20), rng.uniform(-0.25, 0.25)))
+        true = project_points(MARKERS, make_view(SIZE, rng.uniform(-20, 20), rng.uniform(-0.25, 0.25)))
         step = np.linalg.norm(true[1, 1] - true[2, 1])
         moved = true + rng.uniform(-0.05, 0.05, true.shape) * step
         gone = np.zeros(16, bool)
@@ -57,8 +57,8 @@ def test_hidden_markers_are_predicted_at_their_positions(hidden):
     gone = np.zeros(16, bool)
     gone[hidden] = True
     gone = gone.reshape(4, 4)
-    true = seen(MARKERS, view(SIZE, 8.0, 0.15))
-    grid = detect_marker_grid(picture(view(SIZE, 8.0, 0.15), hidden=gone))
+    true = project_points(MARKERS, make_view(SIZE, 8.0, 0.15))
+    grid = detect_marker_grid(render_pattern(make_view(SIZE, 8.0, 0.15), hidden=gone))
     assert grid is not None
     np.testing.assert_array_equal(grid.detected, ~gone)
     assert np.isnan(grid.radius_px[gone]).all() and (grid.confidence[gone] == 0).all()
@@ -68,8 +68,8 @@ def test_hidden_markers_are_predicted_at_their_positions(hidden):
 def test_grid_of_a_grey_image_has_the_same_numbering():
     gone = np.zeros((4, 4), bool)
     gone[1, 2] = gone[3, 0] = True
-    image = picture(view((1224, 1024), -12.0, 0.1), (1224, 1024), hidden=gone)
-    color, grey = detect_marker_grid(image), detect_marker_grid(luminance(image))
+    image = render_pattern(make_view((1224, 1024), -12.0, 0.1), (1224, 1024), hidden=gone)
+    color, grey = detect_marker_grid(image), detect_marker_grid(compute_luminance(image))
     assert color is not None and grey is not None
     np.testing.assert_array_equal(color.detected, grey.detected)
     assert np.abs(color.center_px - grey.center_px).max() < 1.5
@@ -77,7 +77,7 @@ def test_grid_of_a_grey_image_has_the_same_numbering():
 
 @pytest.mark.parametrize("turn", [90.0, 180.0, 270.0])
 def test_grid_of_a_turned_camera_has_the_longer_steps_along_its_rows(turn):
-    true = seen(MARKERS, view(SIZE, turn))
+    true = project_points(MARKERS, make_view(SIZE, turn))
     grid = arrange_in_grid(_markers(true), SIZE)
     assert grid is not None and grid.count == 16
     same = [np.abs(np.rot90(grid.center_px, k) - true).max() < 1e-9 for k in (0, 2)]  # up or upside down
@@ -85,13 +85,13 @@ def test_grid_of_a_turned_camera_has_the_longer_steps_along_its_rows(turn):
 
 
 def test_too_few_markers_form_no_grid():
-    true = seen(MARKERS, view(SIZE))
+    true = project_points(MARKERS, make_view(SIZE))
     assert arrange_in_grid(_markers(true[:2, :2]), SIZE) is None
     assert arrange_in_grid(_markers(np.empty((0, 2))), SIZE) is None
 
 
 def test_numberings_contain_the_same_markers():
-    true = seen(MARKERS, view(SIZE))
+    true = project_points(MARKERS, make_view(SIZE))
     grid = arrange_in_grid(_markers(true[:3]), SIZE)  # a row is missing: where it belongs is not known
     assert grid is not None
     options = grid.list_numberings()
@@ -103,7 +103,7 @@ def test_numberings_contain_the_same_markers():
 
 @given(turn=st.floats(-20, 20), slant=st.floats(-0.2, 0.2))
 def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
-    true = seen(MARKERS, view(SIZE, turn, slant))
+    true = project_points(MARKERS, make_view(SIZE, turn, slant))
     grid = arrange_in_grid(_markers(true), SIZE)
     assert grid is not None
     labels = label_regions(grid)
@@ -120,7 +120,7 @@ def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
 
 
 def test_regions_leave_no_gap_between_them():
-    grid = arrange_in_grid(_markers(seen(MARKERS, view(SIZE, 13.0, 0.2))), SIZE)
+    grid = arrange_in_grid(_markers(project_points(MARKERS, make_view(SIZE, 13.0, 0.2))), SIZE)
     assert grid is not None
     inside = label_regions(grid) >= 0
     for line in inside:
@@ -129,7 +129,7 @@ def test_regions_leave_no_gap_between_them():
 
 
 def test_regions_may_extend_far_beyond_the_image():
-    grid = arrange_in_grid(_markers(seen(MARKERS, view(SIZE))), SIZE)
+    grid = arrange_in_grid(_markers(project_points(MARKERS, make_view(SIZE))), SIZE)
     assert grid is not None
     far = grid.center_px.copy()
     far[0, 0] = -1e7

@@ -14,8 +14,8 @@ from beltscape.stereo.pairwise.reconstructor import (
     reconstruct_pairwise,
 )
 from beltscape.stereo.pairwise.settings import PairwiseSettings
-from tests.stereo.raycast import render, true_depth, world_rig
-from tests.stereo.rendered import halved_frames, halved_rig, halved_truth, needs_rendered
+from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
+from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
 
 SETTINGS = PairwiseSettings()
 RANGE = (600.0, 780.0)
@@ -23,8 +23,8 @@ RANGE = (600.0, 780.0)
 
 @pytest.fixture(scope="module")
 def belt():
-    rig, core_from_world = world_rig()
-    return rig, render(rig, core_from_world), true_depth(rig, core_from_world)
+    rig, core_from_world = make_world_rig()
+    return rig, render_frame(rig, core_from_world), compute_true_depth(rig, core_from_world)
 
 
 def without(frame_set: FrameSet, *names: str) -> FrameSet:
@@ -61,9 +61,11 @@ def test_mean_is_more_accurate_than_each_pair(belt):
 
 @pytest.mark.parametrize("degrees", [90, 180, 225])
 def test_baselines_of_any_direction_are_measured(degrees):
-    rig, core_from_world = world_rig(angles_deg=(degrees,))
-    depth = reconstruct_pairwise(rig, render(rig, core_from_world), SETTINGS, Silent(), depth_range_mm=RANGE)
-    score = score_depth(depth, true_depth(rig, core_from_world))
+    rig, core_from_world = make_world_rig(angles_deg=(degrees,))
+    depth = reconstruct_pairwise(
+        rig, render_frame(rig, core_from_world), SETTINGS, Silent(), depth_range_mm=RANGE
+    )
+    score = score_depth(depth, compute_true_depth(rig, core_from_world))
     assert score.within_1mm > 0.85
     assert abs(score.interior_bias_mm) < 0.06
 
@@ -119,11 +121,11 @@ def test_error_names_an_unknown_auxiliary(belt):
 
 @pytest.mark.parametrize(("angles", "expected"), [((0, 90), "cam1"), ((80, 170, 250), "cam2")])
 def test_the_binocular_pair_is_the_one_along_the_image_rows(angles, expected):
-    assert find_horizontal_auxiliary(world_rig(angles_deg=angles)[0]) == expected
+    assert find_horizontal_auxiliary(make_world_rig(angles_deg=angles)[0]) == expected
 
 
 def test_one_camera_alone_has_no_binocular_pair():
-    rig, _ = world_rig(angles_deg=())
+    rig, _ = make_world_rig(angles_deg=())
     with pytest.raises(ReconstructionError, match="only its core camera cam0"):
         find_horizontal_auxiliary(Rig("cam0", rig.cameras, rig.cam_from_core))
 
@@ -148,9 +150,9 @@ def test_invalid_settings_are_refused(wrong):
 def test_rendered_scenes_at_a_quarter_of_the_sensor_are_accurate(
     scene, labels, within_1mm, within_quarter_mm, median_mm
 ):
-    truth, label = halved_truth(scene)
+    truth, label = read_halved_truth(scene)
     depth = reconstruct_pairwise(
-        halved_rig(), halved_frames(scene), SETTINGS, Silent(), depth_range_mm=(580, 775)
+        read_halved_rig(), read_halved_frames(scene), SETTINGS, Silent(), depth_range_mm=(580, 775)
     )
     score = score_depth(depth, truth, np.isin(label, list(labels)))
     assert score.within_1mm > within_1mm

@@ -9,7 +9,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.stereo.pairwise.rectification import RectifiedPair, count_upright_turns, rectify_pair
-from tests.stereo.raycast import camera, world_rig
+from tests.stereo.raycast import make_camera, make_world_rig
 from tests.strategies import seeds
 
 SMALL = (64, 52)
@@ -22,7 +22,7 @@ def random_rig(seed: int, angle: float) -> Rig:
     center = np.array([baseline * np.cos(angle), baseline * np.sin(angle), rng.uniform(-40, 40)])
     turn = Pose.of([center[1] / 900, -center[0] / 900, rng.uniform(-0.1, 0.1)], np.zeros(3)).rotation
     poses = {"cam0": Pose.identity(), "cam1": Pose(turn, -turn @ center)}
-    return Rig("cam0", {name: camera(name, SMALL) for name in poses}, poses)
+    return Rig("cam0", {name: make_camera(name, SMALL) for name in poses}, poses)
 
 
 def project_core(pair: RectifiedPair, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +80,7 @@ def test_maps_give_the_distorted_pixel_of_the_same_point(seed, angle):
 
 
 def test_projected_core_rays_equal_projected_points():
-    rig, _ = world_rig()
+    rig, _ = make_world_rig()
     pair = rectify_pair(rig, "cam2", (600, 800))
     points = np.random.default_rng(0).uniform([-200, -150, 600], [200, 150, 800], (50, 3))
     pixels, ratio = pair.project_core_rays(points[:, :2] / points[:, 2:])
@@ -91,7 +91,7 @@ def test_projected_core_rays_equal_projected_points():
 
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270])
 def test_the_core_keeps_its_optical_axis_as_far_as_the_baseline_allows(degrees):
-    rig, _ = world_rig(angles_deg=(degrees,))
+    rig, _ = make_world_rig(angles_deg=(degrees,))
     pair = rectify_pair(rig, "cam1", (600, 800))
     baseline = rig.cam_from_core["cam1"].center_mm
     tilt = np.arccos(pair.rectified_from_core.rotation[2, 2])
@@ -101,7 +101,7 @@ def test_the_core_keeps_its_optical_axis_as_far_as_the_baseline_allows(degrees):
 
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270, 20, 110])
 def test_images_are_upright_after_the_counted_turns(degrees):
-    rig, _ = world_rig(angles_deg=(degrees,))
+    rig, _ = make_world_rig(angles_deg=(degrees,))
     pair = rectify_pair(rig, "cam1", (600, 800))
     u = np.rot90(pair.core_map[..., 0], count_upright_turns(pair))
     v = np.rot90(pair.core_map[..., 1], count_upright_turns(pair))
@@ -113,7 +113,7 @@ def test_images_are_upright_after_the_counted_turns(degrees):
 def moved(center: list[float], turn: list[float]) -> Rig:
     rotation = Pose.of(turn, np.zeros(3)).rotation
     poses = {"cam0": Pose.identity(), "cam1": Pose(rotation, -rotation @ np.array(center))}
-    return Rig("cam0", {name: camera(name, SMALL) for name in poses}, poses)
+    return Rig("cam0", {name: make_camera(name, SMALL) for name in poses}, poses)
 
 
 @pytest.mark.parametrize(

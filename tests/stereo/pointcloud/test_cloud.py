@@ -8,9 +8,9 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.stereo.pointcloud.cloud import CloudBuilder, cloud_from_depth, undistort_image
-from tests.stereo.raycast import camera
+from tests.stereo.raycast import make_camera
 
-CAMERA = camera("cam0", (120, 90))
+CAMERA = make_camera("cam0", (120, 90))
 
 
 def measured(z: np.ndarray) -> DepthMap:
@@ -87,7 +87,7 @@ def test_a_depth_map_of_another_size_is_refused():
 @pytest.mark.parametrize("size_px", [(5, 7), (300, 500), (1300, 130)])
 @pytest.mark.parametrize("kind", ["grey", "deep", "colour"])
 def test_cloud_computed_in_strips_equals_the_definition(size_px, kind):
-    own = camera("cam0", size_px)
+    own = make_camera("cam0", size_px)
     depth, grey = rough(own, 3)
     image = {
         "grey": grey,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +70,10 @@ def test_a_rig_is_written_and_read_by_either(kind, tmp_path):
 
 
 def test_what_is_written_has_a_path_too():
-    for write, thing in ((rig_json.write_rig, RIG), (images.write_image, grey()), (ply.write_cloud, None)):
+    writers: list[tuple[Callable[..., None], object]] = [
+        (rig_json.write_rig, RIG), (images.write_image, grey()), (ply.write_cloud, None),
+    ]  # fmt: skip
+    for write, thing in writers:
         with pytest.raises(InputError, match="must be a path"):
             write(None, thing)
 

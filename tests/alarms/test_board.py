@@ -14,7 +14,7 @@ from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES
 from beltscape.alarms.settings import AlarmSettings, OversizeLump
 from beltscape.alarms.texts import TEXTS
-from beltscape.core.live import CameraHealth
+from beltscape.core.live import CameraHealth, CameraState
 from beltscape.files.documents.toml_text import validate
 from tests.strategies import floats
 
@@ -23,7 +23,7 @@ SECOND = 1_000_000_000
 SETTINGS = AlarmSettings(oversize_lump=OversizeLump(size_mm=200))
 
 
-def camera(name="cam2", state="ok", skew_ms=0.1, message=""):
+def camera(name="cam2", state: CameraState = "ok", skew_ms=0.1, message=""):
     return CameraHealth(name, state, 10, 0, 25.0, skew_ms, message)
 
 

@@ -21,8 +21,9 @@ ALLOWED = {
 }
 
 
-def delays(seconds):
-    return tuple(Delay(value * SECOND) for value in seconds)
+def delays(seconds: tuple[int, int]) -> tuple[Delay, Delay]:
+    on, off = seconds
+    return Delay(on * SECOND), Delay(off * SECOND)
 
 
 def update(machine, condition, seconds, waits, wall_ns=7, latched=True):
@@ -34,11 +35,11 @@ def test_state_machine_makes_only_allowed_transitions(acts, waits, latched):
     machine = AlarmStateMachine()
     for act in acts:
         before = machine.state
-        changed = (
-            machine.acknowledge("ada")
-            if act == "acknowledge"
-            else update(machine, *act, waits, latched=latched)
-        )
+        if act == "acknowledge":
+            changed = machine.acknowledge("ada")
+        else:
+            condition, seconds = act
+            changed = update(machine, condition, seconds, waits, latched=latched)
         assert changed == (machine.state != before)
         if changed:
             assert (before, machine.state) in ALLOWED
@@ -55,12 +56,13 @@ def test_unknown_or_between_changes_nothing_at_that_update(acts, waits):
             machine.acknowledge("ada")
             continue
         before = machine.state
-        update(machine, *act, waits)
-        if act[0] in ("unknown", "between"):
+        condition, seconds = act
+        update(machine, condition, seconds, waits)
+        if condition in ("unknown", "between"):
             assert machine.state == before
-        if act[0] == "on":
+        if condition == "on":
             assert machine.state not in ("clear", "gone") or before == machine.state
-        if act[0] == "off":
+        if condition == "off":
             assert machine.state != "raised" or before == "raised"
 
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from beltscape.calibrate.assessment.covariance import compute_depth_sigma, compute_rig_covariance
@@ -17,6 +19,7 @@ NOISE_PX = 0.05
 def detect_bending_board(rig, board, poses, amount_mm, seed):
     """Return detections of a board that bends differently in every frame."""
     own, rng = make_detections(rig, board, poses, NOISE_PX, seed), np.random.default_rng(1000 + seed)
+    views = {name: dict(frames) for name, frames in own.views.items()}
     corners = corner_points_mm(board)
     x, y = ((corners - corners.mean(axis=0)) / np.ptp(corners, axis=0).max())[:, :2].T
     for frame, pose in enumerate(poses):
@@ -29,8 +32,8 @@ def detect_bending_board(rig, board, poses, amount_mm, seed):
                     camera.project((rig.cam_from_core[name] @ pose).apply(p[seen.ids]))
                     for p in (corners, shape)
                 )
-                own.views[name][f"{frame:02d}"] = Corners(seen.ids, seen.pixels + curved - flat)
-    return own
+                views[name][f"{frame:02d}"] = Corners(seen.ids, seen.pixels + curved - flat)
+    return replace(own, views=views)
 
 
 def found(rig, board, own):

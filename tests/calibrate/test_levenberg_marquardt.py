@@ -1,38 +1,45 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibrate.solver.levenberg_marquardt import Damping, LinearisedProblem, Problem, minimise
+
+Vector = NDArray[np.float64]
 
 
-class Curve:
+class Curve(Problem[Vector]):
     """Least squares of a model and its Jacobian, on a plain vector."""
 
-    def __init__(self, errors, jacobian):
+    def __init__(self, errors: Callable[[Vector], Vector], jacobian: Callable[[Vector], Vector]):
         self.errors, self.jacobian = errors, jacobian
-        self.costs = []
+        self.costs: list[float] = []
 
-    def compute_cost(self, x):
-        return 0.5 * float((self.errors(x) ** 2).sum())
+    def compute_cost(self, state: Vector) -> float:
+        return 0.5 * float((self.errors(state) ** 2).sum())
 
-    def linearise(self, x):
-        self.costs.append(self.compute_cost(x))
-        return Linear(self.compute_cost(x), self.errors(x), self.jacobian(x))
+    def linearise(self, state: Vector) -> Linear:
+        self.costs.append(self.compute_cost(state))
+        return Linear(self.compute_cost(state), self.errors(state), self.jacobian(state))
 
-    def apply_step(self, x, step):
-        return x + step
+    def apply_step(self, state: Vector, step: Vector) -> Vector:
+        return state + step
 
 
-class Linear:
-    def __init__(self, cost, errors, jacobian):
+class Linear(LinearisedProblem):
+    def __init__(self, cost: float, errors: Vector, jacobian: Vector):
         self.cost, self.errors, self.jacobian = cost, errors, jacobian
 
-    def solve_step(self, damping):
+    def solve_step(self, damping: float) -> Vector:
         normal = self.jacobian.T @ self.jacobian
-        return -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), self.jacobian.T @ self.errors)
+        return -np.linalg.solve(
+            normal + damping * np.diag(np.diag(normal)), self.jacobian.T @ self.errors
+        ).astype(float)
 
-    def predict_decrease(self, step):
+    def predict_decrease(self, step: Vector) -> float:
         return self.cost - 0.5 * float(((self.errors + self.jacobian @ step) ** 2).sum())
 
 

@@ -47,6 +47,7 @@ def run(capfd):
         try:
             code = main(words)
         except SystemExit as stop:
+            assert isinstance(stop.code, int)
             code = stop.code
         lines = capfd.readouterr().err.splitlines()
         return code, [line for line in lines if not line.endswith(" done")]

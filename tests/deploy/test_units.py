@@ -33,9 +33,15 @@ def test_systemd_understands_it(unit, tmp_path):
     assert (done.returncode, ours) == (0, [])
 
 
+class CaseSensitiveParser(configparser.RawConfigParser):
+    """A parser that keeps the names of options as they are written, as systemd does."""
+
+    def optionxform(self, optionstr: str) -> str:
+        return optionstr
+
+
 def test_the_command_it_starts_is_one_of_ours(capsys):
-    parser = configparser.RawConfigParser(strict=False)
-    parser.optionxform = str
+    parser = CaseSensitiveParser(strict=False)
     parser.read(DEPLOY / "beltscape.service")
     program, *arguments = parser["Service"]["ExecStart"].split()
     assert Path(program).name == "beltscape"

@@ -105,7 +105,7 @@ def test_pose_fit_recovers_a_rotated_camera(pair):
 
 def test_subsets_are_found_to_a_hundredth_of_a_pixel():
     rng = np.random.default_rng(4)
-    fine = cv2.GaussianBlur(rng.normal(size=(200, 240)).astype(np.float32), None, 2.0)
+    fine = cv2.GaussianBlur(rng.normal(size=(200, 240)).astype(np.float32), (0, 0), 2.0)
     left = np.clip(128 + 300 * fine, 0, 255)
     warp = np.array([[1.01, 0.02, 6.3], [-0.01, 0.99, 2.6]])
     back = np.linalg.inv(np.vstack([warp, [0, 0, 1]]))
@@ -113,8 +113,8 @@ def test_subsets_are_found_to_a_hundredth_of_a_pixel():
     u, v = np.tensordot(back[:2], np.stack([u, v, np.ones_like(u)]), axes=1)
     right = ndimage.map_coordinates(left, np.stack([v, u]), order=3)
     core_px = np.array([[60.0, 60], [100, 90], [150, 120], [3, 3]])
-    images = [np.rint(np.clip(image, 0, 255)).astype(np.uint8) for image in (left, right)]
-    found, score = find_subsets(*images, core_px, core_px, subset_px=27, reach_px=(15, 10))
+    core, aux = (np.rint(np.clip(image, 0, 255)).astype(np.uint8) for image in (left, right))
+    found, score = find_subsets(core, aux, core_px, core_px, subset_px=27, reach_px=(15, 10))
     expected = np.column_stack([core_px, np.ones(4)]) @ warp.T
     assert np.abs(found[:3] - expected[:3]).max() < 0.02
     assert (score[:3] > 0.98).all()

@@ -106,8 +106,8 @@ def test_the_fitted_rig_fits_its_subsets(real_data):
 
 def test_our_subsets_are_dices_where_dice_correlated(real_data):
     pair = read_dice_gt4(real_data("dice_gt4_speckle"))
-    images = [pair.frame_set.images[name] for name in pair.rig.cameras]
-    found, _ = find_subsets(*images, pair.core_px, pair.aux_px, subset_px=25, reach_px=(5, 5))
+    core, aux = (pair.frame_set.images[name] for name in pair.rig.cameras)
+    found, _ = find_subsets(core, aux, pair.core_px, pair.aux_px, subset_px=25, reach_px=(5, 5))
     for axis in (0, 1):
         difference = (found - pair.aux_px)[:, axis]
         assert abs(np.median(difference)) < 0.01

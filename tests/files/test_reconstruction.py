@@ -23,7 +23,8 @@ def depth_map() -> DepthMap:
     z = rng.uniform(600, 700, SIZE[::-1]).astype(np.float32)
     z[1, 2:5] = np.nan
     views = np.where(np.isfinite(z), rng.integers(1, 5, z.shape), 0).astype(np.uint8)
-    return DepthMap(z, z / 5000, views, views / np.float32(4))
+    sigma, confidence = (values.astype(np.float32) for values in (z / 5000, views / 4))
+    return DepthMap(z, sigma, views, confidence)
 
 
 @pytest.fixture

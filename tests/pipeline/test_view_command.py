@@ -54,7 +54,7 @@ def frames(tmp_path_factory):
     write_rig(folder / "rig.json", rig)
     depth, _ = render_depth_map(make_ellipsoids(np.random.default_rng(4), columns=3, rows=3), eye)
     points = depth.points_mm(eye)[depth.measured].astype(np.float32)
-    up = np.broadcast_to(np.float32([0, 0, -1]), points.shape)
+    up = np.broadcast_to(np.array([0, 0, -1], np.float32), points.shape)
     for name in ("000", "001", "002"):
         cloud = PointCloud(points, up, np.full(points.shape, 90, np.uint8), depth.sigma_mm[depth.measured])
         write_frame(folder / name, depth, cloud, np.zeros((4, 4, 3), np.uint8))

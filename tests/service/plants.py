@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from fastapi import FastAPI
 
 from beltscape.service.access import Access, AccessSettings
+from beltscape.service.access.identity.roles import Role
 from beltscape.service.app import create_app
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
@@ -31,7 +33,7 @@ class ServiceParts:
     settings: WebSettings
     app: FastAPI
 
-    def browser(self, role: str = "") -> Browser:
+    def browser(self, role: Role | Literal[""] = "") -> Browser:
         """Return a browser signed in with that role; "": not signed in."""
         browser = Browser(self.app, "127.0.0.1")
         if role:

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from beltscape.core.live import Alarm
+from beltscape.core.live import Alarm, AlarmState
 from tests.service.feeder import make_heights
 from tests.service.plants import BEGIN_NS, OPEN, STEP_NS, make_service
 
@@ -34,7 +34,7 @@ def operator(full):
     return full.browser("operator")
 
 
-def overload(state="raised", name="overload") -> Alarm:
+def overload(state: AlarmState = "raised", name: str = "overload") -> Alarm:
     return Alarm(name, "critical", state, 107.0, nan, "%", BEGIN_NS)
 
 

@@ -100,7 +100,7 @@ def test_a_picture_is_encoded_once_and_small(monkeypatch):
 def test_deep_images_are_shifted_by_the_bits_in_use():
     ramp = np.linspace(0, 4095, 64).astype(np.uint16).reshape(8, 8)
     assert convert_to_8_bit(ramp).max() == 255
-    assert convert_to_8_bit(ramp << 4).max() == 255
+    assert convert_to_8_bit((ramp << 4).astype(np.uint16)).max() == 255
     assert convert_to_8_bit((ramp >> 4).astype(np.uint8)).max() == 255
     colour = np.dstack(
         [np.full((40, 60), 200, np.uint8), np.zeros((40, 60), np.uint8), np.zeros((40, 60), np.uint8)]

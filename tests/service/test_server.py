@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -40,7 +41,7 @@ def start(tmp_path):
     """Return a function that serves the sample application; servers are stopped at the end."""
     opened = []
 
-    def start_server(web: Web | None = None, **access: object):
+    def start_server(web: Web | None = None, **access: Any):
         access_control = Access(tmp_path, AccessSettings(**access), CHEAP)
         opened.append(access_control)
         if access_control.accounts.is_setup_open:
@@ -77,7 +78,7 @@ def send_raw(running, request: bytes, timeout_s: float = 5) -> bytes:
 
 
 @contextmanager
-def open_session(running, **more: object) -> Iterator[httpx.Client]:
+def open_session(running, **more: Any) -> Iterator[httpx.Client]:
     with httpx.Client(base_url=running.address, **more) as client:
         reply = client.post("/api/access/login", json={"name": "anna", "password": PASSWORD})
         assert reply.status_code == 200

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from queue import Full, Queue
@@ -157,7 +158,7 @@ class Metering:
         self._threads[1].join()
 
 
-def run_and_count_frames(command: list[str | Path]) -> tuple[int, int, str]:
+def run_and_count_frames(command: Sequence[str | Path]) -> tuple[int, int, str]:
     """Return the frames done and missed while a program runs, and its output."""
     program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     with closing(Metering()) as metering:

@@ -54,5 +54,7 @@ def projector(pattern, focal=(400.0, 404.0), center=None, pose=DOWN, power=1.0):
     height, width = pattern.shape[:2]
     center = np.array([(width - 1) / 2, (height - 1) / 2]) if center is None else np.array(center)
     device = Camera("projector", (width, height), np.array(focal), center, np.zeros(5))
-    colours = np.repeat(np.float32(pattern)[..., None], 3, axis=-1) if pattern.ndim == 2 else pattern
+    colours = (
+        np.repeat(np.asarray(pattern, np.float32)[..., None], 3, axis=-1) if pattern.ndim == 2 else pattern
+    )
     return Projector(device, pose, colours, power)

@@ -54,7 +54,7 @@ class DepthCameraView:
         floor = make_box([900.0, 900.0, 20.0]).transform(
             core_from_module @ Pose(np.eye(3), np.array([0.0, 0.0, -20.0 - module.base.size_mm[2]]))
         )
-        ground = Solid("floor", int(Label.FLOOR), floor.vertices_mm, floor.faces, (0.2,) * 3)
+        ground = Solid("floor", int(Label.FLOOR), floor.vertices_mm, floor.faces, (0.2, 0.2, 0.2))
         solids = (*make_module_solids(module, core_from_module), ground)
         self._scene = RayScene(solids)
         self._base_mm = np.concatenate([solid.vertices_mm for solid in solids[:-1]])

@@ -25,6 +25,7 @@ CHESSBOARD = 'kind = "chessboard"\ncorners = [9, 6]\nsquare_mm = 25\n'
 def test_charuco_board_keeps_unset_flags_unset(tmp_path):
     (tmp_path / "board.toml").write_text(CHARUCO)
     board = read_board(tmp_path / "board.toml")
+    assert isinstance(board, CharucoBoard)
     assert board == CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
     assert (board.legacy, board.inverted) == (None, None)
     assert board.grid == (4, 3)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from beltscape.core.errors import SettingsError
 from beltscape.target.speckle.blue_noise import measure_blue_noise
 from beltscape.target.speckle.pattern import Pattern, PatternSettings, make_pattern, resolve_settings
 from beltscape.target.speckle.pattern_image import draw_pattern
+from tests.optional import require
 
-SMALL = {"size_px": (640, 400), "count": 2000}
+SMALL: dict[str, Any] = {"size_px": (640, 400), "count": 2000}
 
 
 @pytest.fixture(scope="module")
@@ -115,21 +117,22 @@ def test_settings_that_do_not_fit_are_refused_in_one_line(changed, message):
 
 def test_every_fix_proposed_by_a_refusal_works():
     too_close = refusal(d_min_px=12)
-    most, largest = re.search(r"at most (\d+) do, or d_min up to ([\d.]+) px", too_close).groups()
+    most, largest = require(re.search(r"at most (\d+) do, or d_min up to ([\d.]+) px", too_close)).groups()
     assert len(make_pattern(PatternSettings(**{**SMALL, "count": int(most)}, d_min_px=12)).dots) == int(most)
     assert len(make_pattern(PatternSettings(**SMALL, d_min_px=float(largest))).dots) == 2000
     assert "do not fit" in refusal(d_min_px=float(largest) + 0.01)
 
     too_wide = refusal(radius_px=2.4, count=9000)
-    most = int(re.search(r"give at most (\d+) dots", too_wide)[1])
+    most = int(require(re.search(r"give at most (\d+) dots", too_wide))[1])
     resolve_settings(PatternSettings(**{**SMALL, "count": most}, radius_px=2.4))
     assert "overlap" in refusal(radius_px=2.4, count=most + 30)
 
     too_fine = refusal(count=400_000)
-    resolve_settings(PatternSettings(**{**SMALL, "count": int(re.search(r"at most (\d+)", too_fine)[1])}))
+    most = int(require(re.search(r"at most (\d+)", too_fine))[1])
+    resolve_settings(PatternSettings(**{**SMALL, "count": most}))
 
     too_large = refusal(radius_px=3)
-    widest = float(re.search(r"radius up to ([\d.]+)", too_large)[1])
+    widest = float(require(re.search(r"radius up to ([\d.]+)", too_large))[1])
     resolve_settings(PatternSettings(**{**SMALL, "count": 500}, radius_px=widest))
 
 
@@ -144,7 +147,7 @@ def test_settings_out_of_bounds_are_refused(changed):
 
 @pytest.mark.parametrize(("bits", "top"), [(8, 255), (16, 65535)])
 def test_image_has_the_colours_at_their_positions(bits, top):
-    colors = {"dot_color": "#FFFFFF", "background": "#000000", "marker_color": "#ff0000"}
+    colors: dict[str, Any] = {"dot_color": "#FFFFFF", "background": "#000000", "marker_color": "#ff0000"}
     pattern = make_pattern(PatternSettings(**SMALL, **colors, grey=(0.5, 1)))
     image = draw_pattern(pattern, bits)
     assert image.shape == (400, 640, 3)
@@ -160,7 +163,7 @@ def test_image_has_the_colours_at_their_positions(bits, top):
 
 
 def test_dot_in_16_bits_has_its_area_to_a_thousandth():
-    colors = {"dot_color": "#FFFFFF", "background": "#000000", "marker_color": "#000000"}
+    colors: dict[str, Any] = {"dot_color": "#FFFFFF", "background": "#000000", "marker_color": "#000000"}
     pattern = make_pattern(PatternSettings(size_px=(640, 400), count=1, **colors, seed=3))
     x, y, radius, _ = pattern.dots[0]
     assert radius < x < 639 - radius and radius < y < 399 - radius
@@ -170,4 +173,4 @@ def test_dot_in_16_bits_has_its_area_to_a_thousandth():
 
 def test_markers_of_few_dots_do_not_fill_their_blocks():
     settings = resolve_settings(PatternSettings(count=10))
-    assert 2 * 10 * settings.radius_px <= 1200 / 4 / 2
+    assert 2 * 10 * require(settings.radius_px) <= 1200 / 4 / 2

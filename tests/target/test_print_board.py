@@ -18,6 +18,7 @@ from beltscape.target.printing.sheet import Sheet
 from beltscape.target.printing.sheet_pdf import sheet_to_pdf
 from beltscape.target.printing.sheet_png import draw_sheet
 from beltscape.target.printing.sheet_svg import sheet_to_svg
+from tests.optional import require
 
 CHARUCO = CharucoBoard(squares=(12, 9), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
 SMALL = CharucoBoard(squares=(5, 4), square_mm=25.4, marker_mm=18.1, dictionary="DICT_4X4_50")
@@ -27,8 +28,8 @@ CHESS = Chessboard(corners=(9, 6), square_mm=25)
 
 def pdf_shapes(data: bytes):
     """Rectangles (R, 4) and polygons of a PDF's page in mm, y down from its top; and its size in mm."""
-    width, height = (float(v) for v in re.search(rb"/MediaBox \[0 0 (\S+) (\S+)\]", data).groups())
-    length, start = re.search(rb"/Length (\d+) >>\nstream\n", data), 0
+    width, height = (float(v) for v in require(re.search(rb"/MediaBox \[0 0 (\S+) (\S+)\]", data)).groups())
+    length = require(re.search(rb"/Length (\d+) >>\nstream\n", data))
     start = length.end()
     stream = data[start : start + int(length[1])].decode().split("\n")
     a, b, c, d, e, f, _ = stream[0].split()
@@ -74,7 +75,7 @@ def test_pdf_and_svg_agree_in_true_millimetres(board):
 def test_pdf_is_well_formed_and_requests_no_scaling():
     data = sheet_to_pdf(lay_out(SMALL).sheet)
     assert data.startswith(b"%PDF-1.6\n") and data.endswith(b"%%EOF\n")
-    table = int(re.search(rb"startxref\n(\d+)", data)[1])
+    table = int(require(re.search(rb"startxref\n(\d+)", data))[1])
     assert data[table:].startswith(b"xref\n0 6\n")
     for index, start in enumerate(re.findall(rb"(\d{10}) 00000 n", data[table:]), start=1):
         assert data[int(start) :].startswith(b"%d 0 obj\n" % index)
@@ -93,6 +94,7 @@ def test_opencv_finds_every_corner_of_the_page_rebuilt_from_its_pdf(board, dpi, 
     image = draw_sheet(Sheet(size, "", boxes, polygons), dpi)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board.to_opencv(legacy=False)).detectBoard(image)
     want = (corner_points_mm(board)[:, :2] + printed.origin_mm) * dpi / 25.4 - 0.5
+    assert corners is not None and ids is not None
     assert sorted(ids.ravel()) == list(range(len(want)))
     assert np.abs(corners.reshape(-1, 2) - want[ids.ravel()]).max() < error_px
 
@@ -126,11 +128,12 @@ def test_edges_in_the_image_are_at_their_positions_on_the_board(board, dpi):
 
 def test_drawn_board_equals_the_drawing_of_opencv():
     """10 px a mm: every pixel as in OpenCV's image of the board, but for marker bits of broken width."""
-    printed = lay_out(CHARUCO.model_copy(update={"marker_mm": 21.0}))  # 7 bits of 3 mm
+    board = CHARUCO.model_copy(update={"marker_mm": 21.0})  # 7 bits of 3 mm
+    printed = lay_out(board)
     image = draw_sheet(printed.sheet, 254)
     x, y = (round(v * 10) for v in printed.origin_mm)
     ours = image[y : y + 2700, x : x + 3600]
-    theirs = printed.board.to_opencv(legacy=False).generateImage((3600, 2700))
+    theirs = board.to_opencv(legacy=False).generateImage((3600, 2700))
     assert (ours != theirs).mean() < 1e-3
 
 

@@ -81,7 +81,7 @@ def demand_within(name: str, number: float, low: float, high: float) -> None:
         raise KernelError(f"{name} must be {bounds}, not {number:g}")
 
 
-CellIndices = tuple[NDArray[np.intp], NDArray[np.intp]]
+CellIndices = tuple[NDArray[np.intp], ...]
 """Rows and columns of cells, (H,) each."""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,10 @@ def _load_dictionary(name: str) -> Any:
 
 class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     """A chessboard with ArUco markers in its white squares."""
+
+    if TYPE_CHECKING:
+
+        def __hash__(self) -> int: ...  # pydantic adds it to a frozen model
 
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
@@ -90,6 +94,10 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
 
 class Chessboard(BaseModel, frozen=True, extra="forbid"):
     """A plain chessboard, described by its inner corners."""
+
+    if TYPE_CHECKING:
+
+        def __hash__(self) -> int: ...  # pydantic adds it to a frozen model
 
     kind: Literal["chessboard"] = "chessboard"
     corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]

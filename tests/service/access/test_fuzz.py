@@ -7,6 +7,7 @@ import itertools
 import json
 import warnings
 from contextlib import closing
+from typing import cast
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -16,7 +17,7 @@ from hypothesis.errors import Unsatisfiable
 
 from beltscape.core.live import CameraHealth
 from beltscape.service.access import Access, AccessSettings
-from beltscape.service.access.identity.roles import ROLES, User
+from beltscape.service.access.identity.roles import ROLES, Role, User
 from beltscape.service.access.identity.sessions import derive_page_token
 from beltscape.service.app import create_app
 from beltscape.service.live_state import LiveState
@@ -34,6 +35,7 @@ with warnings.catch_warnings():
 
 EXAMPLES = 6
 """Number of cases for each kind, endpoint and role."""
+HEALTH_CHECKS = cast("list[HealthCheck]", list(HealthCheck))
 
 
 class AcceptingControls:
@@ -55,13 +57,13 @@ class Caller:
         self.runner = asyncio.Runner()
         self.sessions: dict[str, str] = {}
 
-    def session(self, role: str) -> str:
+    def session(self, role: Role) -> str:
         token = self.sessions.get(role, "")
         if self.access.sessions.find(token) is None:  # the last request may have logged out
             token = self.sessions[role] = self.access.sessions.open(User(f"the-{role}", role), "")
         return token
 
-    def __call__(self, case: Case, role: str | None) -> tuple[int, bytes]:
+    def __call__(self, case: Case, role: Role | None) -> tuple[int, bytes]:
         words = case.as_transport_kwargs(base_url="http://localhost")
         words.pop("cookies", None)
         prepared = requests.Request(
@@ -69,6 +71,7 @@ class Caller:
         ).prepare()
         body = prepared.body or b""
         body = body.encode() if isinstance(body, str) else body
+        assert isinstance(body, bytes)
         headers = [(b"host", b"localhost")]
         for name, value in prepared.headers.items():
             if name.lower() not in ("host", "cookie", "x-beltscape-token"):
@@ -130,11 +133,11 @@ def caller(tmp_path_factory):
             yield caller
 
 
-def collect_statuses(caller: Caller, operation, mode: GenerationMode, role: str | None) -> set[int]:
+def collect_statuses(caller: Caller, operation, mode: GenerationMode, role: Role | None) -> set[int]:
     """Return the statuses that an endpoint answers with."""
     statuses: set[int] = set()
 
-    @settings(max_examples=EXAMPLES, deadline=None, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=EXAMPLES, deadline=None, database=None, suppress_health_check=HEALTH_CHECKS)
     @given(case=operation.as_strategy(generation_mode=mode))
     def each(case: Case) -> None:
         status, body = caller(case, role)

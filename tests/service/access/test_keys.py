@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import MutableMapping
+from typing import Any
 
 import pytest
 
@@ -39,12 +41,12 @@ def test_a_key_opens_no_live_channel(access):
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
         "client": ("10.0.0.1", 5000), "server": ("localhost", 80), "subprotocols": [],
     }  # fmt: skip
-    sent: list[dict] = []
+    sent: list[MutableMapping[str, Any]] = []
 
     async def receive() -> dict:
         return {"type": "websocket.connect"}
 
-    async def send(message: dict) -> None:
+    async def send(message: MutableMapping[str, Any]) -> None:
         sent.append(message)
 
     asyncio.run(make_application(access)(scope, receive, send))

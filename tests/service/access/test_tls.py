@@ -26,10 +26,10 @@ def test_a_valid_certificate_is_accepted(pair):
 
 def test_expiry_is_reported_a_month_before(pair):
     now = time.time()
-    assert describe_expiry(*pair, now + 59 * 86_400) is None
-    note = describe_expiry(*pair, now + 70 * 86_400)
+    assert describe_expiry(pair[0], pair[1], now + 59 * 86_400) is None
+    note = describe_expiry(pair[0], pair[1], now + 70 * 86_400)
     assert note == f"{pair[0]}: the certificate ends in 20 days; make a new one and start the service again"
-    assert "has ended" in str(describe_expiry(*pair, now + 91 * 86_400))
+    assert "has ended" in str(describe_expiry(pair[0], pair[1], now + 91 * 86_400))
 
 
 def test_an_expired_certificate_is_reported_and_still_served(tmp_path):

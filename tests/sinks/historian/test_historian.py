@@ -14,6 +14,7 @@ from beltscape.core.errors import InputError, SettingsError
 from beltscape.sinks.historian import Historian, LedgerEnd
 from beltscape.sinks.historian.storage import schema
 from beltscape.sinks.settings import HistorySettings
+from tests.optional import require
 from tests.sinks.ledgers import START_NS, ledger, same, same_section
 
 ALWAYS = (0, 1 << 62)
@@ -55,7 +56,11 @@ def test_unknown_values_read_back_as_unknown(historian):
         run_sigma_mm3=math.nan,
         section=None,
         strip=replace(
-            record.strip, time_ns=None, belt_position_mm=math.nan, speed_mm_s=math.nan, density_kg_m3=math.nan
+            require(record.strip),
+            time_ns=None,
+            belt_position_mm=math.nan,
+            speed_mm_s=math.nan,
+            density_kg_m3=math.nan,
         ),
     )
     historian.write([record])

@@ -10,6 +10,7 @@ from beltscape.core.errors import InputError
 from beltscape.files.documents.toml_text import validate
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.settings import EncoderSettings
+from tests.optional import require
 
 
 def until(true, seconds=5.0):
@@ -97,7 +98,7 @@ def test_growing_file_is_followed(tmp_path):
     path = tmp_path / "encoder.csv"
     path.write_text("frame,timestamp_s,belt_position_mm\nold,1.0,5\n")
     settings = EncoderSettings(kind="file", path="encoder.csv", poll_s=0.002)
-    encoder = open_encoder(settings, tmp_path)
+    encoder = require(open_encoder(settings, tmp_path))
     try:
         with path.open("a") as file:
             for k in range(5):
@@ -115,7 +116,7 @@ def test_growing_file_is_followed(tmp_path):
 
 
 def test_folder_in_place_of_the_file_is_refused(tmp_path):
-    encoder = open_encoder(EncoderSettings(kind="file", path=".", poll_s=0.002), tmp_path)
+    encoder = require(open_encoder(EncoderSettings(kind="file", path=".", poll_s=0.002), tmp_path))
     try:
         assert until(lambda: "cannot be read" in encoder.trouble)
     finally:
@@ -124,17 +125,18 @@ def test_folder_in_place_of_the_file_is_refused(tmp_path):
 
 def test_table_of_a_capture_is_read_by_frame(tmp_path):
     (tmp_path / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\na.png,0.0,10\nb,0.1,40\n")
-    encoder = open_encoder(EncoderSettings(kind="capture"), tmp_path / "elsewhere", capture=tmp_path)
+    encoder = require(open_encoder(EncoderSettings(kind="capture"), tmp_path / "elsewhere", capture=tmp_path))
     assert [encoder.position_at(None, name) for name in ("a", "b", "c")] == [10, 40, None]
     assert isnan(encoder.silent_s)
-    named = open_encoder(EncoderSettings(kind="capture", path="encoder.csv"), tmp_path)
+    named = require(open_encoder(EncoderSettings(kind="capture", path="encoder.csv"), tmp_path))
     assert named.position_at(0, "b") == 40
     with pytest.raises(InputError, match="for a replay"):
         open_encoder(EncoderSettings(kind="capture"), tmp_path)
 
 
 def test_constant_speed_continues_from_the_ledgers_end(tmp_path):
-    encoder = open_encoder(EncoderSettings(kind="constant", speed_mm_s=2000), tmp_path, resume_mm=500.0)
+    settings = EncoderSettings(kind="constant", speed_mm_s=2000)
+    encoder = require(open_encoder(settings, tmp_path, resume_mm=500.0))
     assert encoder.position_at(7_000_000_000, "a") == 500
     assert encoder.position_at(7_500_000_000, "b") == 1500
     assert encoder.position_at(None, "c") is None

@@ -18,6 +18,7 @@ from beltscape.core.progress import Silent
 from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import open_cameras
+from tests.optional import require
 
 NAMES = tuple(f"cam{i}" for i in range(5))
 SIZE = (64, 48)
@@ -109,7 +110,7 @@ def assert_true(sets: list[FrameSet]) -> None:
     names = [one.frame for one in sets]
     assert all(len(name) == 8 for name in names)
     assert names == sorted(set(names))
-    times = [one.time_ns for one in sets]
+    times = [require(one.time_ns) for one in sets]
     assert all(b > a for a, b in pairwise(times))
     positions = [one.position_mm for one in sets if one.position_mm is not None]
     assert all(b >= a for a, b in pairwise(positions))

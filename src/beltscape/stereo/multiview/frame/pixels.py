@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Pixels = tuple[NDArray[np.int_], NDArray[np.int_]]
+Pixels = tuple[NDArray[np.int_], ...]
 """Rows and columns of some pixels."""
 
 

@@ -1,0 +1,13 @@
+"""Values that may be missing by their type, and must be there in a test."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+Value = TypeVar("Value")
+
+
+def require(value: Value | None) -> Value:
+    """Return the value; the test fails where it is missing."""
+    assert value is not None
+    return value

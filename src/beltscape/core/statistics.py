@@ -1,4 +1,6 @@
-"""Factor from a median absolute deviation to a standard deviation."""
+"""Constants of robust statistics: medians over standard deviations and variances."""
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution: 1/Φ⁻¹(3/4)."""
+CHI2_MEDIAN = 0.4549
+"""Median of χ² with one degree of freedom; outliers hardly move it."""

@@ -15,6 +15,7 @@ from threadpoolctl import ThreadpoolController
 LOG_VARIANCE = (-12.0, 3.0)
 """Limits to which the predicted logarithm of the variance is clipped."""
 _DIGITS = 5
+"""Digits of the weights in files; single precision has seven."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

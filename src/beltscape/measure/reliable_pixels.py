@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 
-_FULL_CONFIDENCE = 0.999
+FULL_CONFIDENCE = 0.999
 """A depth map whose confidence is this high everywhere does not rate its pixels."""
 
 
@@ -30,7 +30,7 @@ def reliable_mask(depth: DepthMap, pixel_mm: float, step_mm: float, window_px: f
     measured = depth.measured
     if not measured.any():
         return measured
-    if depth.confidence[measured].min() < _FULL_CONFIDENCE:
+    if depth.confidence[measured].min() < FULL_CONFIDENCE:
         return measured & (depth.confidence >= 0.5) & _continuous_mask(depth.depth_mm, step_mm)
     typical = float(np.median(depth.sigma_mm[measured]))
     reliable = measured & (depth.sigma_mm <= max(pixel_mm, 4 * typical))

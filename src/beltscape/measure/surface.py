@@ -15,6 +15,7 @@ from beltscape.core.pose import Pose
 from beltscape.kernels import load
 
 _GRAZING = float(np.tan(np.deg2rad(10.0)))
+"""Rise of a ray over its run at which it grazes a surface; longer triangles are no surface."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from beltscape.files.folders.atomic import write_text
 from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.files.reconstruction import list_frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
+from beltscape.measure.lumps.lumps import DOWN
 from beltscape.pipeline.measuring.solids import read_solid_outlines
 from beltscape.report.drawing.scene import make_rig_scene
 from beltscape.report.drawing.scene_solids import make_belt_triangles
@@ -27,8 +28,6 @@ _POINTS = 300_000
 """Largest number of points of one frame; a browser rotates them smoothly."""
 _ALL_POINTS = 1_200_000
 """Largest number of points of a sequence."""
-_DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-"""Assumed orientation without a belt: the camera looks straight down."""
 _BELT, _PRIMITIVE = "#748ffc", "#ffd43b"
 
 
@@ -45,7 +44,7 @@ def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> V
     rig, frames = _find_frames(source)
     document = {} if belt is None else _read_mapping(belt)
     belt_from_core = None if belt is None else _parse_belt_pose(belt, document)
-    up = belt_from_core or _DOWN
+    up = belt_from_core or DOWN
     budget = min(_POINTS, max(_ALL_POINTS // max(len(frames), 1), 20_000))
     clouds, total = [], 0
     for folder in frames:

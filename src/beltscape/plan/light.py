@@ -15,7 +15,9 @@ import numpy as np
 from beltscape.plan.settings import PlanSettings
 
 PLANCK_J_S = 6.62607015e-34
+"""Planck's constant (SI, exact)."""
 LIGHT_M_S = 299_792_458.0
+"""Speed of light (SI, exact)."""
 REFERENCE_SNR = 255 / 2
 """Contrast over noise at which the matching σ is set: noise of 2 of 255 grey levels."""
 REFERENCE_FLOOR_PX = 0.012

@@ -20,7 +20,9 @@ from beltscape.service.view_models.flow import CurrentFlow, FlowAverage
 from beltscape.service.view_models.picture import Picture, encode_thumbnail
 
 _RECORDS, _POINTS, _NOTES, _CAMERAS = 600, 3600, 50, 64
+"""Records, points of curves (15 minutes), messages and cameras that are kept for new pages."""
 _POINT_S = 0.25
+"""Period of the points of a curve."""
 
 
 @dataclass(frozen=True, slots=True)

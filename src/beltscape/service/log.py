@@ -11,6 +11,7 @@ from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
 
 _LOG = logging.getLogger("beltscape")
 _EVERY_S = 60.0
+"""Period of the line in the log."""
 _LEVEL = {"info": logging.INFO, "warning": logging.WARNING, "critical": logging.ERROR}
 
 

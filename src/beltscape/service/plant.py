@@ -25,6 +25,7 @@ from beltscape.service.project import ProjectSettings
 from beltscape.service.server import RunningServer, check_listening, serve
 
 _DAY_S = 86_400.0
+"""Seconds of a day."""
 _POLL_S = 0.1
 """Interval at which the stop event is checked."""
 

@@ -27,6 +27,7 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 FOCAL_SCATTER, CENTER_SCATTER, POSITION_SCATTER_MM, ROTATION_SCATTER = 0.004, 0.01, 5.0, np.deg2rad(0.7)
 """Standard deviations at a scatter of 1."""
 DISTORTION_SCATTER = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
+"""Standard deviations of k1, k2, p1, p2, k3 from lens to lens; assumed."""
 
 
 def make_station(spec: RigSpec) -> Station:

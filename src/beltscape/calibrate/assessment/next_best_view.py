@@ -22,6 +22,7 @@ from beltscape.core.rig import Rig
 Array = NDArray[np.float64]
 
 TILT_RAD = np.deg2rad(35.0)
+"""Tilt of the tried boards; below the 45° at which Zhang (2000) finds the least error, since corners foreshorten."""
 CENTERS = (-0.3, 0.0, 0.3)
 """Board centres, in widths and heights of the core camera's view."""
 DISTANCES = (0.85, 1.15)

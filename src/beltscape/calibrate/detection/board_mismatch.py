@@ -13,6 +13,7 @@ from beltscape.target.board import Board, Chessboard
 
 _FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
 _SIZES = (50, 100, 250, 1000)
+"""Numbers of markers in OpenCV's predefined dictionaries."""
 
 Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 """One (ids (n,), centres (n, 2) px) per image."""

@@ -11,7 +11,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.statistics import MAD_TO_SIGMA
 
 _STRIPS = 48
+"""Strips along the belt in which its edges are located one by one."""
 _MIN_STRIPS = 12
+"""With fewer strips that show it, an edge is not measured."""
 _WING_MM = 40.0
 """The cross-section is extrapolated by the slope of its outermost stretch of this length."""
 _BELOW_MM = 12.0
@@ -97,7 +99,7 @@ def _find_edge(
     strip = np.clip(((y - y.min()) / max(float(np.ptp(y)), 1e-9) * _STRIPS).astype(np.intp), 0, _STRIPS - 1)
     order = np.lexsort((x, strip))
     x, y, flag, strip = x[order], y[order], flag[order], strip[order]
-    transitions = []
+    transitions: list[tuple[float, float]] = []
     for first, last in zip(
         np.searchsorted(strip, range(_STRIPS)), np.searchsorted(strip, range(_STRIPS), "right"), strict=True
     ):

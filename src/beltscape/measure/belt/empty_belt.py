@@ -25,7 +25,9 @@ from beltscape.measure.belt.middle import Middle, find_continuous_nodes, find_mi
 from beltscape.measure.belt.plane import Plane, fit_plane
 
 _SAMPLE_COUNT = 60_000
+"""Approximate number of pixels to which the depth map is thinned; it bounds the time."""
 _MIN_COVERAGE = 0.05
+"""Least measured share of the image."""
 _MAX_ROUGHNESS = 0.004
 """Largest scatter of a belt about an even surface, as a share of its distance; heaped material has more."""
 

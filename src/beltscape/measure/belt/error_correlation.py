@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _BLOCK_PX = 64
+"""Side of the larger blocks; the smaller ones have half of it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from scipy import fft
 from beltscape.core.statistics import MAD_TO_SIGMA
 
 _FARTHEST_PX = 24
+"""Largest lag of the autocorrelation."""
 _VANISHED = 0.05
 """An autocorrelation below this counts as noise."""
 

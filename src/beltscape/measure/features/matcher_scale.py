@@ -9,6 +9,7 @@ from beltscape.core.camera import Camera
 MATCHER_REACH_PX = 7.0
 """Distance from a step up to which the matcher's windows mix both sides, at the reference width."""
 _WIDTH_PX = 1224
+"""Reference width of the matcher's window sizes (`stereo.multiview.frame.windows`)."""
 
 
 def compute_camera_scale(camera: Camera) -> float:

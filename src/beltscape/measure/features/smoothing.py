@@ -17,11 +17,15 @@ from beltscape.measure.features.matcher_scale import compute_width_scale
 Map = NDArray[np.float32]
 
 _LEVELS_PX = 7
+"""Radius of the matcher's window of normalised levels, here and below as in `stereo.multiview.frame.windows`."""
 _NOISE_LEVELS, _FLOOR, _MODEL = 1.2 / 255, 4.0 / 255**2, 2e-3
+"""Image noise, variance floor and model variance that the matcher finds in images of normal exposure."""
 _NARROW_PX, _FIRM_PX, _WIDE_PX = (1.5, 2.5), (4.0,), (2.5, 5.0)
+"""The matcher's windows of least squares."""
 _AROUND_PX, _MOST_PX = 7.0, 0.1
 """Parameters of the twicing: the window in which its gain is compared with noise, and the largest gain."""
 _MOST_RADIUS_PX = 15
+"""Largest radius of the matcher's windows."""
 _BLUR_PX = 0.39
 """Gaussian sigma by which the images blur the surface: 0.6 px of lens and pixel for a point of light, half of that
 for the rim of a disc. Fitted between the two to simulated spheres at 1224 and 612 px."""

@@ -24,6 +24,7 @@ from beltscape.measure.features.smoothing import Smoothing
 _CAP_DEG = 58.0
 """Largest angle of incidence: beyond it a surface is measured badly, and at the limb not at all."""
 _MIN_PIXELS = 60
+"""Least number of pixels of a sphere."""
 _MIN_DEPTH_SIGMA_MM, _MIN_RADIUS_SIGMA_MM = 0.02, 0.002
 """Lower limits of σ of a depth and of a radius."""
 _PATCH_PX = 12.0
@@ -31,10 +32,13 @@ _PATCH_PX = 12.0
 _FEW_PATCHES = 1.3
 """Factor on σ from some ten patches, which is too small by this (24 simulated spheres)."""
 _ANGLE_DEG = 10.0
+"""Width of the classes of incidence in which the scatter is computed."""
 _TOP_DEG = 20.0
+"""Angle of incidence up to which pixels belong to the top of a sphere."""
 _UNTWICED = 1.2
 """Ratio of σ to the flattening at the top, up to 1.0 with ``standard``, 1.2 to 2 with ``fast`` (612 px)."""
 _ROUNDS = 4
+"""Rounds of fit and rejection."""
 _SMOOTHED_PX = 2.3
 """Without an image the radius is not corrected; its bias of about (this)² / radius (simulated modules) enters σ."""
 _MODEL_ERROR = 0.2

@@ -23,11 +23,15 @@ _REACHES = (1, 2, 4, 8, 16, 32)
 _STEEP = 0.8
 """A descent within two cells or more is a drop if its rise over run exceeds this."""
 _OPEN_CELLS = (3, 5, 11, 25)
+"""Cells across the windows in which the share of hole cells is computed."""
 _NEAR_CELLS = (5, 9)
+"""Cells across the windows in which a cell's height is compared with its neighbours'."""
 _VIEW_CELLS = 13
 """Cells across the window in which the direction of descent is estimated."""
 _BARE_CELLS = 3.0
+"""Unit of heights over the belt, as in `features`."""
 _MOST = 4.0
+"""Ratios are clipped to this."""
 _LIMITS = (-0.5, 1.0)
 """Limits of the predicted share of the drop."""
 

@@ -25,6 +25,7 @@ _BEND_CELLS = 2
 _MOST = 4.0
 """Ratios are clipped to this."""
 _MOST_LEVERAGE = 99.0
+"""Leverage where no quadric was fitted, and its largest value."""
 _BARE_CELLS = 3.0
 """Unit of heights over the belt: a few of these separate the bare belt from a load."""
 
@@ -139,7 +140,7 @@ def _compute_line_features(
     cell_mm: float,
 ) -> list[NDArray[np.float64]]:
     """Return sixteen features of each of the five lines; neutral values where a line has only one rim."""
-    result = []
+    result: list[NDArray[np.float64]] = []
     for k, tangents in enumerate(profiles.tangents_mm().transpose(1, 0, 2)):
         line = {part.name: getattr(profiles, part.name)[k] for part in fields(profiles)}
         both = np.isfinite(line["gap_mm"])

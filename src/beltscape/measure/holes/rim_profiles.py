@@ -19,6 +19,7 @@ _OPEN = 4.0
 _SMOOTH = 0.03
 """A surface is smooth, gradually, where it deviates from a quadratic by less than this share of half the window."""
 _TINY_MM = 1e-6
+"""Added so that an exactly flat surface does not divide by zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,10 +15,15 @@ from numpy.typing import NDArray
 from beltscape.measure.lumps.raster import blur
 
 _SCALES = (1.0, 2.0, 4.0, 8.0)
+"""Gaussian σ, in cells, of the smoothing before the curvatures."""
 _AXES = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Directions (rows, columns) of chords and horizons."""
 _STEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+"""Distances, in cells, at which heights are read along a direction."""
 _CHORDS = (2, 4, 8, 16)
+"""Distances at which the middle is compared with the chord."""
 _HORIZONS = (8, 24)
+"""Distances within which rise and fall are searched."""
 FEATURE_COUNT = 3 * len(_SCALES) + 2 * len(_CHORDS) + 6 * len(_HORIZONS) + 3
 """Numbers per cell."""
 

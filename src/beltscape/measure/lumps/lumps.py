@@ -23,7 +23,8 @@ from beltscape.measure.lumps.shape import Lump, measure_shapes
 FINES = 65_535
 """Label of load that is not part of a lump."""
 _MAX_LUMPS = FINES - 1
-_DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+"""The labels are 16-bit."""
+DOWN = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """Without an empty belt the camera is assumed to point vertically down; z is upwards from the camera."""
 BIAS = (
     "Only the top layer is seen. Large lumps stand out and are cut by the frame more often; small ones slip "
@@ -89,7 +90,7 @@ def measure_lumps(depth: DepthMap, camera: Camera, settings: LumpSettings, belt:
     load = None if belt is None else _mask_above_belt(raster, belt, cell_mm)
     segmentation = segment_lumps(raster, settings.split, settings.smallest_px, allowed=load)
     lumps = measure_shapes(
-        raster, segmentation.labels, segmentation.outline, _DOWN if belt is None else belt.belt_from_core
+        raster, segmentation.labels, segmentation.outline, DOWN if belt is None else belt.belt_from_core
     )
     # a systematic error of all pixels moves a lump's edges by up to its size
     lumps = [replace(lump, sigma_mm=float(np.hypot(lump.sigma_mm, depth.systematic_mm))) for lump in lumps]

@@ -13,6 +13,7 @@ from beltscape.measure.lumps.raster import Raster
 from beltscape.measure.network import Network, load_network
 
 _ROWS = 64
+"""Rows processed at a time, which bounds the memory."""
 
 
 def predict_outlines(raster: Raster, network: Network | None = None) -> NDArray[np.float32]:

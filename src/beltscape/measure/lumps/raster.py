@@ -12,6 +12,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 
 _MIN_WEIGHT = 0.02
+"""Share of measured cells in a window from which an unmeasured cell is interpolated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,11 +17,15 @@ from beltscape.measure.lumps.rims import measure_rims
 from beltscape.measure.network import Network
 
 _OUTLINE_FLOOR = 0.03
+"""Connected cells of a lower probability form one minimum, so that noise makes no basins."""
 _RIM_CELLS = 10.0
+"""Width of the rim along an outline, within which the probability is averaged."""
 _MIN_PROBABILITY = 0.5
+"""Least mean probability of a lump along its rim."""
 _GROUND_HIDDEN, _CLEAR_PROBABILITY = 0.45, 0.65
 """Above the first hidden share a region is ground, unless the mean probability of a lump reaches the second."""
 _MIN_MEASURED = 0.4
+"""Least measured share of a lump."""
 _BURIED_HIDDEN, _MIN_SOLIDITY = 0.6, 0.85
 """Above the first hidden share a region is ground, unless it fills the second share of its convex hull."""
 _SPUR = 0.35

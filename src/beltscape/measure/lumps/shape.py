@@ -26,7 +26,9 @@ _HIDDEN = np.array([0.0, 0.12, 0.20, 0.27, 0.42, 0.60])
 fitted to simulated heaps. A fully visible lump keeps its width; the more is hidden, the larger the size becomes
 relative to the width, and the more the typical width of the frame's lumps counts."""
 _OFFSET = np.array([0.03, 0.03, 0.07, 0.15, 0.32, 0.42])
+"""Offset by hidden share."""
 _SLOPE = np.array([1.0, 1.0, 0.9, 0.8, 0.7, 0.7])
+"""Slope by hidden share."""
 _SPREAD = np.array([0.08, 0.09, 0.15, 0.25, 0.33, 0.35])
 """Standard deviation of the logarithm."""
 _BULK = 0.40
@@ -80,7 +82,7 @@ def measure_shapes(
     points = up_from_core.apply(raster.points_mm).reshape(-1, 3)
     rays = np.concatenate([raster.rays, np.ones((*labels.shape, 1))], axis=-1).reshape(-1, 3)
     rays = rays @ up_from_core.rotation.T
-    parts = []
+    parts: list[_VisiblePart] = []
     for number in range(1, count + 1):
         cells = order[ends[number] : ends[number + 1]]
         parts.append(

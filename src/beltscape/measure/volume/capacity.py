@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from beltscape.core.belt.empty_belt import Belt
 
 _STEP_MM = 0.5
+"""Step of the integration over the width."""
 
 
 def compute_capacity_mm2(belt: Belt, surcharge_rad: float) -> float:

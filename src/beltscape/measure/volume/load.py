@@ -12,7 +12,7 @@ from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.measure.holes.fill import Filled
-from beltscape.measure.reliable_pixels import reliable_mask
+from beltscape.measure.reliable_pixels import FULL_CONFIDENCE, reliable_mask
 from beltscape.measure.surface import (
     Grid,
     average_blocks,
@@ -20,9 +20,6 @@ from beltscape.measure.surface import (
     compute_height_map,
     compute_sampling,
 )
-
-_FULL_CONFIDENCE = 0.999
-"""A depth map whose confidence is this high everywhere does not rate its pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +66,7 @@ def compute_load(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Lo
         np.where(valid, noise_factor * top.noise_mm, np.nan),
         close_pinholes(valid),
         np.stack([(grid.x_mm[None] - eye[0]) / reach, (grid.y_mm[:, None] - eye[1]) / reach]),
-        bool(loaded.measured.any() and loaded.confidence[loaded.measured].min() < _FULL_CONFIDENCE),
+        bool(loaded.measured.any() and loaded.confidence[loaded.measured].min() < FULL_CONFIDENCE),
     )
 
 

@@ -10,6 +10,7 @@ Surcharge = Annotated[float, Field(ge=0, le=45)]
 """Surcharge angle in degrees, at which the load of a full moving belt rises from its sides; some 15° below the angle
 of repose."""
 SURCHARGE_DEG = 20.0
+"""A common value for bulk material on a running belt (DIN 22101)."""
 
 
 class VolumeSettings(BaseModel):

@@ -15,7 +15,7 @@ from beltscape.measure.volume.load import Load
 
 STEP_SLOPE = float(np.tan(np.deg2rad(60.0)))
 """A surface steeper than this slope is a step."""
-_EDGE_PX = 0.1
+EDGE_PX = 0.1
 """σ of the position of steps, in pixels, common to all: a matcher's bias at edges is the same at all of them."""
 _COMMON_SHARE = 0.2
 """Share of the holes' σ that is common to all holes, because one network filled them all and occluded parts are
@@ -79,7 +79,7 @@ def compute_volume_sigma(
     # the narrow gaps between neighbouring points are holes too, with a smaller σ
     narrow = load.measured & filled.hole
     holes = np.hypot(holes, _compute_hole_sigma(weight * np.where(narrow, filled.sigma_mm, 0.0), narrow))
-    edges = _EDGE_PX * cell_mm * abs(_sum_step_area_mm2(filled, weights, cell_mm, factor))
+    edges = EDGE_PX * cell_mm * abs(_sum_step_area_mm2(filled, weights, cell_mm, factor))
     drift = belt.drift_mm * abs(float(weight.sum()))
     return VolumeSigma(float(noise), belt_sigma, float(holes), float(edges), float(drift))
 

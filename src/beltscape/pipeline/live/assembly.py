@@ -41,6 +41,7 @@ from beltscape.sources.genicam.source import open_cameras
 from beltscape.sources.replay import FrameTime, ReplaySource
 
 _END_OF_TIME_NS, _PAGE = 1 << 62, 5000
+"""A time after every record, and the number of records read at once."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,9 @@ from time import monotonic
 from beltscape.core.live import Observer
 
 _REPEAT_S = 300.0
+"""A message is repeated after this time at the earliest."""
 _LARGEST_HISTORY = 500
+"""Number of messages that are remembered, which bounds the memory."""
 
 
 class DeduplicatingReporter:

@@ -23,11 +23,15 @@ from beltscape.sinks.recorder import Recorder
 from beltscape.sources.encoder.protocol import Encoder
 
 _WAIT_S = 0.2
+"""Longest wait for a frame set before the engine checks whether it must stop."""
 _SILENT_S = 1.0
 """After this time without a frame set, the belt's motion is taken from the encoder alone."""
 _SILENT_STEP_MM = 50.0
+"""Length of belt that is recorded as missing at once while no frame sets arrive."""
 _MONITOR_S = 0.5
+"""Period in which cameras, encoder and alarms are evaluated."""
 _HOUSEKEEPING_S = 60.0
+"""Period of the removal of old records."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,7 @@ from beltscape.core.live import CameraHealth
 
 _NAN = float("nan")
 _MINUTE_S = 60.0
+"""Dropped frames are counted over the last minute."""
 _STALE_S = 5.0
 """A value older than this is not current."""
 

@@ -10,6 +10,7 @@ import cv2
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
 from beltscape.core.depth import DepthMap
+from beltscape.core.finding import Finding
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.live import BeltStretch
 from beltscape.core.progress import Reporter
@@ -26,6 +27,7 @@ from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
 _FASTEST_MM_S = 20_000.0
 """No belt is faster; a reading that implies a higher speed is from an encoder that was reset."""
 _JITTER_MM = 100.0
+"""Step that any belt may make, however short the time between two readings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +51,8 @@ class Outcome:
     stretches: list[BeltStretch]
     speed_mm_s: float
     """Present speed of the belt; NaN: not known."""
+    findings: tuple[Finding, ...] = ()
+    """The findings of all checks of the frame set."""
 
 
 class MeasurementRun:
@@ -101,7 +105,8 @@ class MeasurementRun:
         entries += self._make_entries(result.records)
         stretches, self._stretches = self._stretches, []
         speed = self._chain.meter.motion.speed
-        return Outcome(result.depth, entries, stretches, float("nan") if speed is None else speed)
+        speed_mm_s = float("nan") if speed is None else speed
+        return Outcome(result.depth, entries, stretches, speed_mm_s, result.findings)
 
     def flush(self) -> Outcome:
         """Measure the frame that is matched but not measured yet: the entries are the same, but earlier."""

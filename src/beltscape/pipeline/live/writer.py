@@ -11,9 +11,11 @@ from beltscape.core.errors import BeltscapeError
 from beltscape.core.live import RecordSink
 
 _RETRY_S = 1.0
+"""Wait after a failed write."""
 _WITH_SECTION = 20_000
 """Number of waiting entries that keep their cross-sections; older ones lose theirs, which bounds the memory."""
 _BATCH = 500
+"""Entries written in one transaction."""
 
 
 class Writer:

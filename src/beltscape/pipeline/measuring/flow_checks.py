@@ -22,6 +22,7 @@ _UNITS = {0.001: "metres", 0.01: "decimetres", 0.1: "centimetres", 10.0: "tenths
           1000.0: "micrometres", 1 / 25.4: "inches"}  # fmt: skip
 """Unit of an encoder by the ratio of its steps to the material's in mm."""
 _UNIT_WITHIN = 0.1
+"""Relative deviation up to which a ratio is recognised as a unit's."""
 _NAMES = {1: "+y", -1: "-y"}
 
 

@@ -30,7 +30,7 @@ _UNMEASURED = ("not measured", QUIET)
 GAPS = Swatches([_UNMEASURED])
 NO_ERROR = Swatches([_UNMEASURED, ("no truth", NO_TRUTH)])
 """Keys of the colours for missing values."""
-_LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
+LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 """Unit vector from the surface to the light, which is above left, in camera axes."""
 _FLAT_MM = 1.0
 """Smallest depth range of the colour scale, so that the noise of a flat surface does not fill it."""
@@ -175,7 +175,7 @@ def _shade(image: Rgb, depth_mm: NDArray[np.float32]) -> Rgb:
     p, q = np.zeros_like(depth_mm), np.zeros_like(depth_mm)
     p[:, :-1], q[:-1] = np.diff(depth_mm, axis=1), np.diff(depth_mm, axis=0)
     p, q = (np.nan_to_num(np.clip(slope / footprint, -3, 3)) for slope in (p, q))
-    lit = (_LIGHT[0] * p + _LIGHT[1] * q - _LIGHT[2]) / np.sqrt(1 + p * p + q * q) / -_LIGHT[2]
+    lit = (LIGHT[0] * p + LIGHT[1] * q - LIGHT[2]) / np.sqrt(1 + p * p + q * q) / -LIGHT[2]
     shade = np.clip(lit, 0.35, 1.25).astype(np.float32)
     return np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
 

@@ -11,6 +11,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image, to_grey
 from beltscape.measure.lumps.lumps import FINES, Lumps
 from beltscape.measure.lumps.shape import Lump
+from beltscape.report.drawing.depth_picture import LIGHT
 from beltscape.report.drawing.legend import HEIGHT, Color, Rgb, Scale, Swatches
 from beltscape.report.drawing.pictures import Mark, Panel, quantile_range, to_rgb
 
@@ -23,7 +24,6 @@ _PALE, _PALE_TO = 0.45, 235
 """Share of its colour that a partly visible lump keeps, and the grey of the rest."""
 _LARGEST = 12
 """Smallest number of numbered lumps in the table; all oversize lumps are added."""
-_LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 
 
 def largest_lumps(lumps: Lumps) -> list[Lump]:
@@ -138,7 +138,7 @@ def _relief(depth: DepthMap) -> NDArray[np.float64]:
     down, right = np.gradient(z.astype(np.float64))
     normal = np.stack([right / pixel, down / pixel, -np.ones_like(down)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    brighter = np.clip(normal @ _LIGHT, 0, None) + _LIGHT[2]
+    brighter = np.clip(normal @ LIGHT, 0, None) + LIGHT[2]
     return np.clip(1.0 + 0.7 * np.where(measured, brighter, 0.0), 0.3, 1.2)
 
 

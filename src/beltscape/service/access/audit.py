@@ -13,6 +13,7 @@ from typing import Any
 
 FILE = "audit.jsonl"
 _MAX_VALUE_LENGTH = 300
+"""Longer values are cut, so that no request can fill the log."""
 
 
 class Audit:

@@ -26,6 +26,7 @@ from beltscape.service.api.common import (
 from beltscape.sinks.historian import DaySum, Event, Historian, Series
 
 MS_NS = 1_000_000
+"""Nanoseconds of a millisecond."""
 Viewer = Annotated[User, Depends(require_role("viewer"))]
 RecordNumber = Annotated[int, Query(ge=0, le=2**53, description="Number of an entry of the ledger")]
 

@@ -18,6 +18,7 @@ FILLED = 0x8000
 UNKNOWN = 0xFFFF
 """Count of cells without a height."""
 _MOST_COLUMNS = 256
+"""Columns of the picture of the belt; a screen shows no more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,11 @@ from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 
 Trend = Literal["rising", "falling", "steady", "unknown"]
 _TREND_S = 60.0
+"""Time over which the flow is compared with the flow before."""
 _TREND_SHARE = 0.04
+"""Relative change from which a trend is shown."""
 _STOPPED_MM_S = 1.0
+"""At a lower speed the belt counts as stopped."""
 
 
 @dataclass(frozen=True, slots=True)

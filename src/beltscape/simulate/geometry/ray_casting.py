@@ -25,7 +25,9 @@ _OFFSET_MM = 0.005
 _EDGE_TOLERANCE = 1e-9
 """Tolerance of the barycentric coordinates, so that no ray passes between two adjacent triangles."""
 _BLOCK = 1 << 18
+"""Rays traced at once, which bounds the memory."""
 _PASSES = 4
+"""Surfaces of one label that a ray may pass."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +132,9 @@ class RayScene:
         distance[rays[is_nearer]], face[rays[is_nearer]] = nearer[is_nearer], second[other][is_nearer]
         for i in np.flatnonzero(~inside):
             ray = hit[i]
-            step_near, face[ray] = self._intersect_near(points[i], hit_directions[i], (face[ray], second[i]))
+            step_near, face[ray] = self._intersect_near(
+                points[i], hit_directions[i], (int(face[ray]), int(second[i]))
+            )
             distance[ray] = embree_distance[ray] + step_near
         missed = hit[~np.isfinite(distance[hit])]
         if missed.size and passes:

@@ -17,6 +17,7 @@ from beltscape.core.camera import Camera
 from beltscape.simulate.rendering.pinhole import Pinhole, make_pinholes
 
 _NODE_PX = 8.0
+"""Spacing of the nodes between which the distortion is interpolated."""
 _BAND_ROWS = 128  # rows of pixels integrated at once, which bounds the memory
 
 
@@ -67,7 +68,7 @@ class Lens:
         """Return the light on the camera's pixels, (H, W, 3) float32, from the pinholes' pictures (h, w, 3)."""
         import cv2
 
-        bands = []
+        bands: list[NDArray[np.float32]] = []
         for first, x, y in self._ideal_bands():
             light = np.zeros((*x.shape, 3), np.float32)
             for pinhole, picture in zip(pinholes, pictures, strict=True):
@@ -118,7 +119,7 @@ class Lens:
         height, width = (size // n - 2 * self._margin for size in light.shape[:2])
         image = blurred[at : at + height * n : n, at : at + width * n : n]
         if self.optics.falloff > 0:
-            pixels = np.stack(np.meshgrid(np.arange(width), first + np.arange(height)), axis=-1)
+            pixels = np.stack(np.meshgrid(np.arange(int(width)), first + np.arange(int(height))), axis=-1)
             cosine = (1 + (self.camera.undistort(pixels) ** 2).sum(axis=-1, keepdims=True)) ** -0.5
             image = image * (cosine**self.optics.falloff).astype(np.float32)
         return np.ascontiguousarray(image, np.float32)
@@ -132,7 +133,7 @@ def _kernel(sigma_px: float, n: int) -> NDArray[np.float64]:
     """
     from scipy.special import ndtr
 
-    sigma = max(np.sqrt(max(sigma_px**2 - 1 / 6 / n**2, 0.0)), 1e-4)
+    sigma = max(float(np.sqrt(max(sigma_px**2 - 1 / 6 / n**2, 0.0))), 1e-4)
     half = int(np.ceil((0.5 + 4 * sigma_px) * n))
     length = 2 * half + n % 2
     offsets = (np.arange(length) - (length - 1) / 2) / n

@@ -14,7 +14,9 @@ from beltscape.simulate.geometry.world import Label, Solid
 Millimetres = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
 Reflectance = Annotated[float, Field(ge=0, le=1)]
 _ARC_STEP = np.deg2rad(1.0)
+"""Angle of a facet of a fold."""
 _SAG_STEP_MM = 20.0
+"""Length of a facet of a sagging belt."""
 
 
 class BeltSettings(BaseModel):
@@ -66,7 +68,7 @@ class BeltSettings(BaseModel):
         cut = min(self.fold_radius_mm * np.tan(angle / 2), room)
         if cut > 0:
             radius = cut / np.tan(angle / 2)
-            angles = np.linspace(0, angle, int(np.ceil(angle / _ARC_STEP)) + 1)
+            angles = np.linspace(0, float(angle), int(np.ceil(angle / _ARC_STEP)) + 1)
             fold = np.column_stack([half - cut + radius * np.sin(angles), radius * (1 - np.cos(angles))])
             shortening = 2 * cut - radius * angle  # the arc is shorter than the sharp corner
         else:
@@ -84,26 +86,26 @@ class BeltSettings(BaseModel):
     def height_at(self, x_mm: ArrayLike, y_mm: ArrayLike = 0.0) -> NDArray[np.float64]:
         """Return the height of the upper side at x, y (broadcast), mm, equal to the mesh's; NaN beside the belt."""
         x, y = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(y_mm, float))
-        section, along = self.section_mm, self._along_mm
+        section, along = self.section_mm, self.along_mm
         z = np.interp(x, section[:, 0], section[:, 1], left=np.nan, right=np.nan)
-        return z - np.interp(y, along, self._sag(along), left=np.nan, right=np.nan)
+        return z - np.interp(y, along, self.sag_at(along), left=np.nan, right=np.nan)
 
     @property
-    def _along_mm(self) -> NDArray[np.float64]:
+    def along_mm(self) -> NDArray[np.float64]:
         """Return (N,) y of the mesh's cross-sections."""
         half = self.length_mm / 2
         if self.sag_mm == 0:
             return np.array([-half, half])
         return np.linspace(-half, half, int(np.ceil(self.length_mm / _SAG_STEP_MM)) + 1)
 
-    def _sag(self, y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sag_at(self, y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the depth of the sag at y: smooth, 0 at the idlers."""
         return self.sag_mm * np.sin(np.pi * y_mm / self.idler_pitch_mm) ** 2
 
 
 def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
     """Return the belt, a closed slab with the upper side `BeltSettings.height_at`, and the floor, a rectangle."""
-    top, along = settings.section_mm, settings._along_mm
+    top, along = settings.section_mm, settings.along_mm
     step = np.gradient(top, axis=0)
     down = np.column_stack([step[:, 1], -step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
     down[[0, -1]] = [
@@ -112,11 +114,15 @@ def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
     ]  # cut vertically: the edge is invisible from above
     mesh = extrude(np.concatenate([top, (top + settings.thickness_mm * down)[::-1]]), along)
     sections = np.arange(len(mesh.vertices_mm)) // (2 * len(top))
-    vertices = mesh.vertices_mm - np.outer(settings._sag(along)[sections], [0, 0, 1])
-    belt = Solid("belt", Label.BELT, vertices, mesh.faces, (settings.reflectance,) * 3)
+    vertices = mesh.vertices_mm - np.outer(settings.sag_at(along)[sections], [0, 0, 1])
+    belt = Solid("belt", Label.BELT, vertices, mesh.faces, _grey(settings.reflectance))
     reach = np.array([-3.0, 3.0]) * max(settings.width_mm, settings.length_mm)
     floor_mesh = triangulate_height_field(reach, reach, np.full((2, 2), -settings.floor_mm))
     floor = Solid(
-        "floor", Label.FLOOR, floor_mesh.vertices_mm, floor_mesh.faces, (settings.floor_reflectance,) * 3
+        "floor", Label.FLOOR, floor_mesh.vertices_mm, floor_mesh.faces, _grey(settings.floor_reflectance)
     )
     return belt, floor
+
+
+def _grey(reflectance: float) -> tuple[float, float, float]:
+    return reflectance, reflectance, reflectance

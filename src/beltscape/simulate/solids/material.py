@@ -12,9 +12,11 @@ from beltscape.simulate.geometry.shapes import Mesh, join_meshes
 from beltscape.simulate.geometry.world import Label, Solid
 
 _TILES = 8
+"""Tiles of the texture in each direction; see `_TILE_PX`."""
 _TILE_PX = 128
 """A rock's texture is one of 8 × 8 tiles, each of one shade; a texel is a millimetre (more for very large rocks)."""
 _BORDER_PX = 2
+"""Border of a tile that no rock uses, so that interpolation mixes no tiles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +29,7 @@ class ReflectanceModel:
     mottle: float
     """Relative standard deviation over a rock's faces."""
 
-    def scale_factors(self, normal: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
+    def scale_factors(self, normal: NDArray[np.floating], spread: float) -> NDArray[np.float64]:
         """Return log-normal factors of mean 1 and this relative standard deviation from standard normal numbers."""
         sigma = np.sqrt(np.log1p(spread**2))
         return np.exp(sigma * normal - sigma**2 / 2)

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Millimetres = Annotated[float, Field(gt=0, le=1e4, allow_inf_nan=False)]
 _STEPS = 4000
+"""Steps of the integration over the sizes."""
 
 
 class SizeSettings(BaseModel):

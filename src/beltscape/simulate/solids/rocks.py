@@ -13,7 +13,9 @@ from beltscape.core.pose import Pose
 from beltscape.simulate.geometry.shapes import Mesh, subdivide
 
 _CORNERS = (13, 26)
+"""Least number of corners of a rock, and one more than the largest."""
 _WAVES = 12
+"""Cosine waves whose sum is the roughness."""
 _FINE_MM = 25.0
 """Size from which the faces of a rock are subdivided once more, so that the roughness keeps its grain."""
 

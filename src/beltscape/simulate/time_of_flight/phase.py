@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LIGHT_MM_S = 299_792_458_000.0
+"""Speed of light (SI, exact)."""
 
 
 def unambiguous_range_mm(frequency_hz: float) -> float:
@@ -43,11 +44,12 @@ def combine_phases(phases: Array, sigma_mm: Array, frequencies_hz: Sequence[floa
     ranges = np.array([unambiguous_range_mm(f) for f in frequencies_hz])
     distances = np.mod(phases, 2 * np.pi) / (2 * np.pi) * ranges[:, None, None]
     base = int(np.argmin(ranges))
-    best, best_cost = distances[base], np.full(distances.shape[1:], np.inf)
+    best: Array = distances[base]
+    best_cost: Array = np.full(distances.shape[1:], np.inf)
     for wrap in range(round(common_range_mm(frequencies_hz) / ranges[base])):
-        candidate = distances[base] + wrap * ranges[base]
+        candidate: Array = distances[base] + wrap * ranges[base]
         difference = _wrap(distances - candidate, ranges)
-        cost = (difference**2 / (sigma_mm**2 + sigma_mm[base] ** 2)).sum(axis=0)
+        cost: Array = (difference**2 / (sigma_mm**2 + sigma_mm[base] ** 2)).sum(axis=0)
         best, best_cost = np.where(cost < best_cost, candidate, best), np.minimum(cost, best_cost)
     weight = 1 / sigma_mm**2
     shift = (weight * _wrap(distances - best, ranges)).sum(axis=0) / weight.sum(axis=0)

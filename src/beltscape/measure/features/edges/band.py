@@ -22,6 +22,7 @@ _NEXT_PX = (1.0, 3.5)
 _MIXED_PX = 1.0
 """Pixels this near to another part are mixed."""
 _NEARER_MM = 1.0
+"""A part nearer to the camera by more than this occludes the edge."""
 _SIDE_SHARE = 0.15
 """With a larger share of the solid's own side beyond an edge, the edge is a crease."""
 

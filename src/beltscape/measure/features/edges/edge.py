@@ -14,6 +14,7 @@ from beltscape.measure.features.edges.rim import RIM_SIGMA_PX, locate_rim_px
 SYSTEMATIC_PX = 0.11
 """Systematic σ of an edge in one image, due to shading beside it and the shape of the blur (simulated modules)."""
 _BLOCKS = 8
+"""Blocks along an edge, which the jackknife leaves out one by one."""
 _BEND = 3
 """Number of offset steps over which a curve's second difference is taken."""
 _NUISANCE_PX = 0.3

@@ -15,6 +15,7 @@ BLUR_PX = 0.75
 OFFSETS_PX = np.arange(-2.5, 2.51, 0.1)
 """(O,) candidate offsets of the edge."""
 _MARGIN_PX = 1.0
+"""Additional range for the displacement of the edge along its length."""
 _WINDOW_PX = 2.6
 """Half of the window in which a piece is evaluated; it moves with the offset, so that no offset is favoured."""
 _STEP_WEIGHT, _QUANTILE_WEIGHT = 0.1, 0.1
@@ -22,7 +23,9 @@ _STEP_WEIGHT, _QUANTILE_WEIGHT = 0.1, 0.1
 _SLOPE = 0.3
 """Prior σ of the brightness's slope per px beside the edge, as a share of its spread over its noise."""
 _LEVELS = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Quantiles of the brightness that are compared between both sides."""
 _CLEAR_PX = (1.3, 2.8)
+"""Distance from the edge at which a side is neither blurred with the other nor another surface."""
 _PIECE_PX = 60.0
 """Length of the stretches along the edge for which brightness quantiles are computed."""
 

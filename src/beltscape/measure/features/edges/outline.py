@@ -21,7 +21,9 @@ from beltscape.measure.features.pose.nominal import NominalView
 from beltscape.measure.features.result import EdgeLine
 
 _TILTS_PX = np.linspace(-0.6, 0.6, 7)[:, None]
+"""Displacements of the end of a line that are tried."""
 _SHIFTS_PX = np.stack(np.meshgrid(*[np.linspace(-0.6, 0.6, 7)] * 2), axis=-1).reshape(-1, 2)
+"""Shifts of a circle that are tried, in columns and rows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

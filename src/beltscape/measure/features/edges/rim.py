@@ -13,11 +13,15 @@ depends on the surfaces: a base as dark as the belt has −1.0 px."""
 RIM_SIGMA_PX = 0.9
 """Standard deviation of this bias over edges and presets (largest deviation: 1.75 px)."""
 _TALL_MM = 20.0
+"""Height of an edge over what lies beside it from which it is the outline of something tall."""
 _ON_MM = 0.35
+"""Pixels within this distance of the fitted face belong to it."""
 _MIN_PIXELS = 30
 """Least number of pixels on either side of a rim."""
 _SEARCH_PX = 8.0
+"""Half of the range that is searched; the rim lies within the matcher's reach."""
 _STEP_PX = 0.1
+"""Step of the search; far below σ of the rim."""
 
 
 def locate_rim_px(band: Band) -> float | None:

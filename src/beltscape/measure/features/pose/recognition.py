@@ -17,6 +17,7 @@ from beltscape.measure.features.pose.solids import build_solids
 from beltscape.target.module import Module
 
 _PLANES = 8
+"""Largest planes of the depth map that are tried as the base."""
 _COARSE = 40
 """Cells along the base's diagonal, and rotations per half turn, in the search over all planes."""
 _FINE = 80

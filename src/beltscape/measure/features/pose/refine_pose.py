@@ -14,6 +14,7 @@ from beltscape.target.module import Module
 _SCALES_MM = (8.0, 8.0, 4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5)
 """Scale of the robust weights in each iteration."""
 _POINTS = 15_000
+"""Approximate number of points in the fit; it bounds the time."""
 _STEP = 1e-4
 """Step of the numerical derivatives: mm, and radians over the module's size in mm."""
 

@@ -16,6 +16,7 @@ from beltscape.measure.flow.fusion.layer import Layer
 from beltscape.measure.surface import close_pinholes
 
 _OUTLIER = 4.0
+"""A value farther than this many σ, beyond the tolerance, from the median is excluded."""
 _RANK = 0.65
 """Rank of the weighted median: slightly above a half, because of two surfaces at one position the upper is the top,
 and each frame loses half a pixel of its rim."""

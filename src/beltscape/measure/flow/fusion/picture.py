@@ -10,7 +10,9 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 from beltscape.measure.flow.fusion.rows import BeltPiece
 
 _CELL_MM = 4.0
+"""Cell of the picture."""
 _LONGEST_ROWS = 50_000
+"""Rows kept for the picture, 200 m of belt; older ones are dropped, which bounds the memory."""
 
 
 class BeltPicture:

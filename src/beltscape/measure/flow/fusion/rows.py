@@ -15,14 +15,12 @@ from beltscape.measure.flow.fusion.fuse import FusedRows
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes.fill import Filled, fill_holes
 from beltscape.measure.surface import close_pinholes
-from beltscape.measure.volume.uncertainty import STEP_SLOPE
+from beltscape.measure.volume.uncertainty import EDGE_PX, STEP_SLOPE
 
 _MIN_SHARE = 0.02
 """A row with a smaller measured share counts as not in view."""
 _MIN_RIM_SHARE = 0.5
 """The limit beside a gap, where only low surfaces are in view."""
-_EDGE_PX = 0.1
-"""Common σ of the position of steps, as in one frame."""
 _LOWER_SIGMA = 0.8
 """Cells that none of many frames measured lie lower, by this many σ, than cells that one frame does not measure, on
 which the networks were trained: by 0.6, 0.7 and 1.1 on three simulated heaps."""
@@ -218,7 +216,7 @@ class RowFiller:
             share=measured[own].mean(axis=1),
             single_share=single[own],
             apart_mm5=apart[own] + holes,
-            edges_mm2=_EDGE_PX * cell * np.asarray(steps)[own],
+            edges_mm2=EDGE_PX * cell * np.asarray(steps)[own],
             holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
         )
 

@@ -11,9 +11,11 @@ from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 
 Source = Literal["start", "material", "encoder", "speed"]
 _ENCODER_JITTER_MM = 0.2
+"""σ of a step due to the resolution of an encoder and the play of its wheel; assumed."""
 _SPEED_CHANGE = 0.05
 """One standard deviation of a belt's speed after a second without observations, as a share of it."""
 _SPEED_KNOWN = 0.01
+"""σ of the speed at its last observation, as a share of it; assumed."""
 MAX_DISAGREEMENT = 0.25
 """Largest relative difference between encoder and material at which they count as consistent."""
 

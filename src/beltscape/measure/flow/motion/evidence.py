@@ -15,6 +15,7 @@ LEAST_MM = 2.0
 LEAST_PAIRS = 3
 """Least number of frame pairs for a contradiction: one wrong registration must not reject an encoder."""
 _SIGMAS = 4.0
+"""A motion counts if it exceeds this many σ of its registration."""
 _REMEMBERED = 64
 """Number of latest pairs whose ratios are kept for the median."""
 

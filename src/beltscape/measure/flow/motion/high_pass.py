@@ -13,7 +13,9 @@ _SMOOTH_MM = 20.0
 _LEAST_MM = 3.0
 """Lower loads are excluded: errors of the empty belt stand still and would bias the registration to no motion."""
 _LEAST_SHARE = 0.005
+"""With a smaller share of loaded cells there is nothing to register."""
 _TALLEST = 4.0
+"""Heights are clipped to this multiple of their spread, so that single rocks do not dominate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

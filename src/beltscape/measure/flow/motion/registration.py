@@ -18,6 +18,7 @@ from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 
 _LEAST_SCORE = 0.45
+"""Least correlation of the best shift."""
 _CLEAR_MARGIN = 0.15
 """Margin by which the best correlation must exceed that of any other shift."""
 _NEXT_MM = 25.0
@@ -25,11 +26,17 @@ _NEXT_MM = 25.0
 _BLOCK_MM = 30.0
 """Errors of different blocks of this size count as independent."""
 _ROUNDS = 8
+"""Iterations of the subcell fit at most."""
 _SETTLED_CELLS = 1e-4
+"""The fit has converged if the shift changes by less."""
 _WORST_CONDITION = 1e12
+"""Above this condition number the heights do not determine the shift."""
 _LEAST_CELLS = 100
+"""Least number of cells in both frames."""
 _FARTHEST_CELLS = 3.0
+"""A fit that moves farther than this from the best whole shift has diverged."""
 _LEAST_SIGMA_CELLS = 0.01
+"""Lower limit of σ: the interpolation between cells."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from beltscape.measure.flow.fusion.rows import Rows
 
 _HISTORY_MM = 5000.0
+"""Length of belt whose cross-sections are kept for bridging gaps."""
 _RIM_MM = 30.0
 """Length beside a gap over which the cross-section at its end is averaged."""
 
@@ -35,6 +36,11 @@ class Stretch:
     """σ of the errors common to all edges."""
     holes_mm3: float
     """σ of the errors common to all holes."""
+
+
+def make_unmeasured_stretch(length_mm: float) -> Stretch:
+    """Return a stretch on which nothing was measured."""
+    return Stretch(length_mm, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from sqlite3 import Connection
+from typing import Any
 
 from beltscape.core.errors import InputError
 from beltscape.service.access.identity.database import Database
@@ -18,6 +20,7 @@ from beltscape.service.access.identity.passwords import (
 from beltscape.service.access.identity.roles import ANONYMOUS, ROLES, Role, User
 
 MAX_NAME_LENGTH = 32
+"""As for user names on Linux."""
 _FIND = "SELECT name, role FROM users WHERE name = ?"
 
 
@@ -146,7 +149,7 @@ def _get_user(connection: Connection, name: str) -> User:
     return _single_user(connection.execute(_FIND, (normalise_name(name),)).fetchall(), name)
 
 
-def _single_user(rows: list[tuple], name: str) -> User:
+def _single_user(rows: Sequence[tuple[Any, ...]], name: str) -> User:
     if not rows:
         raise InputError(f"user {name[:MAX_NAME_LENGTH]!r}: there is none; see the list of users")
     return User(*rows[0])

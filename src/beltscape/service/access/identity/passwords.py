@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from beltscape.core.errors import InputError
 
 MIN_LENGTH = 10
+"""NIST SP 800-63B requires 8 characters at least."""
 MAX_LENGTH = 200
+"""NIST SP 800-63B: at least 64 must be allowed; a limit bounds the time of the hash."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,9 @@ MAX_PER_USER = 32
 IN_MEMORY_LIFE_S = 3600
 """Life of a session that could not be written to disk."""
 _TOUCH_S = 60
+"""The last use of a session is stored at most this often."""
 _CLOCK_BACK_S = 300
+"""Correction of the clock up to which sessions created "in the future" stay valid."""
 
 
 class Sessions:

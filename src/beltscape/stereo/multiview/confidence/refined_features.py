@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.candidates import PhotoConsistency
+from beltscape.kernels.selection.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.frame.windows import scaled_window
@@ -22,6 +22,7 @@ Array = NDArray[np.floating]
 _MOST_OFFSET_PX = 10.0
 """Limit of a pixel's distance from the reliable pixels' planes."""
 _LEAST_WEIGHT = 1e-4
+"""Least sum of weights, against division by zero."""
 _STEEPEST = 1.5
 """Limit of the slopes of the reliable pixels' planes."""
 PHOTOMETRIC_LIMIT = 3.5

@@ -20,11 +20,13 @@ from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresRe
 Array = NDArray[np.floating]
 
 _NEAR_PX, _WIDE_PX = (5, 15), (41, 101)
+"""Sides of the windows, at scale 1, of a pixel itself and of its surroundings."""
 _STEP_PX = 5
 """Window around a depth step that is left out."""
 _TILE_PX = 4
 """Side of the tiles that are averaged before the wide windows."""
 _LEAST_SHARE, _LEAST = 1e-3, 0.01
+"""Least share of measured pixels, and the offset before the logarithm, against division by and logarithm of zero."""
 
 
 def roughness_features(

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
 from beltscape.stereo.multiview.frame.nan import fill_nan
@@ -36,8 +37,6 @@ _GROUPS = (0.0, 0.35, 0.7, 0.9, 1.0)
 """Quantiles of the information that bound the groups of tiles: bright material is less noisy than a dark belt."""
 _LEAST_TILES = 60
 """Tiles below which a group has no estimate."""
-_MEDIAN = 0.4549
-"""Median of χ² with one degree of freedom."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,5 +125,5 @@ def _estimate_groups(log_information: Array, squares: Array) -> Inflation:
         group = (log_information >= low) & (log_information <= high)
         if group.sum() >= _LEAST_TILES:
             centres.append(float(np.median(log_information[group])))
-            ratios.append(float(np.median(squares[group])) / _MEDIAN)
-    return Inflation(np.array(centres), np.array(ratios), float(np.median(squares)) / _MEDIAN)
+            ratios.append(float(np.median(squares[group])) / CHI2_MEDIAN)
+    return Inflation(np.array(centres), np.array(ratios), float(np.median(squares)) / CHI2_MEDIAN)

@@ -27,6 +27,7 @@ _CHANCE = 2.0
 _PIXELS = 80_000
 """Size of the band of rows that is examined."""
 _CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
+"""Second difference over the four neighbours; it is smaller where a value was interpolated."""
 
 
 def are_demosaiced(levels: Iterable[NDArray[np.float32]]) -> bool:

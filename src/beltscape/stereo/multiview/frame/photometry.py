@@ -15,14 +15,17 @@ WINDOW_PX = 7
 _FULL = 255.0
 """Levels are given in 8-bit counts for images of any bit depth."""
 _QUANTISATION = 1.0 / np.sqrt(12.0)
+"""σ of rounding to whole levels."""
 _GAIN = (0.5, 2.0)
 """Range of the gain by which a camera's levels are multiplied."""
 _QUIET = 20.0
 """Percentile of the blocks that represents the image's parts of least texture."""
 _BLOCK_PX = 16
+"""Side of the blocks in which the noise is estimated."""
 _BRIGHTEST = 8.0
 """Largest ratio of the noise variance of a bright region to that of the quietest blocks."""
 _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+"""Difference of two Laplacians, blind to planes of brightness (Immerkær 1996)."""
 
 
 def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDArray[np.float32]]:

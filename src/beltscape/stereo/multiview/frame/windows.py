@@ -14,9 +14,11 @@ _WIDTH_PX = 1224
 _SCALE = (0.5, 1.8)
 """Range of the scale; MOST_PX limits the largest windows."""
 _NARROW_PX, _FIRM_PX, _WIDE_PX = (1.5, 2.5), (4.0,), (2.5, 5.0)
+"""Gaussian σ of the windows of least squares at scale 1: first iterations, textureless regions, last iterations."""
 _RADIUS = 2.0
 """Radius of a window in sigmas of its Gaussian."""
 _LEVELS_PX = 7
+"""Radius of the window in which levels are normalised, at scale 1."""
 MOST_PX = 15
 """Largest radius that the kernels accept."""
 

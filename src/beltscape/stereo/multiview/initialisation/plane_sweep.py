@@ -13,6 +13,7 @@ from beltscape.stereo.multiview.frame.inverse_depth import crop_projection, pack
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 """Penalties of the aggregation for a jump by one plane and by more."""
 _LEAST_PLANES = 4
+"""The least that the kernel of the aggregation accepts."""
 
 Block = tuple[slice, slice]
 """Rows and columns of a grid."""

@@ -13,6 +13,7 @@ from beltscape.stereo.multiview.optimisation.least_squares import form_normal_eq
 _LEAST_MARGIN = 0.1
 """Margin of the aggregated dissimilarity from which on a plane is reliable."""
 _WINDOW_PX = 3
+"""Radius of the window in which a match is examined, px of the small images."""
 _MISFIT_VARIANCE = 0.2
 """Model variance of normalised levels for a surface that lies between two planes."""
 _PATCH_PX, _PATCH_STEP = 60, 3

@@ -13,6 +13,7 @@ _WINDOW_PX = 48
 _LEAST_SHARE = 0.5
 """Share of unmeasured pixels in the window above which a pixel is swept; propagation fills smaller gaps."""
 _MARGIN_PX = 32
+"""Least side of the tiles of which swept blocks consist."""
 _MOST_AREA = 0.8
 """Share of the grid's area above which everything is swept at once."""
 

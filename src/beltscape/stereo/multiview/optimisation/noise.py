@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
 from beltscape.stereo.multiview.frame.nan import fill_nan
@@ -25,8 +26,6 @@ Array = NDArray[np.floating]
 
 _BANDS, _ROWS = 4, 64
 """Number of bands that are examined, and of rows in each."""
-_MEDIAN = 0.4549
-"""Median of χ² with one degree of freedom; outliers do not affect it."""
 _SCALE = (1 / 16, 64.0)
 """Range of the factor, since the surface may be wrong."""
 
@@ -40,7 +39,7 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     ratios = np.concatenate(residuals)
     if not ratios.size:
         return noise
-    scale = float(np.clip(np.median(ratios) / _MEDIAN, *_SCALE))
+    scale = float(np.clip(np.median(ratios) / CHI2_MEDIAN, *_SCALE))
     return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
 
 

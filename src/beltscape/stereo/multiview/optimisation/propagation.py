@@ -14,6 +14,7 @@ from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
+"""Directions (columns, rows) from which candidates come."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

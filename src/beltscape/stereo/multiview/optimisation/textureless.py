@@ -26,16 +26,21 @@ _BRIGHT = 0.15, 99.0
 _RIM_PX = 3
 """Width of a disc's blurred edge."""
 _RING_PX = 10
+"""Width of the ring around a disc to which the quadratic is fitted, at scale 1."""
 _LARGEST_PX = 80
 """Largest extent of a disc at scale 1."""
 _SMOOTH_PX = 0.08
 """Largest robust deviation of the ring from its quadratic."""
 _LEAST_INFORMATION = 0.25
+"""See `_QUANTILE`."""
 _QUANTILE = 0.33
 """A region has texture where this quantile of its information exceeds `_LEAST_INFORMATION` times the outer median."""
 _LEAST_RING = 60
+"""Least number of pixels of a ring; a quadratic has six coefficients."""
 _ROUNDS = 6
+"""Iterations of the robust fit at most."""
 _SETTLED_PX = 1e-3
+"""The fit has converged if no coefficient changes by more."""
 _RIDGE = 1e-9
 """Regularisation of the fit's moments, so that a ring cut to a line still has a quadratic."""
 

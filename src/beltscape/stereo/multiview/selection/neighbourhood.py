@@ -26,6 +26,7 @@ _DARK = 8.0
 _MOST_OFFSET_PX = 3.0
 """Limit of a neighbour's distance from a plane."""
 _CENTRE = np.zeros((1, 2), int)
+"""The pixel itself, without an offset."""
 
 
 @cache

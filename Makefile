@@ -3,7 +3,8 @@
 .PHONY: help install dev system demo test quick sanitize check format bench docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
-NATIVE := CMakeLists.txt pyproject.toml $(wildcard native/*)
+SOURCES := $(wildcard native/*.* native/*/*)
+NATIVE := CMakeLists.txt pyproject.toml $(SOURCES)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 help: ## this list
@@ -57,14 +58,14 @@ sanitize: dev ## the tests of the kernels under the address and undefined-behavi
 check: dev ## format, lint, types, import floors
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/clang-format --dry-run --Werror native/*
+	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
 	$(BIN)/basedpyright
 	$(BIN)/lint-imports
 
 format: dev ## put Python and C++ into shape
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
-	$(BIN)/clang-format -i native/*
+	$(BIN)/clang-format -i $(SOURCES)
 
 bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, and the manual's tables of it
 	$(BIN)/python benchmarks/run.py

@@ -1,28 +1,28 @@
 // Every header that CUDA shares with the CPU, made into device code with F = float (or double). Nothing runs
 // it: tests/kernels/test_cuda_compile.py compiles it with NVRTC, which needs no GPU. A new shared header adds
 // its include and one kernel here.
-#include "agreement.hpp"
-#include "candidate_surfaces.hpp"
-#include "candidates.hpp"
-#include "gathering.hpp"
-#include "local_fit.hpp"
-#include "message_passing.hpp"
-#include "network.hpp"
-#include "normal_equations.hpp"
-#include "photo_consistency.hpp"
-#include "prefilter.hpp"
-#include "select.hpp"
+#include "geometry/triangulate.hpp"
+#include "geometry/visibility.hpp"
+#include "images/gathering.hpp"
+#include "images/prefilter.hpp"
+#include "images/warp.hpp"
+#include "least_squares/local_fit.hpp"
+#include "least_squares/normal_equations.hpp"
+#include "networks/message_passing.hpp"
+#include "networks/network.hpp"
+#include "selection/candidate_list.hpp"
+#include "selection/candidate_surfaces.hpp"
+#include "selection/multiview_cost.hpp"
+#include "selection/photo_consistency.hpp"
+#include "selection/semi_global.hpp"
 #include "simd.hpp"
-#include "sweep.hpp"
-#include "triangulate.hpp"
-#include "visibility.hpp"
-#include "warp.hpp"
+#include "sweep/plane_sweep.hpp"
 
 namespace beltscape {
 
-__global__ void check_triangulate(TriangulateInput in, double* out) {
+__global__ void check_triangulate(TriangulationInput in, double* out) {
     const size_t point = blockIdx.x * blockDim.x + threadIdx.x;
-    if (point < in.points) triangulate_lanes<double>(in, point, 1, out);
+    if (point < in.points()) triangulate_lanes<double>(in, point, 1, out);
 }
 
 template <class F>
@@ -139,7 +139,7 @@ __global__ void check_perceptron(Network net, const float* const* planes, float*
 
 // A thread takes a pixel.
 __global__ void check_message_passing(Network net, Messages messages, float* const* out) {
-    pass_messages<float>(net, messages, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+    pass_messages_lanes<float>(net, messages, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
 }
 
 __global__ void check_neighbours(const float* plane, int width, int height, const float* u, const float* v,
@@ -149,11 +149,11 @@ __global__ void check_neighbours(const float* plane, int width, int height, cons
 }
 
 // A thread takes a pixel: all its candidates, then how like the images each is.
-__global__ void check_candidates(CandidateSearch search, PhotoConsistencyInput in, Planes at,
+__global__ void check_candidates(CandidateSearch search, PhotoConsistencyProblem in, Planes at,
                                  CandidateRows candidates, float* out) {
     const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;
     find_candidates(search, static_cast<int>(at.u[pixel]), static_cast<int>(at.v[pixel]), candidates, pixel);
-    photo_consistency<float>(
+    photo_consistency_lanes<float>(
         in, {at.u + pixel, at.v + pixel, at.s + pixel, at.slope_u + pixel, at.slope_v + pixel}, 1,
         out + pixel, candidates.stride);
 }

@@ -1,4 +1,4 @@
-// The module of one instruction-set level: all families of kernels, and what this processor can run.
+// The module of one instruction-set level: all groups of kernels, and what this processor can run.
 #include "bind.hpp"
 
 #if defined(__GLIBC__)
@@ -35,16 +35,10 @@ const char* cpu_level() {
 NB_MODULE(BELTSCAPE_MODULE, m) {
     keep_memory();
     m.def("cpu_level", &cpu_level);
-    beltscape::bind_plane_sweep(m);
-    beltscape::bind_message_passing(m);
-    beltscape::bind_gathering(m);
-    beltscape::bind_visibility(m);
-    beltscape::bind_network(m);
-    beltscape::bind_propagation(m);
+    beltscape::bind_sweep(m);
+    beltscape::bind_selection(m);
     beltscape::bind_least_squares(m);
-    beltscape::bind_candidates(m);
-    beltscape::bind_height_rasterisation(m);
-    beltscape::bind_triangulation(m);
-    beltscape::bind_warping(m);
-    beltscape::bind_window_statistics(m);
+    beltscape::bind_images(m);
+    beltscape::bind_geometry(m);
+    beltscape::bind_networks(m);
 }

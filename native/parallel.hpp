@@ -2,13 +2,18 @@
 // only what is its own and the cut into jobs may not depend on the threads: then neither does the result.
 #pragma once
 
+#ifndef __CUDACC__
+
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cstddef>
 #include <thread>
 #include <vector>
 
 namespace beltscape {
+
+inline constexpr int kPixelsPerJob = 1024;  // of kernels about given pixels
 
 // Calls job(0) ... job(count - 1), each once, on `threads` threads (0 = all cores); jobs may not throw.
 template <class Job>
@@ -33,3 +38,4 @@ void for_bands(int start, int end, int per_job, std::size_t threads, const Band&
 }
 
 }  // namespace beltscape
+#endif

@@ -12,7 +12,7 @@ import numpy as np
 from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import interior_mask
-from beltscape.kernels.candidates import Candidates
+from beltscape.kernels.selection.candidates import Candidates
 from beltscape.stereo.multiview.confidence.estimate import (
     add_initial_confidence,
     initial_features,

@@ -11,20 +11,20 @@ import os
 from functools import cache
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.candidates import CandidateKernels
-from beltscape.kernels.gathering import GatheringKernels
-from beltscape.kernels.height_rasterisation import HeightRasterisationKernels
-from beltscape.kernels.local_fit import LocalFitKernels
-from beltscape.kernels.message_passing import MessagePassingKernels
-from beltscape.kernels.network import NetworkKernels
-from beltscape.kernels.normal_equations import NormalEquationsKernels
-from beltscape.kernels.plane_sweep import PlaneSweepKernels
-from beltscape.kernels.propagation import PropagationKernels
-from beltscape.kernels.ray_march import RayMarchKernels
-from beltscape.kernels.triangulation import TriangulationKernels
-from beltscape.kernels.visibility import VisibilityKernels
-from beltscape.kernels.warping import WarpingKernels
-from beltscape.kernels.window_statistics import WindowStatisticsKernels
+from beltscape.kernels.geometry.height_rasterisation import HeightRasterisationKernels
+from beltscape.kernels.geometry.ray_march import RayMarchKernels
+from beltscape.kernels.geometry.triangulation import TriangulationKernels
+from beltscape.kernels.geometry.visibility import VisibilityKernels
+from beltscape.kernels.images.gathering import GatheringKernels
+from beltscape.kernels.images.warping import WarpingKernels
+from beltscape.kernels.images.window_statistics import WindowStatisticsKernels
+from beltscape.kernels.least_squares.local_fit import LocalFitKernels
+from beltscape.kernels.least_squares.normal_equations import NormalEquationsKernels
+from beltscape.kernels.networks.message_passing import MessagePassingKernels
+from beltscape.kernels.networks.network import NetworkKernels
+from beltscape.kernels.selection.candidates import CandidateKernels
+from beltscape.kernels.selection.propagation import PropagationKernels
+from beltscape.kernels.sweep.plane_sweep import PlaneSweepKernels
 
 __all__ = ["Kernels", "load"]
 

@@ -23,7 +23,8 @@ class Backend(Protocol):
         kernel
             The name of the method of a family of kernels.
         given
-            The family's input record: contiguous arrays and numbers in the order of the native function's arguments.
+            The family's input record, a NamedTuple of contiguous arrays and numbers; the native kernel's input has
+            the same fields.
         out
             Arrays of the results' shapes and types, which a native back end fills and returns.
         threads

@@ -31,7 +31,7 @@ def levels() -> tuple[str, ...]:
 
 
 class NativeBackend:
-    """The kernels of one instruction-set level: native/bind_*.cpp take a record's fields, the results and threads."""
+    """The kernels of one instruction-set level; native/bind.hpp reads a record's fields by their names."""
 
     def __init__(self, level: str) -> None:
         self.name = level
@@ -40,7 +40,6 @@ class NativeBackend:
     def run(
         self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
     ) -> Sequence[NDArray[Any]]:
-        """See `beltscape.kernels.backend.Backend`; results in a list are one argument, those in a tuple several."""
-        results = (out,) if isinstance(out, list) else out
-        getattr(self._module, kernel)(*given, *results, threads)
+        """See `beltscape.kernels.backend.Backend`."""
+        getattr(self._module, kernel)(given, out, threads)
         return out

@@ -7,22 +7,22 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference.aggregation import aggregate
-from beltscape.kernels.reference.candidates import candidate_surfaces, photo_consistency
-from beltscape.kernels.reference.gathering import gather
-from beltscape.kernels.reference.height_rasterisation import rasterise_heights
-from beltscape.kernels.reference.local_fit import local_fit
-from beltscape.kernels.reference.message_passing import pass_messages
-from beltscape.kernels.reference.network import evaluate_network
-from beltscape.kernels.reference.normal_equations import normal_equations
-from beltscape.kernels.reference.plane_sweep import sweep, sweep_and_aggregate
-from beltscape.kernels.reference.propagation import propagate
-from beltscape.kernels.reference.quadratics import quadratics
-from beltscape.kernels.reference.ray_march import first_hits
-from beltscape.kernels.reference.triangulation import triangulate
-from beltscape.kernels.reference.visibility import inverse_depth_buffers, visible
-from beltscape.kernels.reference.warping import spline_coefficients, warp
-from beltscape.kernels.reference.window_statistics import plane_slopes, window_means, window_minima
+from beltscape.kernels.reference.geometry.height_rasterisation import rasterise_heights
+from beltscape.kernels.reference.geometry.ray_march import first_hits
+from beltscape.kernels.reference.geometry.triangulation import triangulate
+from beltscape.kernels.reference.geometry.visibility import inverse_depth_buffers, visible
+from beltscape.kernels.reference.images.gathering import gather
+from beltscape.kernels.reference.images.quadratics import quadratics
+from beltscape.kernels.reference.images.warping import spline_coefficients, warp
+from beltscape.kernels.reference.images.window_statistics import plane_slopes, window_means, window_minima
+from beltscape.kernels.reference.least_squares.local_fit import local_fit
+from beltscape.kernels.reference.least_squares.normal_equations import normal_equations
+from beltscape.kernels.reference.networks.message_passing import pass_messages
+from beltscape.kernels.reference.networks.network import evaluate_network
+from beltscape.kernels.reference.selection.candidates import candidate_surfaces, photo_consistency
+from beltscape.kernels.reference.selection.propagation import propagate
+from beltscape.kernels.reference.sweep.aggregation import aggregate
+from beltscape.kernels.reference.sweep.plane_sweep import sweep, sweep_and_aggregate
 
 _KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     kernel.__name__: kernel

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.kernels import load
 from beltscape.kernels.arrays import CellIndices
-from beltscape.kernels.ray_march import FirstHits
+from beltscape.kernels.geometry.ray_march import FirstHits
 
 _LOADED_MM = 5.0
 """Cells no higher than this are bare belt."""
@@ -76,7 +76,7 @@ def estimate_structure_function(value_mm: NDArray[np.float64], cell_mm: float) -
     loaded = np.where(value_mm > _LOADED_MM, value_mm, np.nan)
     half = 1
     while 2 * half < max(value_mm.shape):
-        off = []
+        off: list[NDArray[np.float64]] = []
         down = np.s_[half:-half, 2 * half :, : -2 * half]
         for here, after, before in (down, [(slice(None), part) for part in down]):
             bend = np.abs(loaded[here] - 0.5 * (value_mm[after] + value_mm[before]))

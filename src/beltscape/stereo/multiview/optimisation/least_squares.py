@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.normal_equations import NormalEquations
+from beltscape.kernels.least_squares.normal_equations import NormalEquations
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.frame.windows import Radii

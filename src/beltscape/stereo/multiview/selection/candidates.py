@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.candidates import Candidates
+from beltscape.kernels.selection.candidates import Candidates
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.pixels import Pixels, split_pixels

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.candidates import PhotoConsistency
+from beltscape.kernels.selection.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.pixels import Pixels
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX

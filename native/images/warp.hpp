@@ -1,0 +1,51 @@
+// An auxiliary's image where the core's pixels are seen, at an inverse depth each.
+#pragma once
+
+#include "array.hpp"
+#include "images/spline.hpp"
+#include "parallel.hpp"
+
+namespace beltscape {
+
+// Rows of the core's grid; s, value and slope begin at `row` and are `width` wide.
+// slope: of the value by s. NaN and 0 where s is NaN or the spline's footprint leaves the image.
+template <class F>
+BELTSCAPE_INLINE void warp_row(const View& view, const Spline& spline, const float* s, int row, int begin,
+                               int end, float* value, float* slope) {
+    const F v = broadcast<F>(to_float(row));
+    for (int x = begin; x < end; x += Lane<F>::count) {
+        const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
+        const Moving<F> seen = see_moving(view, u, v, load_first<F>(s + x, end - x));
+        const Footprint<F> place = footprint(spline, seen.u, seen.v);
+        F found = broadcast<F>(kNotANumber), change{};
+        if (any(place.inside)) {
+            const Sample<F> at = sample(spline, place);
+            found = select(place.inside, at.value, found);
+            change = select(place.inside, at.du * seen.du + at.dv * seen.dv, change);
+        }
+        store_first(value + x, found, end - x);
+        store_first(slope + x, change, end - x);
+    }
+}
+
+#ifndef __CUDACC__
+struct WarpInput {
+    Grid<const float> s;
+    PackedView view;
+    Grid<const float> coefficients;
+
+    void fields(const auto& read) { read("s", s), read("view", view), read("coefficients", coefficients); }
+};
+
+inline void warp(const WarpInput& in, std::size_t threads, Grid<float> value, Grid<float> slope) {
+    constexpr int kRowsPerJob = 16;
+    const View view = view_of(in.view.data);
+    const Spline spline{in.coefficients.data, in.coefficients.width(), in.coefficients.height()};
+    for_bands(0, in.s.height(), kRowsPerJob, threads, [&](int first, int end) {
+        for (int v = first; v < end; ++v)
+            warp_row<Floats>(view, spline, in.s.row(v), v, 0, in.s.width(), value.row(v), slope.row(v));
+    });
+}
+#endif
+
+}  // namespace beltscape

@@ -1,0 +1,261 @@
+// A plane fitted to every pixel's surroundings by weighted least squares, over several nested windows at
+// once; of these the largest is taken that does not yet contradict the smaller ones.
+//
+// Pixel q counts with  gauss(q - p) (1 - (e / tolerance)²)₊² information(q),  e being how far its s lies off
+// the plane that p had so far. What is fitted is e + pull / information: the plane comes out as a change.
+//
+// The Gaussian is the product of one across and one down, so that a row of a window comes first: what its
+// pixels weigh without the Gaussian is found once for all windows, in pairs left and right of p, since the
+// even and the odd moments need only a pair's sum and its difference.
+#pragma once
+
+#include "simd.hpp"
+
+namespace beltscape {
+
+inline constexpr int kMaxRadius = 15;
+inline constexpr int kMaxWindows = 4;
+inline constexpr float kSlopeRidge =
+    0.1f;  // holds the slopes to the earlier ones where a window has no breadth
+inline constexpr float kNoWeight = 1e-12f;  // a window of no more weight is left out
+inline constexpr float kLeastVariance = 1e-12f;
+inline constexpr float kMostDisagreement = 25.0f;
+inline constexpr float kLargestStep = 1.0f;  // of s
+
+// One window, as the parts of its Gaussian.
+struct FitWindow {
+    int radius;
+    int reach[kMaxRadius + 1];     // by row off the centre: how far its taps go left and right; -1 for no row
+    float across[kMaxRadius + 1];  // by column off the centre
+    float down[kMaxRadius + 1];    // by row, divided by tolerance⁴
+};
+
+struct FitSettings {
+    double tolerance;
+    float confidence_width;   // of an interval, in standard deviations to each side
+    float prior_information;  // of each pixel's present s
+    float flatten;            // share of the neighbours' distance from the plane that counts
+
+    BELTSCAPE_INLINE void fields(const auto& read) {
+        read("tolerance", tolerance), read("confidence_width", confidence_width);
+        read("prior_information", prior_information), read("flatten", flatten);
+    }
+};
+
+struct FitWindows {
+    FitWindow window[kMaxWindows];  // smallest radius first
+    int count;
+    float tolerance;
+    FitSettings settings;
+};
+
+// What a fit reads: at pixel (0, 0) of a part of the grid, with a margin all around of the largest radius,
+// and a vector more at the right. Where there is nothing, all three are 0. `information` has the prior in it.
+struct FitField {
+    const float *s, *information, *pull;
+    int stride;
+};
+
+template <class F>
+struct Fit {
+    F change, slope_u, slope_v, variance;  // of s, and the slopes' changes
+    F disagreement;
+    IntOf<F> window;
+};
+
+// Row `down` of a pixel's surroundings: sums and differences of the columns i right and left of it, without
+// the Gaussian and times tolerance⁴. [0]: the column of the pixel.
+template <class F>
+struct RowPairs {
+    F weight[kMaxRadius + 1], weight_odd[kMaxRadius + 1];
+    F pull[kMaxRadius + 1], pull_odd[kMaxRadius + 1];  // of weight times the fitted value
+    F square[kMaxRadius + 1];                          // of weight²  / information
+};
+
+template <class F>
+struct Tap {
+    F weight, pull, square;
+};
+
+template <class F>
+BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, const FitWindows& windows) {
+    const F e = load<F>(field.s + at) - expected, information = load<F>(field.information + at);
+    const F near = greater(multiply_add(e, -e, broadcast<F>(windows.tolerance * windows.tolerance)), F{}),
+            closeness = near * near;
+    const F weight = closeness * information;
+    return {weight,
+            closeness * multiply_add(information, windows.settings.flatten * e, load<F>(field.pull + at)),
+            closeness * weight};
+}
+
+// expected: of s in the pixel's column, by the plane so far.
+template <class F>
+BELTSCAPE_INLINE void fit_pairs(const FitField& field, int at, int reach, F expected, F slope_u,
+                                const FitWindows& windows, RowPairs<F>& row) {
+    const Tap<F> centre = fit_tap(field, at, expected, windows);
+    row.weight[0] = centre.weight, row.pull[0] = centre.pull, row.square[0] = centre.square;
+    for (int i = 1; i <= reach; ++i) {
+        const float by = static_cast<float>(i);
+        const Tap<F> right = fit_tap(field, at + i, multiply_add(slope_u, by, expected), windows);
+        const Tap<F> left = fit_tap(field, at - i, multiply_add(slope_u, -by, expected), windows);
+        row.weight[i] = right.weight + left.weight, row.weight_odd[i] = right.weight - left.weight;
+        row.pull[i] = right.pull + left.pull, row.pull_odd[i] = right.pull - left.pull;
+        row.square[i] = right.square + left.square;
+    }
+}
+
+// Sums over a window: of the weight, by the offsets u and v, of weight times what is fitted, of weight² /
+// information.
+template <class F>
+struct Moments {
+    F one, u, v, uu, uv, vv, pull, pull_u, pull_v, square;
+};
+
+template <class F>
+BELTSCAPE_INLINE void add_row(const FitWindow& window, int row, const RowPairs<F>& pairs, Moments<F>& sums) {
+    const int off = row < 0 ? -row : row;
+    F one = pairs.weight[0], u{}, uu{}, pull = pairs.pull[0], pull_u{}, square = pairs.square[0];
+    for (int i = 1; i <= window.reach[off]; ++i) {
+        const float tap = window.across[i], by = static_cast<float>(i), tap_by = tap * by;
+        one = multiply_add(pairs.weight[i], tap, one), pull = multiply_add(pairs.pull[i], tap, pull);
+        u = multiply_add(pairs.weight_odd[i], tap_by, u),
+        pull_u = multiply_add(pairs.pull_odd[i], tap_by, pull_u);
+        uu = multiply_add(pairs.weight[i], tap_by * by, uu);
+        square = multiply_add(pairs.square[i], tap * tap, square);
+    }
+    const float tap = window.down[off], by = static_cast<float>(row), tap_by = tap * by;
+    sums.one = multiply_add(one, tap, sums.one), sums.u = multiply_add(u, tap, sums.u),
+    sums.uu = multiply_add(uu, tap, sums.uu);
+    sums.v = multiply_add(one, tap_by, sums.v), sums.uv = multiply_add(u, tap_by, sums.uv);
+    sums.vv = multiply_add(one, tap_by * by, sums.vv), sums.pull = multiply_add(pull, tap, sums.pull);
+    sums.pull_u = multiply_add(pull_u, tap, sums.pull_u),
+    sums.pull_v = multiply_add(pull, tap_by, sums.pull_v);
+    sums.square = multiply_add(square, tap * tap, sums.square);
+}
+
+template <class F>
+BELTSCAPE_INLINE Fit<F> solve_fit(const Moments<F>& sums) {
+    const MaskOf<F> nothing = sums.one <= kNoWeight;
+    const F zero{}, part = 1.0f / select(nothing, zero + 1.0f, sums.one);
+    const F u = sums.u * part, v = sums.v * part, pull = sums.pull * part;
+    const F uu = sums.uu * part - u * u + kSlopeRidge, vv = sums.vv * part - v * v + kSlopeRidge;
+    const F uv = sums.uv * part - u * v;
+    const F pull_u = sums.pull_u * part - u * pull, pull_v = sums.pull_v * part - v * pull;
+    const F by_determinant = 1.0f / (uu * vv - uv * uv);
+    const F slope_u = (vv * pull_u - uv * pull_v) * by_determinant;
+    const F slope_v = (uu * pull_v - uv * pull_u) * by_determinant;
+    const F lever = (vv * u * u - 2.0f * uv * u * v + uu * v * v) * by_determinant;  // the plane's tilt, at p
+    const F variance = (sums.square * part + lever) * part;
+    return {select(nothing, zero, pull - slope_u * u - slope_v * v),
+            select(nothing, zero, slope_u),
+            select(nothing, zero, slope_v),
+            select(nothing, zero + kInfinity, variance),
+            zero,
+            IntOf<F>{}};
+}
+
+// How far the larger of two windows leaves the smaller, squared, over that one's variance.
+template <class F>
+BELTSCAPE_INLINE F disagreement(const Fit<F>& smaller, const Fit<F>& larger) {
+    const F apart = larger.change - smaller.change;
+    return lesser(apart * apart / greater(smaller.variance, broadcast<F>(kLeastVariance)),
+                  broadcast<F>(kMostDisagreement));
+}
+
+// The windows' fits as they follow, as long as all their confidence intervals share a value.
+template <class F>
+BELTSCAPE_INLINE Fit<F> largest_consistent(const FitWindows& windows, const Moments<F>* sums) {
+    Fit<F> taken = solve_fit(sums[0]), before = taken;
+    F half = windows.settings.confidence_width * square_root(taken.variance);
+    F low = taken.change - half, high = taken.change + half;
+    for (int k = 1; k < windows.count; ++k) {
+        const Fit<F> next = solve_fit(sums[k]);
+        half = windows.settings.confidence_width * square_root(next.variance);
+        low = greater(low, next.change - half), high = lesser(high, next.change + half);
+        const MaskOf<F> fits = low <= high;  // once false, false for all that follow
+        taken.change = select(fits, next.change, taken.change);
+        taken.slope_u = select(fits, next.slope_u, taken.slope_u);
+        taken.slope_v = select(fits, next.slope_v, taken.slope_v);
+        taken.variance = select(fits, next.variance, taken.variance);
+        taken.window = select(fits, broadcast<IntOf<F>>(k), taken.window);
+        taken.disagreement = disagreement(before, next);
+        before = next;
+    }
+    return taken;
+}
+
+// The fit at the pixels at, at + 1, ... of the field, whose planes so far have these slopes.
+template <class F>
+BELTSCAPE_INLINE Fit<F> fit_plane(const FitField& field, const FitWindows& windows, int at, F slope_u,
+                                  F slope_v) {
+    const FitWindow& largest = windows.window[windows.count - 1];
+    const F s = load<F>(field.s + at);
+    Moments<F> sums[kMaxWindows] = {};
+    RowPairs<F> pairs;
+    for (int row = -largest.radius; row <= largest.radius; ++row) {
+        const int off = row < 0 ? -row : row;
+        if (largest.reach[off] < 0) continue;
+        fit_pairs(field, at + row * field.stride, largest.reach[off],
+                  multiply_add(slope_v, static_cast<float>(row), s), slope_u, windows, pairs);
+        for (int k = 0; k < windows.count; ++k)
+            if (off <= windows.window[k].radius && windows.window[k].reach[off] >= 0)
+                add_row(windows.window[k], row, pairs, sums[k]);
+    }
+    return largest_consistent(windows, sums);
+}
+
+// A row of the grid; `field` begins at its first pixel and s is as it was given, with NaN. A slope that is
+// NaN counts as 0. variance: infinite where the windows weigh nothing.
+struct FitRow {
+    const float *s, *slope_u, *slope_v;
+    float *new_s, *new_slope_u, *new_slope_v, *variance, *disagreement;
+    unsigned char* window;
+};
+
+BELTSCAPE_INLINE FitRow row_of(const FitRow& all, size_t at) {
+    return {all.s + at,        all.slope_u + at,      all.slope_v + at,
+            all.new_s + at,    all.new_slope_u + at,  all.new_slope_v + at,
+            all.variance + at, all.disagreement + at, all.window + at};
+}
+
+template <class F>
+BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, const FitRow& row, int begin,
+                              int end) {
+    const F zero{}, nothing = broadcast<F>(kNotANumber);
+    for (int x = begin; x < end; x += Lane<F>::count) {
+        const int left = end - x;
+        const F s = load_first<F>(row.s + x, left);
+        F slope_u = load_first<F>(row.slope_u + x, left), slope_v = load_first<F>(row.slope_v + x, left);
+        slope_u = select(not_a_number(slope_u), zero, slope_u);
+        slope_v = select(not_a_number(slope_v), zero, slope_v);
+        const Fit<F> fit = fit_plane(field, windows, x, slope_u, slope_v);
+        const MaskOf<F> missing = not_a_number(s - s);  // infinite, too
+        const F step = clamp(fit.change, -kLargestStep, kLargestStep);
+        store_first(row.new_s + x, select(missing, nothing, s + step), left);
+        store_first(row.new_slope_u + x, select(missing, nothing, slope_u + fit.slope_u), left);
+        store_first(row.new_slope_v + x, select(missing, nothing, slope_v + fit.slope_v), left);
+        store_first(row.variance + x, select(missing, nothing, fit.variance), left);
+        store_first(row.disagreement + x, select(missing, nothing, fit.disagreement), left);
+        store_first(row.window + x, select(missing, IntOf<F>{}, fit.window), left);
+    }
+}
+
+// A row of a field from what was given, `width` wide: nothing where s is not finite, and
+// only the prior where one of the others is not.
+template <class F>
+BELTSCAPE_INLINE void field_row(const float* information, const float* pull, const float* s, float prior,
+                                int width, float* out_information, float* out_pull, float* out_s) {
+    const F zero{};
+    for (int x = 0; x < width; x += Lane<F>::count) {
+        const int left = width - x;
+        const F a = load_first<F>(information + x, left), b = load_first<F>(pull + x, left);
+        const F at = load_first<F>(s + x, left);
+        const MaskOf<F> there = negate(not_a_number(at - at));
+        const MaskOf<F> known = there & negate(not_a_number((a - a) + (b - b)));
+        store_first(out_information + x, select(known, a, zero) + select(there, zero + prior, zero), left);
+        store_first(out_pull + x, select(known, b, zero), left);
+        store_first(out_s + x, select(there, at, zero), left);
+    }
+}
+
+}  // namespace beltscape

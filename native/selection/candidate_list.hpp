@@ -1,0 +1,108 @@
+// Candidates of a pixel: its own inverse depth and those its surroundings hand on, and the few of them it
+// keeps.
+#pragma once
+
+#include "array.hpp"
+#include "parallel.hpp"
+
+namespace beltscape {
+
+inline constexpr float kApart = 1.5f;         // candidates farther apart in s are different surfaces
+inline constexpr float kNoCandidate = 1e6f;   // the inverse depth of a free place: far from all others
+inline constexpr float kNoCost = 1e3f;        // and its cost: anything is cheaper
+inline constexpr float kFarthestStep = 3.0f;  // of an extrapolation
+
+// Inverse depth and its slopes along x and y, each (height, width).
+struct Surface {
+    const float *s, *slope_u, *slope_v;
+    int width, height;
+};
+
+#ifndef __CUDACC__
+using SurfaceInput = std::array<Grid<const float>, 3>;  // s, slope_u, slope_v
+
+inline Surface surface_of(const SurfaceInput& in) {
+    return {in[0].data, in[1].data, in[2].data, in[0].width(), in[0].height()};
+}
+#endif
+
+// A candidate at p comes from the pixel at p - (dx, dy), or the edge's next to that.
+struct Offset {
+    int dx, dy;
+};
+
+template <class F>
+BELTSCAPE_INLINE MaskOf<F> finite(F a) {
+    return a - a == 0.0f;
+}
+
+template <class F>
+BELTSCAPE_INLINE F finite_or_zero(F a) {
+    return select(finite(a), a, F{});
+}
+
+template <class F>
+BELTSCAPE_INLINE F extrapolated(F s, F slope_u, F slope_v, F across, float down) {
+    return s + clamp(multiply_add(finite_or_zero(slope_v), down, finite_or_zero(slope_u) * across),
+                     -kFarthestStep, kFarthestStep);
+}
+
+// What an offset hands to pixels x, x + 1, ... of row y; where these leave the surface, its edge stands for
+// them.
+template <class F>
+BELTSCAPE_INLINE F handed(const Surface& surface, const Offset& offset, int x, int y) {
+    const int row = clamp(y - offset.dy, 0, surface.height - 1), first = x - offset.dx;
+    const float down = to_float(y - row);
+    const size_t at = static_cast<size_t>(row) * static_cast<size_t>(surface.width);
+    const float *const s = surface.s + at, *const slope_u = surface.slope_u + at,
+                       *const slope_v = surface.slope_v + at;
+    const int last = Lane<F>::count - 1, edge = surface.width - 1;
+    if (first >= 0 && first + last <= edge && x >= 0 && x + last <= edge)
+        return extrapolated(load<F>(s + first), load<F>(slope_u + first), load<F>(slope_v + first),
+                            broadcast<F>(to_float(offset.dx)), down);
+    const IntOf<F> to = clamp(broadcast<IntOf<F>>(x) + lane_numbers<F>(), 0, edge);
+    const IntOf<F> from = clamp(to - offset.dx, 0, edge);
+    return extrapolated(gather(s, from), gather(slope_u, from), gather(slope_v, from), to_float(to - from),
+                        down);
+}
+
+// The places of some pixels' candidates: `count` rows, `stride` apart.
+struct Places {
+    float *s, *cost;
+    int* source;  // the number of the offset that it comes from
+    int count;
+    size_t stride;
+};
+
+// Keeps a candidate where `allowed`: in the first place nearer than `separation`, or else the dearest, if it
+// is cheaper than what is there.
+template <class F>
+BELTSCAPE_INLINE void keep(const Places& places, F s, F cost, int source, float separation,
+                           MaskOf<F> allowed) {
+    IntOf<F> place{}, near_place{};
+    MaskOf<F> is_near{};
+    F dearest = load<F>(places.cost), near_cost{};
+    for (int k = 0; k < places.count; ++k) {
+        const size_t at = static_cast<size_t>(k) * places.stride;
+        const F kept = load<F>(places.cost + at);
+        const MaskOf<F> here = (absolute(load<F>(places.s + at) - s) < separation) & negate(is_near);
+        const MaskOf<F> dearer = kept > dearest;
+        const IntOf<F> number = broadcast<IntOf<F>>(k);
+        near_cost = select(here, kept, near_cost), near_place = select(here, number, near_place);
+        dearest = select(dearer, kept, dearest), place = select(dearer, number, place);
+        is_near = is_near | here;
+    }
+    place = select(is_near, near_place, place);
+    const MaskOf<F> cheaper = allowed & (cost < select(is_near, near_cost, dearest));
+    if (!any(cheaper)) return;
+    for (int k = 0; k < places.count; ++k) {
+        const size_t at = static_cast<size_t>(k) * places.stride;
+        const MaskOf<F> here = cheaper & (place == broadcast<IntOf<F>>(k));
+        store(places.s + at, select(here, s, load<F>(places.s + at)));
+        store(places.cost + at, select(here, cost, load<F>(places.cost + at)));
+        store(places.source + at,
+              select(here, broadcast<IntOf<F>>(source), load<IntOf<F>>(places.source + at)));
+    }
+}
+
+}  // namespace beltscape

@@ -1,0 +1,157 @@
+// Photo-consistency of a small plane: squared differences of the core's and the auxiliaries' levels, after
+// the photometric gain, over their variance. Close to a depth step no window lies on one surface, so levels
+// are not normalised here.
+#pragma once
+
+#include "selection/candidate_list.hpp"
+#include "selection/multiview_cost.hpp"
+
+namespace beltscape {
+
+inline constexpr float kMostDissimilar =
+    50.0f;                        // upper bound of a difference, and its value where no view sees the point
+inline constexpr int kCross = 5;  // the pixel and the four beside it
+inline constexpr int kConsistencyRows = 9;
+
+struct PhotoConsistencyProblem {
+    const float *core, *variance;  // (height, width)
+    int width, height;
+    const Auxiliary* auxiliaries;
+    const float* const* gains;  // by auxiliary (height, width): its levels times this are the core's
+    int auxiliary_count;
+    float tolerance;
+};
+
+// Planes at pixels (u, v).
+struct Planes {
+    const float *u, *v, *s, *slope_u, *slope_v;
+};
+
+// Of several views' values, those that count.
+template <class F>
+struct Ordered {
+    F least = broadcast<F>(kMostDissimilar), second = broadcast<F>(kMostDissimilar), sum{}, most{};
+
+    BELTSCAPE_INLINE void add(F value, F seen) {
+        const F counted = select(seen > 0.5f, value, broadcast<F>(kMostDissimilar));
+        second = lesser(second, greater(least, counted)), least = lesser(least, counted);
+        sum += value * seen, most = greater(most, value * seen);
+    }
+    // least, second, mean, most of `views` values into rows `stride` apart.
+    BELTSCAPE_INLINE void write(F views, float* out, size_t stride, int count) const {
+        const MaskOf<F> none = views < 0.5f;
+        const F unlike = broadcast<F>(kMostDissimilar);
+        store_first(out, least, count);
+        store_first(out + stride, select(views > 1.5f, second, least), count);
+        store_first(out + 2 * stride, select(none, unlike, sum / greater(views, broadcast<F>(1.0f))), count);
+        store_first(out + 3 * stride, select(none, unlike, most), count);
+    }
+};
+
+// Where a view sees points (u, v) at inverse depth s, and how near to it they are.
+template <class F>
+struct Sampled {
+    Spot<F> spot;
+    F inverse_depth;
+};
+
+template <class F>
+BELTSCAPE_INLINE Sampled<F> sampled(const Auxiliary& by, F u, F v, F s) {
+    const auto [seen_u, seen_v, inverse_depth] = see(by.view, u, v, s);
+    return {spot(by.image, seen_u, seen_v, finite(inverse_depth)), inverse_depth};
+}
+
+template <class F>
+BELTSCAPE_INLINE F level_at(const Auxiliary& by, const Spot<F>& spot) {
+    int index[Lane<F>::count];
+    store(index, spot.index);
+    return bilinear(by.image, index, spot.u, spot.v);
+}
+
+template <class F>
+BELTSCAPE_INLINE F clear_at(const Auxiliary& by, const Sampled<F>& sample, float tolerance) {
+    int nearest[Lane<F>::count];
+    store(nearest, nearest_pixel(sample.spot, by.image));
+    const F seen = unhidden(by.buffer, nearest, sample.spot.u, sample.inverse_depth, tolerance);
+    return select(sample.spot.u >= 0.0f, seen, F{});
+}
+
+// Of at most `count` planes; out: point least, second, mean, most; cross the same; views.
+template <class F>
+BELTSCAPE_INLINE void photo_consistency_lanes(const PhotoConsistencyProblem& in, const Planes& at, int count,
+                                              float* out, size_t stride) {
+    constexpr int across[kCross] = {0, 1, -1, 0, 0}, down[kCross] = {0, 0, 0, 1, -1};
+    const F u = load_first<F>(at.u, count), v = load_first<F>(at.v, count), s = load_first<F>(at.s, count);
+    const F slope_u = load_first<F>(at.slope_u, count), slope_v = load_first<F>(at.slope_v, count);
+    const IntOf<F> column = to_int(u), row = to_int(v);
+    F core[kCross], weight[kCross];
+    for (int i = 0; i < kCross; ++i) {
+        const IntOf<F> pixel =
+            clamp(row + down[i], 0, in.height - 1) * in.width + clamp(column + across[i], 0, in.width - 1);
+        core[i] = gather(in.core, pixel), weight[i] = 1.0f / gather(in.variance, pixel);
+    }
+    Ordered<F> point, cross;
+    F views{};
+    for (int k = 0; k < in.auxiliary_count; ++k) {
+        const Auxiliary& by = in.auxiliaries[k];
+        const F gain = gather(in.gains[k], row * in.width + column);
+        F middle{}, sum{}, seen{};
+        for (int i = 0; i < kCross; ++i) {
+            const float du = to_float(across[i]), dv = to_float(down[i]);
+            const Sampled<F> sample = sampled(by, u + du, v + dv, s + slope_u * du + slope_v * dv);
+            const F off = core[i] - gain * level_at(by, sample.spot);
+            const F unlike = lesser(off * off * weight[i], broadcast<F>(kMostDissimilar));
+            if (i == 0) middle = unlike, seen = clear_at(by, sample, in.tolerance);
+            sum += unlike;
+        }
+        point.add(middle, seen), cross.add(sum * (1.0f / to_float(kCross)), seen), views += seen;
+    }
+    point.write(views, out, stride, count), cross.write(views, out + 4 * stride, stride, count);
+    store_first(out + 8 * stride, views, count);
+}
+
+#ifndef __CUDACC__
+struct PhotoConsistencyInput {
+    List<const float> u, v;                   // columns and rows of the pixels
+    std::array<Grid<const float>, 3> planes;  // s, slope_u, slope_v, each (planes, pixels)
+    Grid<const float> core, variance;
+    std::vector<Grid<const float>> images;
+    PackedViews views;
+    std::vector<Grid<const float>> buffers, gains;
+    float tolerance;
+
+    void fields(const auto& read) {
+        read("u", u), read("v", v), read("planes", planes), read("core", core), read("variance", variance);
+        read("images", images), read("views", views), read("buffers", buffers), read("gains", gains);
+        read("tolerance", tolerance);
+    }
+};
+
+// out (9 planes, pixels): the fields of PhotoConsistency one below another.
+inline void photo_consistency(const PhotoConsistencyInput& in, std::size_t threads, Grid<float> out) {
+    const std::vector<Auxiliary> auxiliaries = auxiliaries_of(in.images, in.views, in.buffers);
+    std::vector<const float*> gains;
+    for (const Grid<const float>& gain : in.gains) gains.push_back(gain.data);
+    const PhotoConsistencyProblem problem{in.core.data,
+                                          in.variance.data,
+                                          in.core.width(),
+                                          in.core.height(),
+                                          auxiliaries.data(),
+                                          gains.data(),
+                                          static_cast<int>(auxiliaries.size()),
+                                          in.tolerance};
+    const auto& [s, slope_u, slope_v] = in.planes;
+    const std::size_t count = in.u.shape[0], rows = s.shape[0];
+    for_bands(0, static_cast<int>(count), kPixelsPerJob, threads, [&](int first, int end) {
+        for (std::size_t row = 0; row < rows; ++row)
+            for (int i = first; i < end; i += kFloatLanes) {
+                const std::size_t pixel = static_cast<std::size_t>(i), at = row * count + pixel;
+                const Planes planes{in.u.data + pixel, in.v.data + pixel, s.data + at, slope_u.data + at,
+                                    slope_v.data + at};
+                photo_consistency_lanes<Floats>(problem, planes, end - i, out.data + at, rows * count);
+            }
+    });
+}
+#endif
+
+}  // namespace beltscape

@@ -1,0 +1,299 @@
+// The choice among the candidates of a band of rows on the CPU: eight paths by semi_global.hpp. Down and up,
+// lanes are columns; along the rows, lanes are rows. A pixel with one candidate hands on nothing of what lies
+// before it (its toll is 0 whatever it was), so blocks without an active pixel need no path.
+#pragma once
+
+#include "selection/propagate_tile.hpp"
+#include "selection/semi_global.hpp"
+
+namespace beltscape {
+
+// Each (height, width).
+struct PropagationResult {
+    float *s, *slope_u, *slope_v, *cost, *margin;
+};
+
+class Selector {
+public:
+    // For bands of up to `rows` rows of which up to `kept` are chosen.
+    Selector(const PropagationProblem& in, int rows, int kept)
+        : in_(in),
+          width_(in.surface.width),
+          blocks_((width_ + kBlock - 1) / kBlock),
+          stride_(static_cast<std::size_t>(blocks_ * kBlock)),
+          row_size_(stride_ * static_cast<std::size_t>(in.candidates)),
+          s_(room(rows)),
+          cost_(room(rows)),
+          source_(std::make_unique_for_overwrite<std::uint8_t[]>(row_size_ * static_cast<std::size_t>(rows))),
+          score_(room(kept)),
+          across_(room(kFloatLanes)),
+          active_(static_cast<std::size_t>(rows * blocks_)),
+          offset_x_(static_cast<std::size_t>(in.offset_count)),
+          offset_y_(offset_x_.size()),
+          lines_{Line(stride_, in.candidates), Line(stride_, in.candidates)} {
+        for (std::size_t i = 0; i < offset_x_.size(); ++i)
+            offset_x_[i] = to_float(in.offsets[i].dx), offset_y_[i] = to_float(in.offsets[i].dy);
+    }
+
+    // A band: rows first ... end - 1, of which keep_first ... keep_end - 1 are chosen.
+    void begin(int first, int end, int keep_first, int keep_end) {
+        first_ = first, end_ = end, keep_first_ = keep_first, keep_end_ = keep_end;
+        for (int row = first; row < end; ++row)
+            for (int block = 0; block < blocks_; ++block) {
+                const std::size_t from = static_cast<std::size_t>(row) * static_cast<std::size_t>(width_);
+                bool found = !in_.active;
+                for (int x = block * kBlock; !found && x < std::min(width_, (block + 1) * kBlock); ++x)
+                    found = in_.active[from + static_cast<std::size_t>(x)];
+                active_[static_cast<std::size_t>((row - first_) * blocks_ + block)] = found;
+            }
+    }
+
+    // A tile's row becomes the band's; without an active pixel the first places are all.
+    void take(const Tile& tile, int tile_row, int row, int left, int columns) {
+        int places = 1;  // all, where a block is active that may reach into the next tile: it is read whole
+        for (int block = left / kBlock; block <= (left + columns - 1) / kBlock; ++block)
+            if (active(row, block)) places = in_.candidates;
+        for (int k = 0; k < places; ++k) {
+            const std::size_t to = at(row, k) + static_cast<std::size_t>(left);
+            std::copy_n(tile.s(tile_row, k), columns, s_.get() + to);
+            std::copy_n(tile.cost(tile_row, k), columns, cost_.get() + to);
+            const int* const source = tile.source(tile_row, k);
+            for (int x = 0; x < columns; ++x)
+                source_[to + static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(source[x]);
+        }
+    }
+
+    void choose(const PropagationResult& out) {
+        std::fill_n(score_.get(), row_size_ * static_cast<std::size_t>(keep_end_ - keep_first_), 0.0f);
+        for (int row = first_; row < end_; ++row) {
+            pass(row, 1, row > first_);
+            if (row < keep_first_ || row >= keep_end_) continue;
+            const int lane = (row - keep_first_) % kFloatLanes;
+            if (lane == kFloatLanes - 1 || row == keep_end_ - 1) {
+                along(row - lane, lane + 1, 1);
+                along(row - lane, lane + 1, -1);
+            }
+        }
+        for (int row = end_ - 1; row >= first_; --row) pass(row, -1, row < end_ - 1);
+        for (int row = keep_first_; row < keep_end_; ++row) pick(row, out);
+    }
+
+private:
+    static constexpr int kPaths = 3;  // straight, and to both sides
+    static constexpr int kAside[kPaths] = {0, 1, -1};
+
+    using Values = std::unique_ptr<float[]>;
+    Values room(int rows) const {
+        return std::make_unique_for_overwrite<float[]>(row_size_ * static_cast<std::size_t>(rows));
+    }
+
+    // A row's candidates, and its paths' tolls, with a block's room on each side.
+    struct Line {
+        Line(std::size_t width, int candidates)
+            : stride(width + 2 * kBlock),
+              size(stride * static_cast<std::size_t>(candidates)),
+              all(size * 7) {}
+        float* s(int k) { return of(0, k); }
+        float* rise(int path, int k) { return of(1 + path, k); }
+        float* toll(int path, int k) { return of(4 + path, k); }
+        float* of(int which, int k) {
+            return all.data() + static_cast<std::size_t>(which) * size +
+                   static_cast<std::size_t>(k) * stride + kBlock;
+        }
+        std::size_t stride, size;
+        std::vector<float> all;
+    };
+
+    std::size_t at(int row, int k) const {
+        return static_cast<std::size_t>(row - first_) * row_size_ + static_cast<std::size_t>(k) * stride_;
+    }
+    float* score(int row, int k) {
+        return score_.get() + static_cast<std::size_t>(row - keep_first_) * row_size_ +
+               static_cast<std::size_t>(k) * stride_;
+    }
+    bool active(int row, int block) const {
+        return active_[static_cast<std::size_t>((row - first_) * blocks_ + block)];
+    }
+
+    struct Slopes {
+        Floats u, v;
+    };
+    // Of candidates at columns x ... of a row, by their offset.
+    Slopes slopes(Floats sources, int row, int x) const {
+        const Ints source = to_int(sources);
+        const Ints dx = to_int(gather(offset_x_.data(), source)),
+                   dy = to_int(gather(offset_y_.data(), source));
+        const Ints column =
+            clamp(lesser(x + lane_numbers<Floats>(), width_ - 1 - Ints{}) - dx, 0, width_ - 1);
+        const Ints from = clamp(row - dy, 0, in_.surface.height - 1) * width_ + column;
+        return {finite_or_zero(gather(in_.surface.slope_u, from)),
+                finite_or_zero(gather(in_.surface.slope_v, from))};
+    }
+
+    // One row of the three paths downwards (1) or upwards (-1).
+    void pass(int row, int way, bool has_before) {
+        Line& line = lines_[row & 1];
+        for (int block = 0; block < blocks_; ++block) expand(line, row, block, way);
+        for (int path = 0; path < kPaths; ++path)
+            for (int block = 0; block < blocks_; ++block)
+                if (active(row, block))
+                    arrive(line, has_before ? &lines_[~row & 1] : nullptr, row, block, path, way);
+                else
+                    restart(line, block, path);
+    }
+
+    void expand(Line& line, int row, int block, int way) {
+        const bool keeps_across = way > 0 && row >= keep_first_ && row < keep_end_;
+        const int lane = (row - keep_first_) % kFloatLanes, places = active(row, block) ? in_.candidates : 1;
+        const float half = 0.5f * to_float(way);
+        for (int k = 0; k < places; ++k) {
+            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+                const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+                store(line.s(k) + x, load<Floats>(s_.get() + place));
+                // Values beyond the row's end were never written.
+                Floats source = load_first<Floats>(source_.get() + place, std::max(width_ - x, 0));
+                const Slopes slope = slopes(source, row, x);
+                store(line.rise(0, k) + x, half * slope.v);
+                store(line.rise(1, k) + x, half * (slope.v + slope.u));
+                store(line.rise(2, k) + x, half * (slope.v - slope.u));
+                if (keeps_across)
+                    store(across_.get() + static_cast<std::size_t>(lane) * row_size_ +
+                              static_cast<std::size_t>(k) * stride_ + x,
+                          0.5f * slope.u);
+            }
+        }
+    }
+
+    void restart(Line& line, int block, int path) {
+        for (int k = 0; k < in_.candidates; ++k)
+            std::fill_n(line.toll(path, k) + block * kBlock, kBlock, k == 0 ? 0.0f : kNoCost);
+    }
+
+    void arrive(Line& line, Line* before, int row, int block, int path, int way) {
+        const int dx = kAside[path] * way;
+        const bool kept = row >= keep_first_ && row < keep_end_;
+        const Jumps jumps{in_.costs.small_jump, in_.costs.large_jump};
+        for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+            const Ints from = x - dx + lane_numbers<Floats>();
+            const Ints comes = (from >= 0) & (from < width_);
+            for (int k = 0; k < in_.candidates; ++k) {
+                Floats toll{};
+                if (before)
+                    toll = select(
+                        comes,
+                        brought(Before{before->s(0) + x - dx, before->rise(path, 0) + x - dx,
+                                       before->toll(path, 0) + x - dx, in_.candidates, before->stride},
+                                load<Floats>(line.s(k) + x), load<Floats>(line.rise(path, k) + x), jumps),
+                        toll);
+                if (kept) store(score(row, k) + x, load<Floats>(score(row, k) + x) + toll);
+                store(line.toll(path, k) + x, load<Floats>(cost_.get() + at(row, k) + x) + toll);
+            }
+            level_out<Floats>(line.toll(path, 0) + x, in_.candidates, line.stride);
+        }
+    }
+
+    // Up to kFloatLanes rows at once, a column at a time.
+    struct Column {
+        float s[kMostCandidates * kFloatLanes], rise[kMostCandidates * kFloatLanes],
+            toll[kMostCandidates * kFloatLanes];
+    };
+
+    // `count` rows from `row` on, to the right (1) or to the left (-1).
+    void along(int row, int count, int way) {
+        Column columns[2];
+        bool starts = true;
+        for (int i = 0; i < blocks_; ++i) {
+            const int block = way > 0 ? i : blocks_ - 1 - i,
+                      last = std::min(width_, (block + 1) * kBlock) - 1;
+            Floats chosen{};  // the rows with an active pixel
+            for (int lane = 0; lane < count; ++lane) chosen[lane] = active(row + lane, block) ? 1.0f : 0.0f;
+            if (any(chosen > 0.5f)) {
+                for (int x = way > 0 ? block * kBlock : last; x >= block * kBlock && x <= last; x += way) {
+                    step(columns[~x & 1], columns[x & 1], row, count, x, way, chosen > 0.5f, starts);
+                    starts = false;
+                }
+            } else {
+                const int x = way > 0 ? last : block * kBlock;
+                Column& column = columns[x & 1];
+                store(column.s, load_rows(s_.get() + at(row, 0) + x, count));
+                store(column.rise, to_float(way) * load_rows(across_.get() + x, count));
+                for (int k = 0; k < in_.candidates; ++k)
+                    store(column.toll + k * kFloatLanes, (k == 0 ? 0.0f : kNoCost) - Floats{});
+                starts = false;
+            }
+        }
+    }
+
+    Floats load_rows(const float* from, int count) const {
+        const Ints lane = lane_numbers<Floats>();
+        return gather(from, lesser(lane, count - 1 - Ints{}) * static_cast<int>(row_size_));
+    }
+
+    void step(const Column& before, Column& column, int row, int count, int x, int way, Ints chosen,
+              bool starts) {
+        const Jumps jumps{in_.costs.small_jump, in_.costs.large_jump};
+        for (int k = 0; k < in_.candidates; ++k) {
+            const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+            const Floats s = load_rows(s_.get() + place, count);
+            const Floats rise =
+                to_float(way) * load_rows(across_.get() + static_cast<std::size_t>(k) * stride_ + x, count);
+            Floats cost = load_rows(cost_.get() + place, count), toll{};
+            if (k > 0) cost = select(chosen, cost, kNoCost - Floats{});
+            if (!starts)
+                toll = brought(Before{before.s, before.rise, before.toll, in_.candidates, kFloatLanes}, s,
+                               rise, jumps);
+            for (int lane = 0; lane < count; ++lane) score(row + lane, k)[x] += toll[lane];
+            store(column.s + k * kFloatLanes, s), store(column.rise + k * kFloatLanes, rise);
+            store(column.toll + k * kFloatLanes, cost + toll);
+        }
+        level_out<Floats>(column.toll, in_.candidates, kFloatLanes);
+    }
+
+    void pick(int row, const PropagationResult& out) {
+        for (int x = 0; x < width_; x += kFloatLanes) {
+            const int places = active(row, x / kBlock) ? in_.candidates : 1;
+            const Floats nan = broadcast<Floats>(kNotANumber);
+            Floats s, cost, source, least = kInfinity - Floats{}, other = least;
+            s = cost = source = nan;
+            for (int k = 0; k < places; ++k) {
+                const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+                const Floats own = load<Floats>(cost_.get() + place);
+                const Floats total = own + 0.125f * load<Floats>(score(row, k) + x);
+                const Ints better = total < least;
+                least = select(better, total, least);
+                s = select(better, load<Floats>(s_.get() + place), s), cost = select(better, own, cost);
+                source = select(better, load<Floats>(source_.get() + place), source);
+            }
+            // Beyond the row's end the places were never written.
+            for (int k = 0; k < places; ++k) {
+                const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+                const Floats total =
+                    load<Floats>(cost_.get() + place) + 0.125f * load<Floats>(score(row, k) + x);
+                const Ints apart = absolute(load<Floats>(s_.get() + place) - s) > kApart;
+                other = select(apart, lesser(total, other), other);
+            }
+            const Ints found = (s < kNoCandidate) & (x + lane_numbers<Floats>() < width_);
+            const Slopes slope = slopes(select(found, source, Floats{}), row, x);
+            const std::size_t to = static_cast<std::size_t>(row) * static_cast<std::size_t>(width_) +
+                                   static_cast<std::size_t>(x);
+            const int count = width_ - x;
+            store_first(out.s + to, select(found, s, nan), count);
+            store_first(out.cost + to, select(found, cost, nan), count);
+            store_first(out.margin + to, select(found, lesser(other - least, 1.0f - Floats{}), nan), count);
+            store_first(out.slope_u + to, slope.u, count), store_first(out.slope_v + to, slope.v, count);
+        }
+    }
+
+    const PropagationProblem& in_;
+    int width_, blocks_, first_ = 0, end_ = 0, keep_first_ = 0, keep_end_ = 0;
+    std::size_t stride_, row_size_;
+    Values s_, cost_;  // (rows, candidates, stride)
+    std::unique_ptr<std::uint8_t[]> source_;
+    Values score_;   // sums of the paths' costs, (kept rows, candidates, stride)
+    Values across_;  // half the slopes along the latest rows, (lanes, candidates, stride)
+    std::vector<unsigned char> active_;
+    std::vector<float> offset_x_, offset_y_;
+    Line lines_[2];
+};
+
+}  // namespace beltscape

@@ -1,0 +1,249 @@
+// The candidates of a tile of pixels on the CPU. Offsets go outermost; within one, rows stream through all
+// views, so that three sampled rows per view are all that the 3x3 windows need, and the tile's candidates
+// stay in the second-level cache. What is not wanted (no active pixel in or beside it) is passed over in
+// blocks.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "selection/candidate_list.hpp"
+#include "selection/multiview_cost.hpp"
+
+namespace beltscape {
+
+inline constexpr int kBlock = 16;                   // columns; whole lanes at every level
+inline constexpr int kTileSpan = 128;               // columns that are sampled:
+inline constexpr int kTileColumns = kTileSpan - 2;  // the tile's and one on each side
+inline constexpr int kTileBlocks = kTileSpan / kBlock;
+inline constexpr int kTileRows = 32;
+inline constexpr int kMostCandidates = 8;
+
+struct PropagationCosts {
+    float separation, floor, unseen_cost, tolerance, small_jump, large_jump;
+
+    void fields(const auto& read) {
+        read("separation", separation), read("floor", floor), read("unseen_cost", unseen_cost);
+        read("tolerance", tolerance), read("small_jump", small_jump), read("large_jump", large_jump);
+    }
+};
+
+struct PropagationProblem {
+    Surface surface;
+    const float* core;  // (height, width) grey levels, like the surface
+    const Auxiliary* auxiliaries;
+    int auxiliary_count;
+    const Offset* offsets;  // the first is (0, 0)
+    int offset_count;       // at most 255
+    int candidates;
+    PropagationCosts costs;
+    float level;                 // taken off all grey levels, for the digits' sake
+    const std::uint8_t* active;  // (height, width), or none: all are
+};
+
+class Tile {
+public:
+    explicit Tile(const PropagationProblem& in)
+        : in_(in),
+          core_((kTileRows + 2) * kTileSpan + kBlock),
+          mean_(kTileRows * kTileSpan),
+          energy_(mean_.size()),
+          active_(mean_.size()),
+          given_(3 * kTileSpan + kBlock),
+          grey_(kTileSpan + kBlock),
+          sums_(static_cast<std::size_t>(in.auxiliary_count) * 3 * kSums * kTileSpan + kBlock),
+          s_(static_cast<std::size_t>(in.candidates) * mean_.size()),
+          cost_(s_.size()),
+          source_(s_.size()) {}
+
+    // Columns left ... left + columns - 1 of rows top ... top + rows - 1, within the surface.
+    void work(int left, int top, int columns, int rows) {
+        left_ = left, top_ = top, columns_ = columns, rows_ = rows;
+        std::fill(s_.begin(), s_.end(), kNoCandidate);
+        std::fill(cost_.begin(), cost_.end(), kNoCost);
+        std::fill(source_.begin(), source_.end(), 0);
+        prepare_active();
+        prepare_core();
+        for (int number = 0; number < in_.offset_count; ++number) {
+            for (int row = -1; row <= rows_; ++row) {
+                const bool* const wanted = wanted_[number == 0][row + 1];
+                give(number, row, wanted);
+                for (int i = 0; i < in_.auxiliary_count; ++i) look(i, row, wanted);
+                if (row > 0) judge(number, row - 1);
+            }
+            if (number == 0 && !any_active_) break;
+        }
+    }
+
+    // kTileSpan columns of a row's k-th places.
+    const float* s(int row, int k) const { return s_.data() + at(row, k); }
+    const float* cost(int row, int k) const { return cost_.data() + at(row, k); }
+    const int* source(int row, int k) const { return source_.data() + at(row, k); }
+
+private:
+    static constexpr int kSums = 4;  // of grey, of grey squared, of grey times the core's; seen
+
+    std::size_t at(int row, int k) const {
+        return static_cast<std::size_t>((row * in_.candidates + k) * kTileSpan);
+    }
+    // The row in a ring of three.
+    static int slot(int row) { return (row + 3) % 3; }
+    float* given(int row) { return given_.data() + slot(row) * kTileSpan; }
+    float* sums(int auxiliary, int row, int which) {
+        return sums_.data() + ((auxiliary * 3 + slot(row)) * kSums + which) * kTileSpan;
+    }
+    int row_of(int row) const { return clamp(top_ + row, 0, in_.surface.height - 1); }
+
+    void prepare_active() {
+        any_active_ = false;
+        for (int row = 0; row < kTileRows; ++row) {
+            float* const active = active_.data() + row * kTileSpan;
+            std::fill(active, active + kTileSpan, 0.0f);
+            if (row < rows_) {
+                const std::size_t from =
+                    static_cast<std::size_t>(top_ + row) * static_cast<std::size_t>(in_.surface.width) +
+                    static_cast<std::size_t>(left_);
+                for (int x = 0; x < columns_; ++x)
+                    active[x] = !in_.active || in_.active[from + x] ? 1.0f : 0.0f;
+            }
+            any_active_in_[row] = false;
+            for (int block = 0; block < kTileBlocks; ++block) {
+                const float* const first = active + block * kBlock;
+                const bool found = std::find(first, first + kBlock, 1.0f) != first + kBlock;
+                judged_[0][row][block] = found;
+                judged_[1][row][block] = row < rows_ && block * kBlock < columns_;
+                any_active_in_[row] |= found;
+            }
+            any_active_ |= any_active_in_[row];
+        }
+        for (int own = 0; own < 2; ++own)
+            for (int row = -1; row <= kTileRows; ++row)
+                for (int block = 0; block < kTileBlocks; ++block) {
+                    bool& wanted = wanted_[own][row + 1][block] = false;
+                    for (int near = std::max(row - 1, 0); near <= std::min(row + 1, kTileRows - 1); ++near)
+                        wanted |= judged_[own][near][block];
+                }
+    }
+
+    void prepare_core() {
+        for (int row = -1; row <= rows_; ++row)
+            for (int x = 0; x < kTileSpan; ++x) {
+                const int column = clamp(left_ - 1 + x, 0, in_.surface.width - 1);
+                core_[static_cast<std::size_t>((row + 1) * kTileSpan + x)] =
+                    in_.core[static_cast<std::size_t>(row_of(row)) *
+                                 static_cast<std::size_t>(in_.surface.width) +
+                             static_cast<std::size_t>(column)] -
+                    in_.level;
+            }
+        for (int row = 0; row < rows_; ++row)
+            for (int x = 0; x < columns_; ++x) {
+                float sum = 0, squares = 0;
+                for (int i = 0; i < 9; ++i) {
+                    const float grey = core_[static_cast<std::size_t>((row + i / 3) * kTileSpan + x + i % 3)];
+                    sum += grey, squares += grey * grey;
+                }
+                const CoreWindow<float> window = core_window(sum, squares, in_.costs.floor);
+                const std::size_t to = static_cast<std::size_t>(row * kTileSpan + x);
+                mean_[to] = window.mean, energy_[to] = window.energy;
+            }
+    }
+
+    // Whether column block's samples are wanted: windows reach two columns into the next block's.
+    static bool sampled(const bool* wanted, int block) {
+        return wanted[block] || (block > 0 && wanted[block - 1]);
+    }
+
+    void give(int number, int row, const bool* wanted) {
+        for (int block = 0; block < kTileBlocks; ++block)
+            if (sampled(wanted, block))
+                for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes)
+                    store(given(row) + x,
+                          handed<Floats>(in_.surface, in_.offsets[number], left_ - 1 + x, row_of(row)));
+    }
+
+    void look(int auxiliary, int row, const bool* wanted) {
+        const Auxiliary& by = in_.auxiliaries[auxiliary];
+        const float y = to_float(row_of(row));
+        for (int block = 0; block < kTileBlocks; ++block) {
+            if (!sampled(wanted, block)) continue;
+            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+                const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
+                const Sighting<Floats> sighting =
+                    sight(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
+                store(index_ + x, sighting.spot.index), store(nearest_ + x, sighting.row);
+                store(u_ + x, sighting.spot.u), store(v_ + x, sighting.spot.v);
+                store(sums(auxiliary, row, 3) + x, sighting.inverse_depth);
+            }
+        }
+        for (int block = 0; block < kTileBlocks; ++block) {
+            if (!sampled(wanted, block)) continue;
+            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+                const Floats u = load<Floats>(u_ + x);
+                store(grey_.data() + x, bilinear(by.image, index_ + x, u, load<Floats>(v_ + x)) - in_.level);
+                float* const seen = sums(auxiliary, row, 3) + x;
+                store(seen, unhidden(by.buffer, nearest_ + x, u, load<Floats>(seen), in_.costs.tolerance));
+            }
+        }
+        const float* const core = core_.data() + (row + 1) * kTileSpan;
+        float *const sum = sums(auxiliary, row, 0), *const squares = sums(auxiliary, row, 1),
+                     *const products = sums(auxiliary, row, 2);
+        for (int block = 0; block < kTileBlocks; ++block) {
+            if (!wanted[block]) continue;
+            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+                const float* const grey = grey_.data() + x;
+                const Floats a = load<Floats>(grey), b = load<Floats>(grey + 1), c = load<Floats>(grey + 2);
+                store(sum + x, a + b + c), store(squares + x, three_products(a, b, c, a, b, c));
+                store(products + x, three_products(a, b, c, load<Floats>(core + x),
+                                                   load<Floats>(core + x + 1), load<Floats>(core + x + 2)));
+            }
+        }
+    }
+
+    Floats window_sum(int auxiliary, int row, int which, int x) {
+        return load<Floats>(sums(auxiliary, row - 1, which) + x) +
+               load<Floats>(sums(auxiliary, row, which) + x) +
+               load<Floats>(sums(auxiliary, row + 1, which) + x);
+    }
+
+    void judge(int number, int row) {
+        for (int block = 0; block < kTileBlocks; ++block) {
+            if (!judged_[number == 0][row][block]) continue;
+            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+                const std::size_t pixel = static_cast<std::size_t>(row * kTileSpan + x);
+                const CoreWindow<Floats> core{load<Floats>(mean_.data() + pixel),
+                                              load<Floats>(energy_.data() + pixel)};
+                Agreement<Floats> agreement;
+                for (int i = 0; i < in_.auxiliary_count; ++i)
+                    agreement.add(
+                        dissimilarity(WindowSums<Floats>{window_sum(i, row, 0, x), window_sum(i, row, 1, x),
+                                                         window_sum(i, row, 2, x)},
+                                      core, in_.costs.floor),
+                        load<Floats>(sums(i, row, 3) + x + 1));
+                const Floats s = load<Floats>(given(row) + x + 1);
+                const Ints allowed =
+                    number == 0 ? finite(s) : finite(s) & (load<Floats>(active_.data() + pixel) > 0.5f);
+                const std::size_t place = at(row, 0) + static_cast<std::size_t>(x);
+                keep(Places{s_.data() + place, cost_.data() + place, source_.data() + place, in_.candidates,
+                            kTileSpan},
+                     s, agreement.cost(in_.costs.unseen_cost), number, in_.costs.separation, allowed);
+            }
+        }
+    }
+
+    const PropagationProblem& in_;
+    int left_ = 0, top_ = 0, columns_ = 0, rows_ = 0;
+    bool any_active_ = false, any_active_in_[kTileRows] = {};
+    // Blocks whose pixels are judged, and whose window sums are wanted for that: [0] by all offsets, [1] by
+    // the pixel's own.
+    bool judged_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
+    std::vector<float> core_, mean_, energy_, active_;
+    std::vector<float> given_, grey_, sums_;                 // of the present row and the two before it
+    alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples
+    alignas(64) float u_[kTileSpan], v_[kTileSpan];
+    std::vector<float> s_, cost_;
+    std::vector<int> source_;
+};
+
+}  // namespace beltscape

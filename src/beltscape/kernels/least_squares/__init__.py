@@ -1,0 +1,1 @@
+"""Least squares of inverse depth: normal equations of all views, and local planes."""

@@ -1,0 +1,130 @@
+"""Normal equations of a surface: the change of inverse depth that all views together ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import WINDOW_LIMIT, demand_within, float32, spline
+from beltscape.kernels.backend import KernelFamily
+
+
+class NormalEquations(NamedTuple):
+    """Least squares of one unknown per pixel, a change of s."""
+
+    information: NDArray[np.floating]
+    """(H, W) float32, 1/px²: the inverse of the change's variance, from this pixel alone."""
+    pull: NDArray[np.floating]
+    """(H, W) float32, 1/px: the change that this pixel alone would take is pull / information."""
+    used: NDArray[np.uint8]
+    """(H, W): how many views see the pixel and pass the gate."""
+
+
+class NormalEquationsInput(NamedTuple):
+    """Checked input of `normal_equations`."""
+
+    s: NDArray[np.float32]
+    """(H, W) inverse depth; NaN where there is none."""
+    core: NDArray[np.float32]
+    """(H, W) grey levels; NaN where there are none."""
+    coefficients: list[NDArray[np.float32]]
+    """n of (h, w)."""
+    views: NDArray[np.float32]
+    """(n, 21), rows as native/view.hpp lays them out."""
+    window: int
+    """Radius of the normalisation's window, px."""
+    residual_window: int
+    """Radius of the window in which a view's misfit is averaged, px; 0 for the pixel alone."""
+    floor: float
+    """Grey levels², added to a window's variance."""
+    noise_variance: float
+    """Of an image, grey levels²."""
+    model_variance: float
+    """Of normalised grey levels."""
+    gate: float
+    """Of the root mean square residual, in standard deviations."""
+
+
+class NormalEquationsKernels(KernelFamily):
+    """Least squares of one unknown per pixel."""
+
+    def normal_equations(
+        self,
+        s: NDArray[np.floating],
+        core: NDArray[np.floating],
+        coefficients: Sequence[NDArray[np.floating]],
+        views: NDArray[np.floating],
+        *,
+        window: int = 7,
+        floor: float,
+        noise_variance: float,
+        model_variance: float,
+        gate: float = 3.0,
+        residual_window: int = 2,
+        threads: int = 0,
+    ) -> NormalEquations:
+        """Return all views' Gauss-Newton equations for a change of s in each pixel.
+
+        The core I and a view's warp J are normalised in a window, n = (value - mean) / √(variance + floor), so
+        that gain and offset between cameras do not matter. With r = n_I - n_J, a view adds w (dn_J/ds)² to the
+        information and w (dn_J/ds) r to the pull; w = 1 / (var(r) (1 + (q / gate)²)) with q the mean of
+        r² / var(r) about the pixel is Cauchy's weight, and
+        var(r) = noise_variance (1 / (variance_I + floor) + 1 / (variance_J + floor)) + model_variance. In the
+        derivative of n_J the window's mean and variance stand still.
+
+        Where a view does not see the surface, J is the core and the view adds nothing. Windows leave out pixels
+        where the core is NaN and go on beyond the image as its outermost pixels.
+
+        Parameters
+        ----------
+        s
+            (H, W) inverse depth on the core's undistorted grid; NaN where there is none.
+        core
+            (H, W) grey levels of the core, undistorted; NaN where there are none.
+        coefficients
+            n times (h, w) of the auxiliaries' images, from `spline_coefficients`, on the core's scale of levels.
+        views
+            (n, 21) how the auxiliaries see the core's pixels, rows as native/view.hpp lays them out.
+        window
+            Radius of the normalisation's window in px, 1 to 15: it is (2 window + 1)² pixels.
+        floor
+            Grey levels², added to the variance, which keeps textureless windows from being amplified.
+        noise_variance
+            Grey levels², of a pixel's noise in one image.
+        model_variance
+            What normalised levels differ by without noise, squared.
+        gate
+            Misfit q at which a view counts half; beyond it the view is not among the used ones.
+        residual_window
+            Radius in px of the window of q, 0 to 15.
+
+        Returns
+        -------
+        Information, pull and the number of used views; all 0 where s or the core is NaN.
+
+        References
+        ----------
+        Black & Anandan, Comput. Vis. Image Underst. 63(1), 75–104, 1996, doi:10.1006/cviu.1996.0006 (robust
+        weights); Baker & Matthews, Int. J. Comput. Vis. 56(3), 221–255, 2004, doi:10.1023/B:VISI.0000011205.11775.fd.
+        """
+        s = float32("s", s, ("H", "W"))
+        if not coefficients:
+            raise KernelError("normal equations need at least one auxiliary")
+        for name, radius, least in (("window", window, 1), ("residual_window", residual_window, 0)):
+            if not least <= radius <= WINDOW_LIMIT:
+                raise KernelError(f"{name} must be {least} to {WINDOW_LIMIT} px, not {radius}")
+        for name, number in (("floor", floor), ("model_variance", model_variance), ("gate", gate)):
+            demand_within(name, number, np.nextafter(0, 1), inf)
+        demand_within("noise_variance", noise_variance, 0, inf)
+        given = NormalEquationsInput(
+            s, float32("core", core, s.shape), [spline(c) for c in coefficients],
+            float32("views", views, (len(coefficients), 21)), window, residual_window, floor, noise_variance,
+            model_variance, gate,
+        )  # fmt: skip
+        out = np.empty_like(s), np.empty_like(s), np.empty(s.shape, np.uint8)
+        return NormalEquations(*self._run("normal_equations", given, out, threads))

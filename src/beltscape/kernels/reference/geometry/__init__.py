@@ -1,0 +1,1 @@
+"""Geometry: triangulation, visibility, ray march and rasterised heights (reference)."""

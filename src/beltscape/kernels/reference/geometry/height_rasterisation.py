@@ -1,0 +1,92 @@
+"""A depth map as a mesh of triangles, seen from straight above: the reference of `rasterise_heights`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.geometry.height_rasterisation import EDGE, RasterisationInput
+
+
+def rasterise_heights(
+    given: RasterisationInput, shape: tuple[int, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return height and variance of the grid's ``shape``."""
+    depth, sigma, use, matrix, step = given
+    with np.errstate(all="ignore"):
+        variance = sigma.astype(np.float64) ** 2
+        points = np.stack([*_points(depth, matrix), variance], axis=-1)
+        corners = _triangles(depth, use & np.isfinite(points).all(axis=-1), np.float32(step))
+        return _uppermost(points.reshape(-1, 4), corners, shape)
+
+
+def _points(depth: NDArray[np.float32], matrix: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Column, row and height of every pixel, each (H, W)."""
+    v, u = np.indices(depth.shape, dtype=np.float64)
+    for across, down, ahead, shift in matrix:
+        yield (across * u + (down * v + ahead)) * depth + shift
+
+
+def _triangles(depth: NDArray[np.float32], use: NDArray[np.bool_], step: np.float32) -> NDArray[np.int64]:
+    """(M, 3) flat pixel indices."""
+    index = np.arange(use.size).reshape(use.shape)
+
+    def joined(one: tuple[slice, slice], two: tuple[slice, slice]) -> NDArray[np.bool_]:
+        return use[one] & use[two] & (np.abs(depth[one] - depth[two]) <= step)
+
+    front, back, whole = slice(None, -1), slice(1, None), slice(None)
+    across, down = joined((whole, front), (whole, back)), joined((front, whole), (back, whole))
+    rising, falling = joined((front, back), (back, front)), joined((front, front), (back, back))
+    falling &= ~rising
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    kinds = (
+        (across[:-1] & down[:, :-1] & rising, (a, b, c)),
+        (across[1:] & down[:, 1:] & rising, (b, d, c)),
+        (across[:-1] & down[:, 1:] & falling, (a, b, d)),
+        (across[1:] & down[:, :-1] & falling, (a, d, c)),
+    )
+    return np.concatenate([np.stack([corner[on] for corner in corners], axis=1) for on, corners in kinds])
+
+
+def _uppermost(
+    points: NDArray[np.float64], corners: NDArray[np.int64], shape: tuple[int, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of triangles ``corners`` (M, 3) of ``points`` (N, 4): column, row, height, variance."""
+    height, variance = np.full(shape, -np.inf), np.full(shape, -np.inf)
+    hits = list(_hits(points, corners, shape))
+    for node, here, _ in hits:
+        np.maximum.at(height, node, here)
+    for node, here, other in hits:
+        top = here == height[node]
+        np.maximum.at(variance, (node[0][top], node[1][top]), other[top])
+    there = height > -np.inf
+    height += 0.0  # -0 and 0 are equally high: 0
+    return np.where(there, height, np.nan), np.where(there, variance, np.nan)
+
+
+def _hits(
+    points: NDArray[np.float64], corners: NDArray[np.int64], shape: tuple[int, ...]
+) -> Iterator[tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64], NDArray[np.float64]]]:
+    """Nodes within triangles: (row, column), height and variance; each triangle's n-th node is in the n-th lot."""
+    x, y = points[:, 0][corners], points[:, 1][corners]
+    left, right = np.maximum(np.ceil(x.min(axis=1)), 0), np.minimum(np.floor(x.max(axis=1)), shape[1] - 1)
+    top, bottom = np.maximum(np.ceil(y.min(axis=1)), 0), np.minimum(np.floor(y.max(axis=1)), shape[0] - 1)
+    own = np.flatnonzero((left <= right) & (top <= bottom))
+    row = 0
+    while len(rest := own[top[own] + row <= bottom[own]]):
+        column = 0
+        while len(now := rest[left[rest] + column <= right[rest]]):
+            u, v = left[now] + column, top[now] + row
+            x0, y0 = x[now, 0], y[now, 0]
+            x1, y1, x2, y2 = x[now, 1] - x0, y[now, 1] - y0, x[now, 2] - x0, y[now, 2] - y0
+            area = x1 * y2 - x2 * y1
+            first = ((u - x0) * y2 - x2 * (v - y0)) / area
+            second = (x1 * (v - y0) - (u - x0) * y1) / area
+            inside = (first >= -EDGE) & (second >= -EDGE) & (first + second <= 1 + EDGE)
+            node = v[inside].astype(np.int64), u[inside].astype(np.int64)
+            zero, one, two = (points[corners[now[inside], k], 2:].T for k in range(3))
+            yield node, *(zero + first[inside] * (one - zero) + second[inside] * (two - zero))
+            column += 1
+        row += 1

@@ -1,0 +1,121 @@
+"""Planes around every pixel: the reference of `local_fit`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.least_squares.local_fit import MOST_DISAGREEMENT, FitWindow, LocalFitInput
+
+Array = NDArray[np.float64]
+
+SLOPE_RIDGE = 0.1
+"""px²: what holds slopes to the earlier ones, per weight of the window."""
+NO_WEIGHT = 1e-12
+"""A window that weighs no more says nothing."""
+LEAST_VARIANCE = 1e-12
+LARGEST_STEP = 1.0
+"""Of s, px."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plane:
+    """One window's fit, each (H, W)."""
+
+    change: Array
+    slope_u: Array
+    slope_v: Array
+    variance: Array
+
+
+def local_fit(given: LocalFitInput) -> tuple[NDArray[Any], ...]:
+    """Return the fields of LocalFit, (H, W) each."""
+    fits = [_fitted(given, window) for window in given.windows]
+    taken, scale = _largest_consistent(fits, given.confidence_width)
+    missing = ~np.isfinite(given.s)
+    moved = given.s + np.clip(taken.change, -LARGEST_STEP, LARGEST_STEP)
+    fitted = moved, taken.slope_u, taken.slope_v, taken.variance, _disagreement(fits)
+    planes = (np.where(missing, np.nan, a) for a in fitted)
+    return *planes, np.where(missing, 0, scale).astype(np.uint8)
+
+
+def _largest_consistent(planes: list[_Plane], width: float) -> tuple[_Plane, NDArray[np.int64]]:
+    """Per pixel the last plane up to which all confidence intervals have a value in common, and its number."""
+    halves = [width * np.sqrt(plane.variance) for plane in planes]
+    low = np.maximum.accumulate([plane.change - half for plane, half in zip(planes, halves, strict=True)])
+    high = np.minimum.accumulate([plane.change + half for plane, half in zip(planes, halves, strict=True)])
+    scale = np.maximum((low <= high).sum(axis=0) - 1, 0)  # once apart, always apart
+    fields = (np.stack([getattr(plane, name) for plane in planes]) for name in _Plane.__slots__)
+    return _Plane(*(np.take_along_axis(field, scale[None], axis=0)[0] for field in fields)), scale
+
+
+def _disagreement(planes: list[_Plane]) -> Array:
+    """(H, W) of the two largest windows."""
+    if len(planes) == 1:
+        return np.zeros_like(planes[0].change)
+    smaller, larger = planes[-2:]
+    apart = larger.change - smaller.change
+    return np.minimum(apart**2 / np.maximum(smaller.variance, LEAST_VARIANCE), MOST_DISAGREEMENT)
+
+
+def _fitted(given: LocalFitInput, window: FitWindow) -> _Plane:
+    """The weighted least squares of one window, all its taps at once."""
+    information, pull, s, slope_u, slope_v = (np.asarray(field, np.float64) for field in given[:5])
+    there, known = np.isfinite(s), np.isfinite(information) & np.isfinite(pull)
+    information, pull = np.where(known, information, 0), np.where(known, pull, 0)
+    slope_u, slope_v = (np.where(np.isnan(slope), 0, slope) for slope in (slope_u, slope_v))
+    offsets = [(v, u) for v in range(-window.radius, window.radius + 1)
+               for u in range(-window.reach[abs(v)], window.reach[abs(v)] + 1)]  # fmt: skip
+    near = [
+        _neighbours(np.where(there, f, 0), offsets) for f in (s, information + given.prior_information, pull)
+    ]
+    near_s, near_information, near_pull = near
+    v, u = np.array(offsets, np.float64)[:, :, None, None].swapaxes(0, 1)
+    above = near_s - np.where(np.isfinite(s), s, 0)
+    e = above - slope_u * u - slope_v * v
+    taps = np.array([window.taps[abs(v)] * window.taps[abs(u)] for v, u in offsets])[:, None, None]
+    closeness = taps * np.maximum(1 - (e / given.tolerance) ** 2, 0) ** 2 * _neighbours(there, offsets)
+    target = above - (1 - given.flatten) * e
+    weight, pulled = closeness * near_information, closeness * (near_information * target + near_pull)
+    return _solved(weight, pulled, closeness * weight, u, v, slope_u, slope_v)
+
+
+def _neighbours(field: NDArray, offsets: list[tuple[int, int]]) -> NDArray:
+    """(taps, H, W): the field at every offset (v, u) from each pixel; 0 beyond the image."""
+    margin = max(max(abs(v), abs(u)) for v, u in offsets)
+    padded, (height, width) = np.pad(field, margin), field.shape
+    return np.stack(
+        [padded[margin + v : margin + v + height, margin + u : margin + u + width] for v, u in offsets]
+    )
+
+
+def _solved(
+    weight: Array, pulled: Array, square: Array, u: Array, v: Array, slope_u: Array, slope_v: Array
+) -> _Plane:
+    """Minimum of Σ weight (target - change - slope · (u, v))² + SLOPE_RIDGE Σ weight |slope - earlier slope|².
+
+    ``pulled`` is weight · target, ``square`` weight² / information. The variance is that of the weighted mean,
+    the neighbours having 1 / information, and that of the plane's tilt from their centre of mass to the pixel.
+    """
+    total = weight.sum(axis=0)
+    nothing = total <= NO_WEIGHT
+    total = np.where(nothing, 1, total)
+    mean_u, mean_v, mean = ((a).sum(axis=0) / total for a in (weight * u, weight * v, pulled))
+    du, dv = u - mean_u, v - mean_v
+    uu = (weight * du**2).sum(axis=0) + SLOPE_RIDGE * total
+    vv = (weight * dv**2).sum(axis=0) + SLOPE_RIDGE * total
+    uv = (weight * du * dv).sum(axis=0)
+    right_u = (pulled * du).sum(axis=0) + SLOPE_RIDGE * total * slope_u
+    right_v = (pulled * dv).sum(axis=0) + SLOPE_RIDGE * total * slope_v
+    determinant = uu * vv - uv**2
+    new_u, new_v = (vv * right_u - uv * right_v) / determinant, (uu * right_v - uv * right_u) / determinant
+    tilt = (vv * mean_u**2 - 2 * uv * mean_u * mean_v + uu * mean_v**2) / determinant
+    return _Plane(
+        np.where(nothing, 0, mean - new_u * mean_u - new_v * mean_v),
+        np.where(nothing, slope_u, new_u),
+        np.where(nothing, slope_v, new_v),
+        np.where(nothing, np.inf, square.sum(axis=0) / total**2 + tilt),
+    )

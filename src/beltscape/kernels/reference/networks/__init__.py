@@ -1,0 +1,1 @@
+"""Small networks, and message passing between pixels: the reference."""

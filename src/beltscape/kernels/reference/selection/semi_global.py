@@ -1,0 +1,78 @@
+"""The semi-global choice among the candidates that neighbours keep."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.selection.propagation import Propagated
+
+Array = NDArray[np.float64]
+
+NO_CANDIDATE = 1e6
+"""The nearness of a place that is free."""
+
+STEEPEST_STEP = 1.0
+DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
+
+
+class Kept(NamedTuple):
+    """Candidates, (H, W, K) each."""
+
+    s: Array
+    slope_u: Array
+    slope_v: Array
+    cost: Array
+
+    def rows(self, first: int, end: int) -> Kept:
+        """Those of rows first … end - 1."""
+        return Kept(*(field[first:end] for field in self))
+
+    def at(self, y: int, x: slice) -> Kept:
+        """Those of a row's pixels, (n, K) each."""
+        return Kept(*(field[y, x] for field in self))
+
+
+APART = 1.5
+"""Candidates farther apart in s are different surfaces."""
+
+
+def choose(kept: Kept, small_jump: float, large_jump: float) -> Propagated:
+    """The candidates with the least cost + mean of what eight paths bring."""
+    paths = [_path(kept, dx, dy, small_jump, large_jump) for dx, dy in DIRECTIONS]
+    totals = kept.cost + np.mean(paths, axis=0)
+    best = totals.argmin(axis=2)[..., None]
+    s, slope_u, slope_v, cost = (np.take_along_axis(field, best, axis=2)[..., 0] for field in kept)
+    apart = np.abs(kept.s - s[..., None]) > APART
+    margin = np.minimum(np.where(apart, totals, np.inf).min(axis=2) - totals.min(axis=2), 1)
+    none = s == NO_CANDIDATE
+    s, cost, margin = (np.where(none, np.nan, field) for field in (s, cost, margin))
+    return Propagated(s, slope_u, slope_v, cost, margin)
+
+
+def _path(kept: Kept, dx: int, dy: int, small_jump: float, large_jump: float) -> Array:
+    """(H, W, K) what a path in one direction brings to each candidate."""
+    if dy == 0:  # the same along columns
+        turned = Kept(*(field.swapaxes(0, 1) for field in (kept.s, kept.slope_v, kept.slope_u, kept.cost)))
+        return _path(turned, 0, dx, small_jump, large_jump).swapaxes(0, 1)
+    height, width, _ = kept.s.shape
+    brought = np.zeros(kept.s.shape)
+    to, from_ = slice(max(dx, 0), width + min(dx, 0)), slice(max(-dx, 0), width - max(dx, 0))
+    rows = range(height) if dy > 0 else range(height - 1, -1, -1)
+    for y in rows[1:]:
+        before, here = kept.at(y - dy, from_), kept.at(y, to)
+        toll = before.cost + brought[y - dy, from_]
+        toll -= toll.min(axis=1, keepdims=True)
+        least = (toll[:, None] + _jump(before, here, dx, dy, small_jump)).min(axis=2)
+        brought[y, to] = np.minimum(least, large_jump)
+    return brought
+
+
+def _jump(before: Kept, here: Kept, dx: int, dy: int, small_jump: float) -> Array:
+    """(n, K, K): from each candidate (last axis) of the pixels before to each of those here."""
+    slope_u = (here.slope_u[:, :, None] + before.slope_u[:, None]) / 2
+    slope_v = (here.slope_v[:, :, None] + before.slope_v[:, None]) / 2
+    expected = np.clip(slope_u * dx + slope_v * dy, -STEEPEST_STEP, STEEPEST_STEP)
+    return small_jump * np.abs(here.s[:, :, None] - before.s[:, None] - expected)

@@ -1,0 +1,1 @@
+"""Plane sweep and semi-global aggregation: the reference."""

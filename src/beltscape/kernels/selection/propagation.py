@@ -1,0 +1,198 @@
+"""Propagation: near depth steps, pixels take over their neighbours' surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import flags, float32, sampled_images
+from beltscape.kernels.backend import KernelFamily
+
+MOST_OFFSETS = 254
+MOST_CANDIDATES = 8
+FARTHEST_OFFSET = 32767
+
+
+class Propagated(NamedTuple):
+    """The chosen candidates; s, cost and margin are NaN where a pixel had none."""
+
+    s: NDArray[np.floating]
+    """(H, W) float32 inverse depth."""
+    slope_u: NDArray[np.floating]
+    """(H, W) float32, of the pixel that it comes from; 0 where that was not finite."""
+    slope_v: NDArray[np.floating]
+    """(H, W) float32."""
+    cost: NDArray[np.floating]
+    """(H, W) float32 dissimilarity, 0 … 1."""
+    margin: NDArray[np.floating]
+    """(H, W) float32, how far the sum of the next candidate that differs by more than 1.5 lies above: at most 1."""
+
+
+class PropagationCosts(NamedTuple):
+    """The numbers that the choice depends on."""
+
+    separation: float
+    floor: float
+    unseen_cost: float
+    tolerance: float
+    small_jump: float
+    large_jump: float
+
+
+class PropagationInput(NamedTuple):
+    """Checked input of `propagate`."""
+
+    surface: list[NDArray[np.float32]]
+    """s, slope_u, slope_v, each (H, W); s is NaN where there is no surface."""
+    core: NDArray[np.float32]
+    """(H, W) grey levels."""
+    images: list[NDArray[np.float32]]
+    """n of (h, w) grey levels, each at least 2 × 2."""
+    views: NDArray[np.float32]
+    """(n, 21), see `beltscape.kernels.reference.view.project`."""
+    buffers: list[NDArray[np.float32]]
+    """n of (h, w)."""
+    offsets: NDArray[np.int32]
+    """(m, 2) dx, dy."""
+    candidates: int
+    costs: PropagationCosts
+    active: NDArray[np.uint8] | None
+    """(H, W), or None where all pixels are active."""
+
+
+class PropagationKernels(KernelFamily):
+    """A surface whose pixels may change sides at a depth step."""
+
+    def propagate(
+        self,
+        s: NDArray[np.floating],
+        slope_u: NDArray[np.floating],
+        slope_v: NDArray[np.floating],
+        core: NDArray[np.floating],
+        images: Sequence[NDArray[np.floating]],
+        views: NDArray[np.floating],
+        buffers: Sequence[NDArray[np.floating]],
+        *,
+        offsets: NDArray[np.integer],
+        candidates: int = 5,
+        separation: float = 0.4,
+        floor: float,
+        unseen_cost: float = 0.35,
+        tolerance: float = 2.0,
+        small_jump: float = 0.2,
+        large_jump: float = 0.5,
+        active: NDArray[np.uint8] | None = None,
+        threads: int = 0,
+    ) -> Propagated:
+        """Return every pixel's best candidate: its own s, or that of a neighbour continued along its slopes.
+
+        A pixel p has s itself as a candidate, and from every offset s_q + slope_q · (p - q), at most 3 from s_q,
+        of q = p - offset (the nearest pixel of the grid to that). A view's dissimilarity over 3 × 3 pixels is
+        that of `sweep`, each pixel of the window with its own candidate of the same offset. Those views count in
+        which p is seen inside the image with nothing more than ``tolerance`` before it: their mean, from three
+        on without the worst; ``unseen_cost`` where none does.
+
+        Each pixel keeps the cheapest: a candidate nearer than ``separation`` to one that is kept takes its place
+        if it is cheaper, any other that of the dearest if it is cheaper. Of these a semi-global choice on eight
+        paths takes the one with the least sum of cost + mean of what the paths bring, where the step from
+        candidate b of one pixel to candidate a of the next costs
+
+            min(small_jump · |s_a - s_b - clamp((slope_a + slope_b) / 2 · step, -1, 1)|, large_jump).
+
+        The grid is cut into bands of 128 rows; paths begin 12 rows outside of them.
+
+        Parameters
+        ----------
+        s, slope_u, slope_v
+            (H, W) inverse depth on the core's undistorted grid and its slopes per px. A pixel where s is NaN has no
+            candidate of its own and passes on none; slopes that are not finite count as 0.
+        core
+            (H, W) grey levels, undistorted.
+        images
+            n of (h, w) grey levels, as the auxiliaries took them.
+        views
+            (n, 21) how each sees the core's pixels, rows as native/view.hpp lays them out.
+        buffers
+            n of (h, w) from `inverse_depth_buffers`, of this or an earlier s.
+        offsets
+            (m, 2) integers dx, dy; at most 254.
+        candidates
+            How many a pixel keeps, 1 to 8.
+        separation, tolerance
+            In units of s.
+        floor
+            A variance in grey levels² below which texture counts as noise; positive.
+        active
+            (H, W) uint8 or bool; where it is 0 (or False) a pixel keeps its own. The work is in proportion to the
+            16-pixel blocks with an active pixel. Left out, all are.
+
+        References
+        ----------
+        Hirschmüller, IEEE TPAMI 30(2), 328–341, 2008, doi:10.1109/TPAMI.2007.1166 (the paths); Bleyer, Rhemann &
+        Rother, PatchMatch Stereo, BMVC 2011, doi:10.5244/C.25.14 (planes propagated to neighbours).
+        """
+        s = float32("s", s, ("H", "W"))
+        images = _checked_images(images, buffers)
+        if not 1 <= candidates <= MOST_CANDIDATES:
+            raise KernelError(f"candidates must be 1 to {MOST_CANDIDATES}, not {candidates}")
+        costs = PropagationCosts(separation, floor, unseen_cost, tolerance, small_jump, large_jump)
+        _check_costs(costs)
+        given = PropagationInput(
+            surface=[s, float32("slope_u", slope_u, s.shape), float32("slope_v", slope_v, s.shape)],
+            core=float32("core", core, s.shape),
+            images=images,
+            views=float32("views", views, (len(images), 21)),
+            buffers=[float32(f"buffers[{i}]", b, images[i].shape) for i, b in enumerate(buffers)],
+            offsets=_checked_offsets(offsets),
+            candidates=candidates,
+            costs=costs,
+            active=None if active is None else flags("active", active, s.shape),
+        )
+        return Propagated(
+            *self._run("propagate", given, [np.empty_like(s) for _ in Propagated._fields], threads)
+        )
+
+
+def _checked_images(
+    images: Sequence[NDArray[np.floating]], buffers: Sequence[NDArray[np.floating]]
+) -> list[NDArray[np.float32]]:
+    """Return the auxiliaries' images, as many as buffers, or raise KernelError."""
+    if not images:
+        raise KernelError("propagation needs at least one auxiliary image")
+    if len(buffers) != len(images):
+        raise KernelError(f"buffers must be {len(images)}, as the images are, not {len(buffers)}")
+    return sampled_images(images)
+
+
+def _checked_offsets(offsets: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Return the offsets (m, 2) as int32, or raise KernelError."""
+    offsets = np.asarray(offsets)
+    if offsets.ndim != 2 or offsets.shape[1] != 2 or len(offsets) > MOST_OFFSETS:
+        raise KernelError(
+            f"offsets must have the shape (m, 2) with m of at most {MOST_OFFSETS}, not {offsets.shape}"
+        )
+    if not np.issubdtype(offsets.dtype, np.integer):
+        raise KernelError(f"offsets must be integers, not {offsets.dtype}")
+    if offsets.size and np.abs(offsets.astype(np.int64)).max() > FARTHEST_OFFSET:
+        raise KernelError(f"offsets must be at most {FARTHEST_OFFSET} px, not {np.abs(offsets).max()}")
+    return np.ascontiguousarray(offsets, dtype=np.int32)
+
+
+def _check_costs(costs: PropagationCosts) -> None:
+    """Raise KernelError when a number lies beyond its bounds."""
+    for name, value in (("separation", costs.separation), ("floor", costs.floor)):
+        if not 0 < value < np.inf:
+            raise KernelError(f"{name} must be positive, not {value}")
+    if not 0 <= costs.unseen_cost <= 1:
+        raise KernelError(f"unseen_cost must be 0 to 1, not {costs.unseen_cost}")
+    if not 0 <= costs.tolerance < np.inf:
+        raise KernelError(f"tolerance must not be negative, not {costs.tolerance}")
+    small, large = costs.small_jump, costs.large_jump
+    if not (0 <= small < np.inf and 0 <= large <= 100):
+        raise KernelError(
+            f"jumps must be 0 <= small_jump and 0 <= large_jump <= 100, not {small} and {large}"
+        )

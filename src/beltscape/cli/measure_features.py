@@ -31,10 +31,10 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         measure_features_of_frame,
         write_features,
     )
-    from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
+    from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
 
     frame, measured = measure_features_of_frame(arguments.frame, arguments.module, arguments.image)
-    warn_of_findings(frame, reporter)
+    warn_of_camera_faults(frame, reporter)
     reporter.step("measuring features", 1, 1)
     for warning in measured.warnings:
         reporter.warn(warning)

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
     from beltscape.pipeline.measuring.lumps import make_lumps_document, measure_lumps_of_frame, write_lumps
-    from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
+    from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
 
     options = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     measured = measure_lumps_of_frame(
         arguments.loaded, make_settings(LumpSettings, **options), empty=arguments.empty, reporter=reporter
     )
-    warn_of_findings(measured.frame, reporter)
+    warn_of_camera_faults(measured.frame, reporter)
     reporter.step("measuring lumps", 1, 1)
     if arguments.out is not None:
         write_lumps(arguments.out, measured)

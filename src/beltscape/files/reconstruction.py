@@ -37,8 +37,8 @@ class FrameResult:
     depth: DepthMap
     image: Image | None = None
     """The core camera's image (H, W) or (H, W, 3) on the same grid; None if it was not stored."""
-    findings: tuple[str, ...] = ()
-    """Findings of the camera consistency check, one line each (``doubts`` in reconstruction.json)."""
+    faults: tuple[str, ...] = ()
+    """Faults that the camera consistency check found, one line each (``doubts`` in reconstruction.json)."""
 
 
 def write_frame(
@@ -60,7 +60,7 @@ def write_frame(
 
 
 def write_reconstruction(folder: Path, how: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
-    """Write reconstruction.json: how frames were matched, and each frame's coverage and findings."""
+    """Write reconstruction.json: how frames were matched, and each frame's coverage and faults."""
     frames = [{key: value for key, value in frame.items() if key != "folder"} for frame in frames]
     write_json(folder / DOCUMENT, {"format": FORMAT, **how, "frames": frames})
 
@@ -127,12 +127,12 @@ def read_frame(folder: AnyPath) -> FrameResult:
                 f"has {width}×{height}; the rig.json beside the frame is another rig's"
             )
     views, image = _views(folder / "views.png", depth), _image(folder / "image.png", depth)
-    systematic_mm, findings = _read_findings(folder)
-    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence, systematic_mm), image, findings)
+    systematic_mm, faults = _read_faults(folder)
+    return FrameResult(folder, rig, DepthMap(depth, sigma, views, confidence, systematic_mm), image, faults)
 
 
-def _read_findings(folder: Path) -> tuple[float, tuple[str, ...]]:
-    """Return the systematic σ (mm) and the findings of a frame in reconstruction.json; none without the file."""
+def _read_faults(folder: Path) -> tuple[float, tuple[str, ...]]:
+    """Return the systematic σ (mm) and the faults of a frame in reconstruction.json; none without the file."""
     path = folder.parent / DOCUMENT
     if not path.is_file():
         return 0.0, ()

@@ -23,7 +23,7 @@ _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 14
 
 
 def draw_rectification(
-    rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], findings: Sequence[str] = ()
+    rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], faults: Sequence[str] = ()
 ) -> Rgb:
     """Draw one row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
 
@@ -31,7 +31,7 @@ def draw_rectification(
     their rows are vertical. Camera faults are written above.
     """
     page = arrange_panels(make_rectification_panels(rig, frame_set, pairs), 4)
-    return np.concatenate([_draw_warnings(findings, page.shape[1]), page]) if findings else page
+    return np.concatenate([_draw_warnings(faults, page.shape[1]), page]) if faults else page
 
 
 def _draw_warnings(lines: Sequence[str], width_px: int) -> Rgb:

@@ -16,7 +16,7 @@ from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
+from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
 from beltscape.report.measuring.belt import render_belt_page
 
 
@@ -32,7 +32,7 @@ def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Rep
     results: list[FrameResult] = []
     for number, name in enumerate(names, 1):
         results.append(read_frame(folder / name))
-        warn_of_findings(results[-1], reporter)
+        warn_of_camera_faults(results[-1], reporter)
         reporter.step("reading empty belt", number, len(names))
     camera = results[0].rig.core_camera
     return learn_belt([result.depth for result in results], camera), camera
@@ -64,7 +64,7 @@ def read_empty_belt(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
     if (path / "rig.json").is_file() and not (path / "depth.tiff").is_file():
         return measure_empty_belt(path, None, reporter)
     frame = read_frame(path)
-    warn_of_findings(frame, reporter)
+    warn_of_camera_faults(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
 

@@ -16,7 +16,7 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume
 from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
-from beltscape.pipeline.reconstructing.camera_findings import warn_of_findings
+from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
 from beltscape.report.measuring.volume import render_volume_page
 
 LEAST_COVERAGE = 0.5
@@ -43,7 +43,7 @@ def measure_volume_of_frames(
     """
     reporter = reporter or Silent()
     frame = read_frame(loaded)
-    warn_of_findings(frame, reporter)
+    warn_of_camera_faults(frame, reporter)
     belt, camera = read_empty_belt(empty, reporter)
     require_same_camera(loaded, frame.rig.core_camera, empty, camera)
     volume = measure_volume(

@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, check_consistency
 from beltscape.stereo.consistency.exchange import find_exchange
-from beltscape.stereo.consistency.findings import describe_findings
+from beltscape.stereo.consistency.fault_texts import describe_faults
 from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -39,8 +39,8 @@ class CheckedDepth:
     """None: the frame was not checked."""
     auxiliaries: tuple[str, ...]
     """The auxiliaries used for the depth."""
-    findings: tuple[str, ...]
-    """One line per inconsistency."""
+    faults: tuple[str, ...]
+    """One line per camera fault, or the likely cause of low coverage."""
 
 
 class CheckedMatcher:
@@ -72,12 +72,12 @@ class CheckedMatcher:
         self._reported: tuple[tuple[str, ...], bool] = (), False
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
-        """Return the depth of a frame; report its findings when they are new."""
+        """Return the depth of a frame; report its faults when they are new."""
         checked = self.measure(frame_set, reporter, prior)
         if checked.consistency is not None:
             state = checked.consistency.inconsistent, checked.consistency.core_moved
             if state != self._reported:
-                for line in checked.findings:
+                for line in checked.faults:
                     reporter.warn(line)
             self._reported = state
         return checked.depth
@@ -114,32 +114,32 @@ class CheckedMatcher:
     ) -> CheckedDepth:
         """Return the depth, with raised σ if it was measured with inconsistent cameras."""
         self.is_inconsistent = not consistency.is_sound
-        findings = describe_findings(consistency, self.rig, self._find_exchange(frame_set, consistency))
+        faults = describe_faults(consistency, self.rig, self._find_exchange(frame_set, consistency))
         uses_inconsistent = consistency.core_moved or not set(names).isdisjoint(consistency.inconsistent)
         # at low coverage or with gross residuals, an inconsistent camera's pixels match by chance
         is_gross = uses_inconsistent and consistency.misfit_px > GROSS_PX
-        if findings and (depth.coverage < LEAST_COVERAGE or is_gross):
+        if faults and (depth.coverage < LEAST_COVERAGE or is_gross):
             self._refused = True
-            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(findings)}")
+            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(faults)}")
         self._systematic_px = consistency.misfit_px * max(
             1.0, float(np.sqrt(_AVERAGING_AUXILIARIES / len(names)))
         )
         depth = self._add_systematic(depth)
-        if uses_inconsistent and findings:
+        if uses_inconsistent and faults:
             end = f"σ of the depth includes an error of {depth.systematic_mm:.2f} mm common to all pixels"
         else:
             end = f"the depth is measured without {', '.join(self.excluded)}"
-        findings = [f"{line}; {end}" for line in findings]
+        faults = [f"{line}; {end}" for line in faults]
         if depth.coverage < LEAST_COVERAGE:
             cause, is_unreliable = diagnose_low_coverage(
                 frame_set, self.rig, consistency, self._near_far, depth.coverage
             )
-            findings = [cause]
+            faults = [cause]
             if is_unreliable:
                 depth = add_systematic_error(
                     depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12))
                 )
-        return CheckedDepth(depth, consistency, names, tuple(findings))
+        return CheckedDepth(depth, consistency, names, tuple(faults))
 
     def _select_auxiliaries(self, frame_set: FrameSet) -> tuple[str, ...]:
         """Return the auxiliaries with an image, without the excluded ones unless none remains."""

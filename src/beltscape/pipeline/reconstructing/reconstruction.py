@@ -26,7 +26,7 @@ from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import check_consistency, make_consistency_document
 from beltscape.stereo.consistency.exchange import find_exchange
-from beltscape.stereo.consistency.findings import describe_findings
+from beltscape.stereo.consistency.fault_texts import describe_faults
 from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range, search_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -125,7 +125,7 @@ def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, An
         "median_sigma_mm": float(np.nanmedian(depth.sigma_mm)) if measured else float("nan"),
         "auxiliaries": checked.auxiliaries,
         "systematic_mm": depth.systematic_mm,
-        "doubts": checked.findings,
+        "doubts": checked.faults,
         "consistency": checked.consistency and make_consistency_document(checked.consistency),
     }
 
@@ -204,9 +204,9 @@ def _diagnose_missing_surface(frame_set: FrameSet, rig: Rig) -> str:
     """Return the most likely reason why a frame shows no surface."""
     consistency = check_consistency(frame_set, rig, None)
     names = tuple(each.camera for each in consistency.cameras)
-    findings = describe_findings(consistency, rig, find_exchange(frame_set, rig, consistency))
-    if findings:
-        return f"frame {frame_set.frame}: {'; '.join(findings)}"
+    faults = describe_faults(consistency, rig, find_exchange(frame_set, rig, consistency))
+    if faults:
+        return f"frame {frame_set.frame}: {'; '.join(faults)}"
     return diagnose_low_coverage(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
 
 
@@ -239,7 +239,7 @@ def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporte
                 reporter.warn(f"{error}; going on without this frame")
             continue
         done += 1
-        for line in checked.findings:
+        for line in checked.faults:
             reporter.warn(line)
         yield Frame(frame_set, checked)
     if not done:

@@ -24,7 +24,7 @@ from beltscape.stereo.consistency.check import (
     make_consistency_document,
 )
 from beltscape.stereo.consistency.exchange import find_exchange
-from beltscape.stereo.consistency.findings import describe_findings
+from beltscape.stereo.consistency.fault_texts import describe_faults
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
 from beltscape.stereo.pairwise.row_error import MIN_MATCHES
@@ -54,16 +54,16 @@ def rectify_capture(
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
     frames: list[Mapping[str, Any]] = []
-    for frame_set, pairs, consistency, findings in rectify(source, rig, near_far, reporter):
+    for frame_set, pairs, consistency, faults in rectify(source, rig, near_far, reporter):
         folder = out / frame_set.frame
         for images in pairs:
             write_image(folder / images.pair.auxiliary / "core.png", images.core)
             write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
-        write_image(folder / "rectification.png", draw_rectification(rig, frame_set, pairs, findings))
+        write_image(folder / "rectification.png", draw_rectification(rig, frame_set, pairs, faults))
         document = {
             "frame": frame_set.frame,
             "pairs": [_document(images) for images in pairs],
-            "doubts": findings,
+            "doubts": faults,
             "consistency": make_consistency_document(consistency),
         }
         write_json(folder / "rectification.json", document)
@@ -109,14 +109,14 @@ def rectify(
             continue
         images = [rectify_images(frame_set, pairs[name]) for name in names]
         consistency = check_consistency(frame_set, rig, None, names)
-        findings = [
-            *describe_findings(consistency, rig, find_exchange(frame_set, rig, consistency)),
+        faults = [
+            *describe_faults(consistency, rig, find_exchange(frame_set, rig, consistency)),
             *_describe_row_errors(images, consistency),
         ]
-        for line in findings:
+        for line in faults:
             reporter.warn(f"frame {frame_set.frame}: {line}")
         reporter.step("rectifying", done, len(source))
-        yield frame_set, images, consistency, findings
+        yield frame_set, images, consistency, faults
 
 
 def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:

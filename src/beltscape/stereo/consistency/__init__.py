@@ -10,6 +10,6 @@
 6. `fault_isolation` finds the cameras whose residuals exceed the tolerance.
 7. `pose_change` fits the movement of one camera that explains the residuals.
 
-`exchange` finds two cameras whose images were exchanged. `findings` describes the result in lines of text.
+`exchange` finds two cameras whose images were exchanged. `fault_texts` describes the faults in one line each.
 `low_coverage` diagnoses why few pixels of a frame are measured.
 """

@@ -6,7 +6,7 @@ from beltscape.core.progress import Reporter
 from beltscape.files.reconstruction import FrameResult
 
 
-def warn_of_findings(frame: FrameResult, reporter: Reporter) -> None:
+def warn_of_camera_faults(frame: FrameResult, reporter: Reporter) -> None:
     """Warn of a frame's camera faults; their systematic error is included in its depth map's σ."""
-    for line in frame.findings:
+    for line in frame.faults:
         reporter.warn(f"{frame.folder}: {line}")

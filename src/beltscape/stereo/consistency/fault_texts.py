@@ -1,4 +1,4 @@
-"""Findings of a frame's consistency check as lines of text, each with the camera, the figure and the fix."""
+"""Texts of the camera faults of a frame: one line each, with the camera, the figure and the fix."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from beltscape.stereo.consistency.check import CameraConsistency, RigConsistency
 _FIX = "calibrate again"
 
 
-def describe_findings(
+def describe_faults(
     consistency: RigConsistency, rig: Rig, exchanged: tuple[str, str] | None = None
 ) -> list[str]:
     """Return one line per inconsistency; none for a sound rig."""

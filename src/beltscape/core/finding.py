@@ -50,8 +50,7 @@ class Finding:
 
 def worst_effect(findings: Iterable[Finding]) -> Effect:
     """Return the most severe effect; "none" without findings."""
-    none: Effect = "none"
-    return max((finding.effect for finding in findings), key=EFFECTS.index, default=none)
+    return EFFECTS[max((EFFECTS.index(finding.effect) for finding in findings), default=0)]
 
 
 def combine_systematic_mm(findings: Iterable[Finding]) -> float:

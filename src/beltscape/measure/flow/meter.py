@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
+from beltscape.core.finding import Finding, worst_effect
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
@@ -27,6 +28,7 @@ from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.measure.flow.motion.registration import Shift, register
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.density import Density, make_unknown_density
+from beltscape.measure.flow.records.fault_attribution import FaultAttribution
 from beltscape.measure.flow.records.profile import Profile
 from beltscape.measure.flow.records.strips import Strips
 from beltscape.measure.flow.records.totals import FlowTotals, Sums
@@ -90,6 +92,7 @@ class FlowMeter:
         self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(ground.cell_mm, self.settings.bridge_mm)
         self._buffer = LayerBuffer(ground, self.settings, RowFiller(ground, self.settings, watch_belt))
+        self._faults = FaultAttribution(self._strips, self._buffer)
 
     @property
     def direction(self) -> int:
@@ -128,19 +131,27 @@ class FlowMeter:
         *,
         frame: str = "",
         whole: bool = True,
+        findings: Sequence[Finding] = (),
     ) -> list[FlowRecord]:
         """Add the next frame and return the records that it completes.
 
         ``depth`` is None for a frame without a depth map. ``time_ns`` is None without times (then for all frames).
         ``position_mm`` is the encoder's reading, growing with the travel; None without an encoder. A frame that is
-        not ``whole``, because a camera gave no image, makes its strip a degraded one.
+        not ``whole``, because a camera gave no image, makes its strip a degraded one. ``findings`` are those of the
+        checks of this frame: a fault with the effect "degraded" degrades all strips that the frame measures, one
+        with the effect "missing" excludes the frame; both apply back to the last frame that the check passed.
         """
         clock = float(self._count) if time_ns is None else time_ns * 1e-9
         name = frame or f"{self._count:03d}"
+        if worst_effect(findings) == "missing":
+            depth = None
         if depth is not None:
             require_depth_of(self.ground.camera, depth, f"frame {name}")
             self._sums.add_systematic(depth.systematic_mm)
-        pushed = PushedFrame(name, depth, time_ns, clock, position_mm, self._filter(depth), whole)
+        pushed = PushedFrame(
+            name, depth, time_ns, clock, position_mm, self._filter(depth), whole, self._count, list(findings)
+        )
+        self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
         self._waiting.append(pushed)
         if not self._can_locate():
@@ -217,13 +228,16 @@ class FlowMeter:
             return self._pop_finished()
         if self._watch_step is not None:
             self._watch_step(FramePlacement(frame.frame, place, shift))
-        if frame.depth is not None:
+        view_start = np.inf
+        if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
             layer = self.ground.layer(frame.depth, place.position_mm, self._direction, blur)
-            self._buffer.add(layer, place.position_mm)
+            self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
             self._update_key(frame, place)
-        window_mm = self._convert_range(self.ground.window_mm)
-        self._strips.add(self._cutter.cut(frame, place, before, window_mm))
+            view_start = layer.first * self.ground.cell_mm
+        strip = self._cutter.cut(frame, place, before, self._convert_range(self.ground.window_mm))
+        self._faults.attach(strip, frame, view_start)
+        self._strips.add(strip)
         seen_until = place.position_mm + self._convert_range(self.ground.seen_mm)[0]
         for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)

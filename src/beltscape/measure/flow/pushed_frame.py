@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.finding import Finding, worst_effect
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 
 
@@ -24,3 +25,12 @@ class PushedFrame:
     """High-pass heights, registered with those of the next frame."""
     whole: bool
     """Whether every camera gave its image."""
+    number: int = 0
+    """Number of the frame since the start."""
+    findings: list[Finding] = field(default_factory=list)
+    """The findings that concern it; those of later frames are added while it waits."""
+
+    @property
+    def is_measured(self) -> bool:
+        """Return whether its surface enters the measurement."""
+        return self.depth is not None and worst_effect(self.findings) != "missing"

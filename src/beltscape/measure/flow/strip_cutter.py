@@ -41,7 +41,18 @@ class StripCutter:
         position = place.position_mm if frame.encoder_mm is None else frame.encoder_mm
         reliable = frame.whole and place.source != "speed"
         step_sigma = place.sigma_mm if before else 0.0
-        strip = Strip(frame.frame, frame.time_ns, position, start, end, step_sigma, speed, True, reliable)
+        strip = Strip(
+            frame.frame,
+            frame.time_ns,
+            position,
+            start,
+            end,
+            step_sigma,
+            speed,
+            placed=True,
+            reliable=reliable,
+            number=frame.number,
+        )
         if before is None:
             self._opening = strip
         elif self._opening is not None:
@@ -53,4 +64,15 @@ class StripCutter:
         front = self._front_mm if self._front_mm is not None else -np.inf
         nan = float("nan")
         position = nan if frame.encoder_mm is None else frame.encoder_mm
-        return Strip(frame.frame, frame.time_ns, position, front, front, 0.0, nan, False, False)
+        return Strip(
+            frame.frame,
+            frame.time_ns,
+            position,
+            front,
+            front,
+            0.0,
+            nan,
+            placed=False,
+            reliable=False,
+            number=frame.number,
+        )

@@ -162,6 +162,8 @@ def _reason(record: FlowRecord, pending: _PendingFrame) -> str:
     """Return why a strip is not valid, in a few words; empty if it is valid."""
     if record.quality == "measured":
         return ""
+    if record.reason:
+        return record.reason
     if record.quality == "missing":
         return "no frame showed it"
     if record.quality == "bridged":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Protocol
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError
+from beltscape.core.finding import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
@@ -32,6 +34,8 @@ class ChainResult:
     """None if the frame could not be reconstructed."""
     records: list[FlowRecord]
     """The records that this frame set completed."""
+    findings: tuple[Finding, ...] = ()
+    """The findings about this frame set, and those of the meter about the frame set before."""
 
 
 class SequenceMatcher(Protocol):
@@ -58,6 +62,8 @@ class _MatchedFrame:
     whole: bool
     prediction: MotionPrediction | None
     """Prediction of the belt's motion, from the frames before this one."""
+    findings: tuple[Finding, ...]
+    """Findings about the frame, before it is measured."""
 
 
 class FlowChain:
@@ -79,10 +85,13 @@ class FlowChain:
         self._waiting: _MatchedFrame | None = None
         """The previous frame while it is not measured yet."""
 
-    def push(self, frames: FrameSet, reporter: Reporter, *, whole: bool) -> ChainResult:
+    def push(
+        self, frames: FrameSet, reporter: Reporter, *, whole: bool, findings: Sequence[Finding] = ()
+    ) -> ChainResult:
         """Match the next frame set and measure the one before; without usable images it gives the belt position only.
 
-        ``whole``: all cameras are in it. The records are those of the frame before.
+        ``whole``: all cameras are in it. ``findings`` are those about its images. The records are those of the
+        frame before.
         """
         matching = self._matching.submit(self._match, frames, self._prior(frames), reporter)
         try:
@@ -96,15 +105,23 @@ class FlowChain:
             depth,
             (whole and not self._matcher.is_inconsistent) or depth is None,
             self.meter.prediction,
+            tuple(findings),
         )
-        return ChainResult(depth, records)
+        return ChainResult(depth, records, tuple(findings))
 
     def flush(self) -> list[FlowRecord]:
         """Measure the pending frame without waiting for the next one."""
         one, self._waiting = self._waiting, None
         if one is None:
             return []
-        return self.meter.push(one.depth, one.time_ns, one.position_mm, frame=one.frame, whole=one.whole)
+        return self.meter.push(
+            one.depth,
+            one.time_ns,
+            one.position_mm,
+            frame=one.frame,
+            whole=one.whole,
+            findings=one.findings,
+        )
 
     def finish(self) -> list[FlowRecord]:
         """Return the remaining records after the last frame."""

@@ -45,6 +45,12 @@ class LayerBuffer:
         """Discard the layers, which were added for the wrong direction."""
         self._layers, self._kept_mm, self._newest = [], None, None
 
+    def discard_from(self, frame: int) -> None:
+        """Discard the layers of a frame and of those after it."""
+        self._layers = [layer for layer in self._layers if layer.frame < frame]
+        if self._newest is not None and self._newest.frame >= frame:
+            self._newest = None
+
     def fuse_until(self, until_mm: float) -> list[Rows]:
         """Return the rows finished when the belt before ``until_mm`` has left the view."""
         return self._fuse(int(np.floor(until_mm / self._ground.cell_mm)))

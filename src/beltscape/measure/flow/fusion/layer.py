@@ -25,6 +25,8 @@ class Layer:
     """(n,) share of each row that was measured, the pinholes between neighbouring points included."""
     ray_slope: NDArray[np.float64]
     """(n,) slope of the core's rays from the vertical, positive towards larger s."""
+    frame: int = 0
+    """Number of the frame since the start."""
 
     @property
     def end(self) -> int:
@@ -35,4 +37,4 @@ class Layer:
         """Return the part of the layer that lies in a range of rows."""
         part = slice(max(first, self.first) - self.first, max(min(end, self.end) - self.first, 0))
         parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share, self.ray_slope)
-        return Layer(max(first, self.first), *(values[part] for values in parts))
+        return Layer(max(first, self.first), *(values[part] for values in parts), frame=self.frame)

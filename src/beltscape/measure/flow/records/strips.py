@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from beltscape.core.belt.flow_record import FlowRecord, Quality
+from beltscape.core.finding import (
+    EFFECTS,
+    Finding,
+    combine_relative_sigma,
+    combine_systematic_mm,
+    summarise_faults,
+    worst_effect,
+)
 from beltscape.measure.flow.records.density import Density
-from beltscape.measure.flow.records.profile import Profile, Stretch
+from beltscape.measure.flow.records.profile import Profile, Stretch, make_unmeasured_stretch
 from beltscape.measure.flow.records.totals import Sums
 
 _MIN_SHARE = 0.7
@@ -37,6 +46,35 @@ class Strip:
     """Whether the belt's position was known."""
     reliable: bool
     """Whether the position came from material or encoder, not from the last known speed, with all images present."""
+    number: int = 0
+    """Number of the frame since the start."""
+    view_start_mm: float = np.inf
+    """Beginning of the belt that its frame measured, in belt coordinates; infinite: the frame measured nothing."""
+    is_void: bool = False
+    """Whether it counts as not measured, because what was measured of it cannot be separated from a fault."""
+    findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
+    """By check and camera, the findings that concern its measurement."""
+    lost_to: dict[tuple[str, str], Finding] = field(default_factory=dict)
+    """By check and camera, the faults for which its own frame was not measured."""
+
+    def add_finding(self, finding: Finding) -> None:
+        """Account for a finding about its measurement; of several of one check the most severe counts."""
+        _keep_most_severe(self.findings, finding)
+
+    def add_loss(self, finding: Finding) -> None:
+        """Account for a fault for which its own frame was not measured."""
+        _keep_most_severe(self.lost_to, finding)
+
+
+def _keep_most_severe(findings: dict[tuple[str, str], Finding], finding: Finding) -> None:
+    key = finding.check, finding.subject
+    before = findings.get(key)
+    if before is None or _severity(finding) >= _severity(before):
+        findings[key] = finding
+
+
+def _severity(finding: Finding) -> tuple[int, float, float]:
+    return EFFECTS.index(finding.effect), finding.systematic_mm, finding.relative_sigma
 
 
 class Strips:
@@ -50,6 +88,10 @@ class Strips:
     def add(self, strip: Strip) -> None:
         """Append the next frame's strip."""
         self._waiting.append(strip)
+
+    def __iter__(self) -> Iterator[Strip]:
+        """Iterate over the waiting strips in order."""
+        return iter(self._waiting)
 
     @property
     def first(self) -> Strip | None:
@@ -65,35 +107,53 @@ class Strips:
 
     def _make_record(self, strip: Strip, profile: Profile) -> FlowRecord:
         stretch = profile.integrate(strip.start_mm, strip.end_mm)
+        quality = _classify_quality(strip, stretch)
+        if quality == "missing":
+            stretch = make_unmeasured_stretch(stretch.length_mm)
         area = stretch.volume_mm3 / stretch.length_mm if stretch.length_mm > 0 else float("nan")
-        if stretch.length_mm == 0 and strip.placed:
+        if stretch.length_mm == 0 and quality != "missing":
             area = profile.area_at_mm2(strip.end_mm)
         moved = strip.step_sigma_mm * float(np.nan_to_num(area))
+        fault = self._sums.compute_fault_sigma(
+            stretch,
+            combine_systematic_mm(strip.findings.values()),
+            combine_relative_sigma(strip.findings.values()),
+        )
         density = self._density.at(strip.time_ns)
-        self._sums.add((strip.start_mm, strip.end_mm), stretch, moved, density)
+        self._sums.add((strip.start_mm, strip.end_mm), stretch, moved, fault, density)
         return FlowRecord(
             frame=strip.frame,
             time_ns=strip.time_ns,
             belt_position_mm=strip.belt_position_mm,
             strip_mm=(strip.start_mm, strip.end_mm),
-            area_mm2=area,
+            area_mm2=float("nan") if quality == "missing" else area,
             volume_mm3=stretch.volume_mm3,
-            sigma_mm3=self._sums.compute_sigma(stretch, moved),
+            sigma_mm3=0.0 if quality == "missing" else self._sums.compute_sigma(stretch, moved, fault),
             speed_mm_s=strip.speed_mm_s,
             density_kg_m3=density[0],
             coverage=stretch.share,
             single_coverage=stretch.single_share,
-            quality=_classify_quality(strip, stretch),
+            quality=quality,
+            reason=_summarise(strip, quality),
         )
 
 
 def _classify_quality(strip: Strip, stretch: Stretch) -> Quality:
     length = stretch.length_mm
     unseen = length - stretch.seen_mm - stretch.bridged_mm
-    if not strip.placed or unseen > 0.5 * length:
+    is_void = strip.is_void or (bool(strip.lost_to) and stretch.seen_mm <= 0.5 * length)
+    if is_void or not strip.placed or unseen > 0.5 * length:
         return "missing"
     if stretch.bridged_mm > _MIN_PART * length:
         return "bridged"
-    if not strip.reliable or unseen > _MIN_PART * length or stretch.share < _MIN_SHARE:
+    is_faulty = worst_effect(strip.findings.values()) != "none"
+    if is_faulty or not strip.reliable or unseen > _MIN_PART * length or stretch.share < _MIN_SHARE:
         return "degraded"
     return "measured"
+
+
+def _summarise(strip: Strip, quality: Quality) -> str:
+    """Return the texts of the faults that made the strip what it is."""
+    if quality == "measured":
+        return ""
+    return summarise_faults([*strip.findings.values(), *strip.lost_to.values()])

@@ -44,7 +44,7 @@ class Sums:
     def __init__(self, drift_mm: float, width_mm: float) -> None:
         """``drift_mm`` are slow errors of depth, common to the whole belt of this width."""
         self._own_mm, self._systematic_mm, self._width_mm = drift_mm, 0.0, width_mm
-        self._volume = self._apart = self._edges = self._holes = 0.0
+        self._volume = self._apart = self._edges = self._holes = self._faults = 0.0
         self._mass = self._mass_common = 0.0
         self._length = self._seen = self._bridged = self._unseen = 0.0
         self._measured = self._single = 0.0
@@ -60,17 +60,26 @@ class Sums:
         """Return the cross-section of slow depth errors over the belt's width."""
         return float(np.hypot(self._own_mm, self._systematic_mm)) * self._width_mm
 
-    def compute_sigma(self, stretch: Stretch, moved_mm3: float) -> float:
-        """Return σ of one strip's volume; ``moved_mm3`` is the part due to the position's uncertainty."""
+    def compute_fault_sigma(self, stretch: Stretch, systematic_mm: float, relative_sigma: float) -> float:
+        """Return σ of the volume due to faults: a height error over the whole belt, and a relative error."""
+        heights = systematic_mm * self._width_mm * (stretch.seen_mm + stretch.bridged_mm)
+        return float(np.hypot(heights, relative_sigma * stretch.volume_mm3))
+
+    def compute_sigma(self, stretch: Stretch, moved_mm3: float, fault_mm3: float) -> float:
+        """Return σ of one strip's volume from its parts due to the surface, the position and the faults."""
         apart = stretch.apart_mm6 + moved_mm3**2
         drift = self._drift_mm2 * stretch.length_mm
-        return float((apart + stretch.edges_mm3**2 + stretch.holes_mm3**2 + drift**2) ** 0.5)
+        common = drift**2 + fault_mm3**2
+        return float((apart + stretch.edges_mm3**2 + stretch.holes_mm3**2 + common) ** 0.5)
 
-    def add(self, strip: Strip, stretch: Stretch, moved_mm3: float, density: tuple[float, float]) -> None:
-        """Add a strip; density and its σ in kg/m³ (NaN if unknown)."""
+    def add(
+        self, strip: Strip, stretch: Stretch, moved_mm3: float, fault_mm3: float, density: tuple[float, float]
+    ) -> None:
+        """Add a strip with the parts of its σ due to position and faults; density and its σ in kg/m³."""
         counted = stretch.seen_mm + stretch.bridged_mm
         self._volume += stretch.volume_mm3
         self._apart += stretch.apart_mm6 + moved_mm3**2
+        self._faults += fault_mm3
         self._edges += stretch.edges_mm3
         self._holes += stretch.holes_mm3
         self._mass += stretch.volume_mm3 * density[0] * 1e-9
@@ -89,7 +98,8 @@ class Sums:
     def totals(self) -> FlowTotals:
         """Return the totals so far."""
         drift = self._drift_mm2 * self._length
-        sigma = float((self._apart + self._edges**2 + self._holes**2 + drift**2) ** 0.5)
+        common = drift**2 + self._faults**2
+        sigma = float((self._apart + self._edges**2 + self._holes**2 + common) ** 0.5)
         relative = sigma / self._volume if self._volume else 0.0
         return FlowTotals(
             volume_mm3=self._volume,

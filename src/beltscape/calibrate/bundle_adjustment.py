@@ -190,7 +190,7 @@ def _initialise_geometry(
     hierarchy: HierarchyResult, detections: BoardDetections, frames: Sequence[str], board_mm: Array
 ) -> Geometry:
     rig = hierarchy.rig
-    boards = []
+    boards: list[Pose] = []
     for frame in frames:
         views = {
             name: detections.views[name][frame]

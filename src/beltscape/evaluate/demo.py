@@ -118,7 +118,7 @@ def _evaluate_scene(
 ) -> SceneResult:
     true_mm = _resample_truth(rig, truth, read_float_tiff(data / "truth" / f"{scene}_depth.tiff"))
     region = _lit_mask(data, true_mm, rig)
-    depths = {}
+    depths: dict[str, DepthMap] = {}
     for method in METHODS:
         folder = out / (scene if method == MAIN else f"{scene}_{method}")
         reconstruct_capture(data / scene, rig, folder, reporter, method=method)

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.documents.plain_text import read_text
 from beltscape.files.documents.toml_text import read_toml, validate
@@ -155,7 +157,7 @@ def _resolve_paths(values: dict[str, Any], folder: Path) -> None:
     for table, key in (("rig", "file"), ("module", "file"), ("board", "file"), ("projector", "pattern")):
         values_of_table = values.get(table)
         if (
-            isinstance(values_of_table, dict)
+            is_dict(values_of_table)
             and isinstance(values_of_table.get(key), str)
             and values_of_table[key] not in PRESETS
         ):
@@ -187,7 +189,8 @@ def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
     still = World((*scene.belt, *(scene.heap.solids if scene.heap else ())), None)
     load = compute_true_load(still, (-left, right), (-half, half), 1.0)
     write_arrays(folder / "belt_moving_load.npz", y_mm=load.y_mm, area_mm2=load.area_mm2)
-    depths, labels = [], []
+    depths: list[NDArray[np.float32]] = []
+    labels: list[NDArray[np.uint8]] = []
     for frame in range(scene.frame_count):
         view = trace_core_view(scene.world_at(frame), scene.station)
         depths.append(view.depth_mm.astype(np.float32))

@@ -13,6 +13,7 @@ from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_mapping
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.meshes.ply_points import read_cloud
@@ -42,11 +43,12 @@ def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> V
         With one line that names the file and the fix.
     """
     rig, frames = _find_frames(source)
-    document = {} if belt is None else _read_mapping(belt)
+    document: Mapping[str, Any] = {} if belt is None else _read_mapping(belt)
     belt_from_core = None if belt is None else _parse_belt_pose(belt, document)
     up = belt_from_core or DOWN
     budget = min(_POINTS, max(_ALL_POINTS // max(len(frames), 1), 20_000))
-    clouds, total = [], 0
+    clouds: list[ViewerCloud] = []
+    total = 0
     for folder in frames:
         cloud = _read_cloud(folder, rig)
         total += len(cloud.points_mm)
@@ -156,17 +158,17 @@ def _extent_along(clouds: Sequence[ViewerCloud]) -> tuple[float, float]:
 
 def _read_mapping(path: Path) -> Mapping[str, Any]:
     document = read_json(path)
-    if not isinstance(document, Mapping):
+    if not is_mapping(document):
         raise InputError(f"{path}: is no JSON object; give the file that beltscape measure wrote")
     return document
 
 
 def _parse_belt_pose(path: Path, document: Mapping[str, Any]) -> Pose:
     belt = document.get("belt", document)
-    pose = belt.get("belt_from_core") if isinstance(belt, Mapping) else None
+    pose: Any = belt.get("belt_from_core") if is_mapping(belt) else None
     try:
-        rotation = np.array(pose["rotation"], np.float64).reshape(3, 3)  # pyright: ignore[reportOptionalSubscript]
-        return Pose(rotation, np.array(pose["translation_mm"], np.float64).reshape(3))  # pyright: ignore[reportOptionalSubscript]
+        rotation = np.array(pose["rotation"], np.float64).reshape(3, 3)
+        return Pose(rotation, np.array(pose["translation_mm"], np.float64).reshape(3))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path}: holds no pose belt_from_core; give the belt.json of measure belt"

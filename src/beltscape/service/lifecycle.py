@@ -28,7 +28,7 @@ def make_stop_event() -> threading.Event:
     """Return an event that SIGINT and SIGTERM set."""
     event = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: event.set())
+        signal.signal(number, lambda _number, _frame: event.set())
     return event
 
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 
@@ -154,7 +155,7 @@ def _belt_messages(rows: BeltRows) -> list[bytes]:
     return messages
 
 
-def pack_binary(header: dict[str, object], counts: NDArray[np.uint16]) -> bytes:
+def pack_binary(header: Mapping[str, object], counts: NDArray[np.uint16]) -> bytes:
     """Return one binary message."""
     head = json.dumps(header, separators=(",", ":")).encode()
     head += b" " * (-len(head) % 4)

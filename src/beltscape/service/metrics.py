@@ -143,7 +143,7 @@ def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Family]:
         ("_bucket", {"le": _format_number(bound)}, float(n))
         for bound, n in zip((*BOUNDS_S, inf), counts, strict=True)
     ]
-    samples = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
+    samples: tuple[Sample, ...] = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
     help_text = "From the last image's arrival to its measurement."
     return [
         _make_counter("frame_sets_total", "Frame sets measured since the start.", frames.done),

@@ -22,7 +22,7 @@ def sample_board_poses(
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
     camera = station.rig.core_camera
     start = rng.random(3)
-    poses = []
+    poses: list[Pose] = []
     for i in range(count):
         u, v, w = (start + i * np.array([0.7548776662, 0.5698402910, 0.6180339887])) % 1.0
         depth = spec.depth_mm[0] + w * (spec.depth_mm[1] - spec.depth_mm[0])

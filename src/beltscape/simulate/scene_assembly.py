@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -206,8 +205,7 @@ class SimulatedScene:
         sensor = self._sensor.model_copy(update={"electrons_at_1": electrons})
         for fault in self.scenario.faults.over_exposure:
             sensor = fault.apply(sensor) if fault.camera == name else sensor
-        image = expose(light, sensor, make_noise_seed(self.scenario.seed, name, self.frame_name(frame)))
-        return cast("Image", image)
+        return expose(light, sensor, make_noise_seed(self.scenario.seed, name, self.frame_name(frame)))
 
     @cached_property
     def _sensitivity(self) -> dict[str, float]:

@@ -87,7 +87,8 @@ def make_view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Arra
     rows = max(3, round(columns * height / width))
     first = -camera.center_px / camera.focal_px * depth_mm
     last = (np.array([width, height]) - 1 - camera.center_px) / camera.focal_px * depth_mm
-    return np.linspace(first[0], last[0], columns), np.linspace(first[1], last[1], rows)
+    x, y = (np.linspace(float(first[i]), float(last[i]), n) for i, n in enumerate((columns, rows)))
+    return x, y
 
 
 def make_view_points(rig: Rig, depth_mm: float, columns: int) -> Array:

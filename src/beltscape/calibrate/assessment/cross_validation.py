@@ -45,10 +45,10 @@ def cross_validate(
     frames = [frame for frame in detections.frames if _count_cameras(detections, frame) > 1]
     halves = frames[::2], frames[1::2]
     try:
-        rigs = [
+        first, second = (
             _calibrate_rig(detections.restrict(detections.cameras, train), board, core, known)
             for train in halves
-        ]
+        )
         rig_errors = [
             compute_rig_errors(
                 trained.rig,
@@ -57,11 +57,11 @@ def cross_validate(
                 kernels,
                 corners_mm=trained.geometry.points_mm,
             )
-            for trained, test in zip(rigs, halves[::-1], strict=True)
+            for trained, test in zip((first, second), halves[::-1], strict=True)
         ]
     except CalibrationError:
         return None
-    return CrossValidation(summarise_errors(*rig_errors), _compute_split_ratio(*rigs, kernels))
+    return CrossValidation(summarise_errors(*rig_errors), _compute_split_ratio(first, second, kernels))
 
 
 def _calibrate_rig(

@@ -130,7 +130,9 @@ def _compute_information(
     """Return the information (G, G) of a view of the board at an unknown ``pose``, and the cameras that see it."""
     cameras = len(rig.cameras)
     count = list_parameter_columns(cameras - 1, cameras)[-1] + 1
-    shared, boards, seen_by = [], [], []
+    shared: list[Array] = []
+    boards: list[Array] = []
+    seen_by: list[str] = []
     on_board = corners_mm @ pose.rotation.T
     for i, name in enumerate(rig.cameras):
         by_point, by_rig, visible = differentiate_camera(rig, name, points_mm)

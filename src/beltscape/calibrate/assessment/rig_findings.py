@@ -19,6 +19,7 @@ from beltscape.calibrate.assessment.score import RigErrors, Score, ViewResiduals
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict
 from beltscape.target.board import Board
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ def list_rig_findings(
 def _compute_limit_px(rig: Rig) -> float:
     """Return the limit of σ of this rig's residuals: far above that on its held-out views, px."""
     held_out = rig.quality.get("held_out")
-    held_out_rms = held_out.get("rms_px") if isinstance(held_out, dict) else None
+    held_out_rms = held_out.get("rms_px") if is_dict(held_out) else None
     if not isinstance(held_out_rms, int | float):
         return PATTERN_PX
     return min(PATTERN_PX, max(MIN_LIMIT_PX, MAX_GROWTH * held_out_rms / 2**0.5))

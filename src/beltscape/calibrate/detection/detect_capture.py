@@ -127,7 +127,7 @@ def _collect_detections(
 def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
     """Yield up to ``count`` readable images, spread over cameras and frames."""
     frames = capture.frames
-    order = [frames[i] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
+    order = [frames[int(i)] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
     read_count = 0
     for frame in order:
         for files in capture.files.values():

@@ -77,7 +77,7 @@ def _find_charuco(image: Image, board: CharucoBoard, variant: PrintVariant) -> C
     if variant.inverted:
         light = 255 - light
     pixels, ids, _, _ = _charuco_detector(board, variant.legacy).detectBoard(light)
-    if ids is None or len(ids) == 0:
+    if pixels is None or ids is None or len(ids) == 0:
         return None
     order = np.argsort(ids.ravel(), kind="stable")
     return Corners(ids.ravel()[order].astype(np.int64), pixels.reshape(-1, 2)[order].astype(np.float64))
@@ -138,7 +138,7 @@ def _reject_outliers(board: Board, corners: Corners | None) -> Corners | None:
         return None
     tolerance = 0.03 * float(np.linalg.norm(np.ptp(corners.pixels, axis=0)))  # allows for lens distortion
     homography, inlier = cv2.findHomography(on_board, corners.pixels, cv2.RANSAC, tolerance)
-    if homography is None:
+    if homography is None or inlier is None:
         return None
     inliers = inlier.ravel().astype(bool)
     if inliers.sum() < max(MIN_CORNERS, 0.6 * len(corners)) or not has_planar_extent(on_board[inliers]):

@@ -65,7 +65,8 @@ class Saddles:
         p = self.parameters[:, :, None]
         x, y, width = windows.x - p[:, 0], windows.y - p[:, 1], np.sqrt(2) * np.exp(p[:, 4])
         c1, s1, c2, s2 = np.cos(p[:, 2]), np.sin(p[:, 2]), np.cos(p[:, 3]), np.sin(p[:, 3])
-        d1, d2 = (c1 * x + s1 * y) / width, (c2 * x + s2 * y) / width
+        d1: Array = (c1 * x + s1 * y) / width
+        d2: Array = (c2 * x + s2 * y) / width
         e1, e2 = erf(d1), erf(d2)
         steepest = 2 / np.sqrt(np.pi) * p[:, 8]
         by_d1, by_d2 = steepest * e2 * np.exp(-(d1**2)), steepest * e1 * np.exp(-(d2**2))
@@ -93,7 +94,7 @@ def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
         hessian, gradient = _form_normal_equations(windows, values, derivatives)
         scale = np.maximum(np.einsum("nii->ni", hessian), 1e-12)
         damped = hessian + (damping[:, None] * scale)[:, :, None] * np.eye(PARAMETERS)
-        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step = np.asarray(np.linalg.solve(damped, gradient[..., None]), np.float64)[..., 0]
         candidate = Saddles(_clip_blur(current.parameters + step))
         candidate_values, candidate_derivatives = candidate.linearise(windows)
         candidate_cost = _compute_cost(windows, candidate_values)

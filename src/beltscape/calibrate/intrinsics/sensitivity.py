@@ -88,14 +88,15 @@ def compute_pair_sensitivity(
     )
     side_rows = int(counts.sum())
     frames = [
-        np.concatenate([np.arange(run.start, run.stop), side_rows + np.arange(run.start, run.stop)])
-        for run in _split_rows(counts)
+        np.concatenate([rows, side_rows + rows])
+        for rows in (np.arange(int(run.start), int(run.stop)) for run in _split_rows(counts))
     ]
     jacobian = _eliminate_board_poses(by_board, by_rest, frames)
     direct = _compute_pseudo_inverse(jacobian[:, :6])  # (6, rows): ξ by each coordinate at fixed intrinsics
     by_lens = np.split(direct @ jacobian[:, 6:], [int(lenses[0].free.sum())], axis=1)
     freedom = max(1 - (6 + 6 * len(common)) / (2 * side_rows), 0.1)
-    sensitivity, covariance = {}, np.zeros((6, 6))
+    sensitivity: dict[str, Array] = {}
+    covariance: Array = np.zeros((6, 6))
     for side, lens in enumerate(lenses):
         views = detections.views[lens.camera]
         at = {frame: np.searchsorted(views[frame].ids, ids) for frame, ids in common.items()}

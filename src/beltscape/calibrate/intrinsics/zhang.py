@@ -37,7 +37,7 @@ class MonocularCalibration:
     """By frame, for the views used."""
     view_rms_px: Mapping[str, float]
     """By frame, for the views used."""
-    rejected: Mapping[str, str] = field(default_factory=dict)
+    rejected: Mapping[str, str] = field(default_factory=dict[str, str])
     """Frame → reason of the rejection."""
     fixed: tuple[str, ...] = ()
     """Fixed parameters: those that the images do not determine, or all of a camera with given intrinsics."""
@@ -158,7 +158,8 @@ def _fit_poses(
     name: str, views: Mapping[str, Corners], known: Camera, board_mm: NDArray[np.float64]
 ) -> MonocularCalibration:
     """Fit the board's poses with given intrinsics."""
-    poses, rms = {}, {}
+    poses: dict[str, Pose] = {}
+    rms: dict[str, float] = {}
     for frame, corners in views.items():
         points, ideal = board_mm[corners.ids], known.undistort(corners.pixels)
         _, rotation, shift = cv2.solvePnP(points, ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)

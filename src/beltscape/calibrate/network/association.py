@@ -87,7 +87,7 @@ class CameraNetwork:
 
 def find_groups(cameras: Iterable[str], pairs: Sequence[Pair]) -> list[tuple[str, ...]]:
     """Return the connected components of the cameras under shared views, the largest first."""
-    remaining = list(cameras)
+    remaining: list[str] = list(cameras)
     components: list[tuple[str, ...]] = []
     while remaining:
         reached = set(_find_paths(remaining[0], pairs)[0])
@@ -104,7 +104,8 @@ def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
     """
     kept = tuple(pairs)
     _, previous = _find_paths(core, kept)
-    poses, paths = {core: Pose.identity()}, {core: (core,)}
+    poses = {core: Pose.identity()}
+    paths: dict[str, tuple[str, ...]] = {core: (core,)}
     jacobians = {core: np.zeros((6, 6 * len(kept)))}
     for name, before in previous.items():  # in the order they were reached: the pose of `before` is known
         chain = find_pair_chain(kept, before, name)
@@ -166,7 +167,7 @@ def compute_path_errors(
 
     ``jacobians`` are derivatives of the poses by all pairs' errors: ``cam_from_core = exp(jacobian ξ) @ true``.
     """
-    errors = []
+    errors: list[PathError] = []
     for pair in pairs:
         if not {pair.first, pair.second} <= cam_from_core.keys():
             continue
@@ -186,7 +187,7 @@ def compute_path_errors(
 def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
     """Return ε_loop of every triangle, the composition of its three measured pairs."""
     alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # pairs taken as independent
-    errors = []
+    errors: list[LoopError] = []
     for triangle in list_triangles(pairs, cameras):
         a, b, c = triangle
         loop = (

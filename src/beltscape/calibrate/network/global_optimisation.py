@@ -151,9 +151,9 @@ def _make_constraints(network: CameraNetwork, weights: NetworkWeights) -> list[C
 
     def constraint(first: str, second: str, chain: PoseChain, weight: float) -> Constraint:
         root = np.linalg.cholesky(chain.jacobian @ alone @ chain.jacobian.T / weight)
-        return Constraint(first, second, chain, np.linalg.inv(root))
+        return Constraint(first, second, chain, np.asarray(np.linalg.inv(root), np.float64))
 
-    constraints = []
+    constraints: list[Constraint] = []
     if weights.path > 0:
         constraints += [
             constraint(p.first, p.second, find_pair_chain(pairs, p.first, p.second), weights.path)

@@ -51,9 +51,9 @@ class Pair:
     were estimated from the same corners; and, if the pair fits worse than its cameras alone, the effect of frames
     that are not of one instant. It does not contain a bent board or a lens that the model does not describe.
     """
-    rejected: Mapping[str, str] = field(default_factory=dict)
+    rejected: Mapping[str, str] = field(default_factory=dict[str, str])
     """Frame → reason of the rejection."""
-    sensitivity: Mapping[str, Array] = field(default_factory=dict)
+    sensitivity: Mapping[str, Array] = field(default_factory=dict[str, Array])
     """camera → (2m, 6): derivatives of ξ by each coordinate of all m corners of that camera, in standard deviations
     of the camera's own noise. Pairs share corners, so their errors are correlated: ``Σ A.T @ B`` over the cameras of
     both pairs is the covariance between them. Empty: independent of all other pairs."""

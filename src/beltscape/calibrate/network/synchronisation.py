@@ -82,14 +82,14 @@ class _ShiftFit:
 
 def _find_largest_consistent(names: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> list[str]:
     """Return the largest set of cameras without a disagreement, grown from each camera; the first of equal ones."""
-    groups = []
+    groups: list[list[str]] = []
     for first_name in names:
         group = [first_name]
         for name in names:
             if name != first_name and all(_is_synchronous(name, other, fits) is not False for other in group):
                 group.append(name)
         groups.append([name for name in names if name in group])
-    return max(groups, key=len, default=[])
+    return max(groups, key=len) if groups else []
 
 
 def _is_mostly_inconsistent(
@@ -139,7 +139,7 @@ def _compute_scatter(
     distances: list[float] = []
     for k, frame in enumerate(frames):
         other = frames[k + shift] if 0 <= k + shift < len(frames) else None
-        if frame in first.cam_from_board and other in second.cam_from_board:
+        if other is not None and frame in first.cam_from_board and other in second.cam_from_board:
             pose = first.cam_from_board[frame]
             poses.append(second.cam_from_board[other] @ pose.inverse())
             distances.append(float(np.linalg.norm(pose.translation_mm)))

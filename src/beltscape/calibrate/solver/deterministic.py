@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 import cv2
@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 
 @contextmanager
-def single_thread() -> Iterator[None]:
+def single_thread() -> Generator[None]:
     """Run OpenCV and BLAS on one thread: the last digits of parallel sums depend on the number of threads.
 
     The matrices are small, so one thread is also the fastest.

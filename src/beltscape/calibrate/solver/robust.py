@@ -54,7 +54,7 @@ def select_corners(bundle: Bundle, geometry: Geometry, spread: float) -> tuple[N
     return kept, _limit_spread(sigma, np.bincount(camera[kept], minlength=cameras), spread)
 
 
-def _limit_spread(sigma: Array, count: Array, spread: float) -> Array:
+def _limit_spread(sigma: Array, count: NDArray[np.intp], spread: float) -> Array:
     """Return each camera's noise, limited to within a factor ``spread`` of the rig's.
 
     Without the limit one camera's noise shrinks to 0: the larger its weight, the better boards and shape fit it.

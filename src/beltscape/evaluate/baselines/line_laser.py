@@ -78,7 +78,8 @@ def measure_profiles(
     """
     camera, world_from_core = station.rig.core_camera, station.core_from_world.inverse()
     columns = np.arange(camera.size_px[0], dtype=np.float64)
-    points, sigmas = [], []
+    points: list[Array] = []
+    sigmas: list[Array] = []
     for one in images:
         middle, sigma_px = locate_line_centers(one.image, settings)
         row = middle + one.first_row + one.drift_px

@@ -49,7 +49,7 @@ def rasterise_profiles(scan: ProfileScan, station: Station) -> DepthMap:
 def _faces(scan: ProfileScan) -> NDArray[np.int64]:
     """Return the triangles (F, 3), two per four close neighbours, counter-clockwise seen from above."""
     profiles, columns = scan.points_mm.shape[:2]
-    index = np.arange(profiles * columns).reshape(profiles, columns)
+    index = np.arange(int(profiles * columns)).reshape(profiles, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     faces = np.concatenate([np.stack(f, axis=-1).reshape(-1, 3) for f in ((a, b, c), (b, d, c))])
     corners = scan.points_mm.reshape(-1, 3)[faces]

@@ -32,7 +32,7 @@ def tabulate_dimensions(
     dimensions: Sequence[Dimension], measured: Mapping[str, MeasuredDimensions]
 ) -> tuple[DimensionRow, ...]:
     """Return every dimension by every method; a mean of several quantities requires all of them."""
-    rows = []
+    rows: list[DimensionRow] = []
     for dimension in dimensions:
         values = {by: _mean(dimension, quantities) for by, quantities in measured.items()}
         rows.append(

@@ -152,7 +152,7 @@ def measure_baselines(
         if scene.simulation is not None
         for baseline in BASELINES
     ]
-    found = {}
+    found: dict[tuple[str, str], ScoredDepth] = {}
     for number, (scene, baseline) in enumerate(jobs):
         reporter.step("other sensors", number, len(jobs))
         assert scene.simulation is not None
@@ -178,7 +178,7 @@ def measure_moving_belt(
 ) -> tuple[ScoredDepth, ...]:
     """Measure a scene by structured light for every belt travel between images."""
     assert scene.simulation is not None
-    found = []
+    found: list[ScoredDepth] = []
     for number, travel in enumerate(travels_mm):
         reporter.step("structured light on a moving belt", number, len(travels_mm))
         depth = measure_structured_light(scene.simulation, seed, beside=True, travel_mm=travel)

@@ -76,7 +76,7 @@ class DisparityPair:
     def covisible_mask(self) -> NDArray[np.bool_]:
         """Return the mask (H, W) of true points that are visible in the auxiliary's image."""
         height, width = self.disparity_px.shape
-        column = np.arange(width) - self.disparity_px
+        column = np.arange(int(width)) - self.disparity_px
         place = np.rint(np.where(np.isfinite(column), column, -1)).astype(np.intp)
         inside = (place >= 0) & (place < width)
         rows, _ = np.nonzero(inside)

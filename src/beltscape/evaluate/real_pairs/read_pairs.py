@@ -136,7 +136,7 @@ def _grid(image: NDArray[np.generic]) -> NDArray[np.float64]:
     """Return the whole pixels (N, 2) u, v of subsets with texture in each quarter, which excludes single edges."""
     height, width = image.shape
     half = _SUBSET_PX // 2
-    points = []
+    points: list[tuple[int, int]] = []
     for v in range(_BORDER_PX, height - _BORDER_PX, _STEP_PX):
         for u in range(_BORDER_PX, width - _BORDER_PX, _STEP_PX):
             quarters = [

@@ -25,7 +25,7 @@ def score_reconstruction(
     frames = list_frame_folders(folder)
     if not frames:
         raise InputError(f"{folder}: no frame with depth.tiff in it; give a folder of beltscape reconstruct")
-    scores = {}
+    scores: dict[str, Mapping[str, RegionScore]] = {}
     for number, frame in enumerate(frames):
         result = read_frame(frame)
         scores[frame.name] = score_frame(

@@ -25,8 +25,8 @@ def resample_depth(rig: Rig, truth: Rig, true_mm: NDArray[np.floating]) -> NDArr
     a, b = u - left, v - top
     weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b])
     nearest = np.take_along_axis(corners, weights.argmax(axis=0)[None], axis=0)[0]
-    smooth = np.ptp(corners, axis=0) < _STEP * nearest  # false with a NaN, too
-    mixed = 1 / (weights / corners).sum(axis=0)
+    smooth = np.asarray(np.ptp(corners, axis=0) < _STEP * nearest, bool)  # false with a NaN, too
+    mixed: NDArray[np.float64] = 1 / (weights / corners).sum(axis=0)
     return np.where(inside, np.where(smooth, mixed, nearest), np.nan)
 
 

@@ -14,6 +14,7 @@ from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_mapping
 from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 from beltscape.files.documents.json_text import read_json
@@ -172,7 +173,7 @@ def _depth_file(path: Path, scene: str | None) -> Path:
 
 def _rig(folder: Path) -> tuple[Rig, Pose]:
     document = read_json(folder / "rig.json")
-    if isinstance(document, Mapping) and "image_size" in document:
+    if is_mapping(document) and "image_size" in document:
         return _rig_by_camera(folder / "rig.json", document)
     station = read_json(folder / "station.json")
     try:
@@ -186,7 +187,8 @@ def _rig(folder: Path) -> tuple[Rig, Pose]:
 
 def _rig_by_camera(path: Path, document: Mapping[str, Any]) -> tuple[Rig, Pose]:
     """Parse rig.json of other renderers: K, dist, R, t (world → camera), R_rel, t_rel (core → camera)."""
-    cameras, poses = {}, {}
+    cameras: dict[str, Camera] = {}
+    poses: dict[str, Pose] = {}
     try:
         size = (int(document["image_size"][0]), int(document["image_size"][1]))
         for name, entry in document["cameras"].items():

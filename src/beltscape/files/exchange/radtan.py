@@ -24,7 +24,7 @@ def fit_without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:
     columns_px = _terms(ideal) * camera.focal_px[:, None]
     solution = np.linalg.lstsq(columns_px.reshape(-1, 4), moved_px.reshape(-1), rcond=None)[0]
     coefficients = np.asarray(solution, dtype=np.float64)
-    error_px = np.linalg.norm(columns_px @ coefficients - moved_px, axis=-1)
+    error_px = np.asarray(np.linalg.norm(columns_px @ coefficients - moved_px, axis=-1), np.float64)
     return coefficients, float(np.sqrt(np.mean(error_px**2))), float(error_px.max())
 
 

@@ -22,6 +22,7 @@ from beltscape.calibrate.detection.detect_capture import detect_board
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Reporter
 from beltscape.core.rig import Rig
+from beltscape.core.type_guards import is_dict
 from beltscape.files.capture import read_capture
 from beltscape.files.documents.json_text import to_plain
 from beltscape.files.folders.paths import AnyPath, as_path
@@ -151,4 +152,4 @@ def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
 def _get_rig_board(rig: Rig) -> dict[str, Any] | None:
     """Return the board of the rig's calibration from rig.json; None if it is unknown."""
     rig_board = to_plain(rig.quality.get("board"))
-    return rig_board if isinstance(rig_board, dict) else None
+    return rig_board if is_dict(rig_board) else None

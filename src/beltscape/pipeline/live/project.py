@@ -115,14 +115,15 @@ class RunSettings(_Table):
 
 
 Settings = TypeVar("Settings", bound=RunSettings)
+Settings_co = TypeVar("Settings_co", bound=RunSettings, covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Project(Generic[Settings]):
+class Project(Generic[Settings_co]):
     """The path and the settings of a project.toml."""
 
     path: Path
-    settings: Settings
+    settings: Settings_co
 
     def resolve(self, path: Path) -> Path:
         """Return a path of the settings relative to the working directory."""
@@ -156,7 +157,7 @@ def read_project(path: Path, model: type[Settings]) -> Project[Settings]:
     return project
 
 
-def _require_encoder(project: Project[Settings]) -> None:
+def _require_encoder(project: Project[RunSettings]) -> None:
     """Raise InputError unless [encoder] and [cameras.encoder] agree on whether the core camera counts the encoder."""
     cameras, kind = project.settings.cameras, project.settings.encoder.kind
     if cameras is None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.core.pose import Pose
+from beltscape.core.type_guards import is_mapping
 from beltscape.files.documents.json_text import read_json
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.report.drawing.scene_solids import Lines, outline_solid
@@ -60,7 +61,7 @@ def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
         When the file is not what ``measure features`` writes.
     """
     document = read_json(path)
-    is_features = isinstance(document, Mapping) and isinstance(document.get("features"), list)
+    is_features = is_mapping(document) and isinstance(document.get("features"), list)
     if not is_features or "pose" not in document:
         raise InputError(f"{path}: is no features.json; give the one of beltscape measure features --out")
     if "solids" not in document:

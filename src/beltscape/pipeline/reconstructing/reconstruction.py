@@ -173,7 +173,7 @@ def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ..
 
 def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
     """Return the near and far depth (mm) of the surfaces in a few frames spread over the capture."""
-    chosen = {source.frames[i] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))}
+    chosen = {source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))}
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
     for frame_set in source.select_frames(chosen):

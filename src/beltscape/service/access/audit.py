@@ -52,7 +52,7 @@ class Audit:
             except OSError:
                 self.lost_entries += 1
 
-    def read_last(self, count: int) -> list[dict]:
+    def read_last(self, count: int) -> list[dict[str, Any]]:
         """Return the newest entries of the current file, newest first."""
         with self._lock:
             try:

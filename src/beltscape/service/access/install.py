@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Sequence
 from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
@@ -61,7 +62,7 @@ def install_access(
 
 def _describe_invalid_request(_request: Request, error: Exception) -> Response:
     """Return the validation errors without the values, which may be passwords or no valid JSON (NaN)."""
-    errors = error.errors() if isinstance(error, RequestValidationError) else []
+    errors: Sequence[Any] = error.errors() if isinstance(error, RequestValidationError) else []
     detail = [
         {"loc": [str(p)[:100] for p in e["loc"]], "msg": e["msg"], "type": e["type"]} for e in errors[:20]
     ]

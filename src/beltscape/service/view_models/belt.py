@@ -86,7 +86,7 @@ class BeltWindow:
         """Add a stretch; one that lies before the newest row starts a new epoch."""
         if stretch.height_mm.shape[0] == 0 or stretch.x_mm.size == 0:
             return
-        s = stretch.start_mm + np.arange(stretch.height_mm.shape[0]) * stretch.cell_mm
+        s = stretch.start_mm + np.arange(len(stretch.height_mm)) * stretch.cell_mm
         if not self._is_continuation(stretch):
             self._restart(stretch)
         row = np.floor(s / self._cell_mm + 1e-6).astype(np.int64)

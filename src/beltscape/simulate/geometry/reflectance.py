@@ -28,7 +28,7 @@ def reflectance_at(
             uv = np.einsum(
                 "nk,nki->ni", _barycentric(scene.corners_mm[face[of_solid]], points_mm[of_solid]), corners
             )
-            values[of_solid] = _texels(solid.texture * np.float32(solid.reflectance), uv)
+            values[of_solid] = _texels(solid.texture * np.array(solid.reflectance, np.float32), uv)
     return values
 
 

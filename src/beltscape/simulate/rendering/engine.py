@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from beltscape.core.errors import SettingsError
 
@@ -53,6 +53,8 @@ def _llvm_version() -> int:
     previous_level = drjit.log_level()
     drjit.set_log_level(drjit.LogLevel.Disable)  # a missing LLVM is no error here
     try:
-        return int(drjit.detail.llvm_version()[0])
+        return int(
+            cast(Any, drjit.detail).llvm_version()[0]
+        )  # drjit does not say what the version is made of
     finally:
         drjit.set_log_level(previous_level)

@@ -36,7 +36,7 @@ class LitScene:
         highlights = (
             view.render_ambient(self._highlights, coarse, ambient_samples)[..., :3] if self._glossy else None
         )
-        pictures = []
+        pictures: list[NDArray[np.float32]] = []
         for pinhole in pinholes:
             irradiance = _resample(ambient, coarse, pinhole)
             specular = _resample(highlights, coarse, pinhole) if highlights is not None else np.float32(0)

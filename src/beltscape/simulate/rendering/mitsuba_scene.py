@@ -55,7 +55,7 @@ def _make_plain_mesh(mi: Any, group: list[Solid], appearance: Appearance, gloss:
     colours = {"type": "mesh_attribute", "name": "face_color"}
     mesh = _make_mesh(mi, vertices, faces, _surface_parts(appearance, colours, gloss))
     if appearance in ("real", "emissive"):
-        by_face = [np.tile(np.float32(solid.reflectance), (len(solid.faces), 1)) for solid in group]
+        by_face = [np.tile(np.array(solid.reflectance, np.float32), (len(solid.faces), 1)) for solid in group]
         mesh.add_attribute("face_color", 3, np.concatenate(by_face).ravel())
     return mesh
 
@@ -65,7 +65,7 @@ def _make_textured_mesh(mi: Any, solid: Solid, appearance: Appearance, texture_f
     assert solid.uv is not None
     colours = {
         "type": "bitmap",
-        "data": mi.TensorXf(np.float32(solid.texture) * np.float32(solid.reflectance)),
+        "data": mi.TensorXf(np.float32(solid.texture) * np.array(solid.reflectance, np.float32)),
         "raw": True,
         "filter_type": texture_filter,
         "wrap_mode": "clamp",

@@ -79,7 +79,7 @@ def render(
             )
     mi = load_mitsuba(settings.engine)
     scene = LitScene(mi, world, texture_filter=settings.texture_filter)
-    images = {}
+    images: dict[str, NDArray[np.float32]] = {}
     for name, camera_optics in optics.items():
         lens = Lens(station.rig.cameras[name], camera_optics, settings.oversample)
         seeds = np.random.default_rng([seed, crc32(name.encode())])

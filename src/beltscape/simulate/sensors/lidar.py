@@ -49,13 +49,14 @@ def scan_lidar(
 ) -> ProfileScan:
     """Scan a world that the belt carries past at a speed; the encoder is assumed to be perfect."""
     scene = RayScene(world.solids)
-    half = np.deg2rad(settings.field_deg) / 2
-    angles = np.arange(-half, half + 1e-9, np.deg2rad(settings.step_deg))
+    half = float(np.deg2rad(settings.field_deg) / 2)
+    angles = np.arange(-half, half + 1e-9, float(np.deg2rad(settings.step_deg)))
     directions = np.column_stack([np.sin(angles), np.zeros(len(angles)), -np.cos(angles)])
     across = np.column_stack([np.cos(angles), np.zeros(len(angles)), np.sin(angles)])
     step = speed_mm_s / settings.profiles_per_s
     rng = np.random.default_rng(seed)
-    profiles, sigmas = [], []
+    profiles: list[NDArray[np.float64]] = []
+    sigmas: list[NDArray[np.float64]] = []
     for y in positions_mm(along_mm, step):
         eye = np.array([0.0, y, settings.height_mm])
         distance = _mean_ranges(scene, world, eye, directions, across, settings)

@@ -183,7 +183,7 @@ class _Scanner:
 
 def _make_fan(laser: Laser, settings: LaserSettings, width_px: int) -> tuple[Array, Array]:
     """Return (R, 3) directions of the fan's rays, over its thickness too, and (R,) the light of each."""
-    half = np.deg2rad(settings.fan_deg) / 2
+    half = float(np.deg2rad(settings.fan_deg) / 2)
     angles = np.linspace(-half, half, settings.rays_per_px * width_px)
     down = -laser.eye_mm / np.linalg.norm(laser.eye_mm)
     middle = np.cos(angles)[:, None] * down + np.sin(angles)[:, None] * np.array([1.0, 0.0, 0.0])

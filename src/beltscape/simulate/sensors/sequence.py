@@ -157,7 +157,7 @@ def _remove_colour(world: World) -> World:
 def _average_channels(solid: Solid) -> Solid:
     if solid.texture is None:
         return replace(solid, reflectance=(float(np.mean(solid.reflectance)),) * 3)
-    mean = (solid.texture * np.float32(solid.reflectance)).mean(axis=-1, keepdims=True)
+    mean = (solid.texture * np.array(solid.reflectance, np.float32)).mean(axis=-1, keepdims=True)
     return replace(solid, reflectance=(1.0, 1.0, 1.0), texture=np.repeat(mean, 3, axis=-1))
 
 

@@ -104,7 +104,7 @@ def rasterise_rocks(rocks: Sequence[Rock]) -> list[Footprint]:
     origins = np.concatenate(
         [grid * RASTER_MM + middle[:2] for grid, middle in zip(grids, middles, strict=True)]
     )
-    sides = []
+    sides: list[list[NDArray[np.float64]]] = []
     for sign in (1.0, -1.0):  # rays upwards, then downwards
         start = np.column_stack([origins, np.full(len(origins), -sign * pitch)])
         directions = np.tile([0.0, 0.0, sign], (len(origins), 1))
@@ -125,8 +125,12 @@ class _HeightMaps:
     def __init__(self, fines: HeightField, belt: BeltSettings) -> None:
         left, right = belt.half_width_mm
         half = belt.length_mm / 2
-        self.x_mm = RASTER_MM * np.arange(np.ceil(-left / RASTER_MM), np.floor(right / RASTER_MM) + 1)
-        self.y_mm = RASTER_MM * np.arange(np.ceil(-half / RASTER_MM), np.floor(half / RASTER_MM) + 1)
+        self.x_mm = RASTER_MM * np.arange(
+            float(np.ceil(-left / RASTER_MM)), float(np.floor(right / RASTER_MM) + 1)
+        )
+        self.y_mm = RASTER_MM * np.arange(
+            float(np.ceil(-half / RASTER_MM)), float(np.floor(half / RASTER_MM) + 1)
+        )
         self.belt_mm = belt.height_at(self.x_mm, self.y_mm[:, None])
         self.fines_mm = fines.height_at(self.x_mm, self.y_mm[:, None])
         self.rocks_mm = np.full(self.fines_mm.shape, -np.inf)

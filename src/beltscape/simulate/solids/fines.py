@@ -88,7 +88,7 @@ def make_fines(settings: FinesSettings, belt: BeltSettings, rng: np.random.Gener
     beyond = np.maximum(settings.along_mm[0] - y, y - settings.along_mm[1]).clip(min=0)
     slope = np.tan(np.deg2rad(settings.repose_deg))
     top = settings.crown_mm - np.tan(np.deg2rad(settings.surcharge_deg)) * aside - slope * beyond[:, None]
-    waves = gaussian_filter(rng.normal(size=top.shape), settings.wavelength_mm / 4 / settings.cell_mm)
+    waves = gaussian_filter(rng.normal(size=(len(y), len(x))), settings.wavelength_mm / 4 / settings.cell_mm)
     top += settings.waves_mm * waves / max(float(waves.std()), 1e-12)
     top[:, [0, -1]] = ground[:, [0, -1]] - _HIDDEN_MM  # material beyond the edge falls off
     below = ground - _HIDDEN_MM

@@ -33,7 +33,13 @@ def make_module_solids(
         for i, feature in enumerate(module.features)
     ]
     return tuple(
-        Solid(name, label, world_from_module.apply(mesh.vertices_mm), mesh.faces, (reflectance,) * 3)
+        Solid(
+            name,
+            label,
+            world_from_module.apply(mesh.vertices_mm),
+            mesh.faces,
+            (reflectance, reflectance, reflectance),
+        )
         for name, label, mesh in parts
     )
 

@@ -73,9 +73,12 @@ def make_tof_camera(settings: TofSettings) -> Camera:
 def compute_subpixel_rays(settings: TofSettings, samples: int) -> NDArray[np.float64]:
     """Return (H·s, W·s, 2) x/z, y/z of s×s rays spread evenly over every pixel."""
     camera, (width, height) = make_tof_camera(settings), settings.size_px
-    u = ((np.arange(width * samples) + 0.5) / samples - 0.5 - camera.center_px[0]) / camera.focal_px[0]
-    v = ((np.arange(height * samples) + 0.5) / samples - 0.5 - camera.center_px[1]) / camera.focal_px[1]
-    return np.stack(np.meshgrid(u, v), axis=-1)
+    places = (
+        ((np.arange(n * samples, dtype=np.float64) + 0.5) / samples - 0.5 - float(camera.center_px[i]))
+        / float(camera.focal_px[i])
+        for i, n in enumerate((width, height))
+    )
+    return np.stack(np.meshgrid(*places), axis=-1)
 
 
 def simulate_tof_frame(truth: TofTruth, settings: TofSettings, seed: int) -> TofFrame:

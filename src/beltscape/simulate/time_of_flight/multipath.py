@@ -76,7 +76,7 @@ def integrate_irradiance(
 
 def _block_centres(surface: TofSurface, step: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return rows and columns of the pixels at the centres of step×step blocks."""
-    rows, columns = (np.arange(step // 2, n, step) for n in surface.hit.shape)
+    rows, columns = (np.arange(step // 2, int(n), step) for n in surface.hit.shape)
     row, column = np.meshgrid(rows, columns, indexing="ij")
     return row.ravel(), column.ravel()
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_Value = TypeVar("_Value", bound=np.inexact)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +33,7 @@ class TofSurface:
     normals: Array
     """(H, W, 3) normals at these points, towards the camera; NaN: unknown."""
 
-    def average_pixels(self, values: NDArray) -> NDArray:
+    def average_pixels(self, values: NDArray[_Value]) -> NDArray[_Value]:
         """Return the mean over each pixel: (H·s, W·s) → (H, W)."""
         rows, columns = (n // self.samples for n in values.shape)
         return values.reshape(rows, self.samples, columns, self.samples).mean(axis=(1, 3))
@@ -64,7 +66,7 @@ def make_surface(
         distance_mm=distance,
         albedo=np.where(is_hit, albedo, 0.0),
         strength=strength,
-        hit=is_hit.reshape(rows, samples, columns, samples).any(axis=(1, 3)),
+        hit=np.asarray(is_hit.reshape(rows, samples, columns, samples).any(axis=(1, 3))),
         points_mm=points,
         normals=_estimate_normals(points),
     )

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,7 +161,7 @@ def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, hea
 def write_arrays(path: Path, **arrays: NDArray[Any]) -> None:
     """Write named arrays as a compressed npz, atomically."""
     with atomic_replacement(path) as temporary:
-        np.savez_compressed(temporary, **arrays)
+        np.savez_compressed(temporary, **cast("dict[str, Any]", arrays))
 
 
 def pose_document(pose: Pose) -> dict[str, Any]:

@@ -17,7 +17,8 @@ def make_baselines_section(paper: Paper) -> list[Section]:
     if not paper.baselines:
         return []
     names = {baseline.name: baseline.name for baseline in BASELINES}
-    rows, figures = [], []
+    rows: list[list[str]] = []
+    figures: list[Pictures] = []
     for scene in paper.scenes:
         found = [paper.baselines[scene, name] for name in names if (scene, name) in paper.baselines]
         if not found:

@@ -26,7 +26,8 @@ FIGURES = {"belt_empty": 13, "belt_loaded": 14, "module": 15}
 
 def make_completeness_section(paper: Paper) -> list[Section]:
     """Return Figs. 13 to 15."""
-    rows, figures = [], []
+    rows: list[list[str]] = []
+    figures: list[Pictures] = []
     for scene in paper.scenes:
         found = [paper.surfaces[scene, method] for method in METHODS]
         rows += [

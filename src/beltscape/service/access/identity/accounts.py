@@ -69,7 +69,8 @@ class Accounts:
         rows = self._database.select(
             "SELECT name, role, password FROM users WHERE name = ?", normalise_name(name)
         )
-        user_name, role, kept = rows[0] if rows else (None, None, self._dummy_hash)
+        row: tuple[Any, ...] = rows[0] if rows else (None, None, self._dummy_hash)
+        user_name, role, kept = row
         is_right = verify_password(password, kept)
         return User(user_name, role) if is_right and user_name else None
 

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from beltscape.core.errors import InputError, OutputError
 
@@ -48,7 +49,7 @@ class Database:
                 f"{self.path}: no user database ({error}); restore it from a backup, or remove it and set up again"
             ) from error
 
-    def select(self, query: str, *values: object) -> list[tuple]:
+    def select(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         """Return all rows of a query."""
         with self._lock:
             return self._connection.execute(query, values).fetchall()

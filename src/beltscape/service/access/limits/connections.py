@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 from collections import Counter
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -123,6 +123,9 @@ class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
             self.counter.replace(plain, encrypted)
             self._start_http(encrypted)
 
+    def _is_unconnected(self) -> bool:
+        return cast("asyncio.Transport | None", self.transport) is None  # until connection_made
+
     def _start_http(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
         self._start_header_timer()
@@ -133,7 +136,7 @@ class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop counting the connection."""
-        if self.transport is None:  # refused, or still in its handshake
+        if self._is_unconnected():  # refused, or still in its handshake
             return
         self.counter.remove(self.transport)
         self._stop_header_timer()
@@ -142,7 +145,7 @@ class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Process data; the headers of a request that has begun must arrive in time."""
-        if self.transport is None:
+        if self._is_unconnected():
             self._early_data += data
             return
         self._throttle_reading(len(data))

@@ -8,6 +8,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 MAX_ENTRIES = 4096
 """Accounts and addresses that are remembered; beyond, those unused longest are forgotten."""
@@ -133,6 +134,6 @@ def normalise_address(address: str) -> str:
     return str(parsed)
 
 
-def _evict_oldest(entries: OrderedDict) -> None:
+def _evict_oldest(entries: OrderedDict[Any, Any]) -> None:
     while len(entries) > MAX_ENTRIES:
         entries.popitem(last=False)
